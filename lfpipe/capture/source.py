@@ -1,0 +1,48 @@
+"""Where frames come from: the protocol that a camera, a file and the demo share."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+
+@attrs.frozen
+class SourceInfo:
+    """What a source turned out to be after opening. rate_hz is what it will deliver; live: a device, not a recording."""
+
+    name: str
+    width_px: int
+    height_px: int
+    rate_hz: float
+    live: bool
+    notes: tuple[str, ...] = ()  # what a person should know once: scaled frames, another rate than asked, ...
+
+
+@attrs.frozen
+class Frame:
+    """Stamps of a frame that `read` wrote. t_sensor_ns: kernel stamp, or the scheduled time of a file.
+
+    t_read_ns: when the frame left the driver; 0 for a recording, whose frame is due at t_sensor_ns and not before.
+    """
+
+    source_seq: int
+    t_sensor_ns: int
+    t_read_ns: int
+
+
+class Source(Protocol):
+    """One picture after the other. Errors of the device or the file are UserError."""
+
+    info: SourceInfo
+
+    def read(self, out: NDArray[np.uint8]) -> Frame | None:
+        """Decodes the next frame into out, uint8 (height, width, 3) BGR, scaling where sizes differ; None at the end.
+
+        May block for the next frame of a device, 1 s at the most (then raises TimeoutError); never sleeps for a recording.
+        """
+        ...
+
+    def close(self) -> None: ...

@@ -1,0 +1,33 @@
+"""The record that travels from tracking to rendering, and its one piece of arithmetic."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Points are [[left x, left y], [right x, right y]] of the viewer's own eyes in px of the unmirrored camera picture, so
+# the left eye stands at larger x. The ring's slot header repeats source_seq, epoch and the stamps of the frame.
+EYES = np.dtype(
+    [
+        ("raw_px", "<f8", (2, 2)),
+        ("filtered_px", "<f8", (2, 2)),
+        ("velocity_px_s", "<f8", (2, 2)),
+        ("confidence", "<f8"),
+        ("width_px", "<i4"),
+        ("height_px", "<i4"),
+        ("t_tracked_ns", "<i8"),
+        ("face", "<i4"),
+        ("generation", "<i4"),  # counts the tracks of a face: another number means another run of the filter
+    ]
+)
+
+MAX_HORIZON_S = 0.25  # beyond a quarter of a second a straight line says nothing about a head
+
+
+def extrapolated(position_px: NDArray[np.float64], velocity_px_s: NDArray[np.float64], horizon_ns: int) -> NDArray[np.float64]:
+    """Where the eyes will be horizon_ns after their frame was taken; the horizon is clamped to 0 .. MAX_HORIZON_S.
+
+    position_px, velocity_px_s: (2, 2). Returns (2, 2) px.
+    """
+    horizon_s = min(max(horizon_ns, 0) / 1e9, MAX_HORIZON_S)
+    return position_px + velocity_px_s * horizon_s

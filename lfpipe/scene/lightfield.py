@@ -1,0 +1,71 @@
+"""A light field as every room above sees it: an opened pack, in canonical order (row 0 top camera, column 0 left camera)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+
+@attrs.frozen
+class Geometry:
+    """What is known of the capture; None where the source does not tell. focal_length_px is of a stored view."""
+
+    baseline_mm: float | None = None
+    focus_distance_mm: float | None = None
+    focal_length_px: float | None = None
+
+
+@attrs.frozen(eq=False)
+class LightField:
+    """A grid of views and what is known about it.
+
+    views: uint8 (frames, rows, cols, channels, height, width); channels is 1 (grey) or 3 (red, green, blue), in screen
+        (gamma) values. A read-only memory map: touching one plane reads that plane only.
+    disparity: int8 (frames or 1, rows, cols, height_d, width_d), or None; times disparity_scale_px it is the shift in
+        px of a stored view per grid step, positive is nearer than the plane of zero disparity: what stands at (x, y)
+        in view (r, c) stands at (x - d*(c'-c), y - d*(r'-r)) in view (r', c').
+    offsets: float32 (rows, cols, 2), where a camera stood less its place on the regular grid, in grid steps
+        (row, col); zeros on a regular grid.
+    present: bool (rows, cols), False where the source has no such view (its place holds the nearest one's copy).
+    """
+
+    views: NDArray[np.uint8]
+    disparity: NDArray[np.int8] | None
+    disparity_scale_px: float
+    disparity_min_px: float
+    disparity_max_px: float
+    disparity_source: str  # "truth", "estimated" or "none"
+    offsets: NDArray[np.float32]
+    present: NDArray[np.bool_]
+    geometry: Geometry
+    frame_rate_hz: float  # of light-field video; 0 for a still
+    name: str
+    method: str  # the method that `auto` stands for here: "nearest", "blend", "warp" or "warp2"
+    manifest: dict[str, Any]  # provenance, as stored
+
+    @property
+    def frames(self) -> int:
+        return int(self.views.shape[0])
+
+    @property
+    def rows(self) -> int:
+        return int(self.views.shape[1])
+
+    @property
+    def cols(self) -> int:
+        return int(self.views.shape[2])
+
+    @property
+    def channels(self) -> int:
+        return int(self.views.shape[3])
+
+    @property
+    def height_px(self) -> int:
+        return int(self.views.shape[4])
+
+    @property
+    def width_px(self) -> int:
+        return int(self.views.shape[5])

@@ -1,0 +1,34 @@
+"""What finds the eyes in a picture: the protocol of the face engines."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+
+@attrs.frozen(eq=False)
+class Face:
+    """One face. eyes_px: float64 (2, 2), [[left x, y], [right x, y]] of the viewer's own eyes in px of the picture given,
+    confidence 0..1, box_px: (x0, y0, x1, y1)."""
+
+    eyes_px: NDArray[np.float64]
+    confidence: float
+    box_px: tuple[float, float, float, float]
+
+
+class Engine(Protocol):
+    name: str
+    model: str  # file name and version, for `doctor`
+
+    def detect(self, image: NDArray[np.uint8]) -> Face | None:
+        """The viewer's face in uint8 (height, width, 3) BGR, or None. Keeps its own region of interest between calls."""
+        ...
+
+    def reset(self) -> None:
+        """Forgets the face followed so far; the next picture chooses anew."""
+        ...
+
+    def close(self) -> None: ...
