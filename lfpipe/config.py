@@ -9,6 +9,7 @@ import os
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import attrs
@@ -113,8 +114,8 @@ def options() -> dict[str, tuple[Any, Opt, Any]]:
 
 def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
     """Why value is not of kind and within opt, or None."""
-    parts = get_args(kind) if get_origin(kind) in (Union, type(float | str)) else (kind,)
-    words = [word for part in parts if get_origin(part) is Literal for word in get_args(part)]
+    parts: tuple[Any, ...] = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    words = [word for part in parts if str(get_origin(part)) == str(Literal) for word in get_args(part)]
     if value in words and isinstance(value, str):
         return None
     number = float in parts or int in parts
