@@ -115,7 +115,8 @@ def options() -> dict[str, tuple[Any, Opt, Any]]:
 def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
     """Why value is not of kind and within opt, or None."""
     parts: tuple[Any, ...] = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    words = [word for part in parts if str(get_origin(part)) == str(Literal) for word in get_args(part)]
+    origins: list[Any] = [get_origin(part) for part in parts]
+    words = [word for part, origin in zip(parts, origins, strict=True) if origin is Literal for word in get_args(part)]
     if value in words and isinstance(value, str):
         return None
     number = float in parts or int in parts
