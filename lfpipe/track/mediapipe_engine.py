@@ -1,0 +1,68 @@
+"""Engine "mediapipe": MediaPipe's FaceMesh graph, as the paper uses it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.track.engine import Face
+from lfpipe.track.landmarks import box, eye_centres
+from lfpipe.track.picture import as_bgr8
+from lfpipe.track.quiet import quiet_stderr
+
+_BLANK = np.zeros((64, 64, 3), np.uint8)
+
+
+class MediapipeEngine:
+    """FaceMesh of one face on the CPU. refine: with the iris network, eye centres are then those of the irises.
+
+    The graph tells no score for what it found, so confidence is 1; and it chooses among several faces by itself.
+    Raises UserError where mediapipe is missing or of a version without FaceMesh.
+    """
+
+    name = "mediapipe"
+
+    def __init__(self, refine: bool = False) -> None:
+        os.environ.setdefault("GLOG_minloglevel", "2")
+        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+        try:
+            import mediapipe  # half a second: only where this engine is used
+
+            version = str(getattr(mediapipe, "__version__", "unknown"))
+            make: Any = mediapipe.solutions.face_mesh.FaceMesh
+        except (ImportError, AttributeError) as error:
+            raise UserError(
+                f"track.engine = mediapipe: this installation has no FaceMesh ({error})",
+                "install mediapipe==0.10.21, the last version that carries it, or set track.engine=litert",
+            ) from None
+        self.model = f"FaceMesh{' with iris refinement' if refine else ''}, mediapipe {version}"
+        self._noisy = True  # the graph logs while it starts, at its first picture and at its first face
+        with quiet_stderr():
+            self._mesh: Any = make(max_num_faces=1, refine_landmarks=refine)
+            self._mesh.process(_BLANK)
+
+    def detect(self, image: NDArray[np.uint8]) -> Face | None:
+        """See Engine.detect; also takes grey, BGRA and 16-bit pictures. Raises UserError for other arrays."""
+        bgr = as_bgr8(image)
+        with quiet_stderr() if self._noisy else contextlib.nullcontext():
+            found = self._mesh.process(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)).multi_face_landmarks
+        if not found:
+            return None
+        self._noisy = False
+        height_px, width_px = bgr.shape[:2]
+        points = np.array([(mark.x, mark.y) for mark in found[0].landmark]) * (width_px, height_px)
+        return Face(eye_centres(points), 1.0, box(points))
+
+    def reset(self) -> None:
+        with quiet_stderr():
+            self._mesh.reset()
+            self._mesh.process(_BLANK)
+
+    def close(self) -> None:
+        self._mesh.close()
