@@ -114,9 +114,9 @@ def options() -> dict[str, tuple[Any, Opt, Any]]:
 
 def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
     """Why value is not of kind and within opt, or None."""
-    parts: tuple[Any, ...] = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    origins: list[Any] = [get_origin(part) for part in parts]
-    words = [word for part, origin in zip(parts, origins, strict=True) if origin is Literal for word in get_args(part)]
+    shape: Any = get_origin(kind)
+    parts: tuple[Any, ...] = get_args(kind) if shape in (Union, UnionType) else (kind,)
+    words = [word for part in parts if not isinstance(part, type) for word in get_args(part)]  # of its Literal
     if value in words and isinstance(value, str):
         return None
     number = float in parts or int in parts

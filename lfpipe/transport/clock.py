@@ -1,0 +1,39 @@
+"""One clock for every process: CLOCK_MONOTONIC as int64 nanoseconds. Subtract first, then go to float seconds."""
+
+from __future__ import annotations
+
+import time
+
+now_ns = time.monotonic_ns
+
+SECOND_NS = 1_000_000_000
+MS_NS = 1_000_000
+
+
+def sleep_until(t_ns: int) -> None:
+    """Sleeps to an absolute time; returns at once when it has passed."""
+    wait_ns = t_ns - now_ns()
+    if wait_ns > 0:
+        time.sleep(wait_ns / 1e9)
+
+
+class Ticker:
+    """Absolute deadlines t0 + k * period that never drift; missed ones are skipped and counted, never made up for."""
+
+    def __init__(self, rate_hz: float, t0_ns: int) -> None:
+        self.rate_hz = rate_hz
+        self._t0_ns = t0_ns
+        self._k = 0
+        self.missed = 0
+
+    def due_ns(self) -> int:
+        """The next deadline."""
+        return self._t0_ns + int(self._k * 1e9 / self.rate_hz)
+
+    def advance(self, t_ns: int) -> None:
+        """Goes to the first deadline after the present one that is not yet past at t_ns."""
+        self._k += 1
+        behind = int((t_ns - self._t0_ns) * self.rate_hz / 1e9) + 1
+        if behind > self._k:
+            self.missed += behind - self._k
+            self._k = behind

@@ -1,0 +1,205 @@
+"""What a stage is given: its configuration, its rings with their wakes, its status row, and one place to wait."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import attrs
+import numpy as np
+import zmq
+from numpy.typing import NDArray
+
+from lfpipe import config as config_module
+from lfpipe.config import Config
+from lfpipe.transport import control, ring, status
+from lfpipe.transport.clock import MS_NS, now_ns
+from lfpipe.transport.session import Session
+from lfpipe.transport.status import State
+from lfpipe.transport.wake import Wake
+
+BEAT_NS = 100 * MS_NS  # the longest a stage may wait without showing that it lives
+
+
+@attrs.frozen
+class StageSpec:
+    """All that a stage's process is told at its start. Plain values, so that it can be sent to a spawned process.
+
+    consumers: ring -> stages that read it. lossless: no slot may be lost, writers wait for readers (`pace=max`, replay).
+    """
+
+    name: str
+    module: str
+    session: Session
+    config: dict[str, Any]
+    rev: int
+    options: dict[str, Any]
+    consumers: dict[str, list[str]]
+    lossless: bool
+    cpus: tuple[int, ...] = ()
+
+
+class Input:
+    """The reading end of a ring with its wake."""
+
+    def __init__(self, context: Context, name: str) -> None:
+        session, self._row = context.spec.session, context.row
+        self.reader = ring.Reader(session.segment(name))
+        self.wake = Wake(session.wake(name, context.spec.name))
+        self._credit = Wake(session.credit(name, context.spec.name)) if context.spec.lossless else None
+
+    def take(self, out: NDArray[Any]) -> ring.Stamp | None:
+        """The newest slot copied into out, when there is a new one. Slots missed are counted as this stage's drops."""
+        self.wake.drain()
+        stamp = self.reader.read(out)
+        if stamp is not None:
+            self._row["taken_seq"] = stamp.seq
+            self._row["drops"] += stamp.skipped
+            if self._credit:
+                self._credit.notify(stamp.seq)
+        return stamp
+
+
+class Output:
+    """The writing end of a ring with the wakes of its readers."""
+
+    def __init__(self, context: Context, name: str) -> None:
+        session, self._context = context.spec.session, context
+        self.writer = ring.Writer(session.segment(name))
+        readers = context.spec.consumers.get(name, [])
+        self._wakes = [Wake(session.wake(name, reader)) for reader in readers]
+        self._rows = [context.table.rows[reader] for reader in readers] if context.spec.lossless else []
+        self.credits = [Wake(session.credit(name, reader)) for reader in readers] if context.spec.lossless else []
+
+    def begin(self) -> NDArray[Any]:
+        """The slot to fill, in place."""
+        return self.writer.begin()
+
+    def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None) -> int:
+        """Publishes the slot of `begin` and wakes the readers. Where nothing may be lost, waits until they took the one before."""
+        if self._rows:
+            self._context.wait_for(self._all_taken, self.credits)
+        seq = self.writer.publish(source_seq, t_sensor_ns, t_read_ns, epoch)
+        for wake in self._wakes:
+            wake.notify(seq)
+        return seq
+
+    def _all_taken(self) -> bool:
+        for credit in self.credits:
+            credit.drain()
+        published = self.writer.published
+        gone = (State.NONE, State.DEAD)
+        return all(int(row["taken_seq"]) >= published or int(row["state"]) in gone for row in self._rows)
+
+
+class Context:
+    """A stage's world. `wait` is the only place where a stage sleeps: it beats, takes commands and notices the stop."""
+
+    def __init__(self, spec: StageSpec) -> None:
+        self.spec = spec
+        self.config: Config = config_module.from_dict(spec.config)
+        self.table = status.Table(spec.session.segment("status"), writable=True)
+        self.row = status.Row(self.table.rows[spec.name])
+        self.stopping = False
+        self.paused = False
+        self._poller = zmq.Poller()
+        self._inputs: list[Input] = []
+        self._commands: list[tuple[str, dict[str, Any]]] = []
+        self._zmq = control.context()
+        self._ctl = self._zmq.socket(zmq.DEALER)
+        self._ctl.setsockopt(zmq.IDENTITY, spec.name.encode())
+        self._ctl.connect(control.address(spec.session.run_dir, "ctl"))
+        self._bus = self._zmq.socket(zmq.PUSH)
+        self._bus.setsockopt(zmq.SNDHWM, 16)
+        self._bus.connect(control.address(spec.session.run_dir, "bus"))
+        self._poller.register(self._ctl, zmq.POLLIN)
+        self._ctl.send(control.encode({"cmd": "hello", "stage": spec.name}))
+        self.row["config_rev"] = spec.rev
+
+    def input(self, name: str) -> Input:
+        """Opens a ring for reading and makes `wait` wake for it."""
+        made = Input(self, name)
+        self._inputs.append(made)
+        self._poller.register(made.wake.fd, zmq.POLLIN)
+        return made
+
+    def output(self, name: str) -> Output:
+        """Opens a ring for writing; one stage a ring."""
+        made = Output(self, name)
+        for credit in made.credits:
+            self._poller.register(credit.fd, zmq.POLLIN)
+        return made
+
+    def ready(self) -> None:
+        """Set-up is over: from now on a missing beat means a hang."""
+        self.row["ready_ns"] = now_ns()
+        self.row["epoch"] += 1
+        self.row.beat()
+        self.row["state"] = State.RUNNING
+
+    def emit(self, topic: str, **values: Any) -> None:
+        """Telemetry for whoever listens on the tap; lost when nobody takes it."""
+        try:
+            self._bus.send(control.encode({"topic": topic, "stage": self.spec.name, "t_ns": now_ns(), **values}), zmq.NOBLOCK)
+        except zmq.Again:
+            return
+
+    def commands(self) -> list[tuple[str, dict[str, Any]]]:
+        """What arrived since the last call: (word, message). A change of configuration is already in `config`."""
+        taken, self._commands = self._commands, []
+        return taken
+
+    def wait(self, until_ns: int | None = None) -> bool:
+        """Sleeps until an input has something, a command came, the stop, or until_ns (BEAT_NS at the longest).
+
+        Returns False once the stage must end. The poll counts in ms: what is left below one is slept.
+        """
+        t_ns = now_ns()
+        limit_ns = t_ns + BEAT_NS
+        until_ns = limit_ns if until_ns is None else min(until_ns, limit_ns)
+        self.row.beat()
+        left_ms, rest = divmod(max(0, until_ns - t_ns), MS_NS)
+        events = dict(self._poller.poll(left_ms))
+        if self._ctl in events:
+            self._take_messages()
+        elif not events and rest and not self.stopping:
+            left_ns = until_ns - now_ns()
+            if left_ns > 0:
+                time.sleep(left_ns / 1e9)
+        return not self.stopping
+
+    def wait_for(self, condition: Callable[[], bool], credits: list[Wake]) -> None:
+        """Waits until condition holds or the stop; woken by credits."""
+        poller = zmq.Poller()
+        poller.register(self._ctl, zmq.POLLIN)
+        for credit in credits:
+            poller.register(credit.fd, zmq.POLLIN)
+        while not condition() and not self.stopping:
+            self.row.beat()
+            if self._ctl in dict(poller.poll(BEAT_NS // MS_NS)):
+                self._take_messages()
+
+    def _take_messages(self) -> None:
+        while self._ctl.poll(0):
+            message = control.decode(self._ctl.recv())
+            word = message.get("cmd", "")
+            if word == "stop":
+                self.stopping = True
+            elif word == "config":
+                self.config = config_module.from_dict(message["config"])
+                self.row["config_rev"] = message["rev"]
+                self.paused = message["paused"]
+            else:
+                self._commands.append((word, message))
+
+    def close(self) -> None:
+        """Lets go of sockets; the mappings end with the process."""
+        self._ctl.close()
+        self._bus.close()
+        self._zmq.term()
+
+
+def empty_like(ring_end: ring.Reader) -> NDArray[Any]:
+    """A buffer to `take` a ring's slots into."""
+    return np.empty(ring_end.shape, ring_end.dtype)

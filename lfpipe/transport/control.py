@@ -1,0 +1,89 @@
+"""Control messages: msgpack maps in single-part ZeroMQ messages, checked before anybody looks inside.
+
+    ctl   ROUTER bound by the supervisor; stages and commands are DEALERs; it takes the words of COMMANDS
+    bus   PULL bound by the supervisor; stages PUSH telemetry, dropped when nobody takes it
+    tap   XPUB bound by the supervisor; monitors subscribe to what happens
+
+State is never sent over tap: `hello` answers with a snapshot. Every message carries the version "v".
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import zmq
+
+from lfpipe.errors import UserError
+
+VERSION = 1
+MAX_BYTES = 64 * 1024
+MAX_DEPTH = 8
+COMMANDS = ("hello", "status", "set", "pause", "resume", "recentre", "load", "stop")
+
+
+class BadMessage(ValueError):
+    """Not a message of ours; the text says why and is sent back."""
+
+
+def _depth(value: object, left: int = MAX_DEPTH) -> bool:
+    if isinstance(value, dict):
+        return left > 0 and all(isinstance(k, str) and _depth(v, left - 1) for k, v in value.items())
+    if isinstance(value, list):
+        return left > 0 and all(_depth(v, left - 1) for v in value)
+    return value is None or isinstance(value, bool | int | float | str)
+
+
+def encode(message: dict[str, Any]) -> bytes:
+    """A map of plain values as bytes, with the version put in."""
+    return bytes(msgpack.packb({"v": VERSION, **message}))
+
+
+def decode(data: bytes) -> dict[str, Any]:
+    """The map in data. Raises BadMessage for anything else: size, depth, types, version; never another exception."""
+    if len(data) > MAX_BYTES:
+        raise BadMessage(f"{len(data)} bytes, {MAX_BYTES} at most")
+    try:
+        message = msgpack.unpackb(data, raw=False, strict_map_key=True, max_ext_len=0)
+    except Exception as error:  # msgpack raises half a dozen kinds for hostile bytes; all mean the same here
+        raise BadMessage(f"not msgpack: {type(error).__name__}") from None
+    if not isinstance(message, dict) or not _depth(message):
+        raise BadMessage(f"not a map of plain values at most {MAX_DEPTH} deep")
+    if message.get("v") != VERSION:
+        raise BadMessage(f"version {message.get('v')!r}, {VERSION} is spoken here")
+    return message
+
+
+def context() -> zmq.Context[zmq.Socket[bytes]]:
+    """A ZeroMQ context whose sockets never hold up an exit."""
+    made: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    made.linger = 0
+    return made
+
+
+def address(run_dir: Path, name: str) -> str:
+    """ipc:// address of a socket in the run directory. Raises UserError where the path is too long for a socket."""
+    path = run_dir / name
+    if len(str(path)) > zmq.IPC_PATH_MAX_LEN:
+        raise UserError(
+            f"{path} has {len(str(path))} characters, a socket takes {zmq.IPC_PATH_MAX_LEN}",
+            "a shorter --session name, or a shorter XDG_RUNTIME_DIR",
+        )
+    return f"ipc://{path}"
+
+
+def request(run_dir: Path, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:
+    """Sends one command to the session in run_dir and returns its answer.
+
+    Raises UserError when nobody answers, or when the answer is an error.
+    """
+    with context() as ctx, ctx.socket(zmq.DEALER) as socket:
+        socket.connect(address(run_dir, "ctl"))
+        socket.send(encode(message))
+        if not socket.poll(int(timeout_s * 1000)):
+            raise UserError(f"the session did not answer within {timeout_s:g} s", "`lfpipe monitor --once` shows whether it runs")
+        answer = decode(socket.recv())
+    if not answer.get("ok"):
+        raise UserError(str(answer.get("error", "refused")), str(answer.get("remedy", "")))
+    return answer

@@ -1,0 +1,71 @@
+"""Log-linear histogram on 64-bit counters that may lie in shared memory: constant size, exact count, sum and maximum.
+
+Values are microseconds. Below 64 us each value has its own bucket; above, every power of two is cut into 32, so a
+bucket is at most 1/32 of its value wide and its middle errs by 1/64 = 1.6 % at most (the layout of HdrHistogram).
+One writer; any process may read it while it is written: a reader then sees a count more or less, never nonsense.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+LAST_OCTAVE = 26  # values to 2^32 us, 71 minutes; longer ones land in the last bucket
+BUCKETS = (LAST_OCTAVE << 5) + 64
+HISTOGRAM = np.dtype([("count", "<i8"), ("sum_ns", "<i8"), ("max_ns", "<i8"), ("buckets", "<i8", (BUCKETS,))])
+
+
+def bucket_of(us: int) -> int:
+    """Index of the bucket that holds us, a whole number of microseconds; negative counts as 0."""
+    if us < 64:
+        return max(us, 0)
+    shift = us.bit_length() - 6
+    return min((shift << 5) + (us >> shift), BUCKETS - 1)
+
+
+def middle_us(bucket: int) -> float:
+    """The value that stands for a bucket."""
+    if bucket < 64:
+        return float(bucket)
+    shift = (bucket >> 5) - 1
+    low = ((bucket & 31) + 32) << shift
+    return low + ((1 << shift) - 1) / 2
+
+
+MIDDLES_US = np.array([middle_us(i) for i in range(BUCKETS)])
+
+
+class Histogram:
+    """Writer's side. record: a scalar view of dtype HISTOGRAM (shape ()), for example a field of a status row."""
+
+    def __init__(self, record: NDArray[np.void] | None = None) -> None:
+        self.record: NDArray[np.void] = np.zeros((), HISTOGRAM) if record is None else record
+        self._buckets = self.record["buckets"].data
+        self._head = [self.record[name].reshape(1).data for name in ("count", "sum_ns", "max_ns")]
+
+    def add_ns(self, value_ns: int) -> None:
+        """Counts one duration in nanoseconds; a negative one counts as 0."""
+        value_ns = max(value_ns, 0)
+        self._buckets[bucket_of(value_ns // 1000)] += 1
+        count, total, top = self._head
+        count[0] += 1
+        total[0] += value_ns
+        if value_ns > top[0]:
+            top[0] = value_ns
+
+
+def summary_ms(record: NDArray[np.void]) -> dict[str, float]:
+    """{"n", "mean_ms", "p50_ms", "p95_ms", "p99_ms", "max_ms"} of a HISTOGRAM record; zeros when it is empty.
+
+    A percentile is the middle of the bucket that holds the value of that rank, and never more than the maximum.
+    """
+    counts = record["buckets"].copy()
+    total = int(counts.sum())
+    top_ms = float(record["max_ns"]) / 1e6
+    out = {"n": total, "mean_ms": round(float(record["sum_ns"]) / 1e6 / total, 4) if total else 0.0}
+    ranks = np.cumsum(counts)
+    for name, share in (("p50_ms", 0.50), ("p95_ms", 0.95), ("p99_ms", 0.99)):
+        at = int(np.searchsorted(ranks, max(1, np.ceil(share * total)))) if total else 0
+        out[name] = round(min(float(MIDDLES_US[at]) / 1e3, top_ms), 4) if total else 0.0
+    out["max_ms"] = round(top_ms, 4)
+    return out

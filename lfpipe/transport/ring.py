@@ -1,0 +1,202 @@
+"""Ring of slots in shared memory: one writer, any number of readers, the latest wins, nobody waits for anybody.
+
+    page 0   0  magic "LFRING1\\0"      8  slots      16  slot stride      24  payload bytes      32  description bytes
+           128  published: slots ever published, alone on its cache line
+           192  epoch: counts the writers that this ring has had
+           256  description: JSON of shape and dtype, so that a reader needs no configuration
+    slot i   0  seq | source_seq | epoch | t_sensor_ns | t_read_ns | t_publish_ns | 0 | 0        (8 x int64)
+            64  payload
+             :  up to the stride, a multiple of 4096
+
+    published = p        slot (p-1) % N is the newest; slot p % N is the one the writer fills now, if any.
+    slot.seq = 0         being filled, or left so by a writer that died in it; nobody reads it.
+    slot.seq = s         holds the s-th slot ever published, s = 1, 2, ...
+
+Write: seq = 0, payload, stamps, seq = p + 1, published = p + 1. Read: note p, copy slot (p-1) % N, look at published
+again: when it reads q, the writer may be filling slot q % N, which held number q - N + 1; ours is number p, untouched
+as long as q - p <= N - 2. Else the copy may be torn and is made again from the newest. A writer that is killed anywhere
+has published only whole slots, and the next one goes on from the same counter. What a reader was too slow for is counted.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import platform
+from collections.abc import Callable
+from multiprocessing.shared_memory import SharedMemory
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from lfpipe.transport import segment
+from lfpipe.transport.clock import now_ns
+
+MAGIC = b"LFRING1\0"
+PAGE = 4096
+PUBLISHED, EPOCH, DESCRIPTION = 128, 192, 256
+SLOT_HEADER = 64
+
+
+def _make_fence() -> Callable[[], None]:
+    if platform.machine() in ("x86_64", "AMD64", "i686"):
+        return lambda: None  # stores are seen in program order there (TSO)
+    atomic = ctypes.CDLL("libatomic.so.1")
+    return lambda: atomic.atomic_thread_fence(5)  # memory_order_seq_cst
+
+
+_fence = _make_fence()
+
+
+@attrs.frozen
+class RingSpec:
+    """What a ring is to hold. slots >= 3, so that a reader has a whole slot time for its copy."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any] = attrs.field(converter=np.dtype)
+    slots: int = 4
+
+    @property
+    def payload_bytes(self) -> int:
+        return int(np.prod(self.shape, dtype=np.int64)) * self.dtype.itemsize
+
+    @property
+    def stride(self) -> int:
+        return (SLOT_HEADER + self.payload_bytes + PAGE - 1) // PAGE * PAGE
+
+    @property
+    def size_bytes(self) -> int:
+        return PAGE + self.slots * self.stride
+
+
+@attrs.frozen
+class Stamp:
+    """Header of a slot, as a reader got it; skipped: slots published since the last read that this reader never saw."""
+
+    seq: int
+    source_seq: int
+    epoch: int
+    t_sensor_ns: int
+    t_read_ns: int
+    t_publish_ns: int
+    skipped: int
+
+
+def create(name: str, spec: RingSpec) -> SharedMemory:
+    """Makes an empty ring; the caller keeps the segment and unlinks it. Raises UserError where /dev/shm is too small."""
+    description = json.dumps({"shape": spec.shape, "dtype": np.lib.format.dtype_to_descr(spec.dtype)}).encode()
+    if spec.slots < 3 or DESCRIPTION + len(description) > PAGE:
+        raise ValueError(f"ring {name}: {spec.slots} slots (3 or more), {len(description)} bytes of description (a page or less)")
+    memory = segment.create(name, spec.size_bytes)
+    buffer = segment.buffer(memory)
+    head = np.frombuffer(buffer, "<i8", 5)
+    head[1:] = spec.slots, spec.stride, spec.payload_bytes, len(description)
+    buffer[DESCRIPTION : DESCRIPTION + len(description)] = description
+    buffer[: len(MAGIC)] = MAGIC  # last: a reader that finds the magic finds the rest
+    return memory
+
+
+def _dtype(descr: Any) -> DTypeLike:
+    """A dtype from its JSON form, whose tuples have become lists."""
+    if isinstance(descr, str):
+        return np.dtype(descr)
+    return np.dtype([(n, d, *(tuple(s) for s in shape)) for n, d, *shape in descr])
+
+
+class _Ring:
+    """What both sides map: views over the segment, kept so that `close` can drop them before the segment."""
+
+    def __init__(self, name: str, writable: bool) -> None:
+        self.name = name
+        self._memory = segment.attach(name)
+        buffer = segment.buffer(self._memory) if writable else segment.buffer(self._memory).toreadonly()
+        if bytes(buffer[: len(MAGIC)]) != MAGIC:
+            del buffer
+            self._memory.close()
+            raise ValueError(f"{name}: no ring of this version (magic {MAGIC!r} missing)")
+        self.slots, stride, _, length = (int(v) for v in np.frombuffer(buffer, "<i8", 4, 8))
+        described = json.loads(bytes(buffer[DESCRIPTION : DESCRIPTION + length]))
+        self.shape: tuple[int, ...] = tuple(described["shape"])
+        self.dtype = np.dtype(_dtype(described["dtype"]))
+        count = int(np.prod(self.shape, dtype=np.int64))
+        starts = [PAGE + i * stride for i in range(self.slots)]
+        self._published: NDArray[np.int64] = np.frombuffer(buffer, "<i8", 1, PUBLISHED)
+        self._epoch: NDArray[np.int64] = np.frombuffer(buffer, "<i8", 1, EPOCH)
+        self._heads: list[NDArray[np.int64]] = [np.frombuffer(buffer, "<i8", 8, s) for s in starts]
+        self._payloads: list[NDArray[Any]] = [
+            np.frombuffer(buffer, self.dtype, count, s + SLOT_HEADER).reshape(self.shape) for s in starts
+        ]
+
+    @property
+    def published(self) -> int:
+        """Slots ever published."""
+        return int(self._published[0])
+
+    @property
+    def epoch(self) -> int:
+        """Writers that this ring has had."""
+        return int(self._epoch[0])
+
+    def close(self) -> None:
+        """Drops the views, then the mapping: the other order would leave pointers into unmapped memory."""
+        del self._published, self._epoch
+        self._heads.clear()
+        self._payloads.clear()
+        self._memory.close()
+
+
+class Writer(_Ring):
+    """The one writer. Opening it starts a new epoch."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, writable=True)
+        self._epoch[0] += 1
+
+    def begin(self) -> NDArray[Any]:
+        """The payload to fill next, in place; it stays invisible until `publish`."""
+        i = self.published % self.slots
+        self._heads[i][0] = 0
+        _fence()  # SYNC: the slot is marked unreadable before its first byte changes
+        return self._payloads[i]
+
+    def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None) -> int:
+        """Makes the slot of the last `begin` the newest; returns its seq. epoch: of the frame, when this ring passes one on."""
+        p = self.published
+        head = self._heads[p % self.slots]
+        head[1:6] = source_seq, self.epoch if epoch is None else epoch, t_sensor_ns, t_read_ns, now_ns()
+        _fence()  # SYNC: payload and stamps are out before the slot says that it holds them
+        head[0] = p + 1
+        _fence()  # SYNC: the slot is whole before the counter leads readers to it
+        self._published[0] = p + 1
+        return p + 1
+
+
+class Reader(_Ring):
+    """Any process's view of the ring; its memory is mapped read-only as far as numpy is concerned."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, writable=False)
+        self.last_seq = self.published
+        self.retries = 0
+
+    def read(self, out: NDArray[Any]) -> Stamp | None:
+        """Copies the newest slot into out (shape and dtype of the ring) if there is one newer than the last read.
+
+        Returns None when there is none. Never returns a torn copy; retries are counted in `retries`.
+        """
+        while True:
+            p = self.published
+            if p == self.last_seq:
+                return None
+            _fence()  # SYNC: pairs with the writer's last fence: the counter first, then the slot it points to
+            i = (p - 1) % self.slots
+            np.copyto(out, self._payloads[i])
+            seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns = self._heads[i][:6].tolist()
+            _fence()  # SYNC: the copy is complete before the counter is looked at again
+            if self.published - p <= self.slots - 2 and seq == p:
+                skipped = p - self.last_seq - 1
+                self.last_seq = p
+                return Stamp(seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, skipped)
+            self.retries += 1

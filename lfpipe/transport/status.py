@@ -1,0 +1,126 @@
+"""The status table: one row per process in shared memory, read by the supervisor and by monitors with no message at all.
+
+A row has one writer at any time: the stage while it lives, the supervisor while no process of that row does; the fields
+from `name` to `dead_ns` are the supervisor's alone. Counters and histograms outlive a restart of the stage.
+"""
+
+from __future__ import annotations
+
+import enum
+from multiprocessing.shared_memory import SharedMemory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.transport import segment
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.histogram import HISTOGRAM, Histogram
+
+RECENT = 64  # completion stamps kept for the rate
+
+
+class State(enum.IntEnum):
+    """Where a process is in its life. NONE: this session never needed it."""
+
+    NONE = 0
+    STARTING = 1
+    READY = 2
+    RUNNING = 3
+    STOPPING = 4
+    DEAD = 5
+
+
+ROW = np.dtype(
+    [
+        ("name", "S16"),
+        ("pid", "<i8"),
+        ("restarts", "<i8"),
+        ("started_ns", "<i8"),
+        ("dead_ns", "<i8"),
+        ("state", "<i8"),
+        ("ready_ns", "<i8"),
+        ("beat_ns", "<i8"),  # kicked from the main loop only
+        ("seq", "<i8"),  # outputs completed, over all restarts
+        ("source_seq", "<i8"),  # of the input last completed
+        ("taken_seq", "<i8"),  # ring seq of the input last taken: the credit of lossless running
+        ("epoch", "<i8"),
+        ("drops", "<i8"),  # inputs this stage never saw, or could not use in time
+        ("config_rev", "<i8"),  # revision of the configuration it works by
+        ("busy_ns", "<i8"),
+        ("cpu_ns", "<i8"),
+        ("face", "<i8"),
+        ("recent_ns", "<i8", (RECENT,)),
+        ("wait", HISTOGRAM),  # from published by the stage before to taken by this one
+        ("busy", HISTOGRAM),  # from taken to published
+        ("age", HISTOGRAM),  # from the sensor to published: what the output's age is
+    ]
+)
+PAGE_ROWS = 8
+
+
+def create(name: str, rows: list[str]) -> SharedMemory:
+    """An empty table with one named row per process; at most PAGE_ROWS. The caller keeps and unlinks the segment."""
+    memory = segment.create(name, ROW.itemsize * PAGE_ROWS)
+    table = np.frombuffer(segment.buffer(memory), ROW, PAGE_ROWS)
+    table["name"][: len(rows)] = [row.encode() for row in rows]
+    return memory
+
+
+class Table:
+    """The table as attached by anybody. rows: name -> record of dtype ROW, shape ()."""
+
+    def __init__(self, name: str, writable: bool = False) -> None:
+        self._memory = segment.attach(name)
+        buffer = segment.buffer(self._memory)
+        table: NDArray[np.void] = np.frombuffer(buffer if writable else buffer.toreadonly(), ROW, PAGE_ROWS)
+        self.rows: dict[str, NDArray[np.void]] = {
+            bytes(table[i]["name"]).decode(): table[i : i + 1].reshape(()) for i in range(PAGE_ROWS) if table[i]["name"]
+        }
+
+    def close(self) -> None:
+        """Drops the views, then the mapping."""
+        self.rows.clear()
+        self._memory.close()
+
+
+class Row:
+    """A stage's side of its row: plain integers behind names, histograms beside them."""
+
+    def __init__(self, record: NDArray[np.void]) -> None:
+        self.record = record
+        self._int = {name: record[name].reshape(1).data for name in ROW.names or () if ROW[name] == np.dtype("<i8")}
+        self._recent = record["recent_ns"].data
+        self.wait, self.busy, self.age = (Histogram(record[name]) for name in ("wait", "busy", "age"))
+
+    def __getitem__(self, name: str) -> int:
+        return self._int[name][0]
+
+    def __setitem__(self, name: str, value: int) -> None:
+        self._int[name][0] = value
+
+    def beat(self) -> None:
+        """I am alive and my loop turns."""
+        self._int["beat_ns"][0] = now_ns()
+
+    def done(self, source_seq: int, wait_ns: int, busy_ns: int, age_ns: int) -> None:
+        """One output completed: counts it and its three durations."""
+        t_ns = now_ns()
+        seq = self._int["seq"][0]
+        self._recent[seq % RECENT] = t_ns
+        self._int["seq"][0] = seq + 1
+        self._int["source_seq"][0] = source_seq
+        self._int["busy_ns"][0] += busy_ns
+        self._int["beat_ns"][0] = t_ns
+        self.wait.add_ns(wait_ns)
+        self.busy.add_ns(busy_ns)
+        self.age.add_ns(age_ns)
+
+
+def rate_hz(record: NDArray[np.void], t_ns: int | None = None) -> float:
+    """Outputs per second over the last RECENT of them; 0 before two, or when the newest is older than ten periods."""
+    stamps = np.sort(record["recent_ns"][record["recent_ns"] > 0])
+    if stamps.size < 2:
+        return 0.0
+    period_ns = float(stamps[-1] - stamps[0]) / (stamps.size - 1)
+    stale = (now_ns() if t_ns is None else t_ns) - int(stamps[-1]) > max(10 * period_ns, 1e9)
+    return 0.0 if stale or period_ns <= 0 else 1e9 / period_ns

@@ -1,0 +1,43 @@
+"""Wake-ups: one named FIFO per (ring, reader) that carries the 8-byte seq of what was published.
+
+Both ends open it O_RDWR | O_NONBLOCK: no order of opening, no SIGPIPE, it survives a restart of either side, and its
+descriptor goes into the same zmq.Poller as sockets and sentinels. A full FIFO means that the reader has wakes enough.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+from pathlib import Path
+
+_SEQ = struct.Struct("@Q")
+
+
+def make(path: Path) -> None:
+    """Creates the FIFO, readable by its owner only. The supervisor's business."""
+    os.mkfifo(path, 0o600)
+
+
+class Wake:
+    """Either end of one FIFO."""
+
+    def __init__(self, path: Path) -> None:
+        self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK)
+
+    def notify(self, seq: int) -> None:
+        """Tells the reader that seq is there."""
+        with contextlib.suppress(BlockingIOError):
+            os.write(self.fd, _SEQ.pack(seq))
+
+    def drain(self) -> int:
+        """Takes all wakes; returns the last seq, 0 when there was none."""
+        try:
+            data = os.read(self.fd, 65536)
+        except BlockingIOError:
+            return 0
+        whole = len(data) // _SEQ.size * _SEQ.size
+        return int(_SEQ.unpack_from(data, whole - _SEQ.size)[0]) if whole else 0
+
+    def close(self) -> None:
+        os.close(self.fd)
