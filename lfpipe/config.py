@@ -140,6 +140,10 @@ def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
 def _converter() -> cattrs.Converter:
     converter = cattrs.Converter(forbid_extra_keys=True)
 
+    def is_annotated(hint: Any) -> bool:
+        shape: Any = get_origin(hint)
+        return shape is Annotated
+
     def annotated(hint: Any) -> Any:
         kind, opt = get_args(hint)
 
@@ -151,7 +155,7 @@ def _converter() -> cattrs.Converter:
 
         return structure
 
-    converter.register_structure_hook_factory(lambda hint: get_origin(hint) is Annotated, annotated)
+    converter.register_structure_hook_factory(is_annotated, annotated)
     return converter
 
 

@@ -77,7 +77,7 @@ class Output:
         return self.writer.begin()
 
     def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None) -> int:
-        """Publishes the slot of `begin` and wakes the readers. Where nothing may be lost, waits until they took the one before."""
+        """Publishes the slot of `begin`, wakes the readers. Where nothing may be lost, first waits until they took the last."""
         if self._rows:
             self._context.wait_for(self._all_taken, self.credits)
         seq = self.writer.publish(source_seq, t_sensor_ns, t_read_ns, epoch)
@@ -101,6 +101,7 @@ class Context:
         self.config: Config = config_module.from_dict(spec.config)
         self.table = status.Table(spec.session.segment("status"), writable=True)
         self.row = status.Row(self.table.rows[spec.name])
+        self.options: dict[str, Any] = spec.options
         self.stopping = False
         self.paused = False
         self._poller = zmq.Poller()
@@ -115,7 +116,7 @@ class Context:
         self._bus.connect(control.address(spec.session.run_dir, "bus"))
         self._poller.register(self._ctl, zmq.POLLIN)
         self._ctl.send(control.encode({"cmd": "hello", "stage": spec.name}))
-        self.row["config_rev"] = spec.rev
+        self._rev = spec.rev
 
     def input(self, name: str) -> Input:
         """Opens a ring for reading and makes `wait` wake for it."""
@@ -144,6 +145,14 @@ class Context:
             self._bus.send(control.encode({"topic": topic, "stage": self.spec.name, "t_ns": now_ns(), **values}), zmq.NOBLOCK)
         except zmq.Again:
             return
+
+    def request(self, word: str) -> None:
+        """Sends the supervisor a command, as `lfpipe ctl` would; the answer is not waited for."""
+        self._ctl.send(control.encode({"cmd": word}))
+
+    def applied(self) -> None:
+        """The stage works by `config`, `options` and `paused` as they are now; the supervisor may tell who asked."""
+        self.row["config_rev"] = self._rev
 
     def commands(self) -> list[tuple[str, dict[str, Any]]]:
         """What arrived since the last call: (word, message). A change of configuration is already in `config`."""
@@ -188,9 +197,10 @@ class Context:
                 self.stopping = True
             elif word == "config":
                 self.config = config_module.from_dict(message["config"])
-                self.row["config_rev"] = message["rev"]
+                self.options = message["options"]
                 self.paused = message["paused"]
-            else:
+                self._rev = message["rev"]
+            elif word:
                 self._commands.append((word, message))
 
     def close(self) -> None:

@@ -55,7 +55,7 @@ class RingSpec:
     """What a ring is to hold. slots >= 3, so that a reader has a whole slot time for its copy."""
 
     shape: tuple[int, ...]
-    dtype: np.dtype[Any] = attrs.field(converter=np.dtype)
+    dtype: np.dtype[Any]
     slots: int = 4
 
     @property

@@ -1,0 +1,43 @@
+"""The state of a session as one plain map, read from the status table alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.histogram import summary_ms
+from lfpipe.transport.status import State, Table, rate_hz
+
+QUANTILES = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
+
+
+def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
+    """`{"session", "uptime_s", "camera_fps", "stages": {...}, "end_to_end": {...}}`, as `lfpipe monitor --once --json` prints it.
+
+    A stage's p50_ms.. are its busy time; wait and busy hold both in full. end_to_end: the age of a picture, from the
+    sensor's stamp to its presentation.
+    """
+    stages: dict[str, Any] = {}
+    for name, row in table.rows.items():
+        wait, busy = summary_ms(row["wait"]), summary_ms(row["busy"])
+        stages[name] = {
+            "state": State(int(row["state"])).name,
+            "pid": int(row["pid"]),
+            "fps": round(rate_hz(row), 2),
+            **{key: busy[key] for key in QUANTILES},
+            "wait": wait,
+            "busy": busy,
+            "dropped": int(row["drops"]),
+            "restarts": int(row["restarts"]),
+            "count": int(row["seq"]),
+            "cpu_s": round(int(row["cpu_ns"]) / 1e9, 2),
+            "face": bool(row["face"]),
+        }
+    age = summary_ms(table.rows["render"]["age"])
+    return {
+        "session": session,
+        "uptime_s": round((now_ns() - started_ns) / 1e9, 2),
+        "camera_fps": stages["capture"]["fps"],
+        "stages": stages,
+        "end_to_end": {"n": age["n"], **{key: age[key] for key in QUANTILES}},
+    }

@@ -1,0 +1,76 @@
+"""What every stage's process does before and after its `main`: signals, death with the parent, cores, last words."""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import importlib
+import os
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+
+from lfpipe.errors import UserError
+from lfpipe.supervisor import rundir
+from lfpipe.transport.context import Context, StageSpec
+from lfpipe.transport.status import State
+
+PR_SET_PDEATHSIG, PR_SET_TIMERSLACK = 1, 29
+EXIT_USER = 2  # a mistake of the user's: starting again cannot help
+
+
+def _prctl(option: int, value: int) -> None:
+    ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
+
+
+def error_file(run_dir: Path, stage: str) -> Path:
+    """Where a stage leaves what it died of."""
+    return run_dir / f"error.{stage}"
+
+
+def stack_file(run_dir: Path, stage: str) -> Path:
+    """Where a hung stage's stack goes, on SIGUSR1."""
+    return run_dir / f"stack.{stage}"
+
+
+def run(spec: StageSpec, parent_pid: int) -> None:
+    """Entry of a spawned process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the supervisor decides
+    _prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent_pid:
+        return  # it died before the line above
+    _prctl(PR_SET_TIMERSLACK, 1)  # sleeps end on time, not up to 50 us after
+    Path("/proc/self/comm").write_text(f"lfpipe-{spec.name}"[:15])
+    if spec.cpus:
+        os.sched_setaffinity(0, spec.cpus)
+    run_dir = spec.session.run_dir
+    stack = stack_file(run_dir, spec.name).open("w")
+    faulthandler.enable(stack)
+    faulthandler.register(signal.SIGUSR1, stack)
+    context = Context(spec)
+
+    def stop(_signum: int, _frame: FrameType | None) -> None:
+        context.stopping = True
+
+    signal.signal(signal.SIGTERM, stop)
+    code = 0
+    try:
+        import cv2
+
+        cv2.setNumThreads(1)  # a core each is the plan; a thread pool per process would break it
+        importlib.import_module(spec.module).main(context)
+    except UserError as error:
+        error_file(run_dir, spec.name).write_text(f"{error.message}\n{error.remedy}")
+        code = EXIT_USER
+    except Exception:
+        if os.getppid() == parent_pid:
+            sys.excepthook(*sys.exc_info())
+            code = 1
+    context.row["state"] = State.STOPPING
+    context.close()
+    if os.getppid() != parent_pid:
+        rundir.sweep()  # the supervisor was killed: the last one out puts the lights off
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)  # libraries with threads of their own (MediaPipe, SDL) may not hold up the end

@@ -1,0 +1,104 @@
+"""One row of the process table at run time: its process, its failures, when it may start again."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from collections import deque
+from multiprocessing.process import BaseProcess
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.supervisor import child
+from lfpipe.supervisor.table import Stage
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.context import StageSpec
+from lfpipe.transport.session import Session
+from lfpipe.transport.status import State
+
+WINDOW_S, MAX_FAILURES = 60.0, 5
+FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.2, 5.0
+
+
+class StageProcess:
+    """Starts, judges and ends one stage. row: its record of the status table, writable."""
+
+    def __init__(self, stage: Stage, session: Session, row: NDArray[np.void]) -> None:
+        self.stage, self.row, self._session = stage, row, session
+        self.process: BaseProcess | None = None
+        self.next_start_ns = 0
+        self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
+        self.wanted = False
+
+    @property
+    def alive(self) -> bool:
+        return self.process is not None
+
+    def start(self, spec: StageSpec) -> None:
+        """Spawns the process. From the main thread only: PR_SET_PDEATHSIG follows the thread that started it."""
+        for path in (child.error_file, child.stack_file):
+            path(self._session.run_dir, self.stage.name).unlink(missing_ok=True)
+        if self.row["pid"]:
+            self.row["restarts"] += 1
+        self.row["state"], self.row["ready_ns"], self.row["started_ns"] = State.STARTING, 0, now_ns()
+        self.process = multiprocessing.get_context("spawn").Process(
+            target=child.run, args=(spec, os.getpid()), name=f"lfpipe-{self.stage.name}", daemon=True
+        )
+        self.process.start()
+        self.row["pid"] = self.process.pid
+
+    def reap(self) -> int | None:
+        """Exit code when the process has ended since the last call, else None."""
+        if self.process is None or self.process.exitcode is None:
+            return None
+        code = self.process.exitcode
+        self.process.join()
+        self.process.close()
+        self.process = None
+        self.row["state"], self.row["dead_ns"] = State.DEAD, now_ns()
+        return int(code)
+
+    def overdue(self) -> str:
+        """Why the process must be taken for hung, or nothing."""
+        t_ns = now_ns()
+        if self.process is None or self.row["state"] == State.STOPPING:
+            return ""
+        if not self.row["ready_ns"]:
+            waited_s = (t_ns - int(self.row["started_ns"])) / 1e9
+            return f"not ready {waited_s:.0f} s after its start" if waited_s > self.stage.start_s else ""
+        silent_s = (t_ns - int(self.row["beat_ns"])) / 1e9
+        return f"no beat for {silent_s:.1f} s" if silent_s > self.stage.hang_s else ""
+
+    def last_stack(self) -> str:
+        """What the process does now, as faulthandler sees it."""
+        if self.process is None or self.process.pid is None:
+            return ""
+        path = child.stack_file(self._session.run_dir, self.stage.name)
+        os.kill(self.process.pid, signal.SIGUSR1)
+        time.sleep(0.05)
+        return path.read_text() if path.exists() else ""
+
+    def failed(self) -> bool:
+        """Counts a failure and sets the next start; True when there were too many of them."""
+        t_ns = now_ns()
+        self.failures.append(t_ns)
+        recent = [f for f in self.failures if t_ns - f < WINDOW_S * 1e9]
+        backoff_s = min(FIRST_BACKOFF_S * 2 ** (len(recent) - 1), MAX_BACKOFF_S)
+        self.next_start_ns = t_ns + int(backoff_s * 1e9)
+        return len(recent) >= MAX_FAILURES
+
+    def died_of(self) -> tuple[str, str] | None:
+        """(message, remedy) when the stage ended over a mistake of the user's."""
+        path = child.error_file(self._session.run_dir, self.stage.name)
+        if not path.exists():
+            return None
+        message, _, remedy = path.read_text().partition("\n")
+        return message, remedy
+
+    def signal(self, signum: int) -> None:
+        """Sends a signal if there is a process to take it."""
+        if self.process is not None and self.process.pid is not None:
+            os.kill(self.process.pid, signum)

@@ -1,0 +1,127 @@
+"""The run directory: owned by one session, locked while it lives, swept by whoever finds it without an owner."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import shutil
+import time
+from pathlib import Path
+
+from lfpipe.errors import UserError
+from lfpipe.transport import segment
+from lfpipe.transport.session import PREFIX, Session, base_dir
+
+
+def _own(path: Path) -> None:
+    """Makes the directory, 0700, or checks that it is ours and nobody else's."""
+    try:
+        path.mkdir(mode=0o700)
+    except FileExistsError:
+        found = path.lstat()
+        if path.is_symlink() or not path.is_dir() or found.st_uid != os.getuid():
+            raise UserError(f"{path} is not a directory of yours", "remove it, or another --session name") from None
+        path.chmod(0o700)
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory you may write to") from None
+
+
+def _lock(path: Path) -> int | None:
+    """The lock's descriptor, or None when another process holds it. A lock file that vanished meanwhile is no lock."""
+    while True:
+        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(fd)
+            return None
+        with contextlib.suppress(FileNotFoundError):
+            if path.stat().st_ino == os.fstat(fd).st_ino:
+                return fd
+        os.close(fd)
+        path.parent.mkdir(mode=0o700, exist_ok=True)
+
+
+def _lock_patiently(path: Path) -> int | None:
+    """As _lock, but a command that only looks whether the session lives (`running`) does not count as an owner."""
+    for _ in range(10):
+        if (fd := _lock(path)) is not None:
+            return fd
+        time.sleep(0.01)
+    return None
+
+
+def acquire(session: Session) -> int:
+    """Takes the session for this process: returns the lock's descriptor, the directory is empty but for the lock.
+
+    Raises UserError when another `up` runs under this name.
+    """
+    _own(session.run_dir)
+    fd = _lock_patiently(session.lock)
+    if fd is None:
+        raise UserError(
+            f"session {session.name!r} is running already",
+            "another --session NAME, or end that one: `lfpipe ctl"
+            + ("" if session.name == "default" else f" --session {session.name}")
+            + " stop`",
+        )
+    _clear(session)
+    return fd
+
+
+def _clear(session: Session) -> None:
+    segment.unlink_all(session.segment(""))
+    for path in session.run_dir.iterdir():
+        if path != session.lock:
+            path.unlink(missing_ok=True)
+
+
+def release(session: Session, fd: int) -> None:
+    """Removes all that the session made, the lock last."""
+    _clear(session)
+    shutil.rmtree(session.run_dir, ignore_errors=True)
+    os.close(fd)
+
+
+def sweep() -> list[str]:
+    """Removes what sessions of this user left that no longer live; returns their names."""
+    swept = []
+    for path in base_dir().glob(f"{PREFIX}*"):
+        if path.is_symlink() or not path.is_dir() or path.stat().st_uid != os.getuid():
+            continue
+        try:
+            session = Session(path.name.removeprefix(PREFIX))
+        except UserError:
+            continue  # not a name of ours
+        fd = _lock(session.lock)
+        if fd is not None:
+            release(session, fd)
+            swept.append(session.name)
+    return swept
+
+
+def running() -> list[str]:
+    """Names of this user's living sessions."""
+    names = []
+    for path in base_dir().glob(f"{PREFIX}*/lock"):
+        fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        try:
+            fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            names.append(path.parent.name.removeprefix(PREFIX))
+        finally:
+            os.close(fd)
+    return sorted(names)
+
+
+def find(name: str) -> Session:
+    """The living session of that name. Raises UserError that names those that run."""
+    session = Session(name)
+    if name not in running():
+        others = ", ".join(running())
+        raise UserError(
+            f"no session {name!r} is running",
+            f"running: {others}" if others else "start one: `lfpipe up --demo`",
+        )
+    return session

@@ -1,0 +1,244 @@
+"""The supervisor: makes what a session stands on, keeps its stages running, answers commands, ends it clean.
+
+One loop in the main thread; it never blocks on a child, and polls sockets and sentinels in one place.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import time
+from collections.abc import Callable
+from multiprocessing.shared_memory import SharedMemory
+from types import FrameType
+from typing import Any
+
+import zmq
+
+from lfpipe import config as config_module
+from lfpipe.config import Config
+from lfpipe.errors import UserError
+from lfpipe.supervisor import child, rundir
+from lfpipe.supervisor.desk import Desk
+from lfpipe.supervisor.outcome import Outcome
+from lfpipe.supervisor.process import MAX_FAILURES, WINDOW_S, StageProcess
+from lfpipe.supervisor.table import STAGES, consumers, rings
+from lfpipe.transport import control, ring, status, wake
+from lfpipe.transport.clock import MS_NS, now_ns
+from lfpipe.transport.context import StageSpec
+from lfpipe.transport.session import Session
+from lfpipe.transport.status import State
+
+TICK_MS = 100
+STOP_S, TERM_S = 0.9, 0.5  # how long a stage may take after "stop", and after SIGTERM
+DRAIN_S = 2.0  # how long the stages may take for what is under way when the source has ended
+
+
+class Supervisor:
+    """A session. options: what stages need to know besides the configuration, plain values (`up.options`)."""
+
+    def __init__(
+        self,
+        session: Session,
+        config: Config,
+        options: dict[str, Any],
+        lossless: bool = False,
+        tell: Callable[[str], None] = print,
+    ) -> None:
+        self.session, self.config, self.options, self._lossless, self._tell = session, config, options, lossless, tell
+        self.rev, self.paused = 1, False
+        self.outcome: Outcome | None = None
+        self._signals = 0
+        self._segments: list[SharedMemory] = []
+        self._draining_ns = 0
+
+    def run(self, duration_s: float | None = None) -> Outcome:
+        """Runs the session to its end: a command, a signal, duration_s, the end of the source, or too many failures.
+
+        Raises UserError before any process starts when the session cannot be (name taken, /dev/shm too small, ...).
+        """
+        rundir.sweep()
+        lock = rundir.acquire(self.session)
+        before = {signum: signal.signal(signum, self._signalled) for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+        try:
+            self._build()
+            with control.context() as ctx:
+                self._desk = Desk(ctx, self)
+                self._loop(duration_s)
+                self._stop_all()
+                self._desk.close()
+        finally:
+            for signum, handler in before.items():
+                signal.signal(signum, handler)
+            self._unlink()
+            rundir.release(self.session, lock)
+        assert self.outcome is not None
+        return self.outcome
+
+    def _signalled(self, signum: int, _frame: FrameType | None) -> None:
+        self._signals += 1
+        if self._signals > 1:  # the second Ctrl-C means now
+            for process in self.processes.values():
+                process.signal(signal.SIGKILL)
+
+    def _build(self) -> None:
+        names = [stage.name for stage in STAGES]
+        try:
+            self._segments.append(status.create(self.session.segment("status"), names))
+            for name, spec in rings(self.config).items():
+                self._segments.append(ring.create(self.session.segment(name), spec))
+        except UserError:
+            self._unlink()
+            raise
+        for name, readers in consumers().items():
+            for reader in readers:
+                wake.make(self.session.wake(name, reader))
+                wake.make(self.session.credit(name, reader))
+        self.table = status.Table(self.session.segment("status"), writable=True)
+        self.processes = {s.name: StageProcess(s, self.session, self.table.rows[s.name]) for s in STAGES}
+        self.started_ns = now_ns()
+        about = {"session": self.session.name, "started_ns": self.started_ns, "started": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
+        (self.session.run_dir / "session.json").write_text(json.dumps({**about, "pid": os.getpid(), "options": self.options}))
+
+    def _unlink(self) -> None:
+        if hasattr(self, "table"):
+            self.processes.clear()
+            self.table.close()
+        for memory in self._segments:
+            memory.close()
+            with contextlib.suppress(FileNotFoundError):
+                memory.unlink()
+        self._segments.clear()
+
+    def _spec(self, process: StageProcess) -> StageSpec:
+        return StageSpec(
+            name=process.stage.name,
+            module=process.stage.module,
+            session=self.session,
+            config=config_module.to_dict(self.config),
+            rev=self.rev,
+            options=self.options,
+            consumers=consumers(),
+            lossless=self._lossless,
+            cpus=self._cpus(process.stage.name),
+        )
+
+    @staticmethod
+    def _cpus(name: str) -> tuple[int, ...]:
+        """On two cores tracking has one for itself; on more the operating system knows better, on one there is no choice."""
+        cpus = sorted(os.sched_getaffinity(0))
+        if len(cpus) != 2:
+            return ()
+        return (cpus[1],) if name == "track" else (cpus[0],)
+
+    def _loop(self, duration_s: float | None) -> None:
+        end_ns = None if duration_s is None else self.started_ns + int(duration_s * 1e9)
+        while self.outcome is None:
+            self._ensure_running()
+            poller = zmq.Poller()
+            for socket in self._desk.sockets:
+                poller.register(socket, zmq.POLLIN)
+            for process in self.processes.values():
+                if process.process is not None:
+                    poller.register(process.process.sentinel, zmq.POLLIN)
+            poller.poll(TICK_MS if end_ns is None else max(0, min(TICK_MS, (end_ns - now_ns()) // MS_NS + 1)))
+            self._desk.serve()
+            self._judge()
+            if self._signals:
+                self.outcome = self.outcome or Outcome("interrupted")
+            elif end_ns is not None and now_ns() >= end_ns:
+                self.outcome = self.outcome or Outcome("the time asked for is over")
+
+    def _ensure_running(self) -> None:
+        for process in self.processes.values():
+            process.wanted = process.stage.needed(self.options) and not self._draining_ns
+            if process.wanted and not process.alive and now_ns() >= process.next_start_ns:
+                process.start(self._spec(process))
+            elif process.alive and not process.stage.needed(self.options):
+                self._desk.send(process.stage.name, {"cmd": "stop"})
+
+    def _judge(self) -> None:
+        for process in self.processes.values():
+            name = process.stage.name
+            if why := process.overdue():
+                stack = process.last_stack()
+                process.signal(signal.SIGKILL)
+                self._tell(f"{name}: {why}, killed\n{stack}".rstrip())
+            code = process.reap()
+            if code is None:
+                continue
+            if code == 0 and not process.wanted:
+                continue
+            if code == 0 and name == "capture":
+                self._draining_ns = now_ns()
+                continue
+            self._failed(process, code)
+        if self._draining_ns and (self._drained() or now_ns() - self._draining_ns > DRAIN_S * 1e9):
+            self.outcome = Outcome("the source has ended")
+
+    def _failed(self, process: StageProcess, code: int) -> None:
+        name, row = process.stage.name, process.row
+        died_of = process.died_of() if code == child.EXIT_USER else None
+        if died_of and not row["ready_ns"]:
+            self.outcome = Outcome(f"{name} could not start", died_of[0], died_of[1], user_error=True)
+            return
+        phase = "RUNNING" if row["ready_ns"] else "STARTING"
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        said = f": {died_of[0]}" if died_of else ""
+        self._desk.publish("failed", stage=name, code=code, phase=phase)
+        if process.failed():
+            self.outcome = Outcome(
+                f"{name} failed {MAX_FAILURES} times in {WINDOW_S:.0f} s",
+                f"{name} failed {MAX_FAILURES} times in {WINDOW_S:.0f} s, last in {phase} with {how}{said}, "
+                f"after source_seq {int(row['source_seq'])}",
+                "the lines above say what it died of; `lfpipe doctor` checks the machine",
+            )
+        else:
+            self._tell(f"{name} ended with {how} in {phase}{said}; restarting")
+
+    def _drained(self) -> bool:
+        last = int(self.table.rows["capture"]["source_seq"])
+        rows = [self.table.rows[p.stage.name] for p in self.processes.values() if p.alive]
+        return all(int(row["source_seq"]) >= last or row["state"] == State.DEAD for row in rows)
+
+    def _stop_all(self) -> None:
+        """Two passes: all are told, then all are waited for; harsher words twice."""
+        for process in self.processes.values():
+            process.wanted = False
+            self._desk.send(process.stage.name, {"cmd": "stop"})
+        for limit_s, signum in ((STOP_S, signal.SIGTERM), (TERM_S, signal.SIGKILL), (5.0, None)):
+            end_ns = now_ns() + int(limit_s * 1e9)
+            while any(p.alive for p in self.processes.values()) and now_ns() < end_ns:
+                for process in self.processes.values():
+                    if process.alive and process.process is not None:
+                        process.process.join(0.01)
+                        process.reap()
+            for process in self.processes.values():
+                if process.alive and signum is not None:
+                    process.signal(signum)
+
+    def change(self, config: Config | None = None, options: dict[str, Any] | None = None, paused: bool | None = None) -> int:
+        """Takes a checked change as a whole and tells every stage; returns its revision."""
+        self.config = self.config if config is None else config
+        self.options = self.options if options is None else options
+        self.paused = self.paused if paused is None else paused
+        self.rev += 1
+        for name in self.processes:
+            self._desk.send(name, self.snapshot())
+        return self.rev
+
+    def snapshot(self) -> dict[str, Any]:
+        """What a stage must know to work as the session does now."""
+        return {
+            "cmd": "config",
+            "rev": self.rev,
+            "config": config_module.to_dict(self.config),
+            "options": self.options,
+            "paused": self.paused,
+        }
+
+    def applied(self, rev: int) -> bool:
+        """Whether every living stage works by revision rev."""
+        return all(int(p.row["config_rev"]) >= rev for p in self.processes.values() if p.alive and p.row["ready_ns"])

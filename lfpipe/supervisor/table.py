@@ -1,0 +1,55 @@
+"""The process table: a stage is one row here and one module with `main(context)`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import attrs
+import numpy as np
+
+from lfpipe.config import Config
+from lfpipe.eyes import EYES
+from lfpipe.transport.ring import RingSpec
+
+
+def _tracked(options: dict[str, Any]) -> bool:
+    return bool(options["tracking"])
+
+
+def _always(options: dict[str, Any]) -> bool:
+    return True
+
+
+@attrs.frozen
+class Stage:
+    """A process. needed: whether a session with these options runs it. start_s: the longest from spawn to READY;
+    hang_s: the longest without a beat after that."""
+
+    name: str
+    module: str
+    reads: tuple[str, ...] = ()
+    writes: tuple[str, ...] = ()
+    needed: Callable[[dict[str, Any]], bool] = _always
+    start_s: float = 15.0
+    hang_s: float = 2.0
+
+
+STAGES = (
+    Stage("capture", "lfpipe.capture.stage", writes=("frames",), needed=_tracked),
+    Stage("track", "lfpipe.track.stage", reads=("frames",), writes=("eyes",), needed=_tracked, start_s=30.0),
+    Stage("render", "lfpipe.render.stage", reads=("eyes",)),
+)
+
+
+def rings(config: Config) -> dict[str, RingSpec]:
+    """What each ring holds in a session of this configuration."""
+    return {
+        "frames": RingSpec((config.camera.height_px, config.camera.width_px, 3), np.dtype("u1"), slots=4),
+        "eyes": RingSpec((), EYES, slots=8),
+    }
+
+
+def consumers() -> dict[str, list[str]]:
+    """ring -> names of the stages that read it."""
+    return {name: [stage.name for stage in STAGES if name in stage.reads] for stage in STAGES for name in stage.writes}
