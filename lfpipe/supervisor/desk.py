@@ -142,7 +142,8 @@ class Desk:
             raise control.BadMessage("load needs the path of a scene")
         sets = [f"--set=scene.{k}={json.dumps(v)}" for k, v in config_module.to_dict(self._supervisor.config)["scene"].items()]
         command = [sys.executable, "-m", "lfpipe", "scene", "pack", "--json", *sets, "--", scene]
-        self._loading.append(_Loading(client, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)))
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self._loading.append(_Loading(client, process))
 
     def _apply(self, client: bytes, rev: int, answer: dict[str, Any]) -> None:
         self._applying.append(_Applying(client, {"ok": True, **answer}, rev, now_ns() + int(APPLY_S * 1e9)))

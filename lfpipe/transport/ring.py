@@ -2,7 +2,7 @@
 
     page 0   0  magic "LFRING1\\0"      8  slots      16  slot stride      24  payload bytes      32  description bytes
            128  published: slots ever published, alone on its cache line
-           192  epoch: counts the writers that this ring has had
+           192  epoch: 0 for the ring's first writer, one more for each that follows
            256  description: JSON of shape and dtype, so that a reader needs no configuration
     slot i   0  seq | source_seq | epoch | t_sensor_ns | t_read_ns | t_publish_ns | 0 | 0        (8 x int64)
             64  payload
@@ -94,6 +94,7 @@ def create(name: str, spec: RingSpec) -> SharedMemory:
     head = np.frombuffer(buffer, "<i8", 5)
     head[1:] = spec.slots, spec.stride, spec.payload_bytes, len(description)
     buffer[DESCRIPTION : DESCRIPTION + len(description)] = description
+    np.frombuffer(buffer, "<i8", 1, EPOCH)[0] = -1  # so that the first writer's epoch is 0
     buffer[: len(MAGIC)] = MAGIC  # last: a reader that finds the magic finds the rest
     return memory
 
@@ -136,7 +137,7 @@ class _Ring:
 
     @property
     def epoch(self) -> int:
-        """Writers that this ring has had."""
+        """Number of the present writer, 0 for the first."""
         return int(self._epoch[0])
 
     def close(self) -> None:

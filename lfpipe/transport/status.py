@@ -102,15 +102,18 @@ class Row:
         """I am alive and my loop turns."""
         self._int["beat_ns"][0] = now_ns()
 
-    def done(self, source_seq: int, wait_ns: int, busy_ns: int, age_ns: int) -> None:
-        """One output completed: counts it and its three durations."""
+    def tick(self, source_seq: int) -> None:
+        """One output completed, made from input source_seq."""
         t_ns = now_ns()
         seq = self._int["seq"][0]
         self._recent[seq % RECENT] = t_ns
         self._int["seq"][0] = seq + 1
         self._int["source_seq"][0] = source_seq
-        self._int["busy_ns"][0] += busy_ns
         self._int["beat_ns"][0] = t_ns
+
+    def measure(self, wait_ns: int, busy_ns: int, age_ns: int) -> None:
+        """The three durations of one output."""
+        self._int["busy_ns"][0] += busy_ns
         self.wait.add_ns(wait_ns)
         self.busy.add_ns(busy_ns)
         self.age.add_ns(age_ns)

@@ -1,0 +1,69 @@
+"""Track: the viewer's eyes in every frame.
+
+Reads: ring "frames", the newest.
+Writes: ring "eyes", one record per frame taken, with or without a face.
+Commands: recentre (chooses the face anew), stop; filter settings by configuration.
+Emits: engine (name and model), face (found or lost).
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from lfpipe.track.engines import make_engine
+from lfpipe.track.filters import make_filter
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.context import Context, empty_like
+
+
+def main(context: Context) -> None:
+    """Runs the stage until the stop."""
+    settings = context.config.track
+    engine, smooth = make_engine(settings), make_filter(settings)
+    frames, eyes = context.input("frames"), context.output("eyes")
+    image = empty_like(frames.reader)
+    raw = position = np.zeros((2, 2))
+    velocity = np.zeros((2, 2))
+    epoch, generation, seen = -1, 0, False
+    context.emit("engine", name=engine.name, model=engine.model)
+    context.ready()
+    try:
+        while context.wait():
+            if context.config.track != settings:
+                settings = context.config.track
+                smooth = make_filter(settings)
+            context.applied()
+            if any(word == "recentre" for word, _ in context.commands()):
+                engine.reset()
+                seen = False
+            stamp = frames.take(image)
+            if stamp is None:
+                continue
+            t_taken_ns = now_ns()
+            face = engine.detect(image)
+            if stamp.epoch != epoch or (face is not None and not seen):
+                epoch, generation = stamp.epoch, generation + 1
+                smooth.reset()
+            if face is not None:
+                raw = face.eyes_px
+                position, velocity = smooth.update(stamp.t_sensor_ns, raw)
+            else:
+                velocity = np.zeros((2, 2))  # hold: nothing says where the eyes went
+            if (face is not None) != seen:
+                seen = not seen
+                context.emit("face", found=seen, source_seq=stamp.source_seq)
+            record = eyes.begin()
+            record["raw_px"], record["filtered_px"], record["velocity_px_s"] = raw, position, velocity
+            record["confidence"] = face.confidence if face is not None else 0.0
+            record["width_px"], record["height_px"] = image.shape[1], image.shape[0]
+            record["face"], record["generation"] = seen, generation
+            t_tracked_ns = now_ns()
+            record["t_tracked_ns"] = t_tracked_ns
+            eyes.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch)
+            context.row.tick(stamp.source_seq)
+            context.row.measure(t_taken_ns - stamp.t_publish_ns, t_tracked_ns - t_taken_ns, t_tracked_ns - stamp.t_sensor_ns)
+            context.row["face"], context.row["cpu_ns"] = seen, time.process_time_ns()
+    finally:
+        engine.close()
