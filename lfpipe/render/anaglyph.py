@@ -1,0 +1,244 @@
+"""Two eyes' views in one picture, whatever the glasses: a projection of each eye to planes, then a mixing of planes.
+
+Every method of the form `M_left @ left + M_right @ right` is written as
+
+    plane_k = w_k . RGB of one eye                     (w sums to 1: a plane of a grey view is that grey)
+    channel = own_gain * own plane + cross_gain * cross plane       (the gains sum to 1: grey in, grey out)
+
+The planes are baked once per stored view and may be warped like any picture. The mixing is a function of two bytes,
+so it is one table of 65536 entries, exact for any light (linear or code values) and any ghost compensation, and methods
+without cross terms need no mixing at all: their picture is one merge of three planes.
+
+The cross rows of the red/cyan Dubois matrix are, to 0.004 per coefficient, multiples of the other eye's own rows: three planes
+carry the whole method. Where that does not hold (amber/blue, parts of green/magenta) the cross row is a plane of its own.
+
+Matrices: FFmpeg vf_stereo3d (colour, grey, half-colour), Wimmer, Dubois 2001 (red/cyan) and Dubois 2009 (the others).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Weights = tuple[float, float, float]
+
+LUMA: Weights = (0.299, 0.587, 0.114)
+RED: Weights = (1.0, 0.0, 0.0)
+GREEN: Weights = (0.0, 1.0, 0.0)
+BLUE: Weights = (0.0, 0.0, 1.0)
+NONE: Weights = (0.0, 0.0, 0.0)
+
+# Rows: what red, green, blue of the output take from (red, green, blue) of the left eye and of the right eye.
+MATRICES: dict[str, tuple[tuple[Weights, Weights], tuple[Weights, Weights], tuple[Weights, Weights]]] = {
+    "colour": ((RED, NONE), (NONE, GREEN), (NONE, BLUE)),
+    "grey": ((LUMA, NONE), (NONE, LUMA), (NONE, LUMA)),
+    "half-colour": ((LUMA, NONE), (NONE, GREEN), (NONE, BLUE)),
+    "wimmer": (((0.0, 0.7, 0.3), NONE), (NONE, GREEN), (NONE, BLUE)),
+    "dubois": (
+        ((0.4561, 0.500484, 0.176381), (-0.0434706, -0.0879388, -0.00155529)),
+        ((-0.0400822, -0.0378246, -0.0157589), (0.378476, 0.73364, -0.0184503)),
+        ((-0.0152161, -0.0205971, -0.00546856), (-0.0721527, -0.112961, 1.2264)),
+    ),
+    "dubois-green-magenta": (
+        ((-0.062, -0.158, -0.039), (0.529, 0.705, 0.024)),
+        ((0.284, 0.668, 0.143), (-0.016, -0.015, -0.065)),
+        ((-0.015, -0.027, 0.021), (0.009, 0.075, 0.937)),
+    ),
+    "dubois-amber-blue": (
+        ((1.062, -0.205, 0.299), (-0.016, -0.123, -0.017)),
+        ((-0.026, 0.908, 0.068), (0.006, 0.062, -0.017)),
+        ((-0.038, -0.173, 0.022), (0.094, 0.185, 0.911)),
+    ),
+}
+
+# Green light through the red glass, as a share of red light through it (simulated from measured spectra: Y .0135 / .0922).
+RED_GLASS_LEAK = 0.1464
+RED_CYAN = ("colour", "grey", "half-colour", "wimmer", "dubois")
+SHARED_TOLERANCE = 0.015  # a cross row this close to a multiple of an own row takes the own plane
+
+
+@attrs.frozen
+class Plane:
+    """One plane to be had from one eye's view. eye: 0 left, 1 right. weights: on its red, green, blue; they sum to 1.
+    linear: whether they weigh linear light or code values."""
+
+    eye: int
+    weights: Weights
+    linear: bool
+
+    @property
+    def channel(self) -> int | None:
+        """The stored channel that already is this plane, or None where it must be baked."""
+        return self.weights.index(1.0) if sorted(self.weights) == [0.0, 0.0, 1.0] else None
+
+
+@attrs.frozen
+class Channel:
+    """One output channel: own_gain * own + cross_gain * cross, planes by index; cross None: the own plane itself."""
+
+    own: int
+    cross: int | None = None
+    own_gain: float = 1.0
+    cross_gain: float = 0.0
+
+
+@attrs.frozen
+class Recipe:
+    """What an output picture is made of. channels: red, green, blue. linear: the light in which planes are mixed."""
+
+    planes: tuple[Plane, ...]
+    channels: tuple[Channel, Channel, Channel]
+    linear: bool
+
+
+def decoded(code: NDArray[np.float64]) -> NDArray[np.float64]:
+    """sRGB code values 0..1 as linear light 0..1 (IEC 61966-2-1)."""
+    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+
+
+def encoded(light: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Linear light, clipped to 0..1, as sRGB code values 0..1."""
+    light = np.clip(light, 0.0, 1.0)
+    return np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
+def _unit(row: Weights) -> tuple[Weights, float]:
+    """row scaled to the sum 1, and its sum."""
+    total = sum(row)
+    return (row[0] / total, row[1] / total, row[2] / total), total
+
+
+@lru_cache(maxsize=64)
+def recipe(anaglyph: str, light: str = "linear", ghost_compensation: float = 0.0) -> Recipe:
+    """The recipe of a glasses method.
+
+    anaglyph: a key of MATRICES. light: "linear" or "gamma"; it counts only where a method has cross terms, as the
+    others know no sum of two eyes. ghost_compensation: 0..100 %, the share of the green light that leaks through the
+    red glass to be taken out of red; other glasses ignore it. Red is raised by as much as it loses on grey, so grey stays
+    grey at every setting.
+    """
+    rows = MATRICES[anaglyph]
+    crossed = any(sum(map(abs, row[0])) > 0 and sum(map(abs, row[1])) > 0 for row in rows)
+    linear = crossed and light == "linear"
+    eyes = [int(abs(sum(right)) > abs(sum(left))) for left, right in rows]
+    planes: list[Plane] = []
+
+    def plane(eye: int, weights: Weights) -> int:
+        wanted = Plane(eye, weights, linear)
+        if wanted not in planes:
+            planes.append(wanted)
+        return planes.index(wanted)
+
+    own = [_unit(row[eye]) for row, eye in zip(rows, eyes, strict=True)]
+    index = [plane(eye, weights) for (weights, _), eye in zip(own, eyes, strict=True)]
+    channels: list[Channel] = []
+    for c, (row, eye) in enumerate(zip(rows, eyes, strict=True)):
+        other = row[1 - eye]
+        if not any(other):
+            channels.append(Channel(index[c]))
+            continue
+        weights, total = _unit(other)
+        errors = {
+            max(abs(a - total * b) for a, b in zip(other, own[k][0], strict=True)): index[k] for k in range(3) if eyes[k] != eye
+        }
+        near = min(errors)
+        cross = errors[near] if near <= SHARED_TOLERANCE else plane(1 - eye, weights)
+        gain = own[c][1] / (own[c][1] + total)
+        channels.append(Channel(index[c], cross, gain, 1.0 - gain))
+    red, green, blue = channels
+    if ghost_compensation > 0 and anaglyph in RED_CYAN:
+        # seen through the red glass: red + leak * green. (1 + leak) * left - leak * green leaves only the left view.
+        share = ghost_compensation / 100
+        leak = RED_GLASS_LEAK
+        whole = -leak * green.own_gain
+        cross_gain = (1 - share) * red.cross_gain + share * whole
+        red = Channel(red.own, green.own, 1.0 - cross_gain, cross_gain)
+    return Recipe(tuple(planes), (red, green, blue), light == "linear")
+
+
+@lru_cache(maxsize=64)
+def _table(own_gain: float, cross_gain: float, linear: bool, own_low: bool) -> NDArray[np.uint8]:
+    """(1, 65536) uint8: the channel for every pair of bytes; own_low: the own plane is the low byte of the index."""
+    code = np.arange(256) / 255.0
+    light = decoded(code) if linear else code
+    low, high = (own_gain, cross_gain) if own_low else (cross_gain, own_gain)
+    mixed = high * light[:, None] + low * light[None, :]
+    value = encoded(mixed) if linear else np.clip(mixed, 0.0, 1.0)
+    return np.rint(value * 255).astype(np.uint8).reshape(1, -1)
+
+
+class Mixer:
+    """Planes of one size to a picture; owns the scratch, so a call allocates nothing."""
+
+    def __init__(self, recipe: Recipe, height_px: int, width_px: int) -> None:
+        self._recipe = recipe
+        self._pairs: dict[tuple[int, int], NDArray[np.uint8]] = {}
+        self._steps: list[tuple[int, tuple[int, int] | None, NDArray[np.uint8] | None]] = []
+        self._out = [np.empty((height_px, width_px), np.uint8) for _ in range(3)]
+        for channel in recipe.channels:
+            if channel.cross is None:
+                self._steps.append((channel.own, None, None))
+                continue
+            pair = (min(channel.own, channel.cross), max(channel.own, channel.cross))
+            if pair not in self._pairs:
+                self._pairs[pair] = np.empty((height_px, width_px, 2), np.uint8)
+            table = _table(channel.own_gain, channel.cross_gain, recipe.linear, channel.own == pair[0])
+            self._steps.append((channel.own, pair, table))
+
+    def mix(self, planes: list[NDArray[np.uint8]], out: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """planes: uint8 (height, width) in the recipe's order. out: uint8 (height, width, 3), filled as BGR."""
+        for (low, high), index in self._pairs.items():
+            cv2.merge([planes[low], planes[high]], index)
+        channels: list[NDArray[np.uint8]] = []
+        for (own, pair, table), scratch in zip(self._steps, self._out, strict=True):
+            if pair is None or table is None:
+                channels.append(planes[own])
+            else:
+                cv2.LUT(self._pairs[pair].view("<u2")[..., 0], table, scratch)
+                channels.append(scratch)
+        cv2.merge(channels[::-1], out)
+        return out
+
+
+class Baker:
+    """Bakes a plane from a stored view: sum of weighted light, then code values again, in 16 bits between."""
+
+    def __init__(self, height_px: int, width_px: int) -> None:
+        self._plus = np.empty((height_px, width_px), np.uint16)
+        self._minus = np.empty((height_px, width_px), np.uint16)
+        self._term = np.empty((height_px, width_px), np.uint16)
+
+    def bake(self, view: NDArray[np.uint8], plane: Plane, out: NDArray[np.uint8]) -> None:
+        """view: uint8 (3, height, width), red, green, blue. out: uint8 (height, width)."""
+        plus = minus = False
+        terms, back = _bake_tables(plane.weights, plane.linear)
+        for channel, (weight, table) in enumerate(zip(plane.weights, terms, strict=True)):
+            if weight == 0:
+                continue
+            target = self._plus if weight > 0 else self._minus
+            first = not (plus if weight > 0 else minus)
+            cv2.LUT(view[channel], table, target if first else self._term)
+            if not first:
+                cv2.add(target, self._term, target)
+            plus, minus = plus or weight > 0, minus or weight < 0
+        if minus:
+            cv2.subtract(self._plus, self._minus, self._plus)
+        cv2.LUT(self._plus, back, out)
+
+
+@lru_cache(maxsize=64)
+def _bake_tables(weights: Weights, linear: bool) -> tuple[list[NDArray[np.uint16]], NDArray[np.uint8]]:
+    """Per channel (1, 256) uint16 of |weight| * light, and (1, 65536) uint8 from their sum back to code values.
+
+    The scale lets the positive terms together reach 65535 and no more, so sums never saturate."""
+    code = np.arange(256) / 255.0
+    light = decoded(code) if linear else code
+    scale = 65530.0 / sum(max(weight, 0.0) for weight in weights)
+    terms = [np.rint(abs(weight) * scale * light).astype(np.uint16).reshape(1, -1) for weight in weights]
+    level = np.arange(65536) / scale
+    value = encoded(level) if linear else np.clip(level, 0.0, 1.0)
+    return terms, np.rint(value * 255).astype(np.uint8).reshape(1, -1)

@@ -1,0 +1,112 @@
+"""From two viewpoints to one picture: the only thing the render stage asks for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+from functools import partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import Render
+from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, Recipe, recipe
+from lfpipe.render.planes import PlaneStore
+from lfpipe.render.synthesis import Position, Synthesiser
+from lfpipe.scene.lightfield import LightField
+
+_RGB = tuple(Plane(0, weights, False) for weights in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+_WHOLE = Recipe(_RGB, (Channel(0), Channel(1), Channel(2)), False)  # one eye's view in its own colours
+
+
+def _quantum(method: str, disparity_px: float) -> float:
+    """Grid step to which coordinates are rounded, a power of two: it moves nothing by more than 1/128 px, which changes an
+    edge of 64 levels per px by half a level, and changes no cross-fade by more than half a level."""
+    finest = 1 / 1024
+    if method == "nearest":
+        return 1.0
+    wanted = 1 / 256 if method in ("blend", "warp2") else 1 / 16
+    if method != "blend" and disparity_px > 0:
+        wanted = min(wanted, 1 / (64 * disparity_px))
+    return max(finest, 2.0 ** math.floor(math.log2(wanted)))
+
+
+class Compositor:
+    """Draws pictures of one light field with one set of render settings; a changed setting is a new Compositor.
+
+    method: what is drawn with: `auto` resolved, and `nearest` where a light field without disparity cannot be warped.
+    Starts with a few small tables: views are baked when they are first looked at.
+    """
+
+    def __init__(self, field: LightField, render: Render) -> None:
+        wanted = field.method if render.method == "auto" else render.method
+        self.method = "nearest" if wanted in ("warp", "warp2") and field.disparity is None else wanted
+        self._field, self._render = field, render
+        height, width = field.height_px, field.width_px
+        glasses = render.anaglyph in MATRICES
+        self._recipe = recipe(render.anaglyph, render.light, render.ghost_compensation) if glasses else _WHOLE
+        self._mixer = Mixer(self._recipe, height, width)
+        self._store = PlaneStore(field)
+        self._synthesiser = Synthesiser(field, self.method)
+        self._outs = [np.empty((height, width), np.uint8) for _ in self._recipe.planes]
+        self._picture = np.zeros((height, width, 3), np.uint8)
+        self._whole = np.empty((height, width, 3), np.uint8) if render.anaglyph in ("side-by-side", "row-interleaved") else None
+        extent = max(abs(edge - render.zero_plane_px) for edge in (field.disparity_min_px, field.disparity_max_px))
+        self._quantum = _quantum(self.method, extent)
+        self._settings = (self.method, render.anaglyph, render.light, render.ghost_compensation, render.zero_plane_px)
+
+    def _quantised(self, position: Position) -> Position:
+        """position on the key's grid, within the stored views plus what may be extrapolated; the centre if not finite."""
+        reach = self._render.extrapolate_views if self.method in ("warp", "warp2") else 0.0
+        found = []
+        for value, count in zip(position, (self._field.rows, self._field.cols), strict=True):
+            value = value if math.isfinite(value) else (count - 1) / 2
+            inside = min(max(value, -reach), count - 1 + reach)
+            found.append(math.floor(inside / self._quantum + 0.5) * self._quantum)
+        return found[0], found[1]
+
+    def _eyes(self, left: Position, right: Position) -> tuple[Position, Position]:
+        if self._render.anaglyph == "mono":
+            middle = ((left[0] + right[0]) / 2, (left[1] + right[1]) / 2)
+            left = right = middle
+        return self._quantised(left), self._quantised(right)
+
+    def key(self, left: Position, right: Position, frame: int = 0) -> Hashable:
+        """Equal keys mean the same picture: who holds the picture of a key need not compose it again.
+
+        left, right: (row, col) viewpoints of the eyes. frame: of light-field video, taken modulo its length.
+        """
+        return (*self._settings, frame % self._field.frames, *self._eyes(left, right))
+
+    def compose(self, left: Position, right: Position, frame: int = 0) -> NDArray[np.uint8]:
+        """The picture for the two viewpoints: uint8 (height, width, 3) BGR, valid until the next call."""
+        eyes = self._eyes(left, right)
+        frame %= self._field.frames
+        if self._render.anaglyph in MATRICES or self._whole is None:
+            self._draw(eyes, frame, self._picture)
+        elif self._render.anaglyph == "row-interleaved":
+            for eye, position in enumerate(eyes):
+                self._draw((position, position), frame, self._whole)
+                self._picture[eye::2] = self._whole[eye::2]
+        else:
+            height, width = self._picture.shape[:2]
+            for position, x0, x1 in ((eyes[0], 0, width // 2), (eyes[1], width // 2, width)):
+                if x1 > x0:
+                    self._draw((position, position), frame, self._whole)
+                    self._picture[:, x0:x1] = cv2.resize(self._whole, (x1 - x0, height), interpolation=cv2.INTER_AREA)
+        return self._picture
+
+    def _draw(self, eyes: tuple[Position, Position], frame: int, out: NDArray[np.uint8]) -> None:
+        made: list[NDArray[np.uint8]] = list(self._outs)
+        for eye, position in enumerate(eyes):
+            places = [k for k, plane in enumerate(self._recipe.planes) if plane.eye == eye]
+            sources = [partial(self._source, frame, self._recipe.planes[k]) for k in places]
+            outs = [self._outs[k] for k in places]
+            drawn = self._synthesiser.render(position, frame, self._render.zero_plane_px, sources, outs) if places else []
+            for k, plane in zip(places, drawn, strict=True):
+                made[k] = plane
+        self._mixer.mix(made, out)
+
+    def _source(self, frame: int, plane: Plane, row: int, col: int) -> NDArray[np.uint8]:
+        return self._store.get(frame, row, col, plane)
