@@ -1,0 +1,38 @@
+"""Centres of the irises: MediaPipe's iris network on a crop of each eye (arXiv:2006.11341)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.track.network import Network, model_file
+from lfpipe.track.roi import Roi, around, as_tensor
+
+SIZE_PX = 64
+_SCALE = 2.3  # of the crop over the distance between the eye's corners
+_CORNERS = ((362, 263), (33, 133))  # inner and outer of the viewer's left eye, outer and inner of the right: both left to right
+
+
+class Irises:
+    """Raises UserError where the network is missing or of another version."""
+
+    def __init__(self) -> None:
+        self._network = Network(model_file("modules/iris_landmark/iris_landmark.tflite"), (1, SIZE_PX, SIZE_PX, 3), (15,))
+        self.model = self._network.name
+
+    def centres(self, image: NDArray[np.uint8], points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Iris centres in px of image, uint8 (h, w, 3) BGR. points: (468, 2) px of the face mesh. Returns (2, 2), left first."""
+        out = np.empty((2, 2))
+        for eye, (start, end) in enumerate(_CORNERS):
+            middle, reach = (points[start] + points[end]) / 2, np.abs(points[end] - points[start]).max() / 2
+            corners = (*(middle - reach), *(middle + reach))
+            roi: Roi = around(corners, points[start], points[end], _SCALE)
+            crop = roi.crop(image, SIZE_PX, cv2.BORDER_REPLICATE)
+            # the network knows right eyes only: the left one is shown to it in a mirror
+            crop = crop if eye else np.ascontiguousarray(crop[:, ::-1])
+            centre = self._network.run(as_tensor(crop, 0.0, 1.0))[0][:2].astype(np.float64)
+            if not eye:
+                centre[0] = SIZE_PX - centre[0]
+            out[eye] = roi.to_picture(centre[None], SIZE_PX)[0]
+        return out

@@ -1,0 +1,73 @@
+"""Networks of the mediapipe wheel, run in this thread through LiteRT; mediapipe itself is never imported (0.6 s)."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.track.quiet import quiet_stderr
+
+_REMEDY = "`pip install --force-reinstall mediapipe==0.10.21`: the last version whose wheel carries the face networks"
+
+
+def model_file(relative: str) -> Path:
+    """Path of a file of the mediapipe wheel, as "modules/face_landmark/face_landmark.tflite". Raises UserError if absent."""
+    spec = importlib.util.find_spec("mediapipe")  # of a top-level package: finds, does not import
+    folders = [Path(folder) for folder in (spec.submodule_search_locations or [])] if spec else []
+    for folder in folders:
+        if (folder / relative).is_file():
+            return folder / relative
+    where = f"not in {folders[0]}" if folders else "mediapipe is not installed"
+    raise UserError(f"track.engine = litert: face network {Path(relative).name} is missing: {where}", _REMEDY)
+
+
+class Network:
+    """One .tflite network, single-threaded: one float32 input, float32 outputs told apart by their number of values.
+
+    path: the file. input_shape: what it must take. outputs: how many values each wanted output must have.
+    Raises UserError where the file is unreadable, no network, or a network of another shape (another version).
+    """
+
+    def __init__(self, path: Path, input_shape: tuple[int, ...], outputs: tuple[int, ...]) -> None:
+        from ai_edge_litert.interpreter import Interpreter
+
+        try:
+            content = path.read_bytes()
+            with quiet_stderr():  # the delegate announces itself
+                self._interpreter: Any = Interpreter(model_content=content, num_threads=1)
+                self._interpreter.allocate_tensors()
+        except (OSError, ValueError, RuntimeError) as error:
+            reason = str(error).strip().splitlines()[0] if str(error).strip() else "LiteRT refuses it"
+            raise UserError(f"track.engine = litert: {path}: not a usable face network: {reason}", _REMEDY) from None
+        inputs, details = self._interpreter.get_input_details(), self._interpreter.get_output_details()
+        by_size = {int(np.prod(detail["shape"])): int(detail["index"]) for detail in details}
+        taken = tuple(int(size) for size in inputs[0]["shape"])
+        if taken != input_shape or any(size not in by_size for size in outputs):
+            raise UserError(
+                f"track.engine = litert: {path}: a network of another version: takes {taken} and gives {sorted(by_size)} values,"
+                f" wanted {input_shape} and {sorted(outputs)}",
+                _REMEDY,
+            )
+        self._input = int(inputs[0]["index"])
+        self._outputs = [by_size[size] for size in outputs]
+        self.name = f"{path.name} (mediapipe {_version()}, sha256 {hashlib.sha256(content).hexdigest()[:8]})"
+
+    def run(self, tensor: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+        """The wanted outputs, flat, for one input of input_shape."""
+        self._interpreter.set_tensor(self._input, tensor)
+        self._interpreter.invoke()
+        return [self._interpreter.get_tensor(index).ravel() for index in self._outputs]
+
+
+def _version() -> str:
+    try:
+        return importlib.metadata.version("mediapipe")
+    except importlib.metadata.PackageNotFoundError:
+        return "unknown"
