@@ -1,0 +1,152 @@
+"""Where packs are kept: by content, written whole or not at all, one writer at a time.
+
+    CACHE/scenes/KEY/          a pack (views.npy, disparity.npy, manifest.json)
+    CACHE/scenes/.KEY.PID/     one being made; whoever holds the lock of KEY may remove it
+    CACHE/locks/KEY            flock of the one who makes it
+    CACHE/index/STAMP          text: the KEY of a path whose names, sizes and times have this stamp
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import attrs
+import platformdirs
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.scene.files import look
+from lfpipe.scene.source import Source
+
+VERSION = 1  # of the pack; another version is another key
+
+
+def cache_dir(scene: config.Scene) -> Path:
+    """The cache: scene.cache_dir, or the user's cache directory. Need not exist."""
+    return Path(scene.cache_dir).expanduser() if scene.cache_dir else Path(platformdirs.user_cache_dir("lfpipe"))
+
+
+def prepared(scene: config.Scene) -> Path:
+    """The cache with its folders made. Raises UserError where it cannot be written."""
+    root = cache_dir(scene)
+    try:
+        for part in ("scenes", "locks", "index"):
+            (root / part).mkdir(parents=True, exist_ok=True)
+        if not os.access(root / "scenes", os.W_OK):
+            raise PermissionError(13, "no permission to write")
+    except OSError as error:
+        raise UserError(f"cache directory {root}: {error.strerror}", "name another with --set scene.cache_dir=DIR") from None
+    return root
+
+
+def _said(scene: config.Scene) -> str:
+    """The user's word on the scene, as part of a key."""
+    return json.dumps({"version": VERSION, **{k: v for k, v in attrs.asdict(scene).items() if k != "cache_dir"}}, sort_keys=True)
+
+
+def stamp(path: str | os.PathLike[str], scene: config.Scene) -> str:
+    """Hash of names, sizes and times at path, one subfolder deep: equal while nobody touched it. Raises UserError."""
+    digest = hashlib.blake2b(_said(scene).encode(), digest_size=16)
+    listing = look(path)
+    digest.update(str(listing.path.resolve()).encode(errors="surrogateescape"))
+    for name in (*listing.names, *listing.folders):
+        entries = [listing.folder / name]
+        if name in listing.folders:
+            with contextlib.suppress(UserError):
+                entries = [listing.folder / name / inner for inner in look(listing.folder / name).names]
+        for entry in entries:
+            with contextlib.suppress(OSError):
+                state = entry.stat()
+                digest.update(f"{entry}\0{state.st_size}\0{state.st_mtime_ns}\0".encode(errors="surrogateescape"))
+    return digest.hexdigest()
+
+
+def content_key(source: Source, scene: config.Scene) -> str:
+    """Hash of what the source's files hold, its layout and the user's word. Raises UserError where one is unreadable."""
+    digest = hashlib.blake2b(f"{_said(scene)}{source.layout}".encode(), digest_size=12)
+    for path in source.files:
+        try:
+            digest.update(f"\0{path.name}\0{path.stat().st_size}\0".encode(errors="surrogateescape"))
+            with path.open("rb") as stream:
+                while block := stream.read(1 << 20):
+                    digest.update(block)
+        except OSError as error:
+            raise UserError(f"{path}: cannot be read: {error.strerror}", "check the file and its permissions") from None
+    return digest.hexdigest()
+
+
+def find_pack(path: str | os.PathLike[str], scene: config.Scene) -> Path | None:
+    """The pack of an untouched scene, or None; reads no picture. Raises UserError where there is no scene."""
+    mark = stamp(path, scene)
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        key = (cache_dir(scene) / "index" / mark).read_text()
+        pack = cache_dir(scene) / "scenes" / key
+        if key.isalnum() and (pack / "manifest.json").is_file():
+            return pack
+    return None
+
+
+def remember(root: Path, mark: str, key: str) -> None:
+    """Note that the path of this stamp has that pack."""
+    new = root / "index" / f".{mark}.{os.getpid()}"
+    new.write_text(key)
+    new.replace(root / "index" / mark)
+
+
+@contextlib.contextmanager
+def locked(root: Path, key: str) -> Iterator[None]:
+    """Hold the lock of a key: waits for another process that makes the same pack, and clears what a killed one left."""
+    with (root / "locks" / key).open("w") as stream:
+        fcntl.flock(stream, fcntl.LOCK_EX)
+        for left in (root / "scenes").glob(f".{key}.*"):
+            shutil.rmtree(left, ignore_errors=True)
+        yield
+
+
+def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
+    """Every pack as (folder, manifest, bytes on disk), newest first; a manifest that cannot be read is {}."""
+    found: list[tuple[Path, dict[str, Any], int]] = []
+    with contextlib.suppress(OSError):
+        for folder in (cache_dir(scene) / "scenes").iterdir():
+            if folder.is_dir() and not folder.name.startswith("."):
+                try:
+                    manifest = json.loads((folder / "manifest.json").read_bytes())
+                except (OSError, ValueError):
+                    manifest = {}
+                size = sum(file.stat().st_size for file in folder.iterdir())
+                found.append((folder, manifest if isinstance(manifest, dict) else {}, size))
+    return sorted(found, key=lambda pack: str(pack[1].get("created", "")), reverse=True)
+
+
+def remove(scene: config.Scene, folder: Path) -> None:
+    """Delete one pack; a session that has it open keeps its maps until it ends."""
+    gone = folder.with_name(f".{folder.name}.{os.getpid()}")
+    try:
+        folder.replace(gone)
+    except OSError as error:
+        raise UserError(f"{folder}: cannot be removed: {error.strerror}", "check its permissions") from None
+    shutil.rmtree(gone, ignore_errors=True)
+
+
+def sweep(scene: config.Scene) -> int:
+    """Remove what killed packers left and index entries without a pack; the count of removed things."""
+    root, removed = cache_dir(scene), 0
+    for left in (root / "scenes").glob(".*.*"):
+        with (root / "locks" / left.name.split(".")[1]).open("w") as stream, contextlib.suppress(BlockingIOError):
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(left, ignore_errors=True)
+            removed += 1
+    for entry in (root / "index").glob("*"):
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            if not (root / "scenes" / entry.read_text()).is_dir():
+                entry.unlink()
+                removed += 1
+    return removed

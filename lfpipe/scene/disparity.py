@@ -1,0 +1,139 @@
+"""Disparity of every view from its neighbours in the grid, by dense inverse search flow.
+
+Sign and unit as in LightField: px per grid step, positive is nearer. Flow: Kroeger, Timofte, Dai, Van Gool, "Fast Optical
+Flow using Dense Inverse Search", ECCV 2016, as OpenCV has it.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+FloatMap = NDArray[np.float32]
+Grey = NDArray[np.uint8]
+
+SMALLEST_PX = 24  # the flow needs a few of its 8x8 patches per side
+SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still have a say
+OUTSIDE = 64.0  # grey levels a match outside of the neighbour's picture counts for
+_BOX = (5, 5)
+_here = threading.local()  # the flow objects keep buffers and serve one thread each
+
+
+def flow(a: Grey, b: Grey) -> FloatMap:
+    """Dense flow from a to b, float32 (h, w, 2) in px (x, y): what stands at x in a stands at x + flow in b."""
+    engine = getattr(_here, "engine", None)
+    if engine is None:
+        engine = _here.engine = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    return np.asarray(engine.calc(a, b, np.zeros((*a.shape, 2), np.float32)), np.float32)
+
+
+def grid_xy(height: int, width: int) -> tuple[FloatMap, FloatMap]:
+    """x and y of every pixel, float32 (h, w) each; kept per thread, not to be written to."""
+    if getattr(_here, "size", None) != (height, width):
+        yy, xx = np.mgrid[:height, :width].astype(np.float32)
+        _here.size, _here.grid = (height, width), (xx, yy)
+    grid: tuple[FloatMap, FloatMap] = _here.grid
+    return grid
+
+
+def mismatch(a: Grey, b: Grey, disparity_px: FloatMap, d_row: float, d_col: float) -> FloatMap:
+    """How badly a, seen through its disparity, matches b at grid steps (d_row, d_col) from it: grey levels, box mean."""
+    height, width = a.shape
+    xx, yy = grid_xy(height, width)
+    mx, my = xx - disparity_px * float(d_col), yy - disparity_px * float(d_row)
+    wrong = cv2.absdiff(cv2.remap(b, mx, my, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), a).astype(np.float32)
+    wrong[(mx < 0) | (mx > width - 1) | (my < 0) | (my > height - 1)] += OUTSIDE
+    return np.asarray(cv2.blur(wrong, _BOX), np.float32)
+
+
+def view_disparity(here: Grey, neighbours: list[tuple[Grey, float, float]]) -> FloatMap:
+    """Disparity of one view, float32 (h, w), from neighbours as (picture, rows away, columns away), fractions allowed.
+
+    Each neighbour gives a map of its own; where it is blind (occlusion, border) it matches badly and loses its say.
+    """
+    maps: list[FloatMap] = []
+    errors: list[FloatMap] = []
+    for there, d_row, d_col in neighbours:
+        shift = flow(here, there)
+        square = d_row * d_row + d_col * d_col
+        found: FloatMap = shift[..., 0] * np.float32(-d_col / square) - shift[..., 1] * np.float32(d_row / square)
+        maps.append(found)
+        if len(neighbours) > 1:
+            errors.append(mismatch(here, there, found, d_row, d_col))
+    if len(maps) == 1:
+        return maps[0]
+    best: FloatMap = np.min(np.stack(errors), axis=0)
+    total, weight = np.zeros_like(best), np.zeros_like(best)
+    for found, error in zip(maps, errors, strict=True):
+        say = np.exp((best - error) * np.float32(1 / SOFTNESS))
+        total += say * found
+        weight += say
+    return total / weight
+
+
+def halved(disparity_px: FloatMap) -> FloatMap:
+    """The map at half resolution (rounded up); values stay in px of the full view."""
+    height, width = disparity_px.shape
+    return np.asarray(cv2.resize(disparity_px, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def neighbour_places(row: int, col: int, rows: int, cols: int) -> list[tuple[int, int]]:
+    """The up to four neighbours of a place in the grid."""
+    places = [(row, col + 1), (row, col - 1), (row + 1, col), (row - 1, col)]
+    return [(r, c) for r, c in places if 0 <= r < rows and 0 <= c < cols]
+
+
+def place_disparity(
+    grey: Callable[[int, int], Grey], row: int, col: int, present: NDArray[np.bool_], offsets: NDArray[np.float32]
+) -> FloatMap | None:
+    """Disparity of the view at (row, col), float32 (h, w), or None where it has no neighbour.
+
+    grey(row, col) gives a view as uint8 (h, w); present and offsets as in LightField.
+    """
+    neighbours: list[tuple[Grey, float, float]] = []
+    for r, c in neighbour_places(row, col, *present.shape):
+        if present[r, c]:
+            d_row, d_col = (float(v) for v in (offsets[r, c] - offsets[row, col]) + np.array([r - row, c - col], np.float32))
+            if d_row * d_row + d_col * d_col > 0.01:  # two cameras in one place tell nothing
+                neighbours.append((grey(r, c), d_row, d_col))
+    return view_disparity(grey(row, col), neighbours) if neighbours else None
+
+
+def luma(planes: NDArray[np.uint8]) -> Grey:
+    """Grey picture uint8 (h, w) of planar (1 or 3, h, w)."""
+    return planes[0] if planes.shape[0] == 1 else np.asarray(cv2.cvtColor(cv2.merge(list(planes)), cv2.COLOR_RGB2GRAY), np.uint8)
+
+
+def estimate_disparity(views: NDArray[np.uint8], offsets: NDArray[np.float32] | None = None) -> FloatMap | None:
+    """Disparity of every view of a grid from its neighbours in that grid, px per step of it.
+
+    views: uint8 (rows, cols, channels, h, w), any subset of a light field (`field.views[0, ::2, ::2]`). offsets: float32
+    (rows, cols, 2) in steps of this grid. Returns float32 (rows, cols, (h + 1) // 2, (w + 1) // 2), or None where there is
+    one view only or the views are smaller than SMALLEST_PX.
+    """
+    rows, cols, _, height, width = views.shape
+    if rows * cols < 2 or min(height, width) < SMALLEST_PX:
+        return None
+    grid = [[luma(np.asarray(views[r, c])) for c in range(cols)] for r in range(rows)]
+    moved = np.zeros((rows, cols, 2), np.float32) if offsets is None else offsets
+    out = np.zeros((rows, cols, (height + 1) // 2, (width + 1) // 2), np.float32)
+    for r in range(rows):
+        for c in range(cols):
+            found = place_disparity(lambda i, j: grid[i][j], r, c, np.ones((rows, cols), bool), moved)
+            if found is not None:
+                out[r, c] = halved(found)
+    return out
+
+
+def quantised(disparity_px: FloatMap, scale_px: float) -> NDArray[np.int8]:
+    """The map as int8 steps of scale_px; what does not fit is clipped."""
+    return np.asarray(np.clip(np.rint(disparity_px * np.float32(1 / scale_px)), -127, 127), np.int8)
+
+
+def scale_for(low_px: float, high_px: float) -> float:
+    """The step of the stored maps: 1/16 px where the range fits (to 7.9 px), else the finest step that holds it."""
+    return max(1 / 16, max(abs(low_px), abs(high_px)) / 127)

@@ -1,0 +1,101 @@
+"""The HCI 4D benchmark: input_Cam000.png ... row by row, parameters.cfg and true disparity where given.
+
+Format: https://lightfield-analysis.uni-konstanz.de (Honauer, Johannsen, Kondermann, Goldluecke, ACCV 2016).
+"""
+
+from __future__ import annotations
+
+import configparser
+import math
+import re
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.scene.files import Listing, read_bytes, read_pfm
+from lfpipe.scene.layouts._grid import asked_grid, files_source, require_whole
+from lfpipe.scene.lightfield import Geometry
+from lfpipe.scene.source import Source, Turn
+
+NAME = "hci"
+_VIEW = re.compile(r"input_Cam(\d{3,5})\.(?:png|jpe?g|ppm)", re.IGNORECASE)
+_TRUTH = re.compile(r"gt_disp_lowres(?:_Cam(\d{3,5}))?\.pfm", re.IGNORECASE)
+
+
+def detect(listing: Listing) -> int | None:
+    return 90 if not listing.is_file and any(_VIEW.fullmatch(name) for name in listing.names) else None
+
+
+def _parameters(path: Path) -> configparser.SectionProxy:
+    """All sections of parameters.cfg in one table; keys vary from scene to scene. Raises UserError."""
+    parser = configparser.ConfigParser(interpolation=None, strict=False)
+    try:
+        parser.read_string(read_bytes(path).decode("utf-8", "replace"))
+    except configparser.Error as error:
+        reason = str(error).splitlines()[0]
+        raise UserError(f"{path}: not in the form of parameters.cfg: {reason}", "move it away, it is not needed") from None
+    whole = configparser.ConfigParser(interpolation=None)
+    whole.read_dict({"all": {key: value for section in parser.sections() for key, value in parser[section].items()}})
+    return whole["all"]
+
+
+def _number(table: configparser.SectionProxy, key: str) -> float | None:
+    """A finite number above zero, or None."""
+    try:
+        value = float(table.get(key, "nan"))
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and value > 0 else None
+
+
+def _geometry(table: configparser.SectionProxy) -> Geometry:
+    """Baseline and focus distance in mm; the focal length in px of the longer side of a view."""
+    focal, sensor = _number(table, "focal_length_mm"), _number(table, "sensor_size_mm")
+    sides = [_number(table, f"image_resolution_{axis}_px") or 0.0 for axis in "xy"]
+    focus = _number(table, "focus_distance_m")
+    return Geometry(
+        baseline_mm=_number(table, "baseline_mm"),
+        focus_distance_mm=focus * 1000 if focus else None,
+        focal_length_px=focal / sensor * max(sides) if focal and sensor and max(sides) else None,
+    )
+
+
+def describe(listing: Listing, scene: config.Scene) -> Source:
+    views = {int(found[1]): name for name in listing.names if (found := _VIEW.fullmatch(name))}
+    if not views:
+        raise UserError(f"{listing.path}: no input_Cam000.png, input_Cam001.png, ...", "give the folder that holds them")
+    cfg = listing.file("parameters.cfg") if "parameters.cfg" in listing.names else None
+    geometry, grid = Geometry(), asked_grid(scene.grid)
+    if cfg:
+        table = _parameters(cfg)
+        geometry = _geometry(table)
+        said = _number(table, "num_cams_y"), _number(table, "num_cams_x")
+        if grid is None and said[0] and said[1]:
+            grid = int(said[0]), int(said[1])
+    if grid is None:
+        side = math.isqrt(max(views) + 1)
+        grid = (side, side) if side * side == max(views) + 1 else (math.isqrt(max(views)) + 1,) * 2
+    rows, cols = grid
+    if max(views) >= rows * cols:
+        last = views[max(views)]
+        raise UserError(f"{listing.path}: {last} lies beyond the grid of {rows}x{cols}", "give the grid with --grid ROWSxCOLS")
+    files = {divmod(index, cols): listing.file(name) for index, name in views.items()}
+    require_whole(listing, files, rows, cols, views[min(views)])
+    truth: dict[tuple[int, int], Callable[[], NDArray[np.float32]]] = {}
+    maps: list[Path] = []
+    for name in sorted(listing.names, key=len):  # a map that names its view comes last and wins
+        if found := _TRUTH.fullmatch(name):
+            index = int(found[1]) if found[1] else (rows // 2) * cols + cols // 2
+            if index < rows * cols:
+                maps.append(listing.file(name))
+                truth[divmod(index, cols)] = partial(read_pfm, maps[-1])
+    return files_source(
+        NAME, listing, files, rows, cols,
+        turn=Turn(), turn_by="the HCI layout is row by row from the top left camera",
+        truth=truth, geometry=geometry, extra_files=(*maps, *([cfg] if cfg else [])),
+    )  # fmt: skip

@@ -1,0 +1,46 @@
+"""Arithmetic of places in the grid: jitter of the cameras, nearest present view, the sign of truth after a turn."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.scene.source import Turn
+
+
+def grid_offsets(coordinates: NDArray[np.float64] | None, turn: Turn, rows: int, cols: int) -> NDArray[np.float32]:
+    """Where each camera stood less its place on the best regular grid, float32 (rows, cols, 2) in steps (row, col).
+
+    coordinates: float64 (rows, cols, 2) in FILE order, (down, right) in any unit, not finite where unknown; rows, cols are
+    canonical. Zeros where there are none or they span no grid.
+    """
+    out = np.zeros((rows, cols, 2), np.float32)
+    if coordinates is None:
+        return out
+    placed = np.array([[coordinates[turn.file_place(r, c, rows, cols)] for c in range(cols)] for r in range(rows)])
+    known = np.isfinite(placed).all(axis=2)
+    row, col = np.nonzero(known)
+    plane = np.stack([np.ones(len(row)), row, col], axis=1).astype(np.float64)
+    for axis, count in ((0, rows), (1, cols)):
+        if count > 1 and len(row) >= 3:
+            fit, *_ = np.linalg.lstsq(plane, placed[row, col, axis], rcond=None)
+            step = fit[1 + axis]
+            if abs(step) > 1e-9:
+                out[row, col, axis] = (placed[row, col, axis] - fit[0] - step * (row if axis == 0 else col)) / step
+    return np.clip(out, -0.49, 0.49)
+
+
+def nearest_present(present: NDArray[np.bool_], row: int, col: int) -> tuple[int, int]:
+    """The present place closest to (row, col), the first in order among equals."""
+    rows, cols = np.nonzero(present)
+    best = int(np.argmin((rows - row) ** 2 + (cols - col) ** 2))
+    return int(rows[best]), int(cols[best])
+
+
+def truth_sign(said: Turn | None, used: Turn) -> int:
+    """1, or -1 where the turn in use is the half-turn of the one the truth holds with, 0 where the truth holds no more."""
+    held = said or Turn()
+    if used.transpose != held.transpose:
+        return 0
+    changed = used.rows != held.rows, used.cols != held.cols
+    return {(False, False): 1, (True, True): -1}.get(changed, 0)

@@ -1,0 +1,72 @@
+"""What a layout says about a scene on disk, before anything is turned or packed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.scene.lightfield import Geometry
+
+
+@attrs.frozen
+class Turn:
+    """How file order becomes canonical order: the grid is transposed first, then its rows and columns are reversed."""
+
+    rows: bool = False
+    cols: bool = False
+    transpose: bool = False
+
+    def file_place(self, row: int, col: int, rows: int, cols: int) -> tuple[int, int]:
+        """Where the view of canonical place (row, col) stands in the file order; rows, cols: the canonical grid."""
+        row = rows - 1 - row if self.rows else row
+        col = cols - 1 - col if self.cols else col
+        return (col, row) if self.transpose else (row, col)
+
+    def grid(self, rows: int, cols: int) -> tuple[int, int]:
+        """The canonical (rows, cols) of a file grid, and the other way round."""
+        return (cols, rows) if self.transpose else (rows, cols)
+
+
+@attrs.frozen(eq=False)
+class Source:
+    """A scene on disk as its layout describes it. Rows and columns here are in FILE order.
+
+    read(frame, row, col): one view, (h, w) or (h, w, 3) RGB, uint8 or uint16 up to max_value; may be called from
+        several threads; raises UserError that names the file.
+    missing: places without a view. files: everything that read and truth read from, for the content key.
+    turn: the way to canonical order where the layout or its coordinates tell it, with the reason in turn_by; else None.
+    coordinates: float64 (rows, cols, 2), where each camera stood, (down, right) in any one unit, or None.
+    truth: true disparity by file place, as functions that read float32 (h, w) in px per canonical grid step, positive
+        nearer, and hold with `turn` (no turn where that is None).
+    linear: the values are linear light. notes: what a person should know, one sentence each.
+    """
+
+    layout: str
+    path: Path
+    files: tuple[Path, ...]
+    rows: int
+    cols: int
+    read: Callable[[int, int, int], NDArray[Any]]
+    height_px: int
+    width_px: int
+    max_value: int = 255
+    frames: int = 1
+    frame_rate_hz: float = 0.0
+    missing: frozenset[tuple[int, int]] = frozenset()
+    turn: Turn | None = None
+    turn_by: str = ""
+    coordinates: NDArray[np.float64] | None = None
+    truth: Mapping[tuple[int, int], Callable[[], NDArray[np.float32]]] = attrs.field(factory=dict)
+    geometry: Geometry = attrs.field(factory=Geometry)
+    linear: bool = False
+    notes: tuple[str, ...] = ()
+
+    @property
+    def bit_depth(self) -> int:
+        """Bits that the source's values take."""
+        return self.max_value.bit_length()
