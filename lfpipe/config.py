@@ -55,7 +55,7 @@ class Render:
     clock: Annotated[Literal["display", "camera"], Opt("display: a picture for every refresh, eyes predicted to it; camera: one picture per camera frame, as in the paper")] = "display"
     rate_hz: Annotated[float, Opt("refresh rate of the display clock", "Hz", 1, 1000)] = 60.0
     method: Annotated[Literal["auto", "nearest", "blend", "warp", "warp2"], Opt("how a view between the stored views is made; nearest is the paper's", live=True)] = "auto"
-    alpha_px: Annotated[float | Literal["auto"], Opt("camera pixels between neighbouring views of the grid; auto: from geometry and comfort", "px", 1e-9, 1e9, live=True)] = "auto"
+    alpha_px: Annotated[float | Literal["auto", "true"], Opt("camera pixels between neighbouring views of the grid; auto: from geometry and comfort; true: depth as in nature", "px", 1e-9, 1e9, live=True)] = "auto"
     anaglyph: Annotated[
         Literal["colour", "grey", "half-colour", "wimmer", "dubois", "dubois-green-magenta", "dubois-amber-blue", "mono", "side-by-side", "row-interleaved"],
         Opt("how the two eyes' views share one picture; colour is the paper's", live=True),
