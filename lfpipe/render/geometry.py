@@ -1,0 +1,185 @@
+"""From the viewer's distance, the screen and the scene's disparities to alpha: how far apart the eyes stand on the grid of views.
+
+The eyes are S views apart, `alpha = IPD_px / S`. A scene of baseline b and focus distance F seen from Z by eyes e apart is true
+to nature at `S_true = e F / (b Z)`; fewer views flatten it by `g = S / S_true`, for both stereo and motion alike, so the scene
+stays rigid. How many views are comfortable follows from what the eyes can fuse: on the screen the two images of a point of
+disparity d lie `S |d - zero plane| pitch` apart, and that may be 1 degree of visual angle and 3 % of the picture's width.
+"""
+
+from __future__ import annotations
+
+import math
+
+import attrs
+
+from lfpipe.config import Config
+from lfpipe.errors import UserError
+from lfpipe.scene.lightfield import LightField
+
+EYES_MM = 63.0  # mean distance between adult eyes (Dodgson 2004); most people 50..75
+SEAT_MM = 600.0  # where a viewer is taken to sit until their eyes are seen
+BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
+FUSED_RAD = math.radians(1.0)
+FUSED_WIDTH = 0.03
+DEFAULT_VIEWS = 4.0  # between the eyes, where the disparities are unknown
+LEAST_VIEWS = 1e-3
+
+
+@attrs.frozen
+class Parallax:
+    """What was chosen and why; `str()` gives the lines that `lfpipe up` prints.
+
+    alpha_px: camera px per view. views_between_eyes: S. compression: g, None where the capture's geometry is unknown.
+    comfort_views, true_views: what S may be and would be in nature, None where unknown. exceeds_comfort: S > comfort_views.
+    window_zero_plane_px: the zero plane that puts the whole scene behind the screen, so that its edge never cuts what is near.
+    """
+
+    alpha_px: float
+    views_between_eyes: float
+    compression: float | None
+    comfort_views: float | None
+    true_views: float | None
+    exceeds_comfort: bool
+    distance_mm: float
+    eyes_px: float
+    window_zero_plane_px: float
+    reasons: tuple[str, ...]
+
+    def __str__(self) -> str:
+        depth = "unknown (no baseline or focus distance)" if self.compression is None else f"{self.compression:.2f} of true depth"
+        lines = [f"alpha {self.alpha_px:.2f} px/view, {self.views_between_eyes:.2f} views between the eyes, depth {depth}"]
+        return "\n".join(lines + [f"  {reason}" for reason in self.reasons])
+
+
+def camera_focal_px(config: Config, frame_width_px: int) -> float:
+    """Focal length of the webcam in px of a frame that wide, from camera.focal_px or camera.fov_deg."""
+    if config.camera.focal_px != "auto":
+        return float(config.camera.focal_px) * frame_width_px / config.camera.width_px
+    return frame_width_px / 2 / math.tan(math.radians(config.camera.fov_deg) / 2)
+
+
+def focal_px_from(size_px: float, size_mm: float, distance_mm: float) -> float:
+    """Focal length in px from one thing of known size at a known distance: eyes (EYES_MM) or a bank card (BANK_CARD_MM).
+
+    Raises UserError unless all three are positive.
+    """
+    if not all(math.isfinite(value) and value > 0 for value in (size_px, size_mm, distance_mm)):
+        raise UserError(
+            f"no focal length from {size_px:g} px, {size_mm:g} mm at {distance_mm:g} mm", "all three must be positive numbers"
+        )
+    return size_px * distance_mm / size_mm
+
+
+def parallax(config: Config, field: LightField, frame_width_px: int, eyes_px: float | None, eyes_mm: float = EYES_MM) -> Parallax:
+    """Chooses alpha.
+
+    frame_width_px: of the camera picture. eyes_px: distance between the eyes in it, None (or 0, or not finite) before a face is
+    seen. eyes_mm: the viewer's own distance between the eyes where it was learnt.
+    Raises UserError where alpha_px = "true" is asked of a scene whose capture is not known.
+    """
+    focal_px = camera_focal_px(config, frame_width_px)
+    seen = eyes_px if eyes_px is not None and math.isfinite(eyes_px) and eyes_px > 0 else None
+    reasons: list[str] = []
+    if config.screen.distance_mm != "auto":
+        distance_mm = float(config.screen.distance_mm)
+        reasons.append(f"viewer {distance_mm:.0f} mm from the screen, as configured")
+    elif seen is not None:
+        distance_mm = min(max(focal_px * eyes_mm / seen, 50.0), 50000.0)
+        reasons.append(f"viewer {distance_mm:.0f} mm from the screen, from eyes {seen:.0f} px apart")
+    else:
+        distance_mm = SEAT_MM
+        reasons.append(f"viewer taken to sit at {distance_mm:.0f} mm until a face is seen")
+    eyes = seen if seen is not None else focal_px * eyes_mm / distance_mm
+
+    comfort, why = _comfort_views(config, field, distance_mm, eyes_mm)
+    true = _true_views(config, field, distance_mm, eyes_mm)
+    room = max(field.cols - 1, 1 if field.cols > 1 else field.rows - 1, 1) / 2
+    if config.render.alpha_px == "true":
+        if true is None:
+            raise UserError(
+                f'render.alpha_px = "true": the baseline and focus distance of {field.name or "this scene"} are not known',
+                'render.alpha_px = "auto", or a number',
+            )
+        views = true
+        reasons.append(f"{views:.2f} views between the eyes is true to nature")
+    elif config.render.alpha_px == "auto":
+        limits = [(room, f"half of the {field.cols} columns, so that the other half is left to move in")]
+        if comfort is None:
+            limits.append((DEFAULT_VIEWS, "disparities unknown"))
+        else:
+            limits.append((comfort, why))
+        if true is not None:
+            limits.append((true, "true to nature"))
+        views, reason = min(limits)
+        views = max(views, LEAST_VIEWS)
+        reasons.append(f"{views:.2f} views between the eyes: {reason}")
+    else:
+        views = eyes / float(config.render.alpha_px)
+        reasons.append(f"{views:.2f} views between the eyes, from render.alpha_px")
+    exceeds = comfort is not None and views > comfort * (1 + 1e-9)
+    if exceeds and comfort is not None:
+        best = eyes / comfort
+        reasons.append(f"beyond comfort, which ends at {comfort:.2f} views ({why}): take render.alpha_px of {best:.1f} or more")
+    near_px = field.disparity_max_px
+    if near_px > config.render.zero_plane_px:
+        reasons.append(f"near things stand before the screen; render.zero_plane_px={near_px:.2f} puts all behind it")
+    return Parallax(
+        alpha_px=eyes / views,
+        views_between_eyes=views,
+        compression=None if true is None else views / true,
+        comfort_views=comfort,
+        true_views=true,
+        exceeds_comfort=exceeds,
+        distance_mm=distance_mm,
+        eyes_px=eyes,
+        window_zero_plane_px=field.disparity_max_px,
+        reasons=tuple(reasons),
+    )
+
+
+def _comfort_views(config: Config, field: LightField, distance_mm: float, eyes_mm: float) -> tuple[float | None, str]:
+    """Views between the eyes up to which everything can be fused, and the limit that decides; None: disparities unknown."""
+    zero = config.render.zero_plane_px
+    pitch_mm = config.screen.width_mm / field.width_px
+    extent_mm = max(abs(field.disparity_max_px - zero), abs(field.disparity_min_px - zero)) * pitch_mm
+    if field.disparity_source == "none" or not extent_mm > 0:
+        return None, "disparities unknown"
+    behind_mm = max(zero - field.disparity_min_px, 0.0) * pitch_mm
+    limits = [
+        (FUSED_RAD * distance_mm / extent_mm, "1 degree between the eyes' images"),
+        (FUSED_WIDTH * config.screen.width_mm / extent_mm, f"{FUSED_WIDTH:.0%} of the picture's width between the eyes' images"),
+    ]
+    if behind_mm > 0:
+        limits.append((eyes_mm / behind_mm, "the eyes must not diverge"))
+    return min(limits)
+
+
+def _slope(config: Config, field: LightField) -> float | None:
+    """Baseline over the distance of the zero plane, or None where the capture is not known."""
+    known = field.geometry
+    if not known.baseline_mm or not known.focus_distance_mm:
+        return None
+    slope = known.baseline_mm / known.focus_distance_mm
+    if known.focal_length_px and config.render.zero_plane_px:
+        slope += config.render.zero_plane_px / known.focal_length_px
+    return slope if slope > 0 else None
+
+
+def _true_views(config: Config, field: LightField, distance_mm: float, eyes_mm: float) -> float | None:
+    slope = _slope(config, field)
+    return None if slope is None else eyes_mm / (slope * distance_mm)
+
+
+def dolly_views_per_px(config: Config, field: LightField, distance_mm: float, compression: float) -> float:
+    """How the viewpoint changes across the picture, in views per px of a stored view, for a viewer at distance_mm.
+
+    0 at the one distance from which the picture subtends what the capturing camera saw; it changes sign there. Add
+    `(x - middle) * dolly` to the column for pixel column x. 0 where the capture is not known.
+    """
+    known = field.geometry
+    if not known.baseline_mm or not known.focus_distance_mm or not known.focal_length_px or not distance_mm > 0:
+        return 0.0
+    focus_width_mm = known.focus_distance_mm * field.width_px / known.focal_length_px
+    right_mm = known.focus_distance_mm * config.screen.width_mm / focus_width_mm
+    per_px = known.focus_distance_mm / (known.baseline_mm * known.focal_length_px)
+    return compression * per_px * (1 - right_mm / distance_mm)
