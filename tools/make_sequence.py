@@ -1,0 +1,145 @@
+"""A video of a face in known motion, from any portrait picture, and the truth about its eyes.
+
+    python tools/make_sequence.py OUT.avi [--portrait PICTURE] [--seconds S] [--rate HZ] [--noise DN] [--seed N]
+
+Writes OUT.avi (640x480 Motion JPEG of high quality: every frame stands alone, cv2.VideoCapture reads it) and OUT.csv, the truth:
+
+    source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,visible,phase
+
+one row per frame: source_seq counts frames from 0; t_ns is the frame's time from the start of the video; eye centres (mean of the
+16 periocular landmarks, the viewer's own left and right) in px of the unmirrored picture, with pixel centres at whole numbers;
+visible is 1 while both eyes are inside the picture; phase is still, reach, sway, stop, approach, retreat, leave or enter.
+The path is lfpipe.capture.motion.viewer_path. The landmarks are found once, on a noise-free picture of the portrait; from then on
+truth is the known map from portrait to picture. Without --portrait: the photograph in matplotlib's sample data.
+"""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import sys
+from pathlib import Path
+
+import click
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.capture.motion import Place, duration_s, place_at, viewer_path
+from lfpipe.errors import UserError
+from lfpipe.track.litert_engine import LitertEngine
+
+WIDTH_PX, HEIGHT_PX = 640, 480
+FOCAL_PX = 600.0  # 56 degrees across, an ordinary webcam
+EYES_MM = 63.0  # between the eyes of an adult
+HOME_MM = 600.0
+BACKGROUND = np.array([96, 92, 88], np.float32)
+
+
+def sample_portrait() -> Path:
+    """The portrait photograph of matplotlib's sample data, found without importing matplotlib. Raises UserError if absent."""
+    spec = importlib.util.find_spec("matplotlib")
+    for folder in (spec.submodule_search_locations or []) if spec else []:
+        path = Path(folder) / "mpl-data" / "sample_data" / "grace_hopper.jpg"
+        if path.is_file():
+            return path
+    raise UserError("matplotlib's sample portrait is not installed", "give a picture of a face with --portrait")
+
+
+class Puppet:
+    """A portrait that can be placed anywhere before a pinhole camera.
+
+    portrait: uint8 (h, w, 3) BGR. Raises UserError where no face is found in it.
+    """
+
+    def __init__(self, portrait: NDArray[np.uint8]) -> None:
+        engine = LitertEngine()
+        face = engine.detect(portrait)
+        if face is None:
+            raise UserError("no face found in the portrait", "give a picture of one person from the front")
+        # first to the size it has at home, with proper averaging: the warps that follow then hardly change it
+        factor = EYES_MM * FOCAL_PX / HOME_MM / float(np.linalg.norm(face.eyes_px[0] - face.eyes_px[1]))
+        how = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
+        self._picture = cv2.resize(portrait, None, fx=factor, fy=factor, interpolation=how)
+        height_px, width_px = self._picture.shape[:2]
+        edge = np.zeros((height_px, width_px), np.float32)
+        edge[12:-12, 12:-12] = 1.0
+        self._mask = cv2.GaussianBlur(edge, (0, 0), 5.0)[..., None]
+        self._middle = face.eyes_px.mean(axis=0) * factor
+        home = (0.0, 0.0, HOME_MM)
+        still, map_ = self.draw(home).astype(np.uint8), self.map(home)
+        engine.reset()
+        for _ in range(5):  # the region of interest settles
+            face = engine.detect(still)
+        if face is None:
+            raise UserError("the face of the portrait is lost when scaled", "give a larger or sharper picture")
+        self._eyes = (face.eyes_px - map_[:, 2]) @ np.linalg.inv(map_[:, :2]).T
+
+    def map(self, place_mm: Place) -> NDArray[np.float64]:
+        """Affine (2, 3) from px of the scaled portrait to px of the picture."""
+        x, y, z = place_mm
+        scale = HOME_MM / z
+        middle = np.array([(WIDTH_PX - 1) / 2 + FOCAL_PX * x / z, (HEIGHT_PX - 1) / 2 + FOCAL_PX * y / z])
+        return np.column_stack([np.eye(2) * scale, middle - self._middle * scale])
+
+    def eyes_px(self, place_mm: Place) -> NDArray[np.float64]:
+        """True eye centres, (2, 2), left first."""
+        map_ = self.map(place_mm)
+        return np.asarray(self._eyes @ map_[:, :2].T + map_[:, 2], np.float64)
+
+    def draw(self, place_mm: Place) -> NDArray[np.float32]:
+        """The picture without noise: float32 (480, 640, 3), 0..255."""
+        map_, size = self.map(place_mm), (WIDTH_PX, HEIGHT_PX)
+        face = cv2.warpAffine(self._picture, map_, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        mask = np.asarray(cv2.warpAffine(self._mask, map_, size, flags=cv2.INTER_LINEAR), np.float32)[..., None]
+        return np.asarray(mask * face + (1 - mask) * BACKGROUND, np.float32)
+
+
+@click.command()
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--portrait", type=click.Path(path_type=Path), help="Picture of a face; matplotlib's sample without it.")
+@click.option("--seconds", type=click.FloatRange(0.1), help="Cut the path off here.")
+@click.option("--rate", default=30.0, type=click.FloatRange(1, 240), show_default=True, help="Frames per second.")
+@click.option("--noise", default=2.0, type=click.FloatRange(0, 50), show_default=True, help="Deviation of the sensor noise, DN.")
+@click.option("--seed", default=1, show_default=True, help="Of the noise.")
+def main(out: Path, portrait: Path | None, seconds: float | None, rate: float, noise: float, seed: int) -> None:
+    """Writes OUT.avi and OUT.csv: a face in known motion and where its eyes are."""
+    cv2.setNumThreads(1)
+    try:
+        write(out, portrait or sample_portrait(), seconds, rate, noise, seed)
+    except UserError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(2)
+
+
+def write(out: Path, portrait: Path, seconds: float | None, rate_hz: float, noise_dn: float, seed: int) -> None:
+    """See the module. Raises UserError where the portrait cannot be read, holds no face, or OUT cannot be written."""
+    picture = cv2.imread(str(portrait))
+    if picture is None:
+        raise UserError(f"{portrait}: not a picture that can be read", "give a JPEG or PNG file")
+    puppet = Puppet(np.asarray(picture, np.uint8))
+    path = viewer_path(HOME_MM, WIDTH_PX / 2 * HOME_MM / FOCAL_PX)
+    frames = round((min(seconds, duration_s(path)) if seconds else duration_s(path)) * rate_hz)
+    video, truth = out.with_suffix(".avi"), out.with_suffix(".csv")
+    codec = cv2.VideoWriter.fourcc(*"MJPG")
+    size, quality = (WIDTH_PX, HEIGHT_PX), [cv2.VIDEOWRITER_PROP_QUALITY, 95]
+    writer = cv2.VideoWriter(str(video), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, size, quality)
+    if not writer.isOpened():
+        raise UserError(f"{video}: cannot be written", "give a file in a folder that exists and is writable")
+    rng = np.random.default_rng(seed)
+    with truth.open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["source_seq", "t_ns", "left_x_px", "left_y_px", "right_x_px", "right_y_px", "visible", "phase"])
+        for seq in range(frames):
+            place, phase = place_at(path, seq / rate_hz)
+            image = puppet.draw(place) + rng.standard_normal((HEIGHT_PX, WIDTH_PX, 3), np.float32) * np.float32(noise_dn)
+            writer.write(np.clip(np.rint(image), 0, 255).astype(np.uint8))
+            eyes = puppet.eyes_px(place)
+            inside = bool(np.all(eyes >= 0) and np.all(eyes < (WIDTH_PX, HEIGHT_PX)))
+            rows.writerow([seq, round(seq / rate_hz * 1e9), *(f"{value:.4f}" for value in eyes.ravel()), int(inside), phase])
+    writer.release()
+    click.echo(f"{video}: {frames} frames at {rate_hz:g} Hz, noise {noise_dn:g} DN; truth in {truth}")
+
+
+if __name__ == "__main__":
+    main()
