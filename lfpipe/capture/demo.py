@@ -1,0 +1,125 @@
+"""The demo's viewer: matplotlib's sample portrait moved along a known smooth path, so that no camera is needed."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.capture.schedule import EvenSchedule
+from lfpipe.capture.source import Frame, SourceInfo
+from lfpipe.errors import UserError
+
+# Mean of the 16 landmarks around each eye in the portrait, the left eye of the sitter first, as FaceMesh finds them.
+PORTRAIT_EYES_PX = np.array([[308.0, 188.1], [220.2, 193.0]])
+EYE_DISTANCE_PX = 65.0  # in a frame of 640x480: someone 600 mm before a webcam
+EYE_LINE = 0.47  # of the frame's height, for the middle of the path
+FRAME_PX = (640, 480)  # the size that lengths in px here are meant for; other sizes scale with it
+
+
+def portrait_path() -> Path:
+    """Where matplotlib keeps the portrait; matplotlib itself is not imported. Raises UserError where it is missing."""
+    spec = importlib.util.find_spec("matplotlib")
+    if spec is None or spec.origin is None:
+        raise UserError("demo: matplotlib, which brings the portrait, is not installed", "install it: pip install matplotlib")
+    path = Path(spec.origin).parent / "mpl-data" / "sample_data" / "grace_hopper.jpg"
+    if not path.is_file():
+        raise UserError(f"demo: {path} is missing", "install matplotlib whole, or use --camera file:PATH with a recording")
+    return path
+
+
+def demo_pose(t_s: float) -> tuple[float, float, float, float]:
+    """The head at time t_s: (right_px, down_px) from the middle of a 640x480 frame, roll in rad, size relative to the mean.
+
+    Sums of sines: smooth at any time, without an end, and slow enough for a head (90 px/s at the most).
+    """
+    turn = 2 * math.pi * t_s
+    right_px = 62 * math.sin(turn / 7.3) + 14 * math.sin(turn / 3.1)
+    down_px = 16 * math.sin(turn / 5.9 + 1.0)
+    return right_px, down_px, 0.05 * math.sin(turn / 6.7 + 0.4), 1 + 0.04 * math.sin(turn / 9.1)
+
+
+def _frame_scale(width_px: int, height_px: int) -> float:
+    return min(width_px / FRAME_PX[0], height_px / FRAME_PX[1])
+
+
+def _head_matrix(t_s: float, width_px: int, height_px: int) -> NDArray[np.float64]:
+    """(2, 3): from px about the point between the eyes, in a head of mean size, to px of the frame."""
+    scale = _frame_scale(width_px, height_px)
+    right_px, down_px, roll_rad, size = demo_pose(t_s)
+    cos, sin = size * math.cos(roll_rad), size * math.sin(roll_rad)
+    x, y = width_px / 2 + scale * right_px, EYE_LINE * height_px + scale * down_px
+    return np.array([[cos, -sin, x], [sin, cos, y]])
+
+
+def demo_eyes_px(t_s: float, width_px: int = FRAME_PX[0], height_px: int = FRAME_PX[1]) -> NDArray[np.float64]:
+    """Where the eyes are in the frame of time t_s: (2, 2), [[left x, left y], [right x, right y]] of the sitter's own eyes."""
+    about = (PORTRAIT_EYES_PX - PORTRAIT_EYES_PX.mean(axis=0)) * _portrait_scale(width_px, height_px)
+    matrix = _head_matrix(t_s, width_px, height_px)
+    return about @ matrix[:, :2].T + matrix[:, 2]
+
+
+def _portrait_scale(width_px: int, height_px: int) -> float:
+    return EYE_DISTANCE_PX * _frame_scale(width_px, height_px) / float(np.linalg.norm(PORTRAIT_EYES_PX[0] - PORTRAIT_EYES_PX[1]))
+
+
+def backdrop(width_px: int, height_px: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """The portrait at the size it is shown with, its surroundings carried on out of focus: (BGR picture, point between the eyes).
+
+    Larger than a frame by what the path needs on each side.
+    """
+    portrait = cv2.imread(str(portrait_path()), cv2.IMREAD_COLOR)
+    if portrait is None:
+        raise UserError(f"demo: {portrait_path()} cannot be read", "install matplotlib anew")
+    scale = _portrait_scale(width_px, height_px)
+    small = cv2.resize(portrait, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    rows, cols = small.shape[:2]
+    middle = PORTRAIT_EYES_PX.mean(axis=0) * scale
+    reach = np.array([width_px, height_px]) * 0.72
+    left, top = (math.ceil(v) for v in np.maximum(reach - middle, 0))
+    right, bottom = (math.ceil(v) for v in np.maximum(reach - (np.array([cols, rows]) - middle), 0))
+    wide = cv2.copyMakeBorder(small, top, bottom, left, right, cv2.BORDER_REPLICATE)
+    soft = cv2.GaussianBlur(wide, (0, 0), 0.05 * height_px)
+    mask = np.zeros((rows, cols), np.float32)
+    edge = max(2, round(0.06 * rows))
+    mask[edge:, edge:-edge] = 1.0
+    mask = cv2.GaussianBlur(mask, (0, 0), edge / 2.5, borderType=cv2.BORDER_REPLICATE)
+    mask = cv2.copyMakeBorder(mask, top, bottom, left, right, cv2.BORDER_REPLICATE)[..., None]
+    mixed = wide * mask + soft * (1 - mask)
+    return np.asarray(mixed + 0.5, np.uint8), middle + (left, top)
+
+
+class DemoSource:
+    """Frames of camera.width_px x camera.height_px at camera.rate_hz, without an end; frame k shows the head at k / rate_hz."""
+
+    def __init__(self, camera: config.Camera) -> None:
+        """Raises UserError where the portrait is missing."""
+        self._size = camera.width_px, camera.height_px
+        self._picture, self._middle = backdrop(*self._size)
+        self._schedule = EvenSchedule(camera.rate_hz)
+        self._seq = 0
+        self._start_ns = 0
+        self.info = SourceInfo("demo", camera.width_px, camera.height_px, camera.rate_hz, live=False)
+
+    def read(self, out: NDArray[np.uint8]) -> Frame | None:
+        """See `Source.read`; out may have another size than the camera's. Never returns None."""
+        height_px, width_px = out.shape[:2]
+        after_ns = self._schedule.due_ns(self._seq)
+        matrix = _head_matrix(after_ns / 1e9, *self._size)
+        matrix[:, 2] -= matrix[:, :2] @ self._middle
+        fit = np.diag([width_px / self._size[0], height_px / self._size[1]])
+        cv2.warpAffine(self._picture, fit @ matrix, (width_px, height_px), dst=out, borderMode=cv2.BORDER_REPLICATE)
+        if self._seq == 0:
+            self._start_ns = time.monotonic_ns()
+        frame = Frame(self._seq, self._start_ns + after_ns, 0)
+        self._seq += 1
+        return frame
+
+    def close(self) -> None:
+        pass

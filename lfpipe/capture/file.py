@@ -1,0 +1,70 @@
+"""A recording as a source: the stand-in for a camera, with due times that never drift."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.capture.pictures import open_recording
+from lfpipe.capture.schedule import EvenSchedule, StampSchedule
+from lfpipe.capture.source import Frame, SourceInfo
+from lfpipe.capture.spec import FileSpec
+from lfpipe.errors import UserError
+
+
+class FileSource:
+    """Plays a video or a folder of pictures. Frame 0 is due when it has first been decoded, the others relative to it.
+
+    pace a number: frame k is due exactly k periods later; "recorded": at the file's own stamps and rate (camera.rate_hz where it
+    has none); "max": each frame is due the moment it is decoded. source_seq goes on counting when a looped file starts over.
+    """
+
+    def __init__(self, spec: FileSpec, camera: config.Camera) -> None:
+        """Raises UserError where the file is missing or cannot be decoded."""
+        self._spec = spec
+        self._recording = open_recording(spec.path)
+        own_hz = self._recording.rate_hz
+        rate_hz = spec.pace if isinstance(spec.pace, float) else own_hz or camera.rate_hz
+        stamped = spec.pace == "recorded" and own_hz > 0
+        self._stamps = StampSchedule(rate_hz) if stamped else None
+        self._even = EvenSchedule(rate_hz)
+        self._seq = 0
+        self._start_ns = 0
+        width_px, height_px = self._recording.width_px, self._recording.height_px
+        notes = []
+        if (width_px, height_px) != (camera.width_px, camera.height_px):
+            notes.append(f"frames of {width_px}x{height_px} are scaled to {camera.width_px}x{camera.height_px}")
+        if spec.pace == "recorded" and own_hz == 0:
+            notes.append(f"no frame rate of its own: played at camera.rate_hz = {rate_hz:g} Hz")
+        self.info = SourceInfo(f"file:{spec.path}", width_px, height_px, rate_hz, live=False, notes=tuple(notes))
+
+    def read(self, out: NDArray[np.uint8]) -> Frame | None:
+        """See `Source.read`; never sleeps, and returns None at the end of a file that is not looped."""
+        stamp_ns = self._recording.next(out)
+        if stamp_ns is None and self._spec.loop:
+            self._recording.rewind()
+            if self._stamps is not None:
+                self._stamps.restart()
+            stamp_ns = self._recording.next(out)
+            if stamp_ns is None:
+                raise UserError(f"{self._spec.path}: cannot be read a second time", "play it once, with loop=0")
+        if stamp_ns is None:
+            return None
+        now_ns = time.monotonic_ns()
+        if self._seq == 0:
+            self._start_ns = now_ns
+        if self._spec.pace == "max":
+            due_ns = now_ns
+        elif self._stamps is not None:
+            due_ns = self._start_ns + self._stamps.due_ns(stamp_ns)
+        else:
+            due_ns = self._start_ns + self._even.due_ns(self._seq)
+        frame = Frame(self._seq, due_ns, 0)
+        self._seq += 1
+        return frame
+
+    def close(self) -> None:
+        self._recording.close()

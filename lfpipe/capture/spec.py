@@ -1,0 +1,107 @@
+"""What a person may type for a source of frames, taken apart: `camera:N`, `camera:/dev/videoN`, `file:PATH[?...]`, `demo`."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Literal
+
+import attrs
+
+from lfpipe.errors import UserError
+
+FORMS = "camera:N, camera:/dev/videoN, file:PATH, file:PATH?loop=0|1&pace=recorded|max|HZ, or demo"
+MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
+
+
+@attrs.frozen
+class CameraSpec:
+    """A device; path is of the device file."""
+
+    path: Path
+
+
+@attrs.frozen
+class FileSpec:
+    """A video, a picture or a folder of pictures. pace: the recording's own times, as fast as it decodes, or a rate in Hz."""
+
+    path: Path
+    loop: bool = True
+    pace: float | Literal["recorded", "max"] = "recorded"
+
+
+@attrs.frozen
+class DemoSpec:
+    """The portrait on a path."""
+
+
+Spec = CameraSpec | FileSpec | DemoSpec
+
+
+def _device(text: str, whole: str) -> CameraSpec:
+    if text.isascii() and text.isdigit():
+        return CameraSpec(Path(f"/dev/video{int(text)}"))
+    if text.startswith("/"):
+        return CameraSpec(Path(text))
+    raise UserError(f"{whole!r}: {text!r} is neither a number nor a device path", "for example camera:0 or camera:/dev/video0")
+
+
+def _pace(value: str) -> float | Literal["recorded", "max"]:
+    if value == "recorded":
+        return "recorded"
+    if value == "max":
+        return "max"
+    example = "for example pace=30, or pace=max for no pace at all"
+    try:
+        rate_hz = float(value)
+    except ValueError:
+        close = difflib.get_close_matches(value, ["recorded", "max"], 1, 0.5)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        raise UserError(f"pace={value}: not recorded, max or a rate in Hz{hint}", example) from None
+    if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:  # false for nan too
+        raise UserError(f"pace={value}: out of range: {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz", example)
+    return rate_hz
+
+
+def _file(text: str) -> FileSpec:
+    path, mark, query = text.rpartition("?")
+    if not mark:
+        path, query = text, ""
+    if not path:
+        raise UserError("file: names no file", "for example file:walk.mp4")
+    spec = FileSpec(Path(path).expanduser())
+    for item in query.split("&") if query else ():
+        name, sign, value = item.partition("=")
+        if not sign:
+            remedy = "a path that holds a '?' itself needs another '?' at its end"
+            raise UserError(f"{item!r} in {'file:' + text!r} is not NAME=VALUE", remedy)
+        if name == "loop":
+            if value not in ("0", "1"):
+                raise UserError(f"loop={value}: not 0 or 1", "loop=0 ends with the file, loop=1 starts it over")
+            spec = attrs.evolve(spec, loop=value == "1")
+        elif name == "pace":
+            spec = attrs.evolve(spec, pace=_pace(value))
+        else:
+            close = difflib.get_close_matches(name, ["loop", "pace"], 1, 0.4)
+            hint = f", did you mean {close[0]!r}?" if close else ""
+            remedy = "a file takes loop=0|1 and pace=recorded|max|HZ"
+            raise UserError(f"{name!r} in {'file:' + text!r}: unknown parameter{hint}", remedy)
+    return spec
+
+
+def parse_source(text: str) -> Spec:
+    """text as a Spec; looks at nothing but the text.
+
+    Raises UserError that names the part that is wrong.
+    """
+    scheme, colon, rest = text.partition(":")
+    if text == "demo":
+        return DemoSpec()
+    if scheme == "camera" and colon:
+        return _device(rest, text)
+    if scheme == "file" and colon:
+        return _file(rest)
+    schemes = {"camera": "camera:0", "file": "file:PATH", "demo": "demo"}
+    close = difflib.get_close_matches(scheme, schemes, 1, 0.5)
+    hint = f" (did you mean {schemes[close[0]]!r}?)" if close else ""
+    raise UserError(f"{text!r}: not a source of frames{hint}", f"one of {FORMS}")
