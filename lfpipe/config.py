@@ -5,6 +5,7 @@ unit, range, and whether a running session takes the change (`live`).
 """
 
 import difflib
+import functools
 import os
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -137,6 +138,7 @@ def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
     return f"{value!r} is not {' or '.join(names)}"
 
 
+@functools.cache
 def _converter() -> cattrs.Converter:
     converter = cattrs.Converter(forbid_extra_keys=True)
 

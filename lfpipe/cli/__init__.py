@@ -1,0 +1,74 @@
+"""What a person can type. Each command is a few lines that call a room below; rooms are imported when a command runs."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import sys
+
+import click
+
+from lfpipe import __version__
+from lfpipe.cli.config import config
+from lfpipe.cli.ctl import ctl
+from lfpipe.cli.doctor import doctor
+from lfpipe.cli.monitor import monitor
+from lfpipe.cli.scene import scene
+from lfpipe.cli.up import up
+from lfpipe.errors import UserError
+
+
+class Suggesting(click.Group):
+    """A group that asks "did you mean" for its commands, as click does for options."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            close = difflib.get_close_matches(args[0], self.list_commands(ctx), 1, 0.5)
+            if close:
+                error.message += f" Did you mean {close[0]!r}?"
+            raise
+
+
+@click.group(cls=Suggesting, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="lfpipe")
+def cli() -> None:
+    """A light field you look into: a webcam follows your eyes, red/cyan glasses give each its view.
+
+    Start with: lfpipe up --demo
+    """
+
+
+@cli.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the completion script of a shell: eval "$(lfpipe completion bash)"."""
+    from click.shell_completion import get_completion_class
+
+    made = get_completion_class(shell)
+    assert made is not None
+    click.echo(made(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").source())
+
+
+for command in (up, monitor, ctl, scene, config, doctor):
+    cli.add_command(command)
+
+
+def run() -> None:
+    """Runs the command line and turns mistakes of the user into one message and exit code 2."""
+    try:
+        code = cli(prog_name="lfpipe", standalone_mode=False)
+        sys.stdout.flush()
+    except UserError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(2)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except click.Abort:
+        sys.exit(130)
+    except BrokenPipeError:  # the reader of our output went away: `lfpipe ... | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)
+    sys.exit(code if isinstance(code, int) else 0)

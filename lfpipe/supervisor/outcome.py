@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import attrs
 
 
@@ -13,3 +15,4 @@ class Outcome:
     failure: str | None = None
     remedy: str = ""
     user_error: bool = False
+    final: dict[str, Any] = attrs.field(factory=dict)  # the state at the end, as `snapshot` gives it

@@ -20,6 +20,7 @@ import zmq
 from lfpipe import config as config_module
 from lfpipe.config import Config
 from lfpipe.errors import UserError
+from lfpipe.observe.snapshot import snapshot
 from lfpipe.supervisor import child, rundir
 from lfpipe.supervisor.desk import Desk
 from lfpipe.supervisor.outcome import Outcome
@@ -67,6 +68,8 @@ class Supervisor:
             with control.context() as ctx:
                 self._desk = Desk(ctx, self)
                 self._loop(duration_s)
+                assert self.outcome is not None
+                self.outcome.final = snapshot(self.session.name, self.table, self.started_ns)
                 self._stop_all()
                 self._desk.close()
         finally:
@@ -74,7 +77,6 @@ class Supervisor:
                 signal.signal(signum, handler)
             self._unlink()
             rundir.release(self.session, lock)
-        assert self.outcome is not None
         return self.outcome
 
     def _signalled(self, signum: int, _frame: FrameType | None) -> None:

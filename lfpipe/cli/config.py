@@ -1,0 +1,53 @@
+"""`lfpipe config`: the configuration, written, shown and checked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from lfpipe.cli.options import with_config
+
+
+@click.group()
+def config() -> None:
+    """Write, show and check the configuration."""
+
+
+@config.command()
+@click.argument("path", required=False, type=click.Path(path_type=Path))
+def init(path: Path | None) -> None:
+    """Write every key with its default, unit and meaning to PATH, or to your own settings."""
+    from lfpipe.config import user_file
+    from lfpipe.config_text import commented
+    from lfpipe.errors import UserError
+
+    path = path or user_file()
+    if path.exists():
+        raise UserError(f"{path} exists", "remove it first, or name another PATH")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(commented())
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror}", "a PATH that you may write to") from None
+    click.echo(path)
+
+
+@config.command()
+@with_config
+def show(config_file: str | None, sets: tuple[str, ...]) -> None:
+    """Print the configuration as `lfpipe up` would use it."""
+    from lfpipe.config import load
+    from lfpipe.config_text import commented
+
+    click.echo(commented(load(config_file, sets)), nl=False)
+
+
+@config.command()
+@click.argument("path", required=False)
+def check(path: str | None) -> None:
+    """Check PATH, or your own settings; names every wrong key."""
+    from lfpipe.config import load, user_file
+
+    load(path)
+    click.echo(f"{path or user_file()}: ok")

@@ -1,0 +1,73 @@
+"""`lfpipe ctl`: drive a running session."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from lfpipe.cli.options import with_session
+
+LOAD_S = 600.0  # a scene that must be packed first takes its time
+
+
+@click.group()
+@with_session
+@click.option("--json", "as_json", is_flag=True, help="Answers as JSON.")
+@click.pass_context
+def ctl(context: click.Context, session_name: str | None, as_json: bool) -> None:
+    """Ask and command a running session; a change shows in the next picture."""
+    context.obj = (session_name, as_json)
+
+
+def _send(obj: tuple[str | None, bool], message: dict[str, Any], timeout_s: float = 3.0) -> None:
+    from lfpipe.supervisor.rundir import find
+    from lfpipe.transport import control
+    from lfpipe.transport.session import default_name
+
+    name, as_json = obj
+    answer = control.request(find(name or default_name()).run_dir, message, timeout_s)
+    answer = {key: value for key, value in answer.items() if key != "v"}
+    if as_json:
+        click.echo(json.dumps(answer))
+    elif message["cmd"] == "status":
+        from lfpipe.cli.report import latency_table
+
+        latency_table(answer)
+    else:
+        said = ", ".join(f"{key} {value}" for key, value in answer.items() if key not in ("ok", "rev", "applied"))
+        click.echo(f"{message['cmd']}: done{', ' + said if said else ''}")
+
+
+@ctl.command("set")
+@click.argument("sets", nargs=-1, required=True, metavar="KEY=VALUE...")
+@click.pass_obj
+def set_keys(obj: tuple[str | None, bool], sets: tuple[str, ...]) -> None:
+    """Change keys of the configuration, all or none."""
+    from lfpipe.config import parse_set
+
+    _send(obj, {"cmd": "set", "set": dict(parse_set(text) for text in sets)})
+
+
+@ctl.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.pass_obj
+def load(obj: tuple[str | None, bool], scene: Path) -> None:
+    """Show another light field; it is packed first where that is still to be done."""
+    _send(obj, {"cmd": "load", "scene": str(scene.resolve())}, LOAD_S)
+
+
+def _plain(word: str, text: str) -> None:
+    @ctl.command(word, help=text)
+    @click.pass_obj
+    def command(obj: tuple[str | None, bool]) -> None:
+        _send(obj, {"cmd": word})
+
+
+_plain("status", "State and latency of every stage.")
+_plain("pause", "Freeze the picture; frames are thrown away.")
+_plain("resume", "Go on after pause.")
+_plain("recentre", "Where the viewer is now becomes the middle of the grid.")
+_plain("stop", "End the session.")

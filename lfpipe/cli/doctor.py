@@ -1,0 +1,18 @@
+"""`lfpipe doctor`: would a session run here, and if not, what to do."""
+
+from __future__ import annotations
+
+import click
+
+
+@click.command()
+def doctor() -> int:
+    """Check this machine; one line each, with the remedy. Exit code 1 if something would stop `lfpipe up`."""
+    from lfpipe.observe.doctor import checks
+
+    found = checks()
+    for check in found:
+        click.echo(f"{'ok  ' if check.ok else 'FAIL'} {check.name:<12} {check.detail}")
+        if check.remedy:
+            click.echo(f"     {'':<12} remedy: {check.remedy}")
+    return 0 if all(check.ok for check in found) else 1

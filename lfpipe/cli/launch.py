@@ -1,0 +1,134 @@
+"""From what a person typed to a running session: everything is checked before the first process starts."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import attrs
+import click
+
+from lfpipe import config as config_module
+from lfpipe.cli.progress import progress
+from lfpipe.config import Config
+from lfpipe.errors import UserError
+from lfpipe.supervisor import rundir
+from lfpipe.transport.session import Session, default_name
+
+DEMO_S = 10.0  # of the demo where nobody can see it
+
+
+@attrs.frozen
+class Wish:
+    """The arguments of `lfpipe up`."""
+
+    scene: Path | None
+    camera: str | None
+    display: str | None
+    duration_s: float | None
+    trace: Path | None
+    demo: bool
+    session_name: str | None
+    sets: tuple[str, ...]
+    config_file: str | None
+
+
+@attrs.frozen
+class Prepared:
+    """A session that can start. files: what it will leave, for the last words."""
+
+    config: Config
+    options: dict[str, Any]
+    lossless: bool
+    duration_s: float | None
+    files: tuple[Path, ...]
+
+
+def say(text: str) -> None:
+    """A line for the person, on stderr: stdout is for results."""
+    click.echo(text, err=True)
+
+
+def up(wish: Wish) -> int:
+    """Runs a session; returns the exit code. Raises UserError before any process starts."""
+    from lfpipe.cli.report import latency_table
+    from lfpipe.supervisor.supervisor import Supervisor
+
+    session = Session(wish.session_name or default_name())
+    if session.name in rundir.running():
+        rundir.release(session, rundir.acquire(session))  # says who has it
+    prepared = prepare(wish)
+    outcome = Supervisor(session, prepared.config, prepared.options, prepared.lossless, say).run(prepared.duration_s)
+    latency_table(outcome.final)
+    for path in prepared.files:
+        if path.exists():
+            click.echo(f"{path.stat().st_size / 1e6:8.2f} MB  {path}")
+    if outcome.failure is None:
+        say(f"ended: {outcome.reason}")
+        return 0
+    if outcome.user_error:
+        raise UserError(outcome.failure, outcome.remedy)
+    say(f"error: {outcome.failure}\n  remedy: {outcome.remedy}")
+    return 1
+
+
+def prepare(wish: Wish) -> Prepared:
+    """Checks the wish as a whole, packs the scene where that is still to be done, and prints what was chosen."""
+    from lfpipe.capture.open_source import check_source
+    from lfpipe.observe.trace import check_trace
+    from lfpipe.render.open_display import check_display, has_display
+    from lfpipe.scene.pack import open_scene
+    from lfpipe.scene.plan import make_plan
+
+    config = config_module.load(wish.config_file, wish.sets)
+    headless_demo = wish.demo and wish.display is None and not has_display()
+    out = Path("lfpipe-demo")
+    display = wish.display or (f"file:{out / 'demo.mkv'}" if headless_demo else "window")
+    if wish.scene is None and not wish.demo:
+        raise UserError("no SCENE given", "a folder of views, or --demo for a made one")
+    camera = wish.camera or config.camera.source or ("demo" if wish.demo else "")
+    camera = check_source(camera, config.camera)
+    if headless_demo:
+        out.mkdir(exist_ok=True)
+        say(f"no screen here: the demo runs {wish.duration_s or DEMO_S:g} s into {out}/")
+    check_display(display)
+    if wish.trace is not None:
+        check_trace(wish.trace)
+    with progress() as bar:
+        scene = wish.scene or _demo_scene(config, bar)
+        field = open_scene(scene, config.scene, bar, _choose_method)
+    plan = make_plan(field, config)
+    still = out / "demo.png" if headless_demo else None
+    options = {
+        "pack": str(field.manifest["pack"]),
+        "source": camera,
+        "display": display,
+        "trace": str(wish.trace.resolve()) if wish.trace else "",
+        "still": str(still.resolve()) if still else "",
+        "tracking": plan.needs_tracking,
+    }
+    say(f"scene   {field.name}: {field.rows}x{field.cols} views of {field.width_px}x{field.height_px}, {plan.method}")
+    say(f"camera  {camera if plan.needs_tracking else 'none: one view needs no eyes'}")
+    say(f"picture {config.render.anaglyph}, {config.render.clock} clock, to {display}")
+    duration_s = wish.duration_s or (DEMO_S if headless_demo else None)
+    video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
+    files = tuple(path for path in (video, still, wish.trace) if path is not None)
+    return Prepared(config, options, "pace=max" in camera, duration_s, files)
+
+
+def _demo_scene(config: Config, bar: Any) -> Path:
+    from lfpipe.scene.cache import cache_dir
+    from lfpipe.scene.demo import demo_scene
+
+    return demo_scene(cache_dir(config.scene), bar)
+
+
+def _choose_method(field: Any) -> Any:
+    from lfpipe.render.scoring import choose_method
+
+    return choose_method(field)
+
+
+if sys.platform != "linux":  # FIFOs, PDEATHSIG, posix_fallocate, V4L2
+    raise UserError(f"lfpipe runs on Linux, this is {sys.platform}", "a Linux machine or virtual machine")

@@ -1,0 +1,40 @@
+"""`lfpipe up`: a live session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from lfpipe.cli.options import with_config, with_session
+
+
+@click.command()
+@click.argument("scene", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--camera", "camera", metavar="SRC", help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo."
+)
+@click.option("--display", metavar="WHERE", help="window, fullscreen, none or file:OUT.mkv; a window where there is a screen.")
+@click.option(
+    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="End after so many seconds."
+)
+@click.option("--trace", type=click.Path(path_type=Path), metavar="FILE", help="Write one JSON line per picture.")
+@click.option("--demo", is_flag=True, help="A made scene and a made face: no camera, no light field, no screen needed.")
+@with_session
+@with_config
+def up(
+    scene: Path | None,
+    camera: str | None,
+    display: str | None,
+    duration_s: float | None,
+    trace: Path | None,
+    demo: bool,
+    session_name: str | None,
+    sets: tuple[str, ...],
+    config_file: str | None,
+) -> int:
+    """Show SCENE, a folder or file that holds a light field, from where the viewer's eyes are."""
+    from lfpipe.cli import launch
+
+    wish = launch.Wish(scene, camera, display, duration_s, trace, demo, session_name, sets, config_file)
+    return launch.up(wish)

@@ -1,0 +1,31 @@
+"""The configuration as TOML for people: every key with its default, unit, range and meaning."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, get_args
+
+from lfpipe.config import Config, Opt, options, to_dict
+
+
+def _range(kind: Any, opt: Opt) -> str:
+    words = [word for part in get_args(kind) if not isinstance(part, type) for word in (get_args(part) or (part,))]
+    limits = f"{opt.low:g} to {opt.high:g}" if opt.low is not None and opt.high is not None else ""
+    said = " or ".join(part for part in (f"{limits} {opt.unit}".strip(), ", ".join(map(str, words))) if part)
+    return f" [{said}]" if said else ""
+
+
+def commented(config: Config | None = None) -> str:
+    """TOML text of config (the defaults when None), a comment above each key."""
+    tree = to_dict(config or Config())
+    lines = ["# Every key of lfpipe. `--set SECTION.KEY=VALUE` changes one for one run.", ""]
+    section = ""
+    for key, (kind, opt, default) in options().items():
+        head, _, name = key.partition(".")
+        if head != section:
+            lines += ([""] if section else []) + [f"[{head}]"]
+            section = head
+        live = "; also while running, by `lfpipe ctl set`" if opt.live else ""
+        was = "" if tree[head][name] == default else f"; default {json.dumps(default)}"
+        lines += [f"# {opt.doc}{_range(kind, opt)}{live}{was}", f"{name} = {json.dumps(tree[head][name])}"]
+    return "\n".join(lines) + "\n"

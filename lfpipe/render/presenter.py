@@ -1,0 +1,116 @@
+"""Puts pictures on the display: takes the newest eyes, composes only what has changed, stamps and traces what was shown."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.eyes import EYES
+from lfpipe.observe.trace import TraceFile
+from lfpipe.render.display import Display
+from lfpipe.render.viewer import Look, Viewer
+from lfpipe.transport.clock import now_ns, sleep_until
+from lfpipe.transport.context import Context
+from lfpipe.transport.ring import Stamp
+
+COST_SHARE = 0.1  # weight of the newest in the running mean of what a picture costs
+
+
+class Presenter:
+    """One display's pictures. cost_ns: running mean of composing and showing one. picture: the last one, for a screenshot."""
+
+    def __init__(self, context: Context, viewer: Viewer, display: Display) -> None:
+        self._context, self._viewer, self._display = context, viewer, display
+        self._eyes = context.input("eyes")
+        self._buffer = np.empty((), EYES)
+        self._record: NDArray[np.void] | None = None
+        self._stamp: Stamp | None = None
+        self._t_taken_ns = 0
+        self._key: Hashable = None
+        self._parallax_told = ""
+        self._trace = TraceFile(Path(context.options["trace"]) if context.options["trace"] else None, self._lost)
+        self.cost_ns = 0
+        self.picture: NDArray[np.uint8] | None = None
+
+    def _lost(self, why: str) -> None:
+        self._context.emit("notice", text=why)
+
+    def redraw(self) -> None:
+        """The next picture is composed whatever its key."""
+        self._key = None
+
+    def take(self) -> bool:
+        """Takes the newest eyes record if there is one."""
+        stamp = self._eyes.take(self._buffer)
+        if stamp is None:
+            return False
+        self._record, self._stamp, self._t_taken_ns = self._buffer, stamp, now_ns()
+        return True
+
+    def show(self, target_ns: int, hold: bool) -> None:
+        """Shows the picture for target_ns; hold: not before target_ns, which is then a refresh of the display."""
+        t_start_ns = now_ns()
+        display_ns = int(self._viewer.config.render.display_ms * 1e6)
+        t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
+        look = self._viewer.look(self._record, t_sensor_ns, target_ns + display_ns)
+        key = self._viewer.key(look)
+        composed = key != self._key
+        if composed:
+            self.picture = self._viewer.compose(look)
+            self._key = key
+        t_composed_ns = now_ns()
+        if hold:
+            sleep_until(target_ns)
+        t_shown_ns = now_ns()
+        t_presented_ns = self._display.show(self.picture) if composed and self.picture is not None else t_shown_ns
+        row, stamp = self._context.row, self._stamp
+        if composed:
+            cost_ns = t_composed_ns - t_start_ns + t_presented_ns - t_shown_ns
+            self.cost_ns += int(COST_SHARE * (cost_ns - self.cost_ns))
+            if stamp is not None:
+                row.measure(self._t_taken_ns - stamp.t_publish_ns, cost_ns, t_presented_ns - t_sensor_ns)
+        row.tick(stamp.source_seq if stamp else -1)
+        row["cpu_ns"] = time.process_time_ns()
+        if stamp is not None and self._record is not None:
+            row["face"] = int(self._record["face"])
+            if self._trace.wanted:
+                self._trace.write(self._line(stamp, self._record, look, composed, t_composed_ns, t_presented_ns))
+        self._tell_parallax()
+
+    def _line(
+        self, stamp: Stamp, record: NDArray[np.void], look: Look, composed: bool, t_composed_ns: int, t_presented_ns: int
+    ) -> dict[str, Any]:
+        def sides(pair: Any) -> dict[str, Any]:
+            return {"left": list(pair[0]), "right": list(pair[1])}
+
+        return {
+            "seq": self._context.row["seq"] - 1,
+            "source_seq": stamp.source_seq,
+            "epoch": stamp.epoch,
+            "t_sensor_ns": stamp.t_sensor_ns,
+            "t_read_ns": stamp.t_read_ns,
+            "t_tracked_ns": int(record["t_tracked_ns"]),
+            "t_composed_ns": t_composed_ns,
+            "t_presented_ns": t_presented_ns,
+            "face": bool(record["face"]),
+            "eyes_raw": sides(record["raw_px"].tolist()),
+            "eyes_used": sides(look.eyes_px.tolist()),
+            "view": sides((look.left, look.right)),
+            "method": self._viewer.method,
+            "composed": composed,
+        }
+
+    def _tell_parallax(self) -> None:
+        chosen = self._viewer.parallax
+        if chosen is not None and str(chosen) != self._parallax_told:
+            self._parallax_told = str(chosen)
+            self._context.emit("parallax", text=self._parallax_told)
+
+    def close(self) -> None:
+        """Ends the trace."""
+        self._trace.close()

@@ -1,0 +1,66 @@
+"""Render: the picture that each refresh of the display, or each camera frame, asks for.
+
+Reads: ring "eyes", the newest record; the packed scene named by option "pack".
+Writes: the display of option "display"; the trace of option "trace"; the last picture to option "still".
+Commands: recentre, stop; settings and another scene by configuration. Asks: set, recentre, stop (keys of the window).
+Emits: parallax (alpha and what it rests on), notice (an output was lost).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+
+from lfpipe.render.keys import Keys
+from lfpipe.render.open_display import open_display
+from lfpipe.render.presenter import Presenter
+from lfpipe.render.viewer import Viewer
+from lfpipe.scene.store import open_pack
+from lfpipe.transport.clock import MS_NS, Ticker, now_ns
+from lfpipe.transport.context import Context
+
+MARGIN_NS = MS_NS  # composing begins this much earlier than it should need
+
+
+def main(context: Context) -> None:
+    """Runs the stage until the stop."""
+    config, options = context.config, context.options
+    field = open_pack(Path(options["pack"]))
+    viewer = Viewer(field, config)
+    on_camera = config.render.clock == "camera" and options["tracking"]
+    rate_hz = config.camera.rate_hz if on_camera else config.render.rate_hz
+    display = open_display(options["display"], (field.width_px, field.height_px), f"lfpipe: {field.name}", rate_hz)
+    presenter = Presenter(context, viewer, display)
+    keys = Keys(context, viewer, presenter)
+    ticker = None if on_camera else Ticker(rate_hz, now_ns())
+    context.ready()
+    try:
+        while context.wait(None if ticker is None else ticker.due_ns() - presenter.cost_ns - MARGIN_NS):
+            if context.options["pack"] != options["pack"] or context.config != config:
+                if context.options["pack"] != options["pack"]:
+                    field = open_pack(Path(context.options["pack"]))
+                config, options = context.config, context.options
+                viewer.set(field, config)
+                presenter.redraw()
+            context.applied()
+            if any(word == "recentre" for word, _ in context.commands()):
+                viewer.recentre()
+                presenter.redraw()
+            keys.serve(display.events())
+            fresh = presenter.take()
+            if context.paused:
+                if ticker is not None:
+                    ticker.advance(now_ns())
+                continue
+            if ticker is None:
+                if fresh:
+                    presenter.show(now_ns() + presenter.cost_ns, hold=False)
+            elif now_ns() >= ticker.due_ns() - presenter.cost_ns - MARGIN_NS:
+                presenter.show(ticker.due_ns(), hold=True)
+                ticker.advance(now_ns())
+    finally:
+        if options["still"] and presenter.picture is not None:
+            cv2.imwrite(options["still"], presenter.picture)
+        presenter.close()
+        display.close()

@@ -1,0 +1,117 @@
+"""The viewer before the screen: from where their eyes are to the two viewpoints and the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import Config
+from lfpipe.eyes import extrapolated
+from lfpipe.glide import Glide
+from lfpipe.render.compositor import Compositor
+from lfpipe.render.geometry import Parallax, parallax
+from lfpipe.render.viewpoint import Mapper, Position
+from lfpipe.scene.lightfield import LightField
+
+DISTANCE_S = 1.0  # time constant by which alpha follows the viewer's distance, seen as the distance between the eyes
+
+
+@attrs.frozen(eq=False)
+class Look:
+    """What a picture is made for. eyes_px: (2, 2), after filter and prediction. left, right: (row, col). frame: of a video."""
+
+    eyes_px: NDArray[np.float64]
+    left: Position
+    right: Position
+    frame: int
+
+
+class Viewer:
+    """Holds the neutral pose, alpha and the compositor; a changed configuration or scene keeps the pose."""
+
+    def __init__(self, field: LightField, config: Config) -> None:
+        self.parallax: Parallax | None = None
+        self._centre_px: tuple[float, float] | None = None
+        self._eyes_px = np.zeros((2, 2))
+        self._apart_px = 0.0
+        self._t_ns = 0
+        self._start_ns = 0
+        self._glide = Glide()
+        self.set(field, config)
+
+    def set(self, field: LightField, config: Config) -> None:
+        """Takes another scene or configuration, from the next look on."""
+        self.field, self.config = field, config
+        self.compositor = Compositor(field, config.render)
+        self.parallax = None
+        self._mapper: Mapper | None = None
+
+    @property
+    def method(self) -> str:
+        return self.compositor.method
+
+    def recentre(self) -> None:
+        """Where the eyes were last becomes the neutral pose."""
+        if self._apart_px > 0:
+            middle = self._eyes_px.mean(axis=0)
+            self._centre_px = (float(middle[0]), float(middle[1]))
+            self._mapper = None
+
+    def look(self, record: NDArray[np.void] | None, t_sensor_ns: int, t_shown_ns: int) -> Look:
+        """The look at t_shown_ns, from the newest eyes record and its frame's stamp; None: nobody was seen yet."""
+        frame = self._frame(t_shown_ns)
+        if record is None or not (record["face"] or self._apart_px > 0):
+            row, col = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
+            return Look(self._eyes_px, (row, col), (row, col), frame)
+        face = bool(record["face"])
+        if face:
+            horizon_ns = t_shown_ns - t_sensor_ns
+            self._eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], horizon_ns)
+            self._follow_distance(record, t_shown_ns)
+        mapper = self._mapper or self._make_mapper(int(record["width_px"]), int(record["height_px"]))
+        if self.config.render.alpha_px == "auto" and self.parallax is not None:
+            mapper.alpha_px = self._apart_px / self.parallax.views_between_eyes
+        left, right = mapper.views(self._eyes_px)
+        share = self._glide.weight(t_shown_ns, face)
+        if share < 1.0:
+            row, col = mapper.neutral()
+            left, right = ((row + share * (r - row), col + share * (c - col)) for r, c in (left, right))
+        return Look(self._eyes_px, left, right, frame)
+
+    def key(self, look: Look) -> Hashable:
+        """Equal keys mean the same picture."""
+        return self.compositor.key(look.left, look.right, look.frame)
+
+    def compose(self, look: Look) -> NDArray[np.uint8]:
+        """The picture, uint8 (height, width, 3) BGR, valid until the next call."""
+        return self.compositor.compose(look.left, look.right, look.frame)
+
+    def _frame(self, t_ns: int) -> int:
+        if self.field.frames == 1:
+            return 0
+        self._start_ns = self._start_ns or t_ns
+        return int((t_ns - self._start_ns) * self.field.frame_rate_hz / 1e9)
+
+    def _follow_distance(self, record: NDArray[np.void], t_ns: int) -> None:
+        apart_px = float(np.hypot(*(record["filtered_px"][0] - record["filtered_px"][1])))
+        if self._apart_px <= 0:
+            self._apart_px = apart_px
+        else:  # backward Euler: stable for any step
+            ratio = max(t_ns - self._t_ns, 0) / 1e9 / DISTANCE_S
+            self._apart_px += (apart_px - self._apart_px) * ratio / (1 + ratio)
+        self._t_ns = t_ns
+
+    def _make_mapper(self, width_px: int, height_px: int) -> Mapper:
+        """With alpha by hand the grid lies on the middle of the camera picture, as in the paper; with alpha from geometry on
+        where the viewer was seen first, for a webcam above the screen never has them in its middle."""
+        render = self.config.render
+        self.parallax = parallax(self.config, self.field, width_px, self._apart_px)
+        if self._centre_px is None and render.alpha_px == "auto":
+            self.recentre()
+        centre_px = self._centre_px or (width_px / 2, height_px / 2)
+        snap = self.method == "nearest"
+        self._mapper = Mapper(self.field.rows, self.field.cols, render, self.parallax.alpha_px, centre_px, snap)
+        return self._mapper

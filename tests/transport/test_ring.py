@@ -1,0 +1,268 @@
+"""The ring under real processes: nothing torn, drops counted to the last, a killed writer harms nobody."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from lfpipe.errors import UserError
+from lfpipe.eyes import EYES
+from lfpipe.transport import ring, segment
+from lfpipe.transport.ring import Reader, RingSpec, Writer
+
+SPAWN = multiprocessing.get_context("spawn")
+
+
+@pytest.fixture
+def name() -> str:
+    return f"lfpipe-test-{os.getpid()}-{time.monotonic_ns()}"
+
+
+@pytest.fixture
+def made(name: str) -> Iterator[str]:
+    memory = ring.create(name, RingSpec((96, 512), np.dtype("u1"), slots=4))
+    yield name
+    memory.close()
+    memory.unlink()
+
+
+def write_for_ever(name: str) -> None:
+    writer = Writer(name)
+    while True:
+        slot = writer.begin()
+        slot[:] = (writer.published + 1) % 251
+        writer.publish(writer.published, 0, 0)
+
+
+def stop_in_mid_slot(name: str, told: Any) -> None:
+    writer = Writer(name)
+    writer.begin()[:] = 7
+    writer.publish(1, 10, 20)
+    writer.begin()[:48] = 99
+    told.send("half")
+    time.sleep(60)
+
+
+def test_no_torn_frame_in_100000_reads_with_a_writer_at_full_speed(made: str) -> None:
+    writer = SPAWN.Process(target=write_for_ever, args=(made,), daemon=True)
+    writer.start()
+    try:
+        reader, out = Reader(made), np.empty((96, 512), np.uint8)
+        reads, seen, last = 0, 0, reader.last_seq
+        first = last
+        while reads < 100_000:
+            stamp = reader.read(out)
+            if stamp is None:
+                continue
+            reads += 1
+            assert out.min() == out.max() == stamp.seq % 251, "torn"
+            assert stamp.seq == last + stamp.skipped + 1
+            assert stamp.source_seq == stamp.seq - 1
+            last, seen = stamp.seq, seen + stamp.skipped + 1
+        assert seen == last - first
+    finally:
+        writer.kill()
+        writer.join()
+    reader.close()
+
+
+def test_a_writer_killed_in_mid_slot_harms_nobody(made: str) -> None:
+    ours, theirs = SPAWN.Pipe()
+    reader, out = Reader(made), np.empty((96, 512), np.uint8)
+    writer = SPAWN.Process(target=stop_in_mid_slot, args=(made, theirs), daemon=True)
+    writer.start()
+    assert ours.recv() == "half"
+    writer.kill()
+    writer.join()
+    stamp = reader.read(out)
+    assert stamp is not None and stamp.seq == 1 and (out == 7).all()
+    assert reader.read(out) is None
+    successor = Writer(made)
+    assert successor.epoch == 1
+    successor.begin()[:] = 8
+    successor.publish(2, 30, 40)
+    stamp = reader.read(out)
+    assert stamp is not None and (stamp.seq, stamp.epoch, stamp.skipped) == (2, 1, 0) and (out == 8).all()
+    successor.close()
+    reader.close()
+
+
+def test_kills_at_random_moments_leave_only_whole_slots(made: str) -> None:
+    reader, out = Reader(made), np.empty((96, 512), np.uint8)
+    for _ in range(8):
+        writer = SPAWN.Process(target=write_for_ever, args=(made,), daemon=True)
+        before = reader.published
+        writer.start()
+        while reader.published < before + 200:
+            time.sleep(0.001)
+        writer.kill()
+        writer.join()
+        stamp = reader.read(out)
+        assert stamp is not None and stamp.seq == reader.published
+        assert out.min() == out.max() == stamp.seq % 251
+    reader.close()
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(steps=st.lists(st.integers(0, 9), min_size=1, max_size=30), slots=st.integers(3, 6))
+def test_every_slot_is_either_read_or_counted(steps: list[int], slots: int) -> None:
+    name = f"lfpipe-test-{os.getpid()}-{time.monotonic_ns()}"
+    memory = ring.create(name, RingSpec((), EYES, slots))
+    writer, reader = Writer(name), Reader(name)
+    out = np.empty((), EYES)
+    published = read = skipped = 0
+    for burst in steps:
+        for _ in range(burst):
+            writer.begin()["confidence"] = published
+            assert writer.publish(published, published * 3, published * 5, epoch=9) == published + 1
+            published += 1
+        stamp = reader.read(out)
+        assert (stamp is None) == (burst == 0)
+        if stamp is not None:
+            read, skipped = read + 1, skipped + stamp.skipped
+            assert float(out["confidence"]) == published - 1 == stamp.source_seq
+            assert (stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch) == ((published - 1) * 3, (published - 1) * 5, 9)
+    assert read + skipped == published
+    writer.close()
+    reader.close()
+    memory.close()
+    memory.unlink()
+
+
+def test_a_reader_that_sees_the_writer_lap_it_takes_the_newest(made: str) -> None:
+    """The writer overtakes between the copy and the second look: the copy must be thrown away."""
+    writer, reader, out = Writer(made), Reader(made), np.empty((96, 512), np.uint8)
+
+    for value in (1, 2, 3):
+        writer.begin()[:] = value
+        writer.publish(value, 0, 0)
+    genuine, laps = reader._payloads, [3]
+
+    class Payloads(list[Any]):  # reaching for a slot lets the writer run ahead, once
+        def __getitem__(self, i: Any) -> Any:
+            if laps:
+                for _ in range(laps.pop()):
+                    writer.begin()[:] = 50
+                    writer.publish(50, 0, 0)
+            return genuine[i]
+
+    reader._payloads = Payloads(genuine)
+    stamp = reader.read(out)
+    assert stamp is not None and stamp.seq == 6 and reader.retries == 1 and (out == 50).all()
+    reader._payloads.clear()
+    reader._payloads = genuine
+    writer.close()
+    reader.close()
+
+
+def test_readers_cannot_write(made: str) -> None:
+    reader = Reader(made)
+    with pytest.raises(ValueError, match="read-only"):
+        reader._payloads[0][:] = 1
+    reader.close()
+
+
+ATTACH = """
+import sys, numpy as np
+from lfpipe.transport.ring import Reader
+reader = Reader(sys.argv[1])
+print(int(reader.read(np.empty(reader.shape, reader.dtype)) is None), reader.shape)
+reader.close()
+"""
+
+
+def interpreters() -> list[str]:
+    """This interpreter, and the other supported ones that can import what the ring needs."""
+    found = [sys.executable]
+    for version in ("3.11", "3.12"):
+        path = shutil.which(f"python{version}")
+        check = [path or "", "-c", "import numpy, attrs"]
+        if path and not version.startswith("%d.%d" % sys.version_info[:2]) and subprocess.run(check, capture_output=True).returncode == 0:
+            found.append(path)
+    return found
+
+
+@pytest.mark.parametrize("python", interpreters())
+def test_an_unrelated_process_attaches_and_leaves_it_intact(made: str, python: str) -> None:
+    for _ in range(2):
+        done = subprocess.run([python, "-c", ATTACH, made], capture_output=True, text=True, cwd=Path(__file__).parents[2])
+        assert done.returncode == 0 and done.stdout.split()[0] == "1" and not done.stderr, done.stderr
+    writer, reader = Writer(made), Reader(made)
+    writer.begin()[:] = 5
+    writer.publish(0, 0, 0)
+    assert reader.read(np.empty((96, 512), np.uint8)) is not None
+    writer.close()
+    reader.close()
+    assert (segment.SHM_DIR / made).exists()
+
+
+def test_no_room_is_a_clear_error_and_leaves_nothing(name: str) -> None:
+    size = shutil.disk_usage(segment.SHM_DIR).total * 2
+    with pytest.raises(UserError, match=r"MB free of .* needs") as error:
+        segment.create(name, size)
+    assert "shm-size" in error.value.remedy
+    assert not (segment.SHM_DIR / name).exists()
+
+
+SMALL = """
+mount -t tmpfs -o size=1m tmpfs /dev/shm || exit 77
+exec "$0" -c '
+from lfpipe.transport import ring
+from lfpipe.errors import UserError
+import numpy as np
+try: ring.create("lfpipe-test-small", ring.RingSpec((480, 640, 3), np.dtype("u1")))
+except UserError as error: print(error)
+import os; print(os.listdir("/dev/shm"))
+'
+"""
+
+
+def test_a_dev_shm_of_1_mb_is_named_with_both_sizes() -> None:
+    done = subprocess.run(["unshare", "-m", "sh", "-c", SMALL, sys.executable], capture_output=True, text=True)
+    if done.returncode == 77 or "unshare" in done.stderr:
+        pytest.skip(f"mounting is not allowed here: {done.stderr.strip()}")
+    assert "1.0 MB free of 1.0 MB" in done.stdout and "needs 3.7 MB" in done.stdout and "remedy" in done.stdout, done.stdout + done.stderr
+    assert done.stdout.rstrip().endswith("[]")
+
+
+def test_views_outlive_close_as_an_error_and_not_as_a_crash(made: str) -> None:
+    reader = Reader(made)
+    view = reader._payloads[0]
+    with pytest.raises(BufferError):
+        reader.close()
+    assert view[0, 0] == 0
+    del view
+    reader._memory.close()
+
+
+def test_sigkill_of_a_busy_reader_does_not_stop_the_writer(made: str) -> None:
+    reader = SPAWN.Process(target=_read_for_ever, args=(made,), daemon=True)
+    reader.start()
+    writer = Writer(made)
+    for i in range(2000):
+        writer.begin()[:] = i % 251
+        writer.publish(i, 0, 0)
+        if i == 1000 and reader.pid:
+            os.kill(reader.pid, signal.SIGKILL)
+    assert writer.published == 2000
+    writer.close()
+    reader.join()
+
+
+def _read_for_ever(name: str) -> None:
+    reader, out = Reader(name), np.empty((96, 512), np.uint8)
+    while True:
+        reader.read(out)

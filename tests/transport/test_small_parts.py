@@ -1,0 +1,176 @@
+"""Clock, histogram, status, wake and control: each against what it promises."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfpipe.transport import control, status, wake
+from lfpipe.transport.clock import Ticker
+from lfpipe.transport.histogram import BUCKETS, HISTOGRAM, Histogram, bucket_of, middle_us, summary_ms
+from lfpipe.transport.status import Row, State, Table
+
+
+@given(rate=st.floats(0.5, 500), k=st.integers(1, 5000))
+def test_deadlines_do_not_drift(rate: float, k: int) -> None:
+    ticker = Ticker(rate, 10)
+    for _ in range(k):
+        ticker.advance(ticker.due_ns())
+    assert abs(ticker.due_ns() - 10 - k * 1e9 / rate) <= 1 and ticker.missed == 0
+
+
+@given(late=st.integers(0, 10_000_000_000))
+def test_a_late_ticker_skips_to_the_future_and_counts(late: int) -> None:
+    ticker = Ticker(100.0, 0)
+    ticker.advance(late)
+    assert late < ticker.due_ns() <= late + 10_000_000
+    assert ticker.missed == ticker.due_ns() // 10_000_000 - 1
+
+
+@given(us=st.integers(0, 2**31))
+def test_a_bucket_stands_for_its_value_within_one_sixtyfourth(us: int) -> None:
+    assert 0 <= bucket_of(us) < BUCKETS
+    assert abs(middle_us(bucket_of(us)) - us) <= us / 64
+
+
+def test_buckets_are_in_order_and_without_gap() -> None:
+    middles = [middle_us(i) for i in range(BUCKETS)]
+    assert middles == sorted(middles) and len(set(middles)) == BUCKETS
+    assert [bucket_of(int(m)) for m in middles] == list(range(BUCKETS))
+
+
+@given(values=st.lists(st.integers(0, 4_000_000_000), min_size=1, max_size=300))
+def test_percentiles_are_those_of_the_values(values: list[int]) -> None:
+    histogram = Histogram()
+    for value in values:
+        histogram.add_ns(value)
+    found, ranked = summary_ms(histogram.record), sorted(values)
+    assert found["n"] == len(values)
+    assert found["max_ms"] == pytest.approx(ranked[-1] / 1e6, abs=1e-4)
+    for name, share in (("p50_ms", 0.5), ("p95_ms", 0.95), ("p99_ms", 0.99)):
+        true_ms = ranked[max(0, int(np.ceil(share * len(values))) - 1)] / 1e6
+        assert found[name] == pytest.approx(true_ms, rel=1 / 60, abs=0.0011)
+
+
+def test_durations_that_cannot_be_are_counted_as_nothing_and_as_the_longest() -> None:
+    histogram = Histogram(np.zeros((), HISTOGRAM))
+    histogram.add_ns(-5)
+    histogram.add_ns(2**62)
+    assert summary_ms(histogram.record)["n"] == 2 and histogram.record["buckets"][-1] == 1
+
+
+def test_a_row_is_seen_by_another_attachment_and_outlives_its_writer() -> None:
+    name = f"lfpipe-test-{os.getpid()}-status"
+    memory = status.create(name, ["capture", "track"])
+    table = Table(name, writable=True)
+    row = Row(table.rows["track"])
+    row["state"] = State.RUNNING
+    for i in range(100):
+        row.tick(i)
+        row.measure(1000, 2_000_000, 3_000_000)
+    del row
+    table.close()
+    watch = Table(name)
+    seen = watch.rows["track"]
+    assert (int(seen["seq"]), int(seen["source_seq"]), int(seen["busy_ns"])) == (100, 99, 200_000_000)
+    assert summary_ms(seen["busy"])["p50_ms"] == pytest.approx(2, rel=0.02)
+    assert list(watch.rows) == ["capture", "track"] and int(watch.rows["capture"]["seq"]) == 0
+    with pytest.raises(ValueError, match="read-only"):
+        seen["seq"] = 5
+    del seen
+    watch.close()
+    memory.close()
+    memory.unlink()
+
+
+def test_the_rate_is_that_of_the_newest_and_goes_stale() -> None:
+    record = np.zeros((), status.ROW)
+    assert status.rate_hz(record) == 0.0
+    record["recent_ns"][:10] = 10**12 + np.arange(10) * 20_000_000
+    assert status.rate_hz(record, 10**12 + 200_000_000) == pytest.approx(50)
+    assert status.rate_hz(record, 10**12 + 5_000_000_000) == 0.0
+
+
+def test_wakes_arrive_and_a_full_fifo_blocks_nobody(tmp_path: Path) -> None:
+    path = tmp_path / "wake.frames.track"
+    wake.make(path)
+    assert path.stat().st_mode & 0o777 == 0o600
+    writer, reader = wake.Wake(path), wake.Wake(path)
+    assert reader.drain() == 0
+    for seq in range(1, 20_001):
+        writer.notify(seq)
+    assert 0 < reader.drain() <= 20_000
+    while reader.drain():
+        pass
+    writer.notify(77)
+    assert reader.drain() == 77
+    writer.close()
+    reader.close()
+
+
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**60), 2**60) | st.floats(allow_nan=False) | st.text(max_size=20),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+    max_leaves=12,
+)
+
+
+@given(message=st.dictionaries(st.text(min_size=1, max_size=8).filter(lambda k: k != "v"), plain, max_size=5))
+def test_what_is_encoded_is_decoded_or_refused_as_too_deep(message: dict[str, object]) -> None:
+    try:
+        assert control.decode(control.encode(message)) == {"v": control.VERSION, **message}
+    except control.BadMessage as error:
+        assert "deep" in str(error)
+
+
+@given(data=st.binary(max_size=300))
+def test_random_bytes_are_refused_and_never_worse(data: bytes) -> None:
+    with pytest.raises(control.BadMessage):
+        control.decode(data)
+
+
+@given(value=plain)
+def test_valid_msgpack_of_another_shape_is_refused(value: object) -> None:
+    with pytest.raises(control.BadMessage):
+        control.decode(msgpack.packb(value))
+
+
+def test_hostile_sizes_depths_and_types_are_refused() -> None:
+    deep: object = 1
+    for _ in range(500):
+        deep = [deep]
+    for data in (
+        b"\xdf\xff\xff\xff\xff",  # a map of 4 billion pairs
+        msgpack.packb({"v": 1, "x": "a" * control.MAX_BYTES}),
+        msgpack.packb({"v": 1, "x": deep}),
+        b"\x91" * 50_000,
+        msgpack.packb({"v": 1, 5: "x"}),
+        msgpack.packb({"v": 1, "x": b"bytes"}),
+        msgpack.packb({"v": 1, "x": msgpack.ExtType(1, b"a")}),
+        msgpack.packb({"v": 2}),
+    ):
+        with pytest.raises(control.BadMessage):
+            control.decode(data)
+
+
+def test_a_path_too_long_for_a_socket_is_named() -> None:
+    from lfpipe.errors import UserError
+
+    with pytest.raises(UserError, match="107"):
+        control.address(Path("/tmp") / ("x" * 120), "ctl")
+
+
+def test_nobody_at_the_other_end_is_an_answer_in_time(tmp_path: Path) -> None:
+    from lfpipe.errors import UserError
+
+    start = time.monotonic()
+    with pytest.raises(UserError, match="did not answer"):
+        control.request(tmp_path, {"cmd": "status"}, timeout_s=0.2)
+    assert time.monotonic() - start < 5
