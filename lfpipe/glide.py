@@ -1,0 +1,66 @@
+"""What is shown while there is no face, and when there is one again: hold, glide to neutral, glide back, never a jump."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+HOLD_S = 0.5  # a hand before the face, a glance aside: nothing should move
+AWAY_S = 0.8  # time constant of the glide to neutral: nobody is looking, no hurry
+BACK_S = 0.12  # time constant of the glide to eyes found (again): quick, but seen as a move
+
+
+class Glide:
+    """Follows the eyes, whatever their coordinates (px of the camera picture, or rows and columns of the grid).
+
+    Whenever what is aimed at changes by a leap (face lost for HOLD_S, face found, another face), the leap is kept as an offset
+    that dies away as (1 + s) exp(-s), s = t / time constant: no jump, and no kink at its start. The closed form holds for any
+    step of time.
+    """
+
+    def __init__(self) -> None:
+        self._shown: NDArray[np.float64] | None = None
+        self._offset: NDArray[np.float64] | None = None
+        self._since_ns, self._fade_s = 0, BACK_S
+        self._aim: int | None = None  # generation followed; None: neutral
+        self._lost_ns: int | None = None
+
+    def at(
+        self, t_ns: int, eyes: NDArray[np.float64] | None, neutral: NDArray[np.float64], generation: int = 0
+    ) -> NDArray[np.float64]:
+        """What to show at t_ns (not decreasing). eyes: None while there is no face. neutral: where to go without one.
+
+        generation: counts the tracks of a face; another number is another face, or the same after a loss. Arrays of one shape.
+        """
+        if eyes is None:
+            self._lost_ns = t_ns if self._lost_ns is None else self._lost_ns
+            if self._aim is not None and self._shown is not None and t_ns - self._lost_ns < HOLD_S * 1e9:
+                return self._shown.copy()
+            self._turn(t_ns, None, neutral, AWAY_S)
+            self._shown = neutral + self._rest(t_ns)
+        else:
+            self._lost_ns = None
+            if self._shown is None:
+                self._shown = np.array(neutral, np.float64)
+            self._turn(t_ns, generation, eyes, BACK_S)
+            self._shown = eyes + self._rest(t_ns)
+        return self._shown.copy()
+
+    def weight(self, t_ns: int, face: bool) -> float:
+        """The same for a viewpoint that is mixed elsewhere: share of the eyes' viewpoint, 0..1, the rest being neutral's."""
+        return float(self.at(t_ns, np.ones(1) if face else None, np.zeros(1))[0])
+
+    def _turn(self, t_ns: int, aim: int | None, target: NDArray[np.float64], fade_s: float) -> None:
+        """Takes up another aim: what is shown now minus the new target is what has to fade."""
+        if aim != self._aim:
+            self._aim, self._since_ns, self._fade_s = aim, t_ns, fade_s
+            self._offset = None if self._shown is None else self._shown - target
+
+    def _rest(self, t_ns: int) -> NDArray[np.float64] | float:
+        """What is left of the offset."""
+        if self._offset is None:
+            return 0.0
+        s = max(t_ns - self._since_ns, 0) / 1e9 / self._fade_s
+        return self._offset * ((1 + s) * math.exp(-s) if s < 700 else 0.0)

@@ -1,0 +1,141 @@
+"""Smoothing and prediction of the eye positions: what the filters share, the paper's mean and One-Euro.
+
+No filter reads a clock. Stamps are subtracted as integers before anything becomes a float, so that nothing is lost on a machine
+that has been up for years. Speeds count in distances between the eyes per second: a head that is near moves more pixels, and
+its landmarks carry more noise in pixels, in proportion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.eyes import extrapolated
+
+Points = NDArray[np.float64]
+
+LIMIT_PX = 1e6  # no camera has a pixel there: such a measurement is a fault, not an eye
+MIN_STEP_NS = 200_000  # nothing moves in 0.2 ms; a stamp that near is a doubled frame, and noise / dt would be a wild velocity
+MAX_STEP_NS = 500_000_000  # after a gap that long the past says nothing
+
+
+class EyeFilter(Protocol):
+    """position + velocity * horizon is the prediction: a filter reports the velocity it wants to be extrapolated with."""
+
+    def update(self, t_ns: int, measurement: Points) -> tuple[Points, Points]:
+        """Takes the eyes measured at t_ns, float64 (2, 2) px; returns (position, velocity), both (2, 2), px and px/s.
+
+        A measurement that is not finite or beyond LIMIT_PX counts as missing; a stamp not after the last one (or less than
+        MIN_STEP_NS after it) as a frame doubled, and is left out; a step of MAX_STEP_NS and more, forwards or backwards, is
+        another run: all starts afresh. Before the first good measurement the position is NaN.
+        """
+        ...
+
+    def predict(self, t_ns: int) -> Points:
+        """Where the eyes will be at t_ns, (2, 2) px; at most `lfpipe.eyes.MAX_HORIZON_S` ahead, never back."""
+        ...
+
+    def reset(self) -> None:
+        """Forgets all: the next measurement is the first."""
+        ...
+
+
+class Filter:
+    """What all filters share: which measurements count, and the straight line ahead. Subclasses fill in _start and _step."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        self._t_ns: int | None = None
+        self._position = np.full((2, 2), np.nan)
+        self._velocity = np.zeros((2, 2))
+
+    def update(self, t_ns: int, measurement: Points) -> tuple[Points, Points]:
+        t_ns = int(t_ns)  # a numpy integer would wrap where these are subtracted
+        measured = np.array(measurement, np.float64)
+        if not np.all(np.abs(measured) <= LIMIT_PX):  # false for NaN too
+            return self.predict(t_ns), self._velocity.copy()
+        step_ns = 0 if self._t_ns is None else t_ns - self._t_ns
+        if self._t_ns is None or abs(step_ns) >= MAX_STEP_NS:
+            self.reset()
+            self._t_ns, self._position = t_ns, measured
+            self._start(t_ns, measured)
+        elif step_ns >= MIN_STEP_NS:
+            self._t_ns = t_ns
+            self._position, self._velocity = self._step(t_ns, step_ns / 1e9, measured)
+        return self._position.copy(), self._velocity.copy()
+
+    def predict(self, t_ns: int) -> Points:
+        return extrapolated(self._position, self._velocity, 0 if self._t_ns is None else int(t_ns) - self._t_ns)
+
+    def _start(self, t_ns: int, measured: Points) -> None:
+        raise NotImplementedError
+
+    def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
+        """New (position, velocity) at t_ns, dt_s after the last measurement."""
+        raise NotImplementedError
+
+
+class Mean(Filter):
+    """Moving average of the last k measurements, of fewer while there are fewer; what the paper does. Predicts nothing.
+
+    The ring is summed anew each time: a running sum would keep every rounding and every glitch for ever.
+    """
+
+    def __init__(self, k: int) -> None:
+        self._ring: deque[Points] = deque(maxlen=k)
+        super().__init__()
+
+    def _start(self, t_ns: int, measured: Points) -> None:
+        self._ring.clear()
+        self._ring.append(measured)
+
+    def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
+        self._ring.append(measured)
+        return np.mean(self._ring, axis=0), np.zeros((2, 2))
+
+
+class OneEuro(Filter):
+    """Low-pass whose cutoff rises with speed (Casiez, Roussel, Vogel, CHI 2012). Predicts nothing.
+
+    cutoff = min_cutoff_hz + beta * speed, the speed (distances between the eyes per second, both eyes together) itself low-passed
+    at d_cutoff_hz.
+    """
+
+    def __init__(self, min_cutoff_hz: float, beta: float, d_cutoff_hz: float) -> None:
+        self._min_cutoff_hz, self._beta, self._d_cutoff_hz = min_cutoff_hz, beta, d_cutoff_hz
+        super().__init__()
+
+    def _start(self, t_ns: int, measured: Points) -> None:
+        self._last, self._slope = measured, np.zeros((2, 2))
+
+    def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
+        self._slope = blended(self._slope, (measured - self._last) / dt_s, weight(self._d_cutoff_hz, dt_s))
+        self._last = measured
+        cutoff_hz = self._min_cutoff_hz + self._beta * speed(self._slope, measured)
+        return blended(self._position, measured, weight(cutoff_hz, dt_s)), np.zeros((2, 2))
+
+
+def weight(cutoff_hz: float, dt_s: float) -> float:
+    """Share of the new value in a first-order low-pass over dt_s >= 0: backward Euler, within 0..1 for every dt.
+
+    (Explicit Euler's share, dt/tau, passes 2 at long steps or high cutoffs and then grows without bound.)
+    """
+    ratio = 2 * math.pi * cutoff_hz * dt_s
+    return ratio / (1 + ratio) if ratio < math.inf else 1.0
+
+
+def blended(old: Points, new: Points, share: float) -> Points:
+    """old + share * (new - old), never outside of what lies between them, by rounding neither."""
+    return np.clip(old + share * (new - old), np.minimum(old, new), np.maximum(old, new))
+
+
+def speed(velocity_px_s: Points, eyes_px: Points) -> float:
+    """Speed of the head in distances between the eyes per second, both (2, 2); the distance counts as a pixel at least."""
+    apart_px = max(float(np.hypot(*(eyes_px[0] - eyes_px[1]))), 1.0)
+    return math.sqrt(float(np.square(velocity_px_s).sum()) / 2) / apart_px
