@@ -7,6 +7,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+# What a viewer may press: key -> (name that `events` reports, what the help says). The window itself carries out
+# "fullscreen" and "help"; the others are for the stage.
+KEYS = {
+    "f": ("fullscreen", "full screen on and off"),
+    "+": ("alpha+", "more head movement from view to view"),
+    "-": ("alpha-", "less head movement from view to view"),
+    "c": ("recentre", "look straight ahead from where you are now"),
+    "o": ("overlay", "rate and latency on and off"),
+    "s": ("screenshot", "save the picture"),
+    "h": ("help", "this help on and off"),
+    "q": ("quit", "end (Esc too)"),
+}
+
 
 class Display(Protocol):
     def show(self, picture: NDArray[np.uint8]) -> int:
@@ -14,7 +27,11 @@ class Display(Protocol):
         ...
 
     def events(self) -> list[str]:
-        """What the viewer pressed since the last call: names from KEYS in `render/window.py`, or "quit"."""
+        """What the viewer pressed since the last call: names from KEYS. Call it often: it keeps a window alive."""
+        ...
+
+    def notices(self) -> list[str]:
+        """What a person should know of the output since the last call, each once: a full disk ended it, ..."""
         ...
 
     def overlay(self, lines: list[str]) -> None:
