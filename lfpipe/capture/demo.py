@@ -60,9 +60,9 @@ def _head_matrix(t_s: float, width_px: int, height_px: int) -> NDArray[np.float6
 
 def demo_eyes_px(t_s: float, width_px: int = FRAME_PX[0], height_px: int = FRAME_PX[1]) -> NDArray[np.float64]:
     """Where the eyes are in the frame of time t_s: (2, 2), [[left x, left y], [right x, right y]] of the sitter's own eyes."""
-    about = (PORTRAIT_EYES_PX - PORTRAIT_EYES_PX.mean(axis=0)) * _portrait_scale(width_px, height_px)
+    about_px = (PORTRAIT_EYES_PX - PORTRAIT_EYES_PX.mean(axis=0)) * _portrait_scale(width_px, height_px)
     matrix = _head_matrix(t_s, width_px, height_px)
-    return about @ matrix[:, :2].T + matrix[:, 2]
+    return np.asarray(about_px @ matrix[:, :2].T + matrix[:, 2], np.float64)
 
 
 def _portrait_scale(width_px: int, height_px: int) -> float:
@@ -92,7 +92,7 @@ def backdrop(width_px: int, height_px: int) -> tuple[NDArray[np.uint8], NDArray[
     mask = cv2.GaussianBlur(mask, (0, 0), edge / 2.5, borderType=cv2.BORDER_REPLICATE)
     mask = cv2.copyMakeBorder(mask, top, bottom, left, right, cv2.BORDER_REPLICATE)[..., None]
     mixed = wide * mask + soft * (1 - mask)
-    return np.asarray(mixed + 0.5, np.uint8), middle + (left, top)
+    return np.asarray(mixed + 0.5, np.uint8), middle + np.array([left, top])
 
 
 class DemoSource:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lfpipe import config
-from lfpipe.capture.source import Source, SourceInfo
+from lfpipe.capture.source import Source
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
 from lfpipe.capture.v4l2 import cameras
 from lfpipe.errors import UserError
@@ -41,11 +41,12 @@ def open_source(text: str, camera: config.Camera) -> Source:
     return open_camera(spec, camera)
 
 
-def check_source(text: str, camera: config.Camera) -> SourceInfo:
-    """What text would open; it is opened, its first frame is decoded, and it is closed again.
+def check_source(text: str, camera: config.Camera) -> str:
+    """text, made definite: the first camera found by its path, anything else as it stands.
 
-    Raises UserError as `open_source` does.
+    It is opened, its first frame is decoded or taken, and it is closed again. Raises UserError as `open_source` does.
     """
-    source = open_source(text, camera)
-    source.close()
-    return source.info
+    spec = resolve(text)
+    definite = f"camera:{spec.path}" if isinstance(spec, CameraSpec) else text
+    open_source(definite, camera).close()
+    return definite
