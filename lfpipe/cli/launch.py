@@ -78,6 +78,7 @@ def prepare(wish: Wish) -> Prepared:
     from lfpipe.capture.open_source import check_source
     from lfpipe.observe.trace import check_trace
     from lfpipe.render.open_display import check_display, has_display
+    from lfpipe.scene.cache import find_pack
     from lfpipe.scene.pack import open_scene
     from lfpipe.scene.plan import make_plan
 
@@ -98,10 +99,13 @@ def prepare(wish: Wish) -> Prepared:
     with progress() as bar:
         scene = wish.scene or _demo_scene(config, bar)
         field = open_scene(scene, config.scene, bar, _choose_method)
+    pack = find_pack(scene, config.scene)
+    if pack is None:
+        raise UserError(f"{scene} changed while it was packed", "try again once its files are complete")
     plan = make_plan(field, config)
     still = out / "demo.png" if headless_demo else None
     options = {
-        "pack": str(field.manifest["pack"]),
+        "pack": str(pack),
         "source": camera,
         "display": display,
         "trace": str(wish.trace.resolve()) if wish.trace else "",

@@ -32,7 +32,7 @@ def main(context: Context) -> None:
     rate_hz = config.camera.rate_hz if on_camera else config.render.rate_hz
     display = open_display(options["display"], (field.width_px, field.height_px), f"lfpipe: {field.name}", rate_hz)
     presenter = Presenter(context, viewer, display)
-    keys = Keys(context, viewer, presenter)
+    keys = Keys(context, viewer, presenter, display)
     ticker = None if on_camera else Ticker(rate_hz, now_ns())
     context.ready()
     try:
@@ -47,7 +47,7 @@ def main(context: Context) -> None:
             if any(word == "recentre" for word, _ in context.commands()):
                 viewer.recentre()
                 presenter.redraw()
-            keys.serve(display.events())
+            keys.serve()
             fresh = presenter.take()
             if context.paused:
                 if ticker is not None:

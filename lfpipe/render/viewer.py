@@ -36,6 +36,7 @@ class Viewer:
         self.parallax: Parallax | None = None
         self._centre_px: tuple[float, float] | None = None
         self._eyes_px = np.zeros((2, 2))
+        self._seen = False
         self._apart_px = 0.0
         self._t_ns = 0
         self._start_ns = 0
@@ -55,7 +56,7 @@ class Viewer:
 
     def recentre(self) -> None:
         """Where the eyes were last becomes the neutral pose."""
-        if self._apart_px > 0:
+        if self._seen:
             middle = self._eyes_px.mean(axis=0)
             self._centre_px = (float(middle[0]), float(middle[1]))
             self._mapper = None
@@ -63,22 +64,22 @@ class Viewer:
     def look(self, record: NDArray[np.void] | None, t_sensor_ns: int, t_shown_ns: int) -> Look:
         """The look at t_shown_ns, from the newest eyes record and its frame's stamp; None: nobody was seen yet."""
         frame = self._frame(t_shown_ns)
-        if record is None or not (record["face"] or self._apart_px > 0):
+        if record is None or not (record["face"] or self._seen):
             row, col = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
             return Look(self._eyes_px, (row, col), (row, col), frame)
-        face = bool(record["face"])
-        if face:
-            horizon_ns = t_shown_ns - t_sensor_ns
-            self._eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], horizon_ns)
-            self._follow_distance(record, t_shown_ns)
-        mapper = self._mapper or self._make_mapper(int(record["width_px"]), int(record["height_px"]))
+        eyes_px: NDArray[np.float64] | None = None
+        if record["face"]:
+            eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], t_shown_ns - t_sensor_ns)
+            self._follow_distance(eyes_px, t_shown_ns)
+        mapper = self._mapper or self._make_mapper(record)
         if self.config.render.alpha_px == "auto" and self.parallax is not None:
             mapper.alpha_px = self._apart_px / self.parallax.views_between_eyes
+        half = self._apart_px / 2
+        neutral_px = np.add(mapper.centre_px, [[half, 0.0], [-half, 0.0]])
+        start_px = neutral_px if self._seen or eyes_px is None else eyes_px  # the first face is there at once
+        self._seen = True
+        self._eyes_px = self._glide.at(t_shown_ns, eyes_px, start_px, int(record["generation"]))
         left, right = mapper.views(self._eyes_px)
-        share = self._glide.weight(t_shown_ns, face)
-        if share < 1.0:
-            row, col = mapper.neutral()
-            left, right = ((row + share * (r - row), col + share * (c - col)) for r, c in (left, right))
         return Look(self._eyes_px, left, right, frame)
 
     def key(self, look: Look) -> Hashable:
@@ -95,22 +96,24 @@ class Viewer:
         self._start_ns = self._start_ns or t_ns
         return int((t_ns - self._start_ns) * self.field.frame_rate_hz / 1e9)
 
-    def _follow_distance(self, record: NDArray[np.void], t_ns: int) -> None:
-        apart_px = float(np.hypot(*(record["filtered_px"][0] - record["filtered_px"][1])))
-        if self._apart_px <= 0:
+    def _follow_distance(self, eyes_px: NDArray[np.float64], t_ns: int) -> None:
+        apart_px = float(np.hypot(*(eyes_px[0] - eyes_px[1])))
+        if not self._seen:
             self._apart_px = apart_px
         else:  # backward Euler: stable for any step
             ratio = max(t_ns - self._t_ns, 0) / 1e9 / DISTANCE_S
             self._apart_px += (apart_px - self._apart_px) * ratio / (1 + ratio)
         self._t_ns = t_ns
 
-    def _make_mapper(self, width_px: int, height_px: int) -> Mapper:
+    def _make_mapper(self, record: NDArray[np.void]) -> Mapper:
         """With alpha by hand the grid lies on the middle of the camera picture, as in the paper; with alpha from geometry on
         where the viewer was seen first, for a webcam above the screen never has them in its middle."""
         render = self.config.render
+        width_px, height_px = int(record["width_px"]), int(record["height_px"])
         self.parallax = parallax(self.config, self.field, width_px, self._apart_px)
         if self._centre_px is None and render.alpha_px == "auto":
-            self.recentre()
+            middle = record["filtered_px"].mean(axis=0)
+            self._centre_px = (float(middle[0]), float(middle[1]))
         centre_px = self._centre_px or (width_px / 2, height_px / 2)
         snap = self.method == "nearest"
         self._mapper = Mapper(self.field.rows, self.field.cols, render, self.parallax.alpha_px, centre_px, snap)

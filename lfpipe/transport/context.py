@@ -146,9 +146,9 @@ class Context:
         except zmq.Again:
             return
 
-    def request(self, word: str) -> None:
+    def request(self, word: str, **values: Any) -> None:
         """Sends the supervisor a command, as `lfpipe ctl` would; the answer is not waited for."""
-        self._ctl.send(control.encode({"cmd": word}))
+        self._ctl.send(control.encode({"cmd": word, **values}))
 
     def applied(self) -> None:
         """The stage works by `config`, `options` and `paused` as they are now; the supervisor may tell who asked."""
