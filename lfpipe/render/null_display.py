@@ -1,0 +1,27 @@
+"""No display: pictures are made and dropped, for measurements and for machines without a screen."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class NullDisplay:
+    """Takes pictures and shows nothing."""
+
+    def show(self, picture: NDArray[np.uint8]) -> int:
+        return time.monotonic_ns()
+
+    def events(self) -> list[str]:
+        return []
+
+    def notices(self) -> list[str]:
+        return []
+
+    def overlay(self, lines: list[str]) -> None:
+        pass
+
+    def close(self) -> None:
+        pass

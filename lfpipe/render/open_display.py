@@ -1,0 +1,83 @@
+"""From what a person typed after `--display` to an open display; a display's library is imported only for that display."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import socket
+from pathlib import Path
+
+from lfpipe.errors import UserError
+from lfpipe.render.display import Display
+
+FORMS = "window, fullscreen, none or file:OUT.mkv"
+
+
+def _answers(family: int, address: str | tuple[str, int]) -> bool:
+    try:
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.settimeout(1.0)
+            probe.connect(address)
+        return True
+    except OSError:
+        return False
+
+
+def _x_answers(display: str) -> bool:
+    host, colon, rest = display.rpartition(":")
+    number = rest.partition(".")[0]
+    if not colon or not number.isdigit():
+        return False
+    if host in ("", "unix"):
+        path = f"/tmp/.X11-unix/X{number}"
+        return _answers(socket.AF_UNIX, path) or _answers(socket.AF_UNIX, "\0" + path)
+    return _answers(socket.AF_INET, (host, 6000 + int(number)))
+
+
+def has_display() -> bool:
+    """Whether a window can be opened: a display server is named in the environment and answers."""
+    if os.environ.get("SDL_VIDEODRIVER") in ("dummy", "offscreen"):
+        return True
+    if wayland := os.environ.get("WAYLAND_DISPLAY"):
+        where = Path(os.environ.get("XDG_RUNTIME_DIR", "")) / wayland
+        if _answers(socket.AF_UNIX, str(where)):
+            return True
+    return _x_answers(os.environ.get("DISPLAY", ""))
+
+
+def check_display(spec: str) -> None:
+    """Raises UserError where spec is no display, needs a screen that is not there, or names a file that cannot be written."""
+    if spec in ("window", "fullscreen"):
+        if not has_display():
+            named = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
+            why = f"{named} does not answer" if named else "neither WAYLAND_DISPLAY nor DISPLAY is set"
+            remedy = "use --display none or --display file:OUT.mkv, or run in a desktop"
+            raise UserError(f"--display {spec}: no screen here ({why})", remedy)
+    elif spec.startswith("file:") and len(spec) > len("file:"):
+        from lfpipe.render.file_display import check_file
+
+        check_file(Path(spec.removeprefix("file:")).expanduser())
+    elif spec != "none":
+        close = difflib.get_close_matches(spec.partition(":")[0], ["window", "fullscreen", "none", "file"], 1, 0.5)
+        hint = f" (did you mean {close[0] + (':OUT.mkv' if close[0] == 'file' else '')!r}?)" if close else ""
+        raise UserError(f"--display {spec!r}: not a display{hint}", f"one of {FORMS}")
+
+
+def open_display(spec: str, size_px: tuple[int, int], title: str, rate_hz: float) -> Display:
+    """The display that spec names: window, fullscreen, none, file:OUT.mkv.
+
+    size_px: (width, height) of the pictures; rate_hz: how often they come at the most, the rate of a video.
+    Raises UserError as `check_display` does, and where the window cannot be opened.
+    """
+    check_display(spec)
+    if spec == "none":
+        from lfpipe.render.null_display import NullDisplay
+
+        return NullDisplay()
+    if spec.startswith("file:"):
+        from lfpipe.render.file_display import FileDisplay
+
+        return FileDisplay(Path(spec.removeprefix("file:")).expanduser(), size_px, rate_hz)
+    from lfpipe.render.window import Window
+
+    return Window(size_px, title, fullscreen=spec == "fullscreen")
