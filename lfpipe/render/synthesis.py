@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import attrs
 import cv2
@@ -23,6 +24,7 @@ from lfpipe.scene.lightfield import LightField
 Position = tuple[float, float]
 Source = Callable[[int, int], NDArray[np.uint8]]  # a plane of the stored view (row, col)
 
+CAREFUL_PX = 6.0  # parting of near and far beyond which hidden parts are looked after
 ROW_FADE = 0.25  # half the width, in rows, of the zone where warp2 fades from one row of views to the next
 
 
@@ -91,11 +93,10 @@ class Warper:
         self._stored = np.asarray(field.disparity)
         self._offsets = field.offsets.astype(np.float64)
         self._unit_px = float(field.disparity_scale_px)
-        self._extent_px = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
+        self._span_px = field.disparity_max_px - field.disparity_min_px
         low, size = self._stored.shape[3:], (field.height_px, field.width_px)
         self._step = (size[0] / low[0], size[1] / low[1])  # px of a view per px of its disparity
-        self._bytes = np.empty(low, np.float32)
-        self._low, self._landed, self._low_x, self._low_y = (np.empty(low, np.float32) for _ in range(4))
+        self._low, self._landed, self._again, self._low_x, self._low_y = (np.empty(low, np.float32) for _ in range(5))
         self._full, self._x, self._y = (np.empty(size, np.float32) for _ in range(3))
         self._at_y, self._at_x = (np.ascontiguousarray(a, np.float32) for a in np.mgrid[0 : size[0], 0 : size[1]])
         self._low_at_y, self._low_at_x = (np.ascontiguousarray(a, np.float32) for a in np.mgrid[0 : low[0], 0 : low[1]])
@@ -119,33 +120,55 @@ class Warper:
         """
         down, right = steps
         shift_y, shift_x = shift_px
-        np.copyto(self._bytes, self._stored[min(frame, len(self._stored) - 1), tap.row, tap.col])
-        cv2.multiply(self._bytes, self._unit_px, self._low)
-        landed = self._low
-        reach_px = max(abs(down), abs(right)) * self._extent_px
-        for _ in range(self._rounds(reach_px)):
-            cv2.scaleAdd(landed, right / self._step[1], self._low_at_x, self._low_x)
-            cv2.scaleAdd(landed, down / self._step[0], self._low_at_y, self._low_y)
-            if shift_x or shift_y:
-                cv2.add(self._low_x, shift_x / self._step[1], self._low_x)
-                cv2.add(self._low_y, shift_y / self._step[0], self._low_y)
-            landed = cv2.remap(
-                self._low, self._low_x, self._low_y, cv2.INTER_LINEAR, self._landed, borderMode=cv2.BORDER_REPLICATE
-            )
+        np.copyto(self._low, self._stored[min(frame, len(self._stored) - 1), tap.row, tap.col])
+        per_x, per_y = right * self._unit_px, down * self._unit_px
+        landed = self._landing(down, right, shift_px)
         if landed.shape == self._full.shape:
             full = landed
         else:
             full = cv2.resize(landed, self._full.shape[::-1], self._full, interpolation=cv2.INTER_LINEAR)
-        cv2.scaleAdd(full, right, self._at_x, self._x)
-        cv2.scaleAdd(full, down, self._at_y, self._y)
-        if shift_x or shift_y:
+        cv2.scaleAdd(full, per_x, self._at_x, self._x)
+        if shift_x:
             cv2.add(self._x, shift_x, self._x)
+        if not per_y and not shift_y:
+            return self._x, self._at_y
+        cv2.scaleAdd(full, per_y, self._at_y, self._y)
+        if shift_y:
             cv2.add(self._y, shift_y, self._y)
         return self._x, self._y
 
-    def _rounds(self, reach_px: float) -> int:
-        """Rounds of the fixed point that pay for the distance content moves."""
-        return 1 if reach_px < 4 else 2
+    def _landing(self, down: float, right: float, shift_px: Position) -> NDArray[np.float32]:
+        """The view's disparity, in stored units, at the place where each pixel of the new picture lands: d(x + d * steps).
+
+        One round of the fixed point from d(x) does where little is hidden. Where near and far part by more than
+        CAREFUL_PX, the search starts from the nearest thing in reach, so that what is in front wins. What was hidden in the
+        view never settles but jumps between the thing in front and what is behind it: the nearer value then samples the
+        background right beside the thing.
+        """
+        apart_x, apart_y = abs(right) * self._span_px, abs(down) * self._span_px
+        if max(apart_x, apart_y) <= CAREFUL_PX:
+            return self._look_up(self._low, down, right, shift_px, self._landed)
+        reach = (math.ceil(apart_y / self._step[0]), math.ceil(apart_x / self._step[1]))
+        start = cv2.dilate(self._low, _box(*(min(r, n) for r, n in zip(reach, self._low.shape, strict=True))), self._again)
+        first = self._look_up(start, down, right, shift_px, self._landed)
+        second = self._look_up(first, down, right, shift_px, self._again)
+        return cv2.max(first, second, self._again)
+
+    def _look_up(
+        self, at: NDArray[np.float32], down: float, right: float, shift_px: Position, out: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """The stored disparity where each pixel lands if its own is `at`. The nearest value: between two is neither."""
+        cv2.scaleAdd(at, right * self._unit_px / self._step[1], self._low_at_x, self._low_x)
+        cv2.scaleAdd(at, down * self._unit_px / self._step[0], self._low_at_y, self._low_y)
+        if any(shift_px):
+            cv2.add(self._low_x, shift_px[1] / self._step[1], self._low_x)
+            cv2.add(self._low_y, shift_px[0] / self._step[0], self._low_y)
+        return cv2.remap(self._low, self._low_x, self._low_y, cv2.INTER_NEAREST, out, borderMode=cv2.BORDER_REPLICATE)
+
+
+@lru_cache(maxsize=256)
+def _box(down: int, right: int) -> NDArray[np.uint8]:
+    return np.ones((2 * down + 1, 2 * right + 1), np.uint8)
 
 
 class Synthesiser:
@@ -156,38 +179,54 @@ class Synthesiser:
         self._rows, self._cols = field.rows, field.cols
         self._centre = ((field.rows - 1) / 2, (field.cols - 1) / 2)
         self._warper = Warper(field) if method in ("warp", "warp2") else None
-        self._one, self._two = (np.empty((field.height_px, field.width_px), np.uint8) for _ in range(2))
+        size = (field.height_px, field.width_px)
+        self._parts = [np.empty(size, np.uint8) for _ in range(4)]
+        self._quad, self._quad_out = (np.empty((*size, 4), np.uint8) for _ in range(2))
 
     def render(
         self, position: Position, frame: int, zero_plane_px: float, sources: Sequence[Source], outs: Sequence[NDArray[np.uint8]]
     ) -> list[NDArray[np.uint8]]:
-        """One plane for each source, seen from position.
+        """One plane for each source, at most four, seen from position.
 
         zero_plane_px: disparity that is to lie in the plane of the screen. outs: uint8 (height, width) each, to draw into.
         Returns the planes: an element of outs, or the stored plane itself where that is the picture.
         """
-        made: list[NDArray[np.uint8]] = list(outs)
+        made: list[NDArray[np.uint8]] = []
         total = 0.0
         for tap in taps(self.method, position, self._rows, self._cols):
+            stored = [source(tap.row, tap.col) for source in sources]
             total += tap.weight
+            if not made:
+                made = self._part(tap, position, frame, zero_plane_px, stored, outs)
+                continue
             share = tap.weight / total
-            draw = self._drawer(tap, position, frame, zero_plane_px)
-            for k, source in enumerate(sources):
-                first = share == 1.0
-                plane = draw(source(tap.row, tap.col), outs[k] if first else self._one)
-                made[k] = plane if first else cv2.addWeighted(plane, share, made[k], 1 - share, 0.0, outs[k])
+            for k, plane in enumerate(self._part(tap, position, frame, zero_plane_px, stored, self._parts)):
+                made[k] = cv2.addWeighted(plane, share, made[k], 1 - share, 0.0, outs[k])
         return made
 
-    def _drawer(
-        self, tap: Tap, position: Position, frame: int, zero_plane_px: float
-    ) -> Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.uint8]]:
-        """How a plane of the tap's view becomes its part of the picture: (plane, out) -> plane itself or out."""
+    def _part(
+        self,
+        tap: Tap,
+        position: Position,
+        frame: int,
+        zero_plane_px: float,
+        stored: list[NDArray[np.uint8]],
+        outs: Sequence[NDArray[np.uint8]],
+    ) -> list[NDArray[np.uint8]]:
+        """The tap's planes as seen from position: themselves where nothing moves, otherwise drawn into outs."""
         if self._warper is None:
             dy, dx = (round(zero_plane_px * (c - p)) for c, p in zip(self._centre, (tap.row, tap.col), strict=True))
-            return (lambda plane, out: shifted(plane, dy, dx, out)) if dy or dx else (lambda plane, out: plane)
+            return [shifted(plane, dy, dx, out) for plane, out in zip(stored, outs, strict=False)] if dy or dx else stored
         steps = self._warper.offset(tap, position)
         shift = (zero_plane_px * (self._centre[0] - position[0]), zero_plane_px * (self._centre[1] - position[1]))
         if steps == (0.0, 0.0) and not any(shift):
-            return lambda plane, out: plane
+            return stored
         x, y = self._warper.maps(frame, tap, steps, shift)
-        return lambda plane, out: cv2.remap(plane, x, y, cv2.INTER_LINEAR, out, borderMode=cv2.BORDER_REPLICATE)
+        if len(stored) == 1:
+            return [cv2.remap(stored[0], x, y, cv2.INTER_LINEAR, outs[0], borderMode=cv2.BORDER_REPLICATE)]
+        # Four interleaved planes take hardly longer than one alone: 0.57 against 0.47 ms at 512x512 (two take 1.7, three 1.4).
+        cv2.merge([*stored, *stored, *stored][:4], self._quad)
+        cv2.remap(self._quad, x, y, cv2.INTER_LINEAR, self._quad_out, borderMode=cv2.BORDER_REPLICATE)
+        split = [*outs[: len(stored)], *self._parts[len(stored) :]]
+        cv2.split(self._quad_out, split)
+        return split[: len(stored)]
