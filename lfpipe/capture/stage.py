@@ -26,6 +26,8 @@ def main(context: Context) -> None:
     late_ns = int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.lossless else 0
     context.ready()
     try:
+        if not info.live and not context.wait_for_others():
+            return
         while context.wait(now_ns()):
             context.applied()
             t_begin_ns = now_ns()

@@ -123,6 +123,7 @@ class Supervisor:
             rev=self.rev,
             options=self.options,
             consumers=consumers(),
+            others=tuple(s.name for s in STAGES if s is not process.stage and s.needed(self.options)),
             lossless=self._lossless,
             cpus=self._cpus(process.stage.name),
         )

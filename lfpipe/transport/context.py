@@ -26,7 +26,7 @@ BEAT_NS = 100 * MS_NS  # the longest a stage may wait without showing that it li
 class StageSpec:
     """All that a stage's process is told at its start. Plain values, so that it can be sent to a spawned process.
 
-    consumers: ring -> stages that read it. lossless: no slot may be lost, writers wait for readers (`pace=max`, replay).
+    consumers: ring -> stages that read it. others: the other stages of this session. lossless: no slot may be lost, writers wait for readers (`pace=max`, replay).
     """
 
     name: str
@@ -36,6 +36,7 @@ class StageSpec:
     rev: int
     options: dict[str, Any]
     consumers: dict[str, list[str]]
+    others: tuple[str, ...]
     lossless: bool
     cpus: tuple[int, ...] = ()
 
@@ -47,7 +48,10 @@ class Input:
         session, self._row = context.spec.session, context.row
         self.reader = ring.Reader(session.segment(name))
         self.wake = Wake(session.wake(name, context.spec.name))
-        self._credit = Wake(session.credit(name, context.spec.name)) if context.spec.lossless else None
+        self._credit: Wake | None = None
+        if context.spec.lossless:
+            self._credit = Wake(session.credit(name, context.spec.name))
+            self.reader.last_seq = min(self.reader.last_seq, self._row["taken_seq"])
 
     def take(self, out: NDArray[Any]) -> ring.Stamp | None:
         """The newest slot copied into out, when there is a new one. Slots missed are counted as this stage's drops."""
@@ -105,7 +109,7 @@ class Context:
         self.stopping = False
         self.paused = False
         self._poller = zmq.Poller()
-        self._inputs: list[Input] = []
+        self._open: list[Input | Output] = []  # kept to the end: their mappings go with the process, not before their views
         self._commands: list[tuple[str, dict[str, Any]]] = []
         self._zmq = control.context()
         self._ctl = self._zmq.socket(zmq.DEALER)
@@ -121,13 +125,14 @@ class Context:
     def input(self, name: str) -> Input:
         """Opens a ring for reading and makes `wait` wake for it."""
         made = Input(self, name)
-        self._inputs.append(made)
+        self._open.append(made)
         self._poller.register(made.wake.fd, zmq.POLLIN)
         return made
 
     def output(self, name: str) -> Output:
         """Opens a ring for writing; one stage a ring."""
         made = Output(self, name)
+        self._open.append(made)
         for credit in made.credits:
             self._poller.register(credit.fd, zmq.POLLIN)
         return made
@@ -138,6 +143,16 @@ class Context:
         self.row["epoch"] += 1
         self.row.beat()
         self.row["state"] = State.RUNNING
+
+    def wait_for_others(self) -> bool:
+        """Waits until every other stage is ready, so that a recording begins when there is somebody to see it.
+
+        Returns False once the stage must end.
+        """
+        while not all(int(self.table.rows[name]["ready_ns"]) for name in self.spec.others):
+            if not self.wait(now_ns() + 5 * MS_NS):
+                return False
+        return True
 
     def emit(self, topic: str, **values: Any) -> None:
         """Telemetry for whoever listens on the tap; lost when nobody takes it."""

@@ -1,0 +1,124 @@
+"""Real sessions in a world of their own: run directory, cache and settings under tmp_path."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from lfpipe.transport.segment import SHM_DIR
+
+
+def write_scene(folder: Path, rows: int = 3, cols: int = 3, size: tuple[int, int] = (48, 64)) -> Path:
+    """Views that tell themselves: red holds 10 * row + col, green the column, blue the row, each times 8, everywhere."""
+    folder.mkdir(parents=True)
+    for row in range(rows):
+        for col in range(cols):
+            view = np.zeros((*size, 3), np.uint8)
+            view[:] = (8 * row + 5, 8 * col + 5, 8 * (3 * row + col) + 5)
+            cv2.imwrite(str(folder / f"view_{row:02d}_{col:02d}.png"), view)
+    return folder
+
+
+class World:
+    """Starts `lfpipe` commands; `session` waits until a session shows pictures."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.run_dir = root / "run"
+        self.run_dir.mkdir(mode=0o700)
+        clean = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "LFPIPE_SESSION")}
+        names = {"XDG_RUNTIME_DIR": "run", "XDG_CACHE_HOME": "cache", "XDG_CONFIG_HOME": "settings"}
+        self.env = {**clean, **{key: str(root / name) for key, name in names.items()}}
+        self.name = f"t{os.getpid()}x{time.monotonic_ns() % 10**9}"
+        self.trace = root / "trace.jsonl"
+        self._running: list[subprocess.Popen[str]] = []
+
+    def start(self, *args: str | Path, **more: Any) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", "lfpipe", *map(str, args)]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": self.root, "env": self.env}
+        process = subprocess.Popen(command, **{**pipes, **more})
+        self._running.append(process)
+        return process
+
+    def run(self, *args: str | Path, timeout_s: float = 60) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "lfpipe", *map(str, args)]
+        return subprocess.run(command, capture_output=True, text=True, cwd=self.root, env=self.env, timeout=timeout_s)
+
+    def up(self, scene: Path, *args: str | Path, camera: str = "demo", **more: Any) -> subprocess.Popen[str]:
+        fixed = ("--camera", camera, "--display", "none", "--trace", self.trace, "--session", self.name)
+        return self.start("up", scene, *fixed, *args, **more)
+
+    def lines(self) -> list[dict[str, Any]]:
+        """The trace so far, without a line that is just being written."""
+        text = self.trace.read_text() if self.trace.exists() else ""
+        return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+
+    def wait_for(self, condition: Callable[[], Any], what: str, timeout_s: float = 30) -> Any:
+        end = time.monotonic() + timeout_s
+        while time.monotonic() < end:
+            if found := condition():
+                return found
+            time.sleep(0.02)
+        dead = [(p.returncode, *p.communicate()) for p in self._running if p.poll() is not None]
+        raise AssertionError(f"no {what} within {timeout_s} s; ended processes: {dead}")
+
+    def pictures(self, more_than: int = 0) -> list[dict[str, Any]]:
+        return self.wait_for(lambda: lines if len(lines := self.lines()) > more_than else None, f"picture {more_than + 1}")
+
+    def monitor(self) -> dict[str, Any]:
+        done = self.run("monitor", "--session", self.name, "--once", "--json")
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    def left(self) -> list[str]:
+        """What lies in /dev/shm and the run directory that belongs to this test's session."""
+        return [p.name for p in SHM_DIR.glob(f"lfpipe-*{self.name}*")] + [str(p) for p in self.run_dir.rglob("*")]
+
+    def end(self) -> None:
+        for process in self._running:
+            if process.poll() is None:
+                process.kill()
+            process.communicate()
+        self.run("up", "--session", self.name, "nothing")  # sweeps what a killed one left
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> Iterator[World]:
+    made = World(tmp_path)
+    yield made
+    made.end()
+    for path in SHM_DIR.glob(f"lfpipe-*{made.name}*"):
+        path.unlink()
+
+
+@pytest.fixture(scope="session")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_scene(tmp_path_factory.mktemp("scenes") / "grid")
+
+
+@pytest.fixture(scope="session")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """60 frames of the demo's face as a video file."""
+    from lfpipe import config
+    from lfpipe.capture.open_source import open_source
+
+    path = tmp_path_factory.mktemp("clips") / "face.avi"
+    source = open_source("demo", config.Camera())
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
+    frame = np.empty((480, 640, 3), np.uint8)
+    for _ in range(60):
+        source.read(frame)
+        writer.write(frame)
+    writer.release()
+    source.close()
+    return path

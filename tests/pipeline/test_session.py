@@ -1,0 +1,188 @@
+"""Whole sessions: real processes, real shared memory, real pictures; only the camera is a file."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.pipeline.conftest import World, write_scene
+
+CAMERA = ("--set", "render.clock=camera")
+NEAREST = ("--set", "render.method=nearest", "--set", "render.alpha_px=12")
+
+
+def test_every_frame_of_a_file_becomes_a_picture_and_the_session_ends_with_it(world: World, scene: Path, clip: Path) -> None:
+    process = world.up(scene, *CAMERA, *NEAREST, camera=f"file:{clip}?loop=0&pace=max")
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    lines = world.lines()
+    assert [line["source_seq"] for line in lines] == list(range(60))
+    assert [line["seq"] for line in lines] == list(range(60))
+    assert sum(line["face"] for line in lines) >= 57
+    for line in lines:
+        stamps = [line[f"t_{name}_ns"] for name in ("sensor", "read", "tracked", "composed", "presented")]
+        assert stamps == sorted(stamps) and all(type(stamp) is int for stamp in stamps)
+        assert line["epoch"] == 0 and line["method"] == "nearest"
+        if line["face"]:
+            (left, _), (right, _) = line["eyes_used"]["left"], line["eyes_used"]["right"]
+            assert left > right, "the viewer's left eye is at larger x"
+            assert line["view"]["left"][1] <= line["view"]["right"][1], "the left eye looks from the camera further left"
+            assert line["view"]["left"][0] == line["view"]["right"][0]
+    assert "render" in out and str(world.trace) in out and not world.left()
+
+
+def test_a_paced_session_keeps_the_rate_and_drops_nothing(world: World, scene: Path, clip: Path) -> None:
+    process = world.up(scene, *CAMERA, "--duration", "5", camera=f"file:{clip}?loop=1&pace=30")
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    lines = world.lines()
+    sensors = [line["t_sensor_ns"] for line in lines]
+    gaps = {b - a for a, b in zip(sensors, sensors[1:], strict=False)}
+    seqs = [line["source_seq"] for line in lines]
+    assert seqs == list(range(seqs[0], seqs[0] + len(seqs)))
+    assert all(abs(gap - 1e9 / 30) <= 1 for gap in gaps), "deadlines are exact"
+
+
+def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Path, tmp_path: Path) -> None:
+    world.up(scene, *CAMERA, *NEAREST)
+    world.pictures(10)
+    world.wait_for(lambda: world.monitor()["camera_fps"] > 20, "camera rate")
+    state = world.monitor()
+    assert state["session"] == world.name and set(state["stages"]) == {"capture", "track", "render"}
+    for stage in state["stages"].values():
+        assert stage["state"] == "RUNNING" and stage["restarts"] == 0
+        assert 0 < stage["fps"] < 90 and stage["p50_ms"] <= stage["p95_ms"] <= stage["p99_ms"] <= stage["max_ms"]
+        os.kill(stage["pid"], 0)
+    assert 0 < state["end_to_end"]["p50_ms"] <= state["end_to_end"]["max_ms"]
+
+    def ctl(*words: str) -> dict[str, object]:
+        done = world.run("ctl", "--session", world.name, "--json", *words)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    assert ctl("set", "render.swap_eyes=true")["applied"] is True
+    line = world.pictures(len(world.lines()) + 2)[-1]
+    assert line["view"]["left"][1] >= line["view"]["right"][1]
+    assert ctl("set", "render.swap_eyes=false", "render.alpha_px=3")["ok"] is True
+    bad = world.run("ctl", "--session", world.name, "set", "render.alpha_px=4", "render.method=neerest")
+    assert bad.returncode == 2 and "did you mean 'nearest'" in bad.stderr
+    assert ctl("status")["config"]["render"]["alpha_px"] == 3.0, "applied whole or not at all"
+    fixed = world.run("ctl", "--session", world.name, "set", "camera.width_px=320")
+    assert fixed.returncode == 2 and "fixed while a session runs" in fixed.stderr
+
+    ctl("pause")
+    time.sleep(0.3)
+    count = len(world.lines())
+    time.sleep(0.5)
+    assert len(world.lines()) == count
+    ctl("resume")
+    world.pictures(count + 5)
+
+    ctl("recentre")
+    line = world.pictures(len(world.lines()) + 1)[-1]
+    middle = (line["view"]["left"][1] + line["view"]["right"][1]) / 2
+    assert abs(middle - 1) <= 0.5 and line["view"]["left"][0] == 1
+
+    ctl("load", str(write_scene(tmp_path / "other", 1, 5)))
+    world.pictures(len(world.lines()) + 5)
+    assert world.lines()[-1]["view"]["left"][0] == 0
+    missing = world.run("ctl", "--session", world.name, "load", "nowhere")
+    assert missing.returncode == 2 and "nowhere" in missing.stderr
+    world.pictures(len(world.lines()) + 5)
+    ctl("stop")
+    world.wait_for(lambda: not world.left(), "clean end")
+
+
+@pytest.mark.parametrize("stage", ["capture", "track", "render"])
+def test_a_killed_stage_comes_back_in_the_same_session(world: World, scene: Path, stage: str) -> None:
+    world.up(scene, *CAMERA)
+    world.pictures(10)
+    before = world.monitor()
+    os.kill(before["stages"][stage]["pid"], signal.SIGKILL)
+    world.wait_for(lambda: world.monitor()["stages"][stage]["restarts"] == 1, "restart")
+    world.wait_for(lambda: world.monitor()["stages"][stage]["state"] == "RUNNING", "restarted stage")
+    count = len(world.lines())
+    start = time.monotonic()
+    lines = world.pictures(count + 5)
+    assert time.monotonic() - start < 1.0 + 5 / 30
+    after = world.monitor()
+    assert after["stages"][stage]["pid"] != before["stages"][stage]["pid"]
+    assert [s["restarts"] for s in after["stages"].values()].count(0) == 2
+    assert [line["seq"] for line in lines] == list(range(len(lines))), "the trace and its count survive"
+    assert lines[-1]["epoch"] == (1 if stage == "capture" else 0)
+
+
+def test_a_stopped_stage_is_taken_for_hung_and_its_stack_is_told(world: World, scene: Path) -> None:
+    process = world.up(scene, *CAMERA)
+    world.pictures(5)
+    os.kill(world.monitor()["stages"]["track"]["pid"], signal.SIGSTOP)
+    world.wait_for(lambda: world.monitor()["stages"]["track"]["restarts"] == 1, "restart")
+    count = len(world.lines())
+    world.pictures(count + 5)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=10)
+    assert "track: no beat for" in err
+
+
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_session_within_two_seconds_and_nothing_stays(world: World, scene: Path, signum: int) -> None:
+    process = world.up(scene, start_new_session=True)
+    world.pictures(5)
+    pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
+    start = time.monotonic()
+    os.killpg(process.pid, signum)  # as a terminal does
+    out, err = process.communicate(timeout=10)
+    assert time.monotonic() - start < 2.0
+    assert process.returncode == 0 and "Traceback" not in err, err
+    assert "render" in out
+    assert not world.left() and not any(Path(f"/proc/{pid}").exists() for pid in pids)
+
+
+def test_a_killed_supervisor_takes_its_stages_along_and_leaves_nothing(world: World, scene: Path) -> None:
+    process = world.up(scene, start_new_session=True)
+    world.pictures(5)
+    pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
+    process.kill()
+    process.wait()
+    world.wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "end of the stages", 3)
+    world.wait_for(lambda: not world.left(), "empty run directory", 5)
+
+
+def test_after_a_kill_of_the_whole_group_the_next_up_sweeps(world: World, scene: Path) -> None:
+    process = world.up(scene, start_new_session=True)
+    world.pictures(5)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert world.left(), "nothing to sweep: this test shows nothing"
+    world.trace.unlink()
+    second = world.up(scene, "--duration", "2")
+    out, err = second.communicate(timeout=60)
+    assert second.returncode == 0 and world.lines(), err
+    assert not world.left()
+
+
+def test_a_second_up_on_the_same_session_is_refused_and_harms_nothing(world: World, scene: Path) -> None:
+    world.up(scene)
+    world.pictures(5)
+    second = world.run("up", scene, "--camera", "demo", "--display", "none", "--session", world.name)
+    assert second.returncode == 2 and "is running already" in second.stderr
+    world.pictures(len(world.lines()) + 5)
+
+
+def test_a_single_view_runs_no_camera_and_no_tracking(world: World, tmp_path: Path) -> None:
+    world.up(write_scene(tmp_path / "one", 1, 1))
+    state = world.wait_for(lambda: _state(world, "render"), "render")
+    assert state["stages"]["capture"]["state"] == state["stages"]["track"]["state"] == "NONE"
+
+
+def _state(world: World, stage: str) -> dict[str, object] | None:
+    done = world.run("monitor", "--session", world.name, "--once", "--json")
+    if done.returncode:
+        return None
+    state = json.loads(done.stdout)
+    return state if state["stages"][stage]["state"] == "RUNNING" else None
