@@ -1,0 +1,104 @@
+"""The demo's light field: rendered once with exact disparity, kept in the HCI layout in the user's cache."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+
+from lfpipe.errors import UserError
+from lfpipe.scene.demo_layers import Solid, render_view
+from lfpipe.scene.demo_still_life import OFFSET_PX, WALL_D, still_life
+
+NAME = "still-life-1"  # another number when the pictures change: an old cache is then left alone
+GRID, SIZE_PX = 9, 512
+FOCAL_MM, SENSOR_MM, FOCUS_M = 100.0, 35.0, 1.5
+NEAREST_D = 2.0
+PNG_EFFORT = 2
+
+Progress = Callable[[str, int, int], None]  # (what is done, so many, of how many)
+
+
+def parameters(grid: int, size_px: int) -> str:
+    """parameters.cfg in the HCI layout; the baseline follows from the scene's disparity of infinity.
+
+    offset = baseline * focal length * width / (focus distance * sensor width), as in the benchmark's own tools.
+    """
+    baseline_mm = OFFSET_PX / 512 * FOCUS_M * 1000 * SENSOR_MM / FOCAL_MM
+    low, high = WALL_D * size_px / 512, NEAREST_D * size_px / 512
+    return f"""[intrinsics]
+focal_length_mm = {FOCAL_MM:g}
+image_resolution_x_px = {size_px}
+image_resolution_y_px = {size_px}
+sensor_size_mm = {SENSOR_MM:g}
+
+[extrinsics]
+num_cams_x = {grid}
+num_cams_y = {grid}
+baseline_mm = {baseline_mm:.6g}
+focus_distance_m = {FOCUS_M:g}
+
+[meta]
+scene = {NAME}
+category = demo
+disp_min = {low:g}
+disp_max = {high:g}
+"""
+
+
+def render_demo(folder: Path, grid: int, size_px: int, progress: Progress) -> None:
+    """Writes grid x grid views of size_px x size_px with the disparity of each into folder, which must exist."""
+    solids = still_life(size_px)
+    middle = grid // 2
+
+    def one(index: int) -> None:
+        row, col = divmod(index, grid)
+        _write_view(folder, index, row == col == middle, solids, size_px, col - middle, row - middle)
+
+    # Threads do: nearly all of it happens inside OpenCV, without the interpreter's lock.
+    with ThreadPoolExecutor(max(1, len(os.sched_getaffinity(0)))) as pool:
+        for done, _ in enumerate(pool.map(one, range(grid * grid)), 1):
+            progress("rendering the demo scene", done, grid * grid)
+    (folder / "parameters.cfg").write_text(parameters(grid, size_px))
+
+
+def _write_view(folder: Path, index: int, centre: bool, solids: list[Solid], size_px: int, u: int, v: int) -> None:
+    picture, disparity = render_view(solids, size_px, size_px, u, v)
+    written = cv2.imwrite(str(folder / f"input_Cam{index:03d}.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, PNG_EFFORT])
+    written &= cv2.imwrite(str(folder / f"gt_disp_lowres_Cam{index:03d}.pfm"), disparity)
+    if centre:
+        written &= cv2.imwrite(str(folder / "gt_disp_lowres.pfm"), disparity)
+    if not written:
+        raise OSError(28, "no room for the demo scene")
+
+
+def demo_scene(cache_dir: Path, progress: Progress, grid: int = GRID, size_px: int = SIZE_PX) -> Path:
+    """The folder of the demo's light field below cache_dir, rendered now if it is not there yet.
+
+    It appears whole or not at all. Raises UserError where the cache cannot be written.
+    """
+    target = cache_dir / "demo" / (NAME if (grid, size_px) == (GRID, SIZE_PX) else f"{NAME}-{grid}x{grid}-{size_px}")
+    if target.is_dir():
+        return target
+    working = None
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        working = Path(tempfile.mkdtemp(prefix=".rendering-", dir=target.parent))
+        working.chmod(0o755)
+        render_demo(working, grid, size_px, progress)
+        working.rename(target)
+    except OSError as error:
+        if not target.is_dir():  # another session may have been quicker: then its folder is as good
+            raise UserError(
+                f"demo scene: {target.parent} cannot be written: {error.strerror or error}",
+                "make room or permission there, or name another place with --set scene.cache_dir=DIR",
+            ) from None
+    finally:
+        if working is not None and working.exists():
+            shutil.rmtree(working, ignore_errors=True)
+    return target
