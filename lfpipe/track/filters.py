@@ -21,4 +21,4 @@ def make_filter(track: Track) -> EyeFilter:
         return OneEuro(1.0, 2.0, 4.0)
     if track.filter == "kalman":
         return Kalman(1e4)
-    return Predictive(OneEuro(0.8, 1.0, 2.0), Kalman(1e5), 0.4)
+    return Predictive(OneEuro(0.4, 5.0, 1.5), Kalman(4e4), 0.55)

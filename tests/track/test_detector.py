@@ -1,0 +1,65 @@
+"""Anchors, overlap and suppression of the face detector."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lfpipe.track.choice import same_place
+from lfpipe.track.detector import anchors, overlap, suppressed
+from lfpipe.track.roi import Roi, around
+
+
+def test_anchors_are_two_on_each_cell_of_16_and_six_on_each_of_8() -> None:
+    found = anchors()
+    assert found.shape == (896, 2)
+    np.testing.assert_allclose(found[[0, 1, 2]], [[1 / 32, 1 / 32], [1 / 32, 1 / 32], [3 / 32, 1 / 32]])
+    np.testing.assert_allclose(found[[512, 517, 518]], [[1 / 16, 1 / 16], [1 / 16, 1 / 16], [3 / 16, 1 / 16]])
+    np.testing.assert_allclose(found[-1], [15 / 16, 15 / 16])
+
+
+def test_overlap_is_intersection_over_union() -> None:
+    a = np.array([0.0, 0.0, 2.0, 2.0])
+    others = np.array([a, [1.0, 0.0, 3.0, 2.0], [2.0, 2.0, 3.0, 3.0], [0.5, 0.5, 0.5, 0.5], [5.0, 5.0, 6.0, 6.0]])
+    np.testing.assert_allclose(overlap(a, others), [1, 1 / 3, 0, 0, 0])
+    assert overlap(others[3], others[3:4])[0] == 0  # no area, no overlap, no division by zero
+
+
+def test_suppression_averages_by_score_and_keeps_the_best_score() -> None:
+    rows = np.array([[0, 0, 10, 10, 1.0], [1, 0, 11, 10, 4.0], [50, 50, 60, 60, 7.0], [3, 3, 3, 3, 9.0]])
+    out = suppressed(rows, np.array([0.6, 0.9, 0.7, 0.5]))
+    assert [score for _, score in out] == [0.9, 0.7, 0.5]
+    np.testing.assert_allclose(out[0][0], (0.6 * rows[0] + 0.9 * rows[1]) / 1.5)
+    np.testing.assert_allclose(out[2][0], rows[3])
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, -1.3, 3.0])
+def test_region_maps_there_and_back(angle: float) -> None:
+    roi = Roi(200.0, 100.0, 80.0, angle)
+    points = roi.to_picture(np.array([[32.0, 32.0], [64.0, 32.0], [32.0, 64.0]]), 64)
+    np.testing.assert_allclose(points[0], (200, 100))
+    np.testing.assert_allclose(points[1] - points[0], 40 * np.array([np.cos(angle), np.sin(angle)]))
+    np.testing.assert_allclose(points[2] - points[0], 40 * np.array([-np.sin(angle), np.cos(angle)]))
+
+
+def test_crop_shows_what_the_map_says() -> None:
+    image = np.zeros((100, 100, 3), np.uint8)
+    image[40:44, 60:64] = 255
+    roi = Roi(62.0, 42.0, 20.0, 0.5)
+    crop = roi.crop(image, 60, 0)[..., 0].astype(float)
+    y, x = np.indices(crop.shape)
+    middle = np.array([[(crop * x).sum() / crop.sum(), (crop * y).sum() / crop.sum()]])
+    np.testing.assert_allclose(roi.to_picture(middle, 60)[0], (61.5, 41.5), atol=0.1)
+
+
+def test_region_is_half_as_large_again_as_the_longer_side_and_turned_with_the_eyes() -> None:
+    roi = around((10, 20, 50, 100), np.array([20.0, 40.0]), np.array([40.0, 60.0]))
+    assert (roi.x_px, roi.y_px, roi.side_px) == (30, 60, 120)
+    assert roi.angle == pytest.approx(np.pi / 4)
+
+
+def test_a_face_is_the_same_where_it_was_and_of_its_size() -> None:
+    here = (100.0, 100.0, 200.0, 200.0)
+    assert same_place(here, (130.0, 110.0, 230.0, 210.0))
+    assert not same_place(here, (180.0, 100.0, 280.0, 200.0))
+    assert not same_place(here, (140.0, 140.0, 160.0, 160.0))

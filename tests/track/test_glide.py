@@ -1,0 +1,66 @@
+"""Lost and found again: nothing jumps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfpipe.glide import AWAY_S, HOLD_S, Glide
+
+STEP_NS = 16_666_667
+NEUTRAL = np.array([4.0, 4.0])
+EYES = np.array([1.0, 7.0])
+
+
+def run(glide: Glide, start: int, count: int, eyes: np.ndarray | None, generation: int = 0) -> list[np.ndarray]:
+    return [glide.at((start + i) * STEP_NS, eyes, NEUTRAL, generation) for i in range(count)]
+
+
+def test_found_held_gone_and_found_again() -> None:
+    glide = Glide()
+    first = run(glide, 0, 120, EYES)
+    np.testing.assert_array_equal(first[0], NEUTRAL)  # from neutral
+    np.testing.assert_allclose(first[-1], EYES, atol=1e-4)
+    hold = round(HOLD_S / STEP_NS * 1e9) - 1
+    held = run(glide, 120, hold, None)
+    np.testing.assert_array_equal(held, [first[-1]] * hold)
+    away = run(glide, 120 + hold, 1000, None)
+    assert np.abs(away[5] - first[-1]).max() < 0.1
+    np.testing.assert_allclose(away[-1], NEUTRAL, atol=1e-4)
+    shares = np.array([(a - NEUTRAL)[0] / (EYES - NEUTRAL)[0] for a in away])
+    assert np.all(np.diff(shares) <= 1e-12)
+    at_tau = shares[round(AWAY_S / STEP_NS * 1e9) + 1]
+    assert 0.65 < at_tau < 0.8  # (1 + 1) / e
+    back = run(glide, 1200 + hold, 120, EYES + 1, 1)
+    assert np.abs(back[0] - away[-1]).max() < 0.1
+    np.testing.assert_allclose(back[-1], EYES + 1, atol=1e-3)
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(1, 40), st.floats(-8, 8)), min_size=1, max_size=12))
+@settings(max_examples=80, deadline=None)
+def test_never_a_jump_whatever_the_faces_do(spans: list[tuple[bool, int, float]]) -> None:
+    """Faces come and go anywhere within 8 views; from refresh to refresh the picture moves by a small part of that only."""
+    glide, at, shown = Glide(), 0, []
+    for generation, (face, count, place) in enumerate(spans):
+        shown += run(glide, at, count, NEUTRAL + place if face else None, generation)
+        at += count
+    if len(shown) > 1:
+        assert np.abs(np.diff(shown, axis=0)).max() < 0.06 * 16
+
+
+@pytest.mark.parametrize("step_ns", [0, 1, 10**6, 10**9, 10**18])
+def test_any_step_of_time_is_stable(step_ns: int) -> None:
+    glide = Glide()
+    glide.at(0, EYES, NEUTRAL)
+    for i in range(1, 5):
+        out = glide.at(i * step_ns, EYES if i % 2 else None, NEUTRAL)
+        assert np.all(out >= np.minimum(EYES, NEUTRAL)) and np.all(out <= np.maximum(EYES, NEUTRAL))
+
+
+def test_a_face_followed_is_not_delayed() -> None:
+    glide = Glide()
+    run(glide, 0, 200, EYES)
+    for i in range(200, 230):
+        np.testing.assert_allclose(glide.at(i * STEP_NS, EYES + i, NEUTRAL), EYES + i, atol=1e-6)

@@ -1,0 +1,200 @@
+"""The landmark network in-thread, on a real face."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lfpipe.config import Track
+from lfpipe.errors import UserError
+from lfpipe.track import network
+from lfpipe.track.engines import make_engine
+from lfpipe.track.litert_engine import LitertEngine
+from lfpipe.track.mediapipe_engine import MediapipeEngine
+from lfpipe.track.network import Network, model_file
+
+Picture = NDArray[np.uint8]
+Placed = Callable[..., Picture]
+
+
+@pytest.fixture(scope="module")
+def engine() -> LitertEngine:
+    return LitertEngine()
+
+
+@pytest.fixture(autouse=True)
+def fresh(engine: LitertEngine) -> None:
+    engine.reset()
+
+
+def apart(eyes_px: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(eyes_px[0] - eyes_px[1]))
+
+
+def test_eyes_are_found_where_they_are_and_left_is_at_larger_x(engine: LitertEngine, placed: Placed) -> None:
+    face = engine.detect(placed((320, 200, 0.8)))
+    assert face is not None
+    assert np.abs(face.eyes_px.mean(axis=0) - (320, 200)).max() < 6
+    assert face.eyes_px[0, 0] > face.eyes_px[1, 0] + 50
+    assert 0.9 < face.confidence <= 1.0
+    x0, y0, x1, y1 = face.box_px
+    assert x0 < face.eyes_px[1, 0] < face.eyes_px[0, 0] < x1 and y0 < face.eyes_px[:, 1].min() and y1 > 250
+
+
+def test_same_eyes_as_facemesh_on_a_moving_face(engine: LitertEngine, placed: Placed) -> None:
+    mesh = MediapipeEngine()
+    errors = []
+    try:
+        for i in range(12):
+            picture = placed((250 + 9 * i, 200 + 3 * i, 0.6 + 0.02 * i))
+            ours, theirs = engine.detect(picture), mesh.detect(picture)
+            assert ours is not None and theirs is not None
+            errors.append(ours.eyes_px - theirs.eyes_px)
+    finally:
+        mesh.close()
+    assert float(np.sqrt(np.square(errors).sum(axis=-1).mean())) < 0.2
+
+
+def test_subpixel_moves_are_followed(engine: LitertEngine, placed: Placed) -> None:
+    """A face moved by a tenth of a pixel is seen to move by that: nothing in the crop or the region rounds."""
+    found = []
+    for i in range(31):
+        for _ in range(2 if i else 8):  # the region of interest settles
+            face = engine.detect(cv2.GaussianBlur(placed((320 + i / 10, 200, 0.7)), (0, 0), 0.8))  # as a lens does
+        assert face is not None
+        found.append(face.eyes_px[:, 0].mean())
+    residual = np.array(found) - np.polyval(np.polyfit(np.arange(31), found, 1), np.arange(31))
+    assert np.polyfit(np.arange(31) / 10, found, 1)[0] == pytest.approx(1.0, abs=0.1)
+    assert residual.std() < 0.15  # whole pixels would leave 0.29
+
+
+def test_lost_and_found_within_two_pictures(engine: LitertEngine, placed: Placed) -> None:
+    with_face, without = placed((320, 200, 0.7)), placed()
+    seen = [engine.detect(picture) is not None for picture in [with_face] * 3 + [without] * 4 + [with_face] * 4]
+    assert seen[:3] == [True] * 3
+    assert not any(seen[4:7])
+    assert all(seen[8:])
+
+
+def test_the_largest_near_the_centre_is_chosen_first(engine: LitertEngine, placed: Placed) -> None:
+    face = engine.detect(placed((120, 110, 0.35), (450, 220, 0.6)))
+    assert face is not None
+    assert abs(face.eyes_px[:, 0].mean() - 450) < 15
+
+
+def test_a_passer_by_does_not_steal_the_view_and_recentre_chooses_anew(engine: LitertEngine, placed: Placed) -> None:
+    viewer = (160.0, 200.0, 0.45)
+    engine.detect(placed(viewer))
+    for x in (620, 560, 500, 450):
+        face = engine.detect(placed(viewer, (x, 200, 0.7)))  # larger, and nearer to the centre
+        assert face is not None
+        assert abs(face.eyes_px[:, 0].mean() - 160) < 15
+    engine.reset()
+    face = engine.detect(placed(viewer, (450, 200, 0.7)))
+    assert face is not None
+    assert abs(face.eyes_px[:, 0].mean() - 450) < 20
+
+
+def test_a_viewer_out_of_sight_for_a_moment_is_followed_again(engine: LitertEngine, placed: Placed) -> None:
+    viewer, guest = (160.0, 200.0, 0.45), (470.0, 200.0, 0.7)
+    for _ in range(3):
+        engine.detect(placed(viewer, (*guest[:2], 0.3)))
+    for _ in range(8):  # the viewer's face is covered
+        face = engine.detect(placed(guest))
+    assert face is not None and abs(face.eyes_px[:, 0].mean() - 470) < 20
+    for _ in range(12):
+        face = engine.detect(placed(viewer, guest))
+    assert face is not None and abs(face.eyes_px[:, 0].mean() - 160) < 15
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 3), (1, 480), (640, 1), (64, 48)])
+def test_tiny_pictures_hold_no_face(engine: LitertEngine, size: tuple[int, int]) -> None:
+    assert engine.detect(np.full((*size, 3), 128, np.uint8)) is None
+
+
+@pytest.mark.parametrize("size", [(320, 240), (1920, 1080), (3840, 2160)])
+def test_every_size_of_frame(engine: LitertEngine, placed: Placed, size: tuple[int, int]) -> None:
+    factor = size[1] / 480
+    face = engine.detect(placed((0.5 * size[0], 0.42 * size[1], 0.7 * factor), size=size))
+    assert face is not None
+    assert apart(face.eyes_px) == pytest.approx(89 * 0.7 * factor, rel=0.08)
+
+
+def test_grey_deep_and_transparent_pictures_show_the_same_face(engine: LitertEngine, placed: Placed) -> None:
+    colour = placed((320, 200, 0.8))
+    plain = engine.detect(colour)
+    assert plain is not None
+    grey = cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
+    deep = colour.astype(np.uint16) * 257
+    for picture in (grey, grey[..., None], deep, cv2.cvtColor(colour, cv2.COLOR_BGR2BGRA), colour[:, ::-1][:, ::-1]):
+        engine.reset()
+        face = engine.detect(picture)  # type: ignore[arg-type]
+        assert face is not None
+        assert np.abs(face.eyes_px - plain.eyes_px).max() < 2.5
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind"), [((0, 5, 3), np.uint8), ((9, 9, 2), np.uint8), ((9,), np.uint8), ((9, 9, 3), np.float32)]
+)
+def test_other_arrays_are_refused_by_name(engine: LitertEngine, shape: tuple[int, ...], kind: type) -> None:
+    with pytest.raises(UserError, match=r"shape \("):
+        engine.detect(np.zeros(shape, kind))
+
+
+def test_iris_refinement_stays_within_the_eye(placed: Placed) -> None:
+    plain, refined = LitertEngine(), make_engine(Track(refine=True))
+    picture = placed((320, 200, 0.8))
+    a, b = plain.detect(picture), refined.detect(picture)
+    assert a is not None and b is not None
+    moved = np.linalg.norm(a.eyes_px - b.eyes_px, axis=1)
+    assert np.all(moved > 0.05) and np.all(moved < 0.08 * apart(a.eyes_px))
+    assert "iris" in refined.model and "iris" not in plain.model
+
+
+def test_missing_model_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "mediapipe").mkdir()
+    (tmp_path / "mediapipe" / "__init__.py").touch()
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "mediapipe", raising=False)  # or that one's place would be taken for this one's
+    with pytest.raises(UserError, match=r"face_landmark\.tflite is missing.*\n.*0\.10\.21"):
+        LitertEngine()
+
+
+def test_broken_model_and_model_of_another_version_are_refused(tmp_path: Path) -> None:
+    broken = tmp_path / "face_landmark.tflite"
+    broken.write_bytes(b"no network at all")
+    with pytest.raises(UserError, match="not a usable face network"):
+        Network(broken, (1, 192, 192, 3), (1404, 1))
+    with pytest.raises(UserError, match=r"another version: takes \(1, 128, 128, 3\)"):
+        Network(model_file("modules/face_detection/face_detection_short_range.tflite"), (1, 192, 192, 3), (1404, 1))
+
+
+def test_the_model_is_named_with_version_and_contents(engine: LitertEngine) -> None:
+    assert engine.model.startswith("face_landmark.tflite (mediapipe 0.10.")
+    assert "sha256" in engine.model
+
+
+def test_mediapipe_is_never_imported() -> None:
+    """Its import takes longer than everything else of a start."""
+    code = (
+        "import sys; from lfpipe.config import Track; from lfpipe.track.engines import make_engine;"
+        "make_engine(Track()); print([m for m in ('mediapipe', 'matplotlib', 'scipy', 'jax') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+    assert done.stderr == ""
+
+
+def test_version_is_unknown_rather_than_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def absent(name: str) -> str:
+        raise network.importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(network.importlib.metadata, "version", absent)
+    assert "mediapipe unknown" in LitertEngine().model

@@ -1,0 +1,112 @@
+"""Known motion and the sequences made from it."""
+
+from __future__ import annotations
+
+import csv
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from lfpipe.capture.motion import duration_s, place_at, reach, stop, sway, viewer_path
+from lfpipe.track.litert_engine import LitertEngine
+
+TOOL = Path(__file__).parents[2] / "tools" / "make_sequence.py"
+HOME = (0.0, 0.0, 600.0)
+
+
+def test_reach_is_at_rest_at_both_ends_and_peaks_at_the_speed_asked() -> None:
+    piece = reach(HOME, (240.0, 0.0, 600.0), 450.0)
+    t = np.linspace(0, piece.duration_s, 2001)
+    x = np.array([piece.place_mm(s)[0] for s in t])
+    speed = np.gradient(x, t)
+    assert (x[0], x[-1]) == (0.0, pytest.approx(240.0))
+    assert speed.max() == pytest.approx(450.0, rel=1e-3)
+    assert speed[0] < 2 and speed[-1] < 2
+
+
+def test_stop_arrives_at_full_speed_and_stands_within_the_braking_time() -> None:
+    piece = stop(HOME, (200.0, 0.0, 600.0), 400.0, brake_s=0.06)
+    before, end = piece.duration_s - 0.06, piece.duration_s
+    fast = (piece.place_mm(before)[0] - piece.place_mm(before - 1e-3)[0]) / 1e-3
+    assert fast == pytest.approx(400.0, rel=1e-6)
+    assert piece.place_mm(end)[0] == pytest.approx(200.0)
+    assert 200.0 - piece.place_mm(before)[0] == pytest.approx(12.0)
+
+
+def test_the_path_is_continuous_and_has_every_phase() -> None:
+    path = viewer_path(600.0, 320.0)
+    t = np.arange(0, duration_s(path), 1 / 1000)
+    places = np.array([place_at(path, s)[0] for s in t])
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= 0.4501 + 1e-3
+    phases = {"still", "reach", "sway", "stop", "approach", "retreat", "leave", "enter"}
+    assert {place_at(path, s)[1] for s in t[::20]} == phases
+    assert place_at(path, -1.0)[0] == place_at(path, 0.0)[0]
+    assert math.dist(place_at(path, 1e9)[0], HOME) < 1e-9
+
+
+def test_sway_starts_and_ends_at_rest() -> None:
+    piece = sway(HOME, 25.0, 0.5, 6.0)
+    for s in (0.0, 6.0):
+        assert math.dist(piece.place_mm(s), HOME) < 1e-9
+    assert max(piece.place_mm(s / 100)[0] for s in range(600)) > 20
+
+
+def run(out: Path, seconds: float, seed: int) -> None:
+    options = ["--rate", "10", "--seconds", str(seconds), "--seed", str(seed)]
+    subprocess.run([sys.executable, TOOL, out, *options], check=True, capture_output=True)
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("sequence") / "face.avi"
+    run(out, 6.5, 7)
+    return out
+
+
+def test_sequence_shows_the_eyes_where_the_truth_says(sequence: Path) -> None:
+    with sequence.with_suffix(".csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["source_seq"]) for row in rows] == list(range(65))
+    assert [int(row["t_ns"]) for row in rows[:2]] == [0, 100_000_000]
+    assert {row["phase"] for row in rows} == {"still", "reach"}
+    truth = np.array([[[row["left_x_px"], row["left_y_px"]], [row["right_x_px"], row["right_y_px"]]] for row in rows], float)
+    assert np.ptp(truth[:, 0, 0]) > 100 and np.all(truth[:, 0, 0] > truth[:, 1, 0])
+    video, engine, errors = cv2.VideoCapture(str(sequence)), LitertEngine(), []
+    for eyes in truth:
+        good, picture = video.read()
+        assert good and picture.shape == (480, 640, 3)
+        face = engine.detect(picture)
+        assert face is not None
+        errors.append(face.eyes_px - eyes)
+    assert not video.read()[0]
+    assert float(np.sqrt(np.square(errors).sum(axis=-1).mean())) < 1.5
+
+
+def test_same_seed_same_video(sequence: Path, tmp_path: Path) -> None:
+    videos = []
+    for seed in (7, 8):
+        out = tmp_path / f"{seed}.avi"
+        run(out, 0.3, seed)
+        videos.append(cv2.VideoCapture(str(out)).read()[1])
+    first = cv2.VideoCapture(str(sequence)).read()[1]
+    np.testing.assert_array_equal(videos[0], first)
+    assert np.any(videos[1] != first)
+
+
+@pytest.mark.parametrize(("content", "message"), [(b"no picture", "not a picture"), (None, "no face found")])
+def test_portrait_that_is_none(tmp_path: Path, content: bytes | None, message: str) -> None:
+    portrait = tmp_path / "portrait.png"
+    if content is None:
+        cv2.imwrite(str(portrait), np.full((200, 200, 3), 99, np.uint8))
+    else:
+        portrait.write_bytes(content)
+    done = subprocess.run(
+        [sys.executable, TOOL, tmp_path / "out.avi", "--portrait", portrait], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert message in done.stderr and "remedy" in done.stderr and "Traceback" not in done.stderr

@@ -1,0 +1,230 @@
+"""The filters: hulls, stability, bad stamps and bad measurements."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfpipe.config import Track
+from lfpipe.track.filters import make_filter
+from lfpipe.track.kalman import Kalman
+from lfpipe.track.smoothing import MAX_STEP_NS, MIN_STEP_NS, EyeFilter, Mean, OneEuro, weight
+
+FRAME_NS = 33_333_333
+EYES = np.array([[350.0, 240.0], [290.0, 242.0]])
+KINDS = ("predictive", "one-euro", "kalman", "mean")
+SMOOTHING: list[Callable[[], EyeFilter]] = [lambda: Mean(5), lambda: OneEuro(1.0, 2.0, 4.0)]
+
+pixels = st.floats(-1e6, 1e6)
+steps = st.one_of(st.integers(-(10**18), 10**18), st.integers(1, 10**9))
+
+
+def make(kind: str) -> EyeFilter:
+    return make_filter(Track(filter=kind))  # type: ignore[arg-type]
+
+
+def settled(kind: str, frames: int = 40, start_ns: int = 0) -> EyeFilter:
+    filter_ = make(kind)
+    for i in range(frames):
+        filter_.update(start_ns + i * FRAME_NS, EYES)
+    return filter_
+
+
+@pytest.mark.parametrize("make_one", SMOOTHING)
+@given(track=st.lists(st.tuples(steps, st.tuples(pixels, pixels, pixels, pixels)), min_size=1, max_size=30))
+@settings(max_examples=60, deadline=None)
+def test_smoothing_stays_within_what_was_measured(
+    make_one: Callable[[], EyeFilter], track: list[tuple[int, tuple[float, ...]]]
+) -> None:
+    filter_, t_ns, seen = make_one(), 0, []
+    for step_ns, values in track:
+        t_ns += step_ns
+        seen.append(np.reshape(values, (2, 2)))
+        position, velocity = filter_.update(t_ns, seen[-1])
+        slack = 1e-9 * (1 + np.abs(seen).max())  # a mean of equal numbers may round
+        assert np.all(position >= np.min(seen, axis=0) - slack)
+        assert np.all(position <= np.max(seen, axis=0) + slack)
+        assert not velocity.any()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(track=st.lists(st.tuples(steps, st.tuples(pixels, pixels, pixels, pixels)), min_size=1, max_size=30))
+@settings(max_examples=60, deadline=None)
+def test_whatever_comes_the_output_is_finite_and_bounded(kind: str, track: list[tuple[int, tuple[float, ...]]]) -> None:
+    filter_, t_ns = make(kind), 0
+    for step_ns, values in track:
+        t_ns += step_ns
+        position, velocity = filter_.update(t_ns, np.reshape(values, (2, 2)))
+        assert np.all(np.abs(position) < 1e8)
+        assert np.all(np.isfinite(velocity))
+        assert np.all(np.isfinite(filter_.predict(t_ns + FRAME_NS)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e18, 5e-324])
+@pytest.mark.parametrize("where", [(0, 0), (1, 1), slice(None)])
+def test_one_bad_measurement_is_forgotten_within_three_good_ones(kind: str, bad: float, where: object) -> None:
+    filter_, untouched = settled(kind), settled(kind)
+    measured = EYES.copy()
+    measured[where] = bad  # type: ignore[index]
+    position, velocity = filter_.update(40 * FRAME_NS, measured)
+    assert np.all(np.isfinite(position))
+    assert np.all(np.isfinite(velocity))
+    for i in (41, 42, 43):
+        position, velocity = filter_.update(i * FRAME_NS, EYES)
+        expected, _ = untouched.update(i * FRAME_NS, EYES)
+    if bad == 5e-324 and kind == "mean":  # a number like any other: the mean keeps it for k frames
+        expected = (4 * EYES + measured) / 5
+    if bad == 5e-324 and kind != "mean":
+        assert np.all(np.abs(position - expected) < 0.12 * np.abs(measured - EYES).max())
+    else:
+        np.testing.assert_allclose(position, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bad_first_measurement_leaves_no_trace(kind: str) -> None:
+    filter_ = make(kind)
+    position, _ = filter_.update(0, np.full((2, 2), np.nan))
+    assert np.all(np.isnan(position))
+    position, velocity = filter_.update(FRAME_NS, EYES)
+    np.testing.assert_array_equal(position, EYES)
+    assert not velocity.any()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("step_ns", [0, 1, MIN_STEP_NS - 1, -1, -FRAME_NS])
+def test_doubled_and_late_frames_change_nothing(kind: str, step_ns: int) -> None:
+    filter_ = settled(kind)
+    before = filter_.predict(41 * FRAME_NS)
+    position, _ = filter_.update(39 * FRAME_NS + step_ns, EYES + 30)
+    np.testing.assert_allclose(position, EYES)
+    np.testing.assert_array_equal(filter_.predict(41 * FRAME_NS), before)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("step_ns", [MAX_STEP_NS, 10**15, -MAX_STEP_NS, -(10**15)])
+def test_gap_and_another_clock_start_afresh(kind: str, step_ns: int) -> None:
+    filter_ = settled(kind)
+    position, velocity = filter_.update(39 * FRAME_NS + step_ns, EYES + 30)
+    np.testing.assert_array_equal(position, EYES + 30)
+    assert not velocity.any()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_stamps_near_the_end_of_int64_are_as_good_as_any(kind: str) -> None:
+    late_ns = 2**63 - 1 - 60 * FRAME_NS
+    early, late = make(kind), make(kind)
+    rng = np.random.default_rng(3)
+    for i in range(50):
+        measured = EYES + 5 * i + rng.normal(0, 0.3, (2, 2))
+        a = early.update(i * FRAME_NS, measured)
+        b = late.update(np.int64(late_ns + i * FRAME_NS), measured)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(early.predict(50 * FRAME_NS), late.predict(late_ns + 50 * FRAME_NS))
+    position, _ = late.update(-(2**63), EYES)  # the difference alone is beyond int64
+    np.testing.assert_array_equal(position, EYES)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_drift_over_any_number_of_updates(kind: str) -> None:
+    """Once the whole state comes back, bit for bit, after a few updates, 10^8 more change nothing."""
+    filter_ = settled(kind, 20_000)
+    before, period = _state(filter_), None
+    for i in range(1, 33):
+        filter_.update((19_999 + i) * FRAME_NS, EYES)
+        if _state(filter_) == before:
+            period = i
+            break
+    assert period is not None
+    np.testing.assert_allclose(filter_.predict(20_040 * FRAME_NS), EYES, rtol=1e-14)
+
+
+def _state(filter_: object) -> str:
+    """Everything a filter holds but its last stamp."""
+    values = {key: value for key, value in vars(filter_).items() if key != "_t_ns"}
+    return repr({k: _state(v) if hasattr(v, "update") and hasattr(v, "predict") else repr(v) for k, v in values.items()})
+
+
+@pytest.mark.parametrize("kind", ["predictive", "kalman"])
+@pytest.mark.parametrize("speed_px_s", [60.0, 450.0])
+def test_constant_motion_is_predicted(kind: str, speed_px_s: float) -> None:
+    filter_ = make(kind)
+    for i in range(60):
+        filter_.update(i * FRAME_NS, EYES + speed_px_s * i * FRAME_NS / 1e9)
+    ahead_ns = 59 * FRAME_NS + 30_000_000
+    truth = EYES + speed_px_s * ahead_ns / 1e9
+    lag_s = np.abs(filter_.predict(ahead_ns) - truth).max() / speed_px_s
+    assert lag_s < (0.012 if speed_px_s > 100 else 0.03)  # the mean of five lags by 0.067 + 0.030
+
+
+def test_dropped_frames_do_not_disturb_the_prediction() -> None:
+    whole, gappy = make("predictive"), make("predictive")
+    for i in range(60):
+        measured = EYES + 300 * i * FRAME_NS / 1e9
+        whole.update(i * FRAME_NS, measured)
+        if i % 3 or i < 5:
+            gappy.update(i * FRAME_NS, measured)
+    t_ns = 60 * FRAME_NS
+    assert np.abs(whole.predict(t_ns) - gappy.predict(t_ns)).max() < 1.0
+
+
+def test_jitter_at_rest_is_no_more_than_the_means() -> None:
+    rng = np.random.default_rng(5)
+    still = EYES + rng.normal(0, 0.3, (600, 2, 2))
+    shown = {}
+    for kind in ("mean", "predictive"):
+        filter_ = make(kind)
+        out = []
+        for i, measured in enumerate(still):
+            filter_.update(i * FRAME_NS, measured)
+            out.append(filter_.predict(i * FRAME_NS + 25_000_000))
+        shown[kind] = float(np.std(out[60:], axis=0).mean())
+    assert shown["predictive"] <= shown["mean"]
+
+
+def test_mean_starts_without_a_jump_and_covers_k_frames() -> None:
+    filter_ = Mean(3)
+    values = [EYES + d for d in (0, 3, 6, 9)]
+    out = [filter_.update(i * FRAME_NS, value)[0] for i, value in enumerate(values)]
+    np.testing.assert_allclose(out, [EYES, EYES + 1.5, EYES + 3, EYES + 6])
+    filter_.reset()
+    np.testing.assert_array_equal(filter_.update(10 * FRAME_NS, EYES)[0], EYES)
+
+
+def test_head_scale_does_not_matter() -> None:
+    """Twice as near, twice the pixels: the same filter, twice the numbers."""
+    near, far = make("predictive"), make("predictive")
+    rng = np.random.default_rng(6)
+    for i in range(50):
+        measured = EYES + 8 * max(i - 20, 0) + rng.normal(0, 0.3, (2, 2))
+        a, _ = far.update(i * FRAME_NS, measured)
+        b, _ = near.update(i * FRAME_NS, 2 * measured)
+    np.testing.assert_allclose(2 * a, b, rtol=1e-12)
+
+
+@given(st.floats(0, 1e300), st.floats(0, 1e300))
+def test_share_of_the_low_pass_is_within_0_and_1(cutoff_hz: float, dt_s: float) -> None:
+    assert 0.0 <= weight(cutoff_hz, dt_s) <= 1.0
+
+
+def test_explicit_euler_would_explode_where_backward_euler_settles() -> None:
+    """Why `weight` is what it is: a step of 0.3 s at a cutoff of 1.5 Hz is past the explicit form's bound of dt = 2 tau."""
+    dt_s, cutoff_hz = 0.3, 1.5
+    explicit = implicit = 1.0
+    for _ in range(100):
+        explicit += 2 * math.pi * cutoff_hz * dt_s * (0.0 - explicit)
+        implicit += weight(cutoff_hz, dt_s) * (0.0 - implicit)
+    assert abs(explicit) > 1e20
+    assert abs(implicit) < 1e-20
+
+
+def test_kalman_reports_the_velocity() -> None:
+    filter_ = Kalman(1e5)
+    for i in range(60):
+        _, velocity = filter_.update(i * FRAME_NS, EYES + 200 * i * FRAME_NS / 1e9)
+    np.testing.assert_allclose(velocity, 200, rtol=1e-6)
