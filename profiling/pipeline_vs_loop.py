@@ -50,7 +50,7 @@ def lfpipe(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     time.sleep(args.seconds - 1.5)
     wall, cpu = time.monotonic() - t0, cpu_s(pids) - cpu0
     state = json.loads(subprocess.run(watch, capture_output=True, text=True, check=True).stdout)
-    out, err = process.communicate()
+    _out, err = process.communicate()
     if process.returncode:
         raise SystemExit(f"lfpipe ended with {process.returncode}: {err}")
     lines = [json.loads(line) for line in trace.read_text().splitlines()]
@@ -73,7 +73,8 @@ def loop(args: argparse.Namespace) -> dict[str, Any]:
     command = [sys.executable, args.loop, args.video, args.scene, *pace, "--seconds", str(args.seconds)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     found = json.loads(done.stdout.splitlines()[-1])
-    return {"p50": found["latency_ms"]["p50"], "fps": found["fps"], "cpu": found["cpu_cores"], "first_s": found.get("first_picture_s")}
+    first_s = found.get("first_picture_s")
+    return {"p50": found["latency_ms"]["p50"], "fps": found["fps"], "cpu": found["cpu_cores"], "first_s": first_s}
 
 
 def main() -> None:

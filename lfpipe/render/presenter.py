@@ -44,13 +44,12 @@ class Presenter:
         """The next picture is composed whatever its key."""
         self._key = None
 
-    def take(self) -> bool:
-        """Takes the newest eyes record if there is one."""
+    def take(self) -> Stamp | None:
+        """Takes the newest eyes record if there is one; returns its stamp."""
         stamp = self._eyes.take(self._buffer)
-        if stamp is None:
-            return False
-        self._record, self._stamp, self._t_taken_ns = self._buffer, stamp, now_ns()
-        return True
+        if stamp is not None:
+            self._record, self._stamp, self._t_taken_ns = self._buffer, stamp, now_ns()
+        return stamp
 
     def show(self, target_ns: int, hold: bool) -> None:
         """Shows the picture for target_ns; hold: not before target_ns, which is then a refresh of the display."""

@@ -15,9 +15,10 @@ import cv2
 from lfpipe.render.keys import Keys
 from lfpipe.render.open_display import open_display
 from lfpipe.render.presenter import Presenter
+from lfpipe.render.refresh import Refresh
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.store import open_pack
-from lfpipe.transport.clock import MS_NS, Ticker, now_ns
+from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 
 MARGIN_NS = MS_NS  # composing begins this much earlier than it should need
@@ -33,10 +34,10 @@ def main(context: Context) -> None:
     display = open_display(options["display"], (field.width_px, field.height_px), f"lfpipe: {field.name}", rate_hz)
     presenter = Presenter(context, viewer, display)
     keys = Keys(context, viewer, presenter, display)
-    ticker = None if on_camera else Ticker(rate_hz, now_ns())
+    refresh = None if on_camera else Refresh(rate_hz, now_ns())
     context.ready()
     try:
-        while context.wait(None if ticker is None else ticker.due_ns() - presenter.cost_ns - MARGIN_NS):
+        while context.wait(None if refresh is None else refresh.due_ns() - presenter.cost_ns - MARGIN_NS):
             if context.options["pack"] != options["pack"] or context.config != config:
                 if context.options["pack"] != options["pack"]:
                     field = open_pack(Path(context.options["pack"]))
@@ -49,16 +50,16 @@ def main(context: Context) -> None:
                 presenter.redraw()
             keys.serve()
             fresh = presenter.take()
-            if context.paused:
-                if ticker is not None:
-                    ticker.advance(now_ns())
-                continue
-            if ticker is None:
-                if fresh:
+            lead_ns = presenter.cost_ns + MARGIN_NS
+            if fresh is not None and refresh is not None:
+                refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns(), lead_ns)
+            if refresh is None:
+                if fresh is not None and not context.paused:
                     presenter.show(now_ns() + presenter.cost_ns, hold=False)
-            elif now_ns() >= ticker.due_ns() - presenter.cost_ns - MARGIN_NS:
-                presenter.show(ticker.due_ns(), hold=True)
-                ticker.advance(now_ns())
+            elif now_ns() >= refresh.due_ns() - lead_ns:
+                if not context.paused:
+                    presenter.show(refresh.due_ns(), hold=True)
+                refresh.advance(now_ns())
     finally:
         if options["still"] and presenter.picture is not None:
             cv2.imwrite(options["still"], presenter.picture)

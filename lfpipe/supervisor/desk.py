@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -81,7 +82,10 @@ class Desk:
         for _ in range(most):
             if not self._bus.poll(0):
                 break
-            self._tap.send(self._bus.recv(), zmq.NOBLOCK)
+            data = self._bus.recv()
+            self._tap.send(data, zmq.NOBLOCK)
+            with contextlib.suppress(control.BadMessage):
+                self._supervisor.hear(control.decode(data))
         self._finish()
 
     def _take(self, client: bytes, data: bytes) -> None:

@@ -222,6 +222,13 @@ class Supervisor:
                 if process.alive and signum is not None:
                     process.signal(signum)
 
+    def hear(self, message: dict[str, Any]) -> None:
+        """Passes on to the person what a stage has to say to one."""
+        texts = message.get("notes") or [message.get("text")]
+        for text in texts if message.get("topic") in ("source", "notice", "parallax") else ():
+            if isinstance(text, str):
+                self._tell(text)
+
     def change(self, config: Config | None = None, options: dict[str, Any] | None = None, paused: bool | None = None) -> int:
         """Takes a checked change as a whole and tells every stage; returns its revision."""
         self.config = self.config if config is None else config

@@ -30,6 +30,10 @@ class Ticker:
         """The next deadline."""
         return self._t0_ns + int(self._k * 1e9 / self.rate_hz)
 
+    def shift(self, by_ns: int) -> None:
+        """Moves this and all later deadlines."""
+        self._t0_ns += by_ns
+
     def advance(self, t_ns: int) -> None:
         """Goes to the first deadline after the present one that is not yet past at t_ns."""
         self._k += 1

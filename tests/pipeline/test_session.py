@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -42,7 +43,7 @@ def test_a_paced_session_keeps_the_rate_and_drops_nothing(world: World, scene: P
     assert process.returncode == 0, err
     lines = world.lines()
     sensors = [line["t_sensor_ns"] for line in lines]
-    gaps = {b - a for a, b in zip(sensors, sensors[1:], strict=False)}
+    gaps = {b - a for a, b in itertools.pairwise(sensors)}
     seqs = [line["source_seq"] for line in lines]
     assert seqs == list(range(seqs[0], seqs[0] + len(seqs)))
     assert all(abs(gap - 1e9 / 30) <= 1 for gap in gaps), "deadlines are exact"
@@ -161,7 +162,7 @@ def test_after_a_kill_of_the_whole_group_the_next_up_sweeps(world: World, scene:
     assert world.left(), "nothing to sweep: this test shows nothing"
     world.trace.unlink()
     second = world.up(scene, "--duration", "2")
-    out, err = second.communicate(timeout=60)
+    _out, err = second.communicate(timeout=60)
     assert second.returncode == 0 and world.lines(), err
     assert not world.left()
 

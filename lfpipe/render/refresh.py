@@ -1,0 +1,49 @@
+"""When the next picture is due on a display that takes one at any time: an even rate whose phase follows the camera.
+
+Where the display's rate is a multiple of the camera's, a picture composed right after new eyes have come shows them up to one
+refresh younger than one composed just before: the phase creeps there, by so little a step that nobody sees it.
+"""
+
+from __future__ import annotations
+
+from lfpipe.transport.clock import MS_NS, Ticker
+
+SLACK = 0.2  # of a period, 3 ms at the most: how late eyes may come and still be in time
+GAIN = 0.05
+LARGEST_STEP = 0.01  # of a period
+NEAR_RATIO = 0.01  # how near to a whole number the ratio of the two rates must be
+
+
+class Refresh:
+    """The display's clock, rate_hz, first due at t0_ns."""
+
+    def __init__(self, rate_hz: float, t0_ns: int) -> None:
+        self._ticker = Ticker(rate_hz, t0_ns)
+        self._period_ns = 1e9 / rate_hz
+        self._camera_period_ns = 0.0
+        self._last: tuple[int, int] | None = None  # (source_seq, t_sensor_ns) of the eyes before
+
+    def due_ns(self) -> int:
+        """When the next picture is to be on the screen."""
+        return self._ticker.due_ns()
+
+    def advance(self, t_ns: int) -> None:
+        """On to the next refresh after t_ns."""
+        self._ticker.advance(t_ns)
+
+    def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int, lead_ns: int) -> None:
+        """New eyes, of that frame, came at t_eyes_ns; a picture takes lead_ns from its start to the screen."""
+        last, self._last = self._last, (source_seq, t_sensor_ns)
+        if last is None or source_seq <= last[0]:
+            return
+        period_ns = (t_sensor_ns - last[1]) / (source_seq - last[0])
+        self._camera_period_ns += (period_ns - self._camera_period_ns) * (GAIN if self._camera_period_ns else 1.0)
+        ratio = self._camera_period_ns / self._period_ns
+        if round(ratio) < 1 or abs(ratio - round(ratio)) > NEAR_RATIO * ratio:
+            return
+        slack_ns = min(SLACK * self._period_ns, 3 * MS_NS)
+        late_ns = (t_eyes_ns + slack_ns + lead_ns - self.due_ns()) % self._period_ns
+        if late_ns > self._period_ns / 2:
+            late_ns -= self._period_ns
+        largest_ns = LARGEST_STEP * self._period_ns
+        self._ticker.shift(int(min(max(GAIN * late_ns, -largest_ns), largest_ns)))
