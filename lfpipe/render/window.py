@@ -42,8 +42,7 @@ class Window:
             largest = min(SCREEN_SHARE * desktop[0] / size_px[0], SCREEN_SHARE * desktop[1] / size_px[1])
             scale = min(max(1.0, SMALLEST_PX / max(size_px)), largest)
             self._windowed = round(size_px[0] * scale), round(size_px[1] * scale)
-            pygame.display.set_caption(title)
-            self._fullscreen = fullscreen
+            self._title, self._fullscreen = title, fullscreen
             self._set_mode()
         except pygame.error as error:
             raise UserError(f"no window can be opened: {error}", "use --display none or --display file:OUT.mkv") from None
@@ -55,6 +54,10 @@ class Window:
         self._panel: pygame.Surface | None = None
 
     def _set_mode(self) -> None:
+        """Opens the window anew: without a window manager SDL neither moves nor shrinks the one that is there."""
+        pygame.display.quit()
+        pygame.display.init()
+        pygame.display.set_caption(self._title)
         if self._fullscreen:
             surface = pygame.display.set_mode((0, 0), pygame.FULLSCREEN)
         else:
