@@ -242,3 +242,19 @@ def _bake_tables(weights: Weights, linear: bool) -> tuple[list[NDArray[np.uint16
     level = np.arange(65536) / scale
     value = encoded(level) if linear else np.clip(level, 0.0, 1.0)
     return terms, np.rint(value * 255).astype(np.uint8).reshape(1, -1)
+
+
+def encode(left: NDArray[np.uint8], right: NDArray[np.uint8], how: Recipe) -> NDArray[np.uint8]:
+    """The anaglyph of two pictures, uint8 (height, width, 3) BGR each, as a new one: for notebooks, metrics and tests."""
+    height, width = left.shape[:2]
+    baker, mixer = Baker(height, width), Mixer(how, height, width)
+    planes: list[NDArray[np.uint8]] = []
+    for plane in how.planes:
+        view = np.ascontiguousarray((right if plane.eye else left)[..., ::-1].transpose(2, 0, 1))
+        if plane.channel is None:
+            baked = np.empty((height, width), np.uint8)
+            baker.bake(view, plane, baked)
+            planes.append(baked)
+        else:
+            planes.append(view[plane.channel])
+    return mixer.mix(planes, np.empty((height, width, 3), np.uint8))

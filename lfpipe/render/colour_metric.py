@@ -1,0 +1,121 @@
+"""What an anaglyph looks like through the glasses, in numbers: fused colour, retinal rivalry, ghost.
+
+Linear RGB of an ordinary LCD to the XYZ that reaches an eye, without and with each glass. The matrices are integrals of measured
+spectra (display and filters as digitised in the public project angler.js, after Woods' measurements) over the CIE 1931 observer;
+the display's white is D65 with Y = 1. Crosstalk as Woods (2012) defines it: leaking luminance over signal luminance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.render.anaglyph import decoded
+
+Float = NDArray[np.float64]
+Encoder = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.uint8]]  # (left, right) BGR -> anaglyph BGR
+
+
+def _matrix(*rows: tuple[float, float, float]) -> Float:
+    return np.array(rows)
+
+
+BARE = _matrix((0.4433, 0.3141, 0.1930), (0.2406, 0.6450, 0.1144), (0.0, 0.1071, 0.9817))
+GLASS = {
+    "red": _matrix((0.1909, 0.0259, 0.0001), (0.0922, 0.0135, 0.0001), (0.0, 0.0, 0.0)),
+    "cyan": _matrix((0.0010, 0.0778, 0.1070), (0.0009, 0.2381, 0.0658), (0.0, 0.0744, 0.5735)),
+    "green": _matrix((0.0006, 0.0429, 0.0044), (0.0006, 0.1266, 0.0170), (0.0, 0.0052, 0.0026)),
+    "magenta": _matrix((0.2437, 0.0309, 0.0512), (0.1174, 0.0153, 0.0043), (0.0, 0.0044, 0.2621)),
+}
+RED_CYAN = ("red", "cyan")
+GREEN_MAGENTA = ("green", "magenta")
+
+
+@attrs.frozen
+class Seen:
+    """fused_error: mean CIELAB difference (1976) of the fused picture. rivalry_mean, rivalry_p95: |L* left - L* right|.
+    leak_left, leak_right: share of the other eye's light that reaches the left and the right eye on mid grey."""
+
+    fused_error: float
+    rivalry_mean: float
+    rivalry_p95: float
+    leak_left: float
+    leak_right: float
+
+
+def seen_xyz(picture: NDArray[np.uint8], through: Float) -> Float:
+    """XYZ, float64 (..., 3), that reaches an eye from uint8 (..., 3) BGR through a matrix of GLASS, or BARE."""
+    light: Float = decoded(picture[..., ::-1].astype(np.float64) / 255) @ through.T
+    return light
+
+
+def _curve(ratio: Float) -> Float:
+    return np.where(ratio > (6 / 29) ** 3, np.cbrt(np.maximum(ratio, 0.0)), ratio * (29 / 6) ** 2 / 3 + 4 / 29)
+
+
+def lightness(luminance: Float, white: float) -> Float:
+    """CIE L*, 0..100 for luminance up to white."""
+    value: Float = 116 * _curve(luminance / white) - 16
+    return value
+
+
+def lab(xyz: Float, white: Float) -> Float:
+    """CIELAB, float64 (..., 3). white: XYZ (3,)."""
+    f = _curve(xyz / white)
+    return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], axis=-1)
+
+
+def fused_error(original: NDArray[np.uint8], anaglyph: NDArray[np.uint8], glasses: tuple[str, str] = RED_CYAN) -> float:
+    """Mean CIELAB difference between original and what both eyes make of its anaglyph (same picture for both eyes).
+
+    Each eye is adapted to its own white; the fused colour is the mean of the two.
+    """
+    left, right = (GLASS[name] for name in glasses)
+    white_left, white_right = left.sum(axis=1), right.sum(axis=1)
+    fused = (seen_xyz(anaglyph, left) / white_left[1] + seen_xyz(anaglyph, right) / white_right[1]) / 2
+    fused_white = (white_left / white_left[1] + white_right / white_right[1]) / 2
+    difference = lab(fused, fused_white) - lab(seen_xyz(original, BARE), BARE.sum(axis=1))
+    return float(np.linalg.norm(difference, axis=-1).mean())
+
+
+def rivalry(anaglyph: NDArray[np.uint8], glasses: tuple[str, str] = RED_CYAN) -> tuple[float, float]:
+    """(mean, 95th percentile) of the difference in L* between the eyes, each against its own white (same picture for both)."""
+    left, right = (lightness(seen_xyz(anaglyph, GLASS[name])[..., 1], GLASS[name][1].sum()) for name in glasses)
+    apart = np.abs(left - right)
+    return float(apart.mean()), float(np.percentile(apart, 95))
+
+
+def ghost(encode: Encoder, pedestal: float = 0.5, glasses: tuple[str, str] = RED_CYAN) -> tuple[float, float]:
+    """(left, right) leak: how much an eye's luminance changes when the other eye's view goes from black to white, over how
+    much it changes when its own does, while its own (else the other's) stays at the pedestal, a code value 0..1. Negative:
+    over-corrected."""
+
+    def grey(value: float) -> NDArray[np.uint8]:
+        return np.full((1, 1, 3), round(value * 255), np.uint8)
+
+    found = []
+    for eye, name in enumerate(glasses):
+
+        def luminance(own: float, other: float, eye: int = eye, name: str = name) -> float:
+            views = (grey(own), grey(other)) if eye == 0 else (grey(other), grey(own))
+            return float(seen_xyz(encode(*views), GLASS[name])[0, 0, 1])
+
+        leak = luminance(pedestal, 1.0) - luminance(pedestal, 0.0)
+        found.append(leak / (luminance(1.0, pedestal) - luminance(0.0, pedestal)))
+    return found[0], found[1]
+
+
+def measure(pictures: list[NDArray[np.uint8]], encode: Encoder, glasses: tuple[str, str] = RED_CYAN) -> Seen:
+    """All figures of an encoder, over pictures, uint8 (height, width, 3) BGR."""
+    errors, means, tails = [], [], []
+    for picture in pictures:
+        anaglyph = encode(picture, picture)
+        errors.append(fused_error(picture, anaglyph, glasses))
+        mean, tail = rivalry(anaglyph, glasses)
+        means.append(mean)
+        tails.append(tail)
+    leak_left, leak_right = ghost(encode, 0.5, glasses)
+    return Seen(float(np.mean(errors)), float(np.mean(means)), float(np.mean(tails)), leak_left, leak_right)

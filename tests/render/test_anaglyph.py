@@ -1,0 +1,127 @@
+"""Anaglyph methods against their published matrices, worked out in floating point without any of the shortcuts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from lfpipe.render.anaglyph import MATRICES, RED_GLASS_LEAK, SHARED_TOLERANCE, decoded, encode, encoded, recipe
+
+GLASSES = sorted(MATRICES)
+CROSSED = [name for name in GLASSES if name.startswith("dubois")]
+Picture = NDArray[np.uint8]
+
+
+def exact(left: Picture, right: Picture, name: str, light: str) -> NDArray[np.float64]:
+    """The method by its matrix, float64 BGR code values 0..255."""
+    linear = light == "linear" and name in CROSSED
+    both = [p[..., ::-1] / 255 for p in (left, right)]
+    if linear:
+        both = [decoded(p) for p in both]
+    matrix = np.array(MATRICES[name])  # (channel, eye, rgb)
+    mixed = np.clip(both[0] @ matrix[:, 0].T + both[1] @ matrix[:, 1].T, 0, 1)
+    value: NDArray[np.float64] = (encoded(mixed) if linear else mixed)[..., ::-1] * 255
+    return value
+
+
+def smooth_pictures(seed: int) -> tuple[Picture, Picture]:
+    """Two pictures of moderate colours, as photographs have them."""
+    rng = np.random.default_rng(seed)
+    grey, colour = rng.uniform(30, 220, (2, 16, 16, 1)), rng.uniform(-30, 30, (2, 16, 16, 3))
+    left, right = np.rint(grey + colour).clip(0, 255).astype(np.uint8)
+    return left, right
+
+
+@pytest.mark.parametrize("name", GLASSES)
+def test_published_rows_sum_to_one(name: str) -> None:
+    np.testing.assert_allclose(np.array(MATRICES[name]).sum(axis=(1, 2)), 1, atol=0.0025)
+
+
+@pytest.mark.parametrize("name", GLASSES)
+@pytest.mark.parametrize("light", ["linear", "gamma"])
+@pytest.mark.parametrize("ghost_compensation", [0.0, 40.0, 100.0])
+def test_grey_in_is_grey_out_at_every_level(name: str, light: str, ghost_compensation: float) -> None:
+    grey = np.repeat(np.arange(256, dtype=np.uint8)[:, None, None], 3, axis=2)
+    np.testing.assert_array_equal(encode(grey, grey, recipe(name, light, ghost_compensation)), grey)
+
+
+@pytest.mark.parametrize("name", GLASSES)
+@pytest.mark.parametrize("light", ["linear", "gamma"])
+def test_close_to_the_exact_matrix_on_moderate_colours(name: str, light: str) -> None:
+    left, right = smooth_pictures(3)
+    error = np.abs(encode(left, right, recipe(name, light)) - exact(left, right, name, light))
+    assert error.mean() < 0.6
+    assert error.max() < (6 if name in CROSSED else 1)
+
+
+@pytest.mark.parametrize("name", GLASSES)
+def test_recipe_multiplied_out_is_the_published_matrix(name: str) -> None:
+    how = recipe(name)
+    for channel, rows in zip(how.channels, MATRICES[name], strict=True):
+        found = np.zeros((2, 3))
+        for index, gain in ((channel.own, channel.own_gain), (channel.cross, channel.cross_gain)):
+            if index is not None:
+                plane = how.planes[index]
+                found[plane.eye] += gain * np.array(plane.weights)
+        np.testing.assert_allclose(found, rows, atol=SHARED_TOLERANCE + 0.0025)
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=20, deadline=None)
+def test_left_never_reaches_the_cyan_channels_beyond_the_matrix(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    left, other, right = rng.integers(0, 256, (3, 8, 8, 3), dtype=np.uint8)
+    for name in ("colour", "grey", "half-colour", "wimmer"):
+        one, two = encode(left, right, recipe(name)), encode(other, right, recipe(name))
+        np.testing.assert_array_equal(one[..., :2], two[..., :2])
+        one, two = encode(right, left, recipe(name)), encode(right, other, recipe(name))
+        np.testing.assert_array_equal(one[..., 2], two[..., 2])
+
+
+@pytest.mark.parametrize(("name", "sign"), [("dubois", -1), ("colour", 0)])
+def test_what_crosses_over_only_takes_away(name: str, sign: int) -> None:
+    """Dubois subtracts in the other eye's channels; nothing is ever added there."""
+    dark, light, right = (np.full((1, 1, 3), value, np.uint8) for value in (0, 255, 128))
+    change = encode(light, right, recipe(name)).astype(int) - encode(dark, right, recipe(name))
+    assert np.sign(change[0, 0, :2]).tolist() == [sign, sign]
+    assert change[0, 0, 2] > 200
+
+
+def test_the_papers_method_is_red_of_left_and_green_and_blue_of_right() -> None:
+    rng = np.random.default_rng(0)
+    left, right = rng.integers(0, 256, (2, 9, 7, 3), dtype=np.uint8)
+    np.testing.assert_array_equal(encode(left, right, recipe("colour")), np.dstack([right[..., :2], left[..., 2:]]))
+
+
+def test_compensation_cancels_the_leak_through_the_red_glass() -> None:
+    left = np.full((1, 256, 3), 128, np.uint8)
+    right = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
+    for name in ("colour", "grey", "half-colour", "wimmer"):
+        seen = {}
+        for strength in (0.0, 50.0, 100.0):
+            picture = decoded(encode(left, right, recipe(name, "linear", strength)) / 255.0)
+            through_red = picture[..., 2] + RED_GLASS_LEAK * picture[..., 1]
+            seen[strength] = float(np.ptp(through_red))
+        assert seen[100.0] < 0.05 * seen[0.0]
+        assert seen[50.0] == pytest.approx(seen[0.0] / 2, rel=0.1)
+
+
+def test_other_glasses_know_no_compensation() -> None:
+    assert recipe("dubois-amber-blue", "linear", 100.0) == recipe("dubois-amber-blue", "linear", 0.0)
+
+
+@pytest.mark.parametrize("name", GLASSES)
+def test_planes_needed(name: str) -> None:
+    """Each plane is a warp: red/cyan glasses of any method need three."""
+    planes = len(recipe(name, "linear", 100.0).planes)
+    assert planes == (2 if name == "grey" else 3) if not name.startswith("dubois-") else planes <= 6
+
+
+def test_light_makes_a_difference_only_where_eyes_are_summed() -> None:
+    left, right = smooth_pictures(1)
+    for name in GLASSES:
+        same = np.array_equal(encode(left, right, recipe(name, "linear")), encode(left, right, recipe(name, "gamma")))
+        assert same == (name not in CROSSED)

@@ -1,0 +1,161 @@
+"""Views between the stored ones: exact on the grid, continuous off it, right on a scene with known depth, sane on nonsense."""
+
+from __future__ import annotations
+
+import itertools
+
+import attrs
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from lfpipe.render.scoring import psnr_db
+from lfpipe.render.synthesis import Position, Synthesiser, shifted, taps
+from lfpipe.scene.lightfield import LightField
+from tests.render import rendered
+
+METHODS = ["nearest", "blend", "warp", "warp2"]
+
+
+def made(field: LightField, method: str, position: Position, zero_plane_px: float = 0.0, channels: int = 1) -> NDArray[np.uint8]:
+    outs = [np.zeros((field.height_px, field.width_px), np.uint8) for _ in range(channels)]
+    sources = [lambda r, c, k=k: field.views[0, r, c, k] for k in range(channels)]
+    planes = Synthesiser(field, method).render(position, 0, zero_plane_px, sources, outs)
+    return np.stack([plane.copy() for plane in planes])
+
+
+def scores(field: LightField, position: Position, scale: float) -> dict[str, float]:
+    """PSNR of every method against the view drawn for position, 16 px off the border: what enters there was never seen."""
+    row, col = (scale * (p - (count - 1) / 2) for p, count in zip(position, (field.rows, field.cols), strict=True))
+    inner = (slice(None), slice(16, -16), slice(16, -16))
+    truth = rendered.view(row, col, field.height_px, field.width_px)[:1].astype(float)[inner]
+    return {method: psnr_db(float(np.mean((made(field, method, position)[inner] - truth) ** 2))) for method in METHODS}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("channels", [1, 2, 3])
+def test_whole_numbers_give_the_stored_views_bit_for_bit(method: str, channels: int) -> None:
+    field = rendered.field(3, 4)
+    for row in range(3):
+        for col in range(4):
+            np.testing.assert_array_equal(made(field, method, (row, col), 0.0, channels), field.views[0, row, col, :channels])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_whole_numbers_are_exact_where_cameras_stand_off_the_grid(method: str) -> None:
+    field = rendered.field(3, 3)
+    offsets = np.random.default_rng(1).uniform(-0.2, 0.2, (3, 3, 2)).astype(np.float32)
+    field = attrs.evolve(field, offsets=offsets)
+    for row in range(3):
+        for col in range(3):
+            np.testing.assert_array_equal(made(field, method, (row, col)), field.views[0, row, col, :1])
+
+
+def test_a_camera_off_the_grid_is_warped_from_where_it_stands() -> None:
+    """Views drawn at offset places come out right between them only if the offsets are used, and used with their sign."""
+    field = rendered.field(3, 3, 96, 96)
+    offsets = np.random.default_rng(5).uniform(-0.4, 0.4, (3, 3, 2)).astype(np.float32)
+    views = field.views.copy()
+    for row in range(3):
+        for col in range(3):
+            views[0, row, col] = rendered.view(offsets[row, col, 0] + row - 1, offsets[row, col, 1] + col - 1, 96, 96)
+    field = attrs.evolve(field, views=views)
+    knowing = attrs.evolve(field, offsets=offsets)
+    middle = offsets[:2, :2].mean(axis=(0, 1)) - 0.5  # of the four cameras around (0.5, 0.5)
+    inner = (slice(None), slice(24, 40), slice(24, 40))  # within the square: its edges moved too, its stored disparities did not
+    truth = rendered.view(middle[0], middle[1], 96, 96)[:1].astype(float)[inner]
+
+    def error(subject: LightField) -> float:
+        return psnr_db(float(np.mean((made(subject, "warp", (0.5, 0.5))[inner] - truth) ** 2)))
+
+    assert error(knowing) > 40
+    assert error(knowing) > error(field) + 6
+
+
+@pytest.mark.parametrize("position", [(2.5, 2.5), (2.0, 1.5), (1.5, 3.0), (2.3, 2.6), (2.0, 0.3)])
+def test_warping_meets_the_true_view_where_fading_doubles_it(position: Position) -> None:
+    found = scores(rendered.field(5, 5, 96, 96, scale=2.0), position, 2.0)
+    assert found["nearest"] < found["blend"] < found["warp"] - 3
+    assert found["warp2"] > found["blend"] + 5
+
+
+@pytest.mark.parametrize("position", [(2.0, -1.0), (4.5, 2.0), (5.0, 5.0)])
+def test_beyond_the_grid_the_warp_goes_on(position: Position) -> None:
+    found = scores(rendered.field(5, 5, 96, 96, scale=2.0), position, 2.0)
+    assert min(found["warp"], found["warp2"]) > found["nearest"] + 6
+
+
+@pytest.mark.parametrize("scale", [5.0, 8.0])
+@pytest.mark.parametrize("position", [(1.5, 1.5), (1.0, 0.5), (0.5, 2.0), (1.3, 1.6), (1.0, -1.0), (1.0, 0.3)])
+def test_hidden_parts_cost_no_method_its_lead_over_nearest(scale: float, position: Position) -> None:
+    """Near and far part by up to 24 px: the warp must neither copy the square into what it uncovers nor lose its front edge."""
+    found = scores(rendered.field(3, 3, 96, 96, scale=scale), position, scale)
+    assert min(found["warp"], found["warp2"]) > found["nearest"] + 5
+
+
+@pytest.mark.parametrize("method", ["blend", "warp2"])
+@pytest.mark.parametrize("along", [(0.0, 1.0), (1.0, 0.0), (0.7, 0.7)])
+def test_no_jumps_along_a_sweep(method: str, along: tuple[float, float]) -> None:
+    field = rendered.field(5, 5, 96, 96, scale=2.0)
+    path = [(0.5 + along[0] * s, 0.5 + along[1] * s) for s in np.arange(0, 3, 0.05)]
+    frames = [made(field, method, position).astype(float) for position in path]
+    steps = np.array([np.abs(b - a).mean() for a, b in itertools.pairwise(frames)])
+    assert steps.max() <= 3.0 * np.median(steps)
+
+
+def test_the_zero_plane_stands_still_and_the_other_moves() -> None:
+    field = rendered.field(5, 5)
+    here = made(field, "warp", (2.0, 1.0), rendered.NEAR).astype(float)
+    there = made(field, "warp", (2.0, 3.0), rendered.NEAR).astype(float)
+    square = (0, slice(24, 40), slice(24, 40))
+    assert np.abs(here - there)[square].mean() < 2
+    plain = made(field, "warp", (2.0, 1.0)).astype(float) - made(field, "warp", (2.0, 3.0))
+    assert np.abs(plain)[square].mean() > 10
+    for method in ("nearest", "blend"):
+        apart = made(field, method, (2.0, 1.0), rendered.NEAR).astype(float) - made(field, method, (2.0, 3.0), rendered.NEAR)
+        assert np.abs(apart)[square].mean() < 2
+
+
+@given(st.floats(-3, 8), st.floats(-3, 8), st.sampled_from(METHODS), st.integers(1, 6), st.integers(1, 6))
+def test_weights_sum_to_one_over_views_that_exist(row: float, col: float, method: str, rows: int, cols: int) -> None:
+    found = taps(method, (row, col), rows, cols)
+    assert 1 <= len(found) <= 4
+    assert sum(tap.weight for tap in found) == pytest.approx(1)
+    assert all(0 <= tap.row < rows and 0 <= tap.col < cols and tap.weight > 0 for tap in found)
+
+
+@given(st.floats(0, 4), st.floats(0, 4), st.sampled_from(["blend", "warp2"]))
+def test_weights_are_continuous(row: float, col: float, method: str) -> None:
+    def weights(r: float, c: float) -> NDArray[np.float64]:
+        table = np.zeros((5, 5))
+        for tap in taps(method, (r, c), 5, 5):
+            table[tap.row, tap.col] += tap.weight
+        return table
+
+    assert np.abs(weights(row, col) - weights(row + 1e-6, col + 1e-6)).max() < 1e-5
+
+
+@given(st.integers(-40, 40), st.integers(-40, 40))
+def test_shifted_repeats_the_border(dy: int, dx: int) -> None:
+    plane = np.random.default_rng(0).integers(0, 255, (13, 17), dtype=np.uint8)
+    wanted = plane[np.clip(np.arange(13) + dy, 0, 12)][:, np.clip(np.arange(17) + dx, 0, 16)]
+    np.testing.assert_array_equal(shifted(plane, dy, dx, np.empty_like(plane)), wanted)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    rows=st.integers(1, 3), cols=st.integers(1, 4), height=st.integers(1, 9), width=st.integers(1, 9),
+    extent_px=st.sampled_from([0.0, 1e-6, 1.0, 100.0]), zero=st.sampled_from([0.0, 0.5, -100.0, 1000.0]),
+    method=st.sampled_from(METHODS), where=st.tuples(st.floats(-16, 20), st.floats(-16, 20)),
+)  # fmt: skip
+def test_nonsense_gives_a_picture_within_the_range_of_the_views(
+    rows: int, cols: int, height: int, width: int, extent_px: float, zero: float, method: str, where: tuple[float, float]
+) -> None:
+    field = rendered.noise(rows, cols, height, width, extent_px, seed=rows * 10 + cols)
+    dim = attrs.evolve(field, views=(field.views // 2 + 60).astype(np.uint8))
+    picture = made(dim, method, where, zero, 3)
+    assert picture.shape == (3, height, width)
+    assert picture.min() >= dim.views.min()
+    assert picture.max() <= dim.views.max()

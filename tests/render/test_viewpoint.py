@@ -1,0 +1,110 @@
+"""The mapping from eyes to viewpoints: formula, handedness, rim, hysteresis, and whatever a tracker may deliver."""
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfpipe.config import Render
+from lfpipe.render.viewpoint import HYSTERESIS_VIEWS, Mapper, snapped, soft_clamp
+
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+COUNTS = st.integers(1, 30)
+USUAL = st.floats(-2000, 2000)
+
+
+def mapper(rows: int = 9, cols: int = 9, alpha_px: float = 12.0, snap: bool = False, **render: object) -> Mapper:
+    return Mapper(rows, cols, Render(**render), alpha_px, (320.0, 240.0), snap)  # type: ignore[arg-type]
+
+
+def test_formula() -> None:
+    left, right = mapper().views([[326.0, 252.0], [302.0, 252.0]])
+    assert left == (4 + 1.0, 4 - 0.5)
+    assert right == (4 + 1.0, 4 + 1.5)
+
+
+def test_a_viewer_who_moves_right_looks_from_further_right_and_one_who_sinks_from_further_down() -> None:
+    here = mapper().views([[350.0, 240.0], [290.0, 240.0]])
+    moved = mapper().views([[340.0, 246.0], [280.0, 246.0]])  # the unmirrored picture shows a step to the viewer's right as left
+    assert moved[0][1] > here[0][1]
+    assert moved[1][1] > here[1][1]
+    assert moved[0][0] > here[0][0]
+    assert here[0][1] < here[1][1], "the left eye looks from further left"
+
+
+@given(st.tuples(USUAL, USUAL, USUAL, USUAL))
+def test_one_row_for_both_eyes(p: tuple[float, float, float, float]) -> None:
+    left, right = mapper().views([[p[0], p[1]], [p[2], p[3]]])
+    assert left[0] == right[0]
+
+
+@given(st.tuples(ANY, ANY, ANY, ANY), st.floats(1e-9, 1e9), COUNTS, COUNTS, st.floats(0, 16), st.booleans())
+def test_always_finite_and_within_reach(
+    p: tuple[float, float, float, float], alpha_px: float, rows: int, cols: int, reach: float, snap: bool
+) -> None:
+    found = mapper(rows, cols, alpha_px, snap, extrapolate_views=reach).views([[p[0], p[1]], [p[2], p[3]]])
+    for row, col in found:
+        assert -reach <= row <= rows - 1 + reach
+        assert -reach <= col <= cols - 1 + reach
+
+
+@pytest.mark.parametrize("alpha_px", [0.0, -0.0, math.nan, math.inf, 1e-320])
+def test_senseless_alpha_is_survived(alpha_px: float) -> None:
+    for row, col in mapper(alpha_px=alpha_px).views([[300.0, 200.0], [340.0, 200.0]]):
+        assert math.isfinite(row)
+        assert math.isfinite(col)
+
+
+def test_an_eye_that_is_no_number_looks_from_the_middle() -> None:
+    assert mapper().views([[math.nan] * 2] * 2) == ((4.0, 4.0), (4.0, 4.0))
+
+
+@given(st.floats(-50, 50), st.floats(1e-6, 1), st.integers(1, 20), st.floats(0.01, 16))
+def test_soft_clamp_is_exact_inside_and_never_jumps_or_turns_back(value: float, step: float, count: int, reach: float) -> None:
+    here, there = soft_clamp(value, count, reach), soft_clamp(value + step, count, reach)
+    if 0 <= value <= count - 1:
+        assert here == value
+    assert 0 <= there - here <= step * (1 + 1e-9) + 1e-12
+    assert -reach <= here <= count - 1 + reach
+
+
+def test_the_rim_is_soft_not_frozen() -> None:
+    moved = [soft_clamp(8 + lean, 9, 2.0) for lean in (0.0, 0.5, 1.0, 2.0, 4.0)]
+    assert all(b > a for a, b in itertools.pairwise(moved))
+    assert moved[1] - moved[0] > 0.45, "the slope is continuous at the rim"
+
+
+def test_without_extrapolation_the_rim_is_the_last_view() -> None:
+    assert soft_clamp(100.0, 9, 0.0) == 8.0
+
+
+def test_hysteresis_holds_a_view_against_noise_and_lets_go_beyond() -> None:
+    assert snapped(3.55, 3.0) == 3.0
+    assert snapped(3.5 + HYSTERESIS_VIEWS + 0.01, 3.0) == 4.0
+    assert snapped(3.45, 4.0) == 4.0
+    assert snapped(3.55, None) == 4.0
+
+
+@given(st.lists(st.floats(-0.09, 0.09), min_size=1, max_size=50), st.floats(-3, 3))
+def test_noise_below_the_hysteresis_changes_the_view_at_most_once(noise: list[float], place: float) -> None:
+    snapping = mapper(snap=True, extrapolate_views=0.0)
+    cols = [snapping.views([[320 - 12 * (place + n), 240.0]] * 2)[0][1] for n in noise]
+    assert all(col == round(col) for col in cols)
+    assert sum(a != b for a, b in itertools.pairwise(cols)) <= 1
+
+
+def test_recentre_makes_the_pose_neutral_and_refuses_nonsense() -> None:
+    subject = mapper()
+    assert subject.recentre([[400.0, 100.0], [340.0, 104.0]])
+    left, right = subject.views([[400.0, 100.0], [340.0, 104.0]])
+    assert left[0] == 4.0
+    assert (left[1] + right[1]) / 2 == 4.0
+    assert not subject.recentre([[math.nan, 0.0], [1.0, 1.0]])
+    assert subject.centre_px == (370.0, 102.0)
+
+
+def test_swapped_eyes_exchange_their_views() -> None:
+    eyes = [[350.0, 240.0], [290.0, 240.0]]
+    assert mapper(swap_eyes=True).views(eyes) == mapper().views(eyes)[::-1]
