@@ -87,6 +87,19 @@ def neighbour_places(row: int, col: int, rows: int, cols: int) -> list[tuple[int
     return [(r, c) for r, c in places if 0 <= r < rows and 0 <= c < cols]
 
 
+def _neighbours(
+    grey: Callable[[int, int], Grey], row: int, col: int, present: NDArray[np.bool_], offsets: NDArray[np.float32]
+) -> list[tuple[Grey, float, float]]:
+    """Present neighbours of a place as (picture, rows away, columns away)."""
+    neighbours: list[tuple[Grey, float, float]] = []
+    for r, c in neighbour_places(row, col, *present.shape):
+        if present[r, c]:
+            d_row, d_col = (float(v) for v in (offsets[r, c] - offsets[row, col]) + np.array([r - row, c - col], np.float32))
+            if d_row * d_row + d_col * d_col > 0.01:  # two cameras in one place tell nothing
+                neighbours.append((grey(r, c), d_row, d_col))
+    return neighbours
+
+
 def place_disparity(
     grey: Callable[[int, int], Grey], row: int, col: int, present: NDArray[np.bool_], offsets: NDArray[np.float32]
 ) -> FloatMap | None:
@@ -94,13 +107,20 @@ def place_disparity(
 
     grey(row, col) gives a view as uint8 (h, w); present and offsets as in LightField.
     """
-    neighbours: list[tuple[Grey, float, float]] = []
-    for r, c in neighbour_places(row, col, *present.shape):
-        if present[r, c]:
-            d_row, d_col = (float(v) for v in (offsets[r, c] - offsets[row, col]) + np.array([r - row, c - col], np.float32))
-            if d_row * d_row + d_col * d_col > 0.01:  # two cameras in one place tell nothing
-                neighbours.append((grey(r, c), d_row, d_col))
+    neighbours = _neighbours(grey, row, col, present, offsets)
     return view_disparity(grey(row, col), neighbours) if neighbours else None
+
+
+def landing(
+    grey: Callable[[int, int], Grey], row: int, col: int, disparity_px: FloatMap,
+    present: NDArray[np.bool_], offsets: NDArray[np.float32],
+) -> float:
+    """How badly a view seen through a map matches its neighbours, in grey levels (mean over pixels and neighbours)."""
+    found = [
+        float(mismatch(grey(row, col), there, disparity_px, d_row, d_col).mean())
+        for there, d_row, d_col in _neighbours(grey, row, col, present, offsets)
+    ]
+    return sum(found) / max(1, len(found))
 
 
 def luma(planes: NDArray[np.uint8]) -> Grey:

@@ -40,6 +40,7 @@ class Source:
         several threads; raises UserError that names the file.
     missing: places without a view. files: everything that read and truth read from, for the content key.
     turn: the way to canonical order where the layout or its coordinates tell it, with the reason in turn_by; else None.
+        turn_firm: no scene of this layout was seen that is ordered otherwise; where False, clear flow contradicts it.
     coordinates: float64 (rows, cols, 2), where each camera stood, (down, right) in any one unit, or None.
     truth: true disparity by file place, as functions that read float32 (h, w) in px per canonical grid step, positive
         nearer, and hold with `turn` (no turn where that is None).
@@ -60,6 +61,7 @@ class Source:
     missing: frozenset[tuple[int, int]] = frozenset()
     turn: Turn | None = None
     turn_by: str = ""
+    turn_firm: bool = True
     coordinates: NDArray[np.float64] | None = None
     truth: Mapping[tuple[int, int], Callable[[], NDArray[np.float32]]] = attrs.field(factory=dict)
     geometry: Geometry = attrs.field(factory=Geometry)

@@ -40,4 +40,5 @@ def looks_linear(middle: NDArray[Any], max_value: int) -> bool:
     side = max(2, min(grey.shape) // 64)
     corners = [grey[:side, :side], grey[:side, -side:], grey[-side:, :side], grey[-side:, -side:]]
     black = sum(float(corner.max()) < 0.01 for corner in corners)
-    return bool(float(np.median(grey)) < _DARK and float(grey.mean()) < 0.2 and black >= 2)
+    empty = float(np.mean(grey < 0.01))  # a black background is no vignette
+    return bool(float(np.median(grey)) < _DARK and float(grey.mean()) < 0.2 and black >= 2 and empty < 0.15)

@@ -1,0 +1,180 @@
+"""Many views in one picture: finding the tiles, cutting them out, and telling a quilt from a grid."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.scene.disparity import flow
+from lfpipe.scene.files import Listing, read_picture
+from lfpipe.scene.layouts._grid import asked_grid
+
+MOST_TILES = 64  # along one side
+_SMALLEST_TILE_PX = 24
+_GLANCE_PX = 1024  # the longer side of the picture in which tiles are looked for
+_TWO_AXES, _ONE_AXIS = 0.5, 0.2  # how unlike neighbouring tiles may be, as `_unlike` counts
+
+
+@attrs.frozen
+class Tiling:
+    """How a picture is cut: tile_rows x tile_cols tiles. quilt: one row of views from the bottom left tile to the right,
+    then upwards (or downwards where `down`)."""
+
+    tile_rows: int
+    tile_cols: int
+    quilt: bool = False
+    down: bool = False
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of views."""
+        return (1, self.tile_rows * self.tile_cols) if self.quilt else (self.tile_rows, self.tile_cols)
+
+    def cut(self, picture: NDArray[Any], row: int, col: int) -> NDArray[Any]:
+        """One view; what is left over at the right and the bottom belongs to none."""
+        if self.quilt:
+            row, col = divmod(col, self.tile_cols)
+            row = row if self.down else self.tile_rows - 1 - row
+        height, width = picture.shape[0] // self.tile_rows, picture.shape[1] // self.tile_cols
+        return picture[row * height : (row + 1) * height, col * width : (col + 1) * width]
+
+
+class LastPictures:
+    """Whole pictures by frame number, the last two kept, for readers in several threads."""
+
+    def __init__(self, load: Callable[[int], NDArray[Any]]) -> None:
+        self._load = load
+        self._lock = threading.Lock()
+        self._kept: dict[int, NDArray[Any]] = {}
+
+    def __call__(self, frame: int) -> NDArray[Any]:
+        with self._lock:
+            if frame not in self._kept:
+                picture = self._load(frame)
+                while len(self._kept) > 1:
+                    del self._kept[min(self._kept)]
+                self._kept[frame] = picture
+            return self._kept[frame]
+
+
+def only_picture(listing: Listing) -> Path | None:
+    """The picture that is the whole scene: the file given, or the only picture of the folder."""
+    pictures = listing.pictures()
+    return listing.file(pictures[0]) if len(pictures) == 1 else None
+
+
+def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
+    """By count of tiles along an axis: mean square difference at the shift of one tile, relative to that at half a tile
+    more or less. A mosaic dips there; the difference of an ordinary picture only grows with the shift."""
+    size = grey.shape[axis]
+
+    def difference(shift: int) -> float:
+        a, b = (grey[shift:], grey[:-shift]) if axis == 0 else (grey[:, shift:], grey[:, :-shift])
+        return float(np.mean((a - b) ** 2))
+
+    found: dict[int, float] = {}
+    for count in range(2, MOST_TILES + 1):
+        shift = size / count
+        if shift < 8:
+            break
+        beside = min(difference(round(shift * 0.5)), difference(round(shift * 1.5)))
+        found[count] = difference(round(shift)) / beside if beside > 1e-3 else 1.0
+    return found
+
+
+def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
+    """The count of tiles whose neighbours are most alike, and how unlike they are; (1, 1.0) where none divides."""
+    fits = {n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= _SMALLEST_TILE_PX}
+    best = min(fits, key=lambda n: fits[n], default=1)
+    return best, fits.get(best, 1.0)
+
+
+def find_tiles(picture: NDArray[Any], name: str) -> tuple[int, int] | None:
+    """(rows, cols) of the tiles of a picture, or None: a mosaic nearly repeats itself after one tile, a picture does not.
+
+    name: of the file or folder; a grid named in it (9x9) is taken where the picture does not contradict it.
+    """
+    plane = picture if picture.ndim == 2 else picture[..., 1]
+    scale = min(1.0, _GLANCE_PX / max(plane.shape))
+    small = cv2.resize(plane, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float32)
+    down, across = _unlike(small, 0), _unlike(small, 1)
+    height, width = plane.shape
+    for found in re.finditer(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", name):
+        rows, cols = int(found[1]), int(found[2])
+        if rows * cols > 1 and not (height % rows or width % cols) and (down.get(rows, 0) < 0.8 and across.get(cols, 0) < 0.8):
+            return rows, cols
+    (rows, row_unlike), (cols, col_unlike) = _period(down, height), _period(across, width)
+    if row_unlike < _TWO_AXES and col_unlike < _TWO_AXES:
+        return rows, cols
+    if col_unlike < _ONE_AXIS and cols > 2:
+        return 1, cols
+    return (rows, 1) if row_unlike < _ONE_AXIS and rows > 2 else None
+
+
+def _grey(tile: NDArray[Any]) -> NDArray[np.uint8]:
+    plane = tile if tile.ndim == 2 else tile[..., 1]
+    return np.ascontiguousarray(plane if plane.dtype == np.uint8 else (plane >> 8).astype(np.uint8))
+
+
+def quilted(picture: NDArray[Any], rows: int, cols: int) -> Tiling:
+    """The tiling of a picture of rows x cols tiles: a quilt where tiles below one another differ sideways only."""
+    plain = Tiling(rows, cols)
+    tiles = [[_grey(plain.cut(picture, r, c)) for c in range(cols)] for r in range(rows)]
+    if min(rows, cols) < 2 or min(tiles[0][0].shape) < _SMALLEST_TILE_PX:
+        return plain
+    side = up_down = 0.0
+    for r, c in ((rows // 2 - 1, cols // 2), (0, 0), (rows - 2, cols - 1)):
+        shift = flow(tiles[r][c], tiles[r + 1][c])
+        low, high = np.percentile(shift.reshape(-1, 2), (5, 95), axis=0)
+        side += float(high[0] - low[0])
+        up_down += float(high[1] - low[1])
+    if side < 2 * up_down or side < 0.5:
+        return plain
+
+    def step(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
+        return float(cv2.norm(a, b, cv2.NORM_L1))
+
+    upwards = sum(step(tiles[r + 1][-1], tiles[r][0]) for r in range(rows - 1))
+    downwards = sum(step(tiles[r][-1], tiles[r + 1][0]) for r in range(rows - 1))
+    return Tiling(rows, cols, quilt=True, down=downwards < upwards)
+
+
+def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling:
+    """How the picture at path is cut, by the user's word or found. Raises UserError."""
+    height, width = picture.shape[:2]
+    grid = asked_grid(scene.grid) or find_tiles(picture, f"{path.parent.name}/{path.stem}")
+    if grid is None:
+        raise UserError(f"{path}: no tiles recognised in {width}x{height} px", "give them with --grid ROWSxCOLS")
+    if height % grid[0] or width % grid[1]:
+        raise UserError(
+            f"{path}: {width}x{height} px do not divide into {grid[0]} rows and {grid[1]} columns of tiles",
+            "give the grid that was rendered with --grid ROWSxCOLS",
+        )
+    return quilted(picture, *grid) if not scene.grid else Tiling(*grid)
+
+
+def picture_loader(paths: list[Path]) -> LastPictures:
+    """Pictures by frame number, each of the size of the first. Raises UserError when read."""
+    sizes: list[tuple[int, ...]] = []
+
+    def load(frame: int) -> NDArray[Any]:
+        picture, _ = read_picture(paths[frame])
+        sizes.append(picture.shape[:2])
+        if sizes[-1] != sizes[0]:
+            raise UserError(
+                f"{paths[frame]}: {picture.shape[1]}x{picture.shape[0]} px, {paths[0].name} has {sizes[0][1]}x{sizes[0][0]}",
+                "every frame of a light-field video has the same size",
+            )
+        return picture
+
+    return LastPictures(load)

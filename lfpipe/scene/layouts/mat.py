@@ -1,0 +1,117 @@
+"""MATLAB files: LFToolbox's NAME__Decoded.mat and BasicLFSR's, variable LF with axes (rows, cols, y, x, planes).
+
+v7.3 files are HDF5 and hold the axes in reverse order; older ones need scipy (`pip install 'lfpipe[scipy]'`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.scene.files import Listing
+from lfpipe.scene.layouts._grid import true_max
+from lfpipe.scene.layouts._hdf5 import Hdf5, unsigned
+from lfpipe.scene.layouts._plenoptic import bright_part
+from lfpipe.scene.source import Source, Turn
+
+NAME = "mat"
+_KEYS = ("LF", "lf", "LightField", "lightfield")
+_PLANES = (1, 3, 4, 5)  # grey, colour, and colour with weights behind it
+
+
+def _file(listing: Listing) -> Path | None:
+    names = [name for name in listing.names if name.lower().endswith(".mat")]
+    return listing.file(names[0]) if len(names) == 1 else None
+
+
+def detect(listing: Listing) -> int | None:
+    return 90 if _file(listing) is not None else None
+
+
+def axis_order(shape: tuple[int, ...]) -> tuple[int, ...] | None:
+    """Which axes of the array are (rows, cols, y, x[, planes]), by size: planes are few and views larger than the grid.
+
+    v7.3 order (planes first) and MATLAB's own (planes last) both occur. None where the shape cannot be a light field.
+    """
+    natural: tuple[int, ...] = tuple(range(len(shape)))
+    if len(shape) not in (4, 5) or 0 in shape:
+        return None
+    sizes = shape if len(shape) == 5 else (*shape, 1)
+    if sizes[4] in _PLANES and max(sizes[:2]) <= min(sizes[2:4]):
+        return natural
+    sizes = shape if len(shape) == 5 else (1, *shape)
+    return natural[::-1] if sizes[0] in _PLANES and max(sizes[3:]) <= min(sizes[1:3]) else None
+
+
+def _open(path: Path) -> tuple[str, tuple[int, ...], np.dtype[Any], Callable[[Any], NDArray[Any]], list[str]]:
+    """(key, shape, type, reader of an index, all keys) of the light field. Raises UserError."""
+    with path.open("rb") as stream:
+        head = stream.read(128)
+    if b"MATLAB 7.3" in head[:64] or head[:8] == b"\x89HDF\r\n\x1a\n":
+        data = Hdf5(path)
+        for key in _KEYS:
+            if (shape := data.shape(key)) is not None:
+                return key, shape, data.type(key), partial(data.piece, key), data.keys()
+        there = ", ".join(data.keys()[:8]) or "none"
+        raise UserError(f"{path}: no variable LF (there are: {there})", "save the light field as LF")
+    try:
+        import scipy.io
+    except ImportError:
+        remedy = "pip install 'lfpipe[scipy]', or save it with -v7.3"
+        raise UserError(f"{path}: a .mat file older than v7.3 needs scipy", remedy) from None
+    try:
+        held = scipy.io.loadmat(path, variable_names=list(_KEYS))
+    except Exception as error:  # scipy raises whatever its parser stumbles over
+        raise UserError(f"{path}: not a readable .mat file: {error!r}"[:300], "save it again, with -v7.3") from None
+    for key in _KEYS:
+        if isinstance(values := held.get(key), np.ndarray):
+            if values.dtype.kind not in "uif":
+                raise UserError(f"{path}: {key} holds {values.dtype}, no pictures", "save it as uint8, uint16 or float")
+            return key, values.shape, values.dtype, partial(np.ndarray.__getitem__, values), [key]
+    raise UserError(f"{path}: no variable LF", "save the light field as LF")
+
+
+def describe(listing: Listing, scene: config.Scene) -> Source:
+    path = _file(listing)
+    if path is None:
+        raise UserError(f"{listing.path}: not exactly one .mat file", "give the file itself")
+    key, shape, kind, get, keys = _open(path)
+    order = axis_order(shape)
+    if order is None:
+        wrong = f"{path}: {key} has {len(shape)} axes of sizes {shape}"
+        raise UserError(f"{wrong}; (rows, columns, y, x, planes) expected", "save it with these axes")
+    back = order[0] != 0
+    all_rows, all_cols, height, width = (shape[axis] for axis in order[:4])
+    most = [1.0]
+
+    def raw(row: int, col: int) -> NDArray[Any]:
+        return get((..., col, row)).T if back else get((row, col))
+
+    def view(row: int, col: int) -> NDArray[Any]:
+        pixels = raw(row, col)
+        if pixels.ndim == 3:  # a fourth plane is LFToolbox's weight
+            pixels = pixels[..., 0] if pixels.shape[2] < 3 else np.ascontiguousarray(pixels[..., :3])
+        return unsigned(pixels, path, lambda: most[0])
+
+    middle = raw(all_rows // 2, all_cols // 2)
+    if kind.kind == "f" and float(np.nanmax(middle)) > 1.5:
+        most[0] = 255.0
+    top, left, rows, cols, dark = bright_part(view, all_rows, all_cols)
+    full = 255 if kind == np.uint8 else 65535
+    top_value = true_max([int(view(top + r, left + c).max()) for r, c in ((rows // 2, cols // 2), (0, cols // 2))], full)
+    toolbox = {"LFMetadata", "DecodeOptions", "RectOptions", "WhiteImageMetadata"} & set(keys)
+    notes = (f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used, the others are dark",) if top or left else ()
+    return Source(
+        layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
+        read=lambda frame, row, col: view(row + top, col + left),
+        height_px=height, width_px=width, max_value=full if kind.kind == "f" else top_value, missing=frozenset(dark),
+        linear=bool(toolbox), notes=notes, turn=Turn() if toolbox else None, turn_firm=False,
+        turn_by="LFToolbox counts rows from the top and columns from the left" if toolbox else "",
+    )  # fmt: skip

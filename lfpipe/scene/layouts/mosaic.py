@@ -1,0 +1,38 @@
+"""One picture of R x C tiles, one view each (an atlas); also a Looking Glass quilt without its usual name."""
+
+from __future__ import annotations
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.scene.files import Listing, read_picture
+from lfpipe.scene.layouts._mosaic import find_tiles, only_picture, picture_loader, tiling
+from lfpipe.scene.source import Source, Turn
+
+NAME = "mosaic"
+
+
+def detect(listing: Listing) -> int | None:
+    path = only_picture(listing)
+    if path is None:
+        return None
+    try:
+        picture, _ = read_picture(path)
+    except UserError:
+        return None
+    return 60 if find_tiles(picture, f"{path.parent.name}/{path.stem}") else None
+
+
+def describe(listing: Listing, scene: config.Scene) -> Source:
+    path = only_picture(listing)
+    if path is None:
+        raise UserError(f"{listing.path}: holds {len(listing.pictures())} pictures, a mosaic is one", "give the picture itself")
+    picture, full = read_picture(path)
+    cut = tiling(picture, path, scene)
+    view = cut.cut(picture, 0, 0)
+    load = picture_loader([path])
+    return Source(
+        layout=NAME, path=listing.path, files=(path,), rows=cut.grid[0], cols=cut.grid[1],
+        read=lambda frame, row, col: cut.cut(load(frame), row, col),
+        height_px=view.shape[0], width_px=view.shape[1], max_value=full,
+        turn=Turn() if cut.quilt else None, turn_by="a quilt runs from the leftmost camera" if cut.quilt else "",
+    )  # fmt: skip
