@@ -152,3 +152,12 @@ class Window:
 
     def close(self) -> None:
         pygame.display.quit()
+
+
+def driver() -> tuple[str, str]:
+    """SDL's video driver and version, without opening a window. Raises pygame.error where SDL cannot start."""
+    pygame.display.init()
+    try:
+        return pygame.display.get_driver(), ".".join(str(part) for part in pygame.version.SDL)
+    finally:
+        pygame.display.quit()

@@ -1,0 +1,165 @@
+"""Would a session run on this machine? One check a line, each with its remedy. Starts no camera and opens no window."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import shutil
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import attrs
+
+from lfpipe.capture.v4l2 import CameraDevice, cameras, formats
+from lfpipe.render.open_display import has_display
+
+SHM_DIR = Path("/dev/shm")
+SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with room
+MODELS = (
+    "face_detection/face_detection_short_range.tflite",
+    "face_landmark/face_landmark.tflite",
+    "iris_landmark/iris_landmark.tflite",
+)
+
+
+@attrs.frozen
+class Check:
+    """ok is False where `lfpipe up` cannot run at all; a remedy beside an ok says what would make things better."""
+
+    name: str
+    ok: bool
+    detail: str
+    remedy: str = ""
+
+
+def python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
+    """Python 3.11 or 3.12."""
+    ok = (3, 11) <= version < (3, 13)
+    found = f"{version[0]}.{version[1]} ({platform.python_implementation()}, {sys.executable})"
+    return Check("python", ok, found, "" if ok else "install Python 3.11 or 3.12: `uv python install 3.12`")
+
+
+def opencv_distributions() -> list[str]:
+    """Installed distributions that put a `cv2` folder in place, as "name version"."""
+    found = {((dist.name or "").lower(), dist.version) for dist in importlib.metadata.distributions()}
+    return sorted(f"{name} {version}" for name, version in found if name.startswith("opencv-"))
+
+
+def opencv(distributions: list[str]) -> Check:
+    """cv2 can be imported, comes from one distribution, and which window system it brings."""
+    names = ", ".join(distributions) or "no distribution of its own"
+    reinstall = "pip uninstall -y " + " ".join(name.split()[0] for name in distributions)
+    reinstall += " && pip install --no-deps opencv-contrib-python-headless"
+    try:
+        import cv2
+
+        build = cv2.getBuildInformation()
+    except (ImportError, AttributeError) as error:
+        return Check("opencv", False, f"{names}: cv2 cannot be imported: {error}", reinstall)
+    gui = next((line.split(":", 1)[1].strip() for line in build.splitlines() if line.strip().startswith("GUI:")), "?")
+    if len(distributions) > 1:
+        doubled = f"{names}: {len(distributions)} in one folder, cv2 {cv2.__version__} won, GUI {gui}"
+        return Check("opencv", True, doubled, reinstall)
+    return Check("opencv", True, f"{names}, GUI {gui}")
+
+
+def mediapipe(models: Iterable[str] = MODELS) -> Check:
+    """MediaPipe is there, with the model files that its later wheels lack. It is not imported: that takes a second."""
+    remedy = "pip install mediapipe==0.10.21; later ones carry no face model"
+    spec = importlib.util.find_spec("mediapipe")
+    if spec is None or spec.origin is None:
+        return Check("mediapipe", False, "not installed", remedy)
+    version = importlib.metadata.version("mediapipe")
+    missing = [name for name in models if not (Path(spec.origin).parent / "modules" / name).is_file()]
+    if missing:
+        return Check("mediapipe", False, f"{version} without {', '.join(missing)}", remedy)
+    return Check("mediapipe", True, f"{version} with its face models")
+
+
+def litert() -> Check:
+    """The network runtime of track.engine = litert."""
+    if importlib.util.find_spec("ai_edge_litert") is None:
+        return Check("litert", False, "not installed", "pip install ai-edge-litert, or --set track.engine=mediapipe")
+    return Check("litert", True, importlib.metadata.version("ai-edge-litert"))
+
+
+def sdl() -> Check:
+    """SDL's video driver and how a picture gets to the screen."""
+    if not has_display():
+        return Check("display", True, "no screen here", "run in a desktop, or use --display none or --display file:OUT.mkv")
+    try:
+        # Its import decides how surfaces get to the screen, so the window's own module is asked, not pygame.
+        from lfpipe.render import window
+
+        driver, version = window.driver()
+    except Exception as error:  # whatever keeps SDL from starting is what the person needs to read
+        remedy = "pip install pygame-ce (and no plain pygame), or use --display none"
+        return Check("display", False, f"SDL does not start: {error}", remedy)
+    shared = os.environ.get("SDL_FRAMEBUFFER_ACCELERATION") == "0"
+    how = "surface in shared memory (no GPU)" if shared else "surface through the GPU"
+    return Check("display", True, f"SDL {version}, driver {driver}, {how}")
+
+
+def camera(device: CameraDevice) -> Check:
+    """One camera with the formats it offers."""
+    name = f"{device.path} {device.name}".strip()
+    try:
+        offered = "; ".join(formats(device.path))
+    except PermissionError:
+        return Check("camera", True, f"{name}: no permission", "add yourself to the group `video` and log in again")
+    except OSError as error:
+        return Check("camera", True, f"{name}: {error.strerror}", f"`fuser -v {device.path}` names who uses it")
+    return Check("camera", True, f"{name}: {offered or 'tells no formats'}")
+
+
+def shared_memory(path: Path = SHM_DIR, need_bytes: int = SHM_NEED_BYTES) -> Check:
+    """Room for the rings."""
+    remedy = f"mount -o remount,size=64m {path}, or docker run --shm-size=128m"
+    try:
+        usage = shutil.disk_usage(path)
+    except OSError as error:
+        return Check("shm", False, f"{path}: {error.strerror}", remedy)
+    ok = usage.free >= need_bytes and os.access(path, os.W_OK)
+    return Check("shm", ok, f"{path}: {usage.free / 1e6:.0f} MB free of {usage.total / 1e6:.0f} MB", "" if ok else remedy)
+
+
+def cores() -> Check:
+    """Cores that this process may use."""
+    count = len(os.sched_getaffinity(0))
+    remedy = "" if count > 1 else "two cores are what it is made for; on one the rates will be lower"
+    return Check("cores", True, str(count), remedy)
+
+
+def leftovers(running: Iterable[str], path: Path = SHM_DIR) -> Check:
+    """Segments that no running session owns. running: beginnings of the names that are in use."""
+    used = tuple(running)
+    found: list[str] = []
+    with contextlib.suppress(OSError):
+        found = sorted(entry.name for entry in path.glob("lfpipe-*") if not entry.name.startswith(used))
+    if not found:
+        return Check("left over", True, "nothing")
+    return Check("left over", True, ", ".join(found), "the next `lfpipe up` removes what is yours; else rm " + f"{path}/lfpipe-*")
+
+
+def checks() -> list[Check]:
+    """All of them, in the order in which a person would mend things."""
+    from lfpipe.supervisor import rundir
+    from lfpipe.transport.session import Session
+
+    found = cameras()
+    none = Check("camera", True, "none", "use --demo, or a recording with --camera file:PATH")
+    return [
+        python(),
+        opencv(opencv_distributions()),
+        mediapipe(),
+        litert(),
+        sdl(),
+        *([camera(device) for device in found] or [none]),
+        shared_memory(),
+        cores(),
+        leftovers(Session(name).segment("") for name in rundir.running()),
+    ]
