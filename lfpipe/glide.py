@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-HOLD_S = 0.5  # a hand before the face, a glance aside: nothing should move
+HOLD_S = 1.0  # a hand before the face, a glance aside: nothing should move
 AWAY_S = 0.8  # time constant of the glide to neutral: nobody is looking, no hurry
 BACK_S = 0.12  # time constant of the glide to eyes found (again): quick, but seen as a move
 
@@ -47,10 +47,6 @@ class Glide:
             self._turn(t_ns, generation, eyes, BACK_S)
             self._shown = eyes + self._rest(t_ns)
         return self._shown.copy()
-
-    def weight(self, t_ns: int, face: bool) -> float:
-        """The same for a viewpoint that is mixed elsewhere: share of the eyes' viewpoint, 0..1, the rest being neutral's."""
-        return float(self.at(t_ns, np.ones(1) if face else None, np.zeros(1))[0])
 
     def _turn(self, t_ns: int, aim: int | None, target: NDArray[np.float64], fade_s: float) -> None:
         """Takes up another aim: what is shown now minus the new target is what has to fade."""
