@@ -34,6 +34,7 @@ class World:
 
     def __init__(self, root: Path) -> None:
         self.root = root
+        self.python = sys.executable
         self.run_dir = root / "run"
         self.run_dir.mkdir(mode=0o700)
         clean = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "LFPIPE_SESSION")}
