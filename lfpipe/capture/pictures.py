@@ -51,7 +51,7 @@ def quiet_cv2() -> Iterator[None]:
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
     """Sorts `frame2` before `frame10`."""
-    return [(1, int(part), "") if part.isdigit() else (0, 0, part) for part in re.split(r"([0-9]+)", name.lower())]
+    return [(1, int(part), "") if part.isascii() and part.isdigit() else (0, 0, part) for part in re.split(r"([0-9]+)", name.lower())]
 
 
 def fitted(frame: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
@@ -109,6 +109,14 @@ class Video:
         self._capture.release()
 
 
+def _load(path: Path) -> NDArray[np.uint8]:
+    with quiet_cv2():
+        frame = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if frame is None or frame.ndim != 3:
+        raise UserError(f"{path}: not a picture that can be read", "take it out of the folder, or write it anew")
+    return np.asarray(frame, np.uint8)
+
+
 class Pictures:
     """Pictures in natural order of their names."""
 
@@ -118,21 +126,13 @@ class Pictures:
         """Raises UserError where the first of them cannot be decoded."""
         self._paths = paths
         self._index = 0
-        first = self._load(paths[0], None)
+        first = _load(paths[0])
         self.height_px, self.width_px = first.shape[:2]
-
-    def _load(self, path: Path, out: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
-        with quiet_cv2():
-            # Decodes in place where the sizes agree, and hands back an array of its own where not.
-            frame = cv2.imread(str(path), out, cv2.IMREAD_COLOR) if out is not None else cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if frame is None or frame.size == 0 or frame.ndim != 3:
-            raise UserError(f"{path}: not a picture that can be read", "take it out of the folder, or write it anew")
-        return np.asarray(frame, np.uint8)
 
     def next(self, out: NDArray[np.uint8]) -> int | None:
         if self._index == len(self._paths):
             return None
-        fitted(self._load(self._paths[self._index], out), out)
+        fitted(_load(self._paths[self._index]), out)
         self._index += 1
         return 0
 

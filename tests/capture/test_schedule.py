@@ -1,0 +1,60 @@
+"""Due times of recordings: exact, growing, faithful to the stamps."""
+
+from fractions import Fraction
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfpipe.capture.schedule import STAMP_ROUNDING_NS, EvenSchedule, StampSchedule
+
+MS = 1_000_000
+
+
+@given(st.fractions(min_value=Fraction(1, 10), max_value=1000, max_denominator=1001), st.integers(0, 10**9))
+def test_even_schedule_never_drifts(rate: Fraction, index: int) -> None:
+    exact = Fraction(10**9) * index / rate
+    assert 0 <= exact - EvenSchedule(float(rate)).due_ns(index) < 1
+
+
+def test_ntsc_rate_is_taken_for_what_it_stands_for() -> None:
+    assert EvenSchedule(29.97002997002997).due_ns(30_000) == 1001 * 10**9
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 60.0, 24000 / 1001])
+def test_rounded_stamps_give_the_even_grid_over_all_rounds(rate_hz: float) -> None:
+    schedule, even = StampSchedule(rate_hz), EvenSchedule(rate_hz)
+    for k in range(300):
+        if k % 100 == 0 and k:
+            schedule.restart()
+        stamp_ns = round(even.due_ns(k % 100) / MS) * MS + 40 * MS  # as a container in ms keeps them, with an offset
+        assert abs(schedule.due_ns(stamp_ns) - even.due_ns(k)) <= 3  # a ns of rounding a round
+
+
+def test_uneven_stamps_are_kept() -> None:
+    schedule = StampSchedule(30.0)
+    stamps = [0, 50 * MS, 60 * MS, 200 * MS]
+    assert [schedule.due_ns(stamp) for stamp in stamps] == stamps
+    schedule.restart()
+    assert schedule.due_ns(0) == pytest.approx(200 * MS + 1e9 / 30, abs=2)
+    assert schedule.due_ns(50 * MS) == pytest.approx(250 * MS + 1e9 / 30, abs=2)
+
+
+@given(st.floats(1, 500), st.lists(st.tuples(st.integers(-(10**10), 10**10), st.booleans()), min_size=2, max_size=60))
+def test_due_times_always_grow(rate_hz: float, steps: list[tuple[int, bool]]) -> None:
+    schedule = StampSchedule(rate_hz)
+    due = []
+    for stamp_ns, restart in steps:
+        if restart and due:
+            schedule.restart()
+        due.append(schedule.due_ns(stamp_ns))
+    assert all(later > earlier for earlier, later in pairwise(due))
+
+
+@given(st.lists(st.integers(2 * STAMP_ROUNDING_NS, 10**9), min_size=1, max_size=50))
+def test_growing_stamps_are_met_within_the_rounding(gaps: list[int]) -> None:
+    schedule, stamp_ns = StampSchedule(30.0), 0
+    for gap in [0, *gaps]:
+        stamp_ns += gap
+        assert abs(schedule.due_ns(stamp_ns) - stamp_ns) <= STAMP_ROUNDING_NS
