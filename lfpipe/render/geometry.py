@@ -23,6 +23,7 @@ FUSED_RAD = math.radians(1.0)
 FUSED_WIDTH = 0.03
 DEFAULT_VIEWS = 4.0  # between the eyes, where the disparities are unknown
 LEAST_VIEWS = 1e-3
+LEAST_EYES_PX = 0.5  # eyes closer together than that in the picture are not a face's
 
 
 @attrs.frozen
@@ -73,12 +74,12 @@ def focal_px_from(size_px: float, size_mm: float, distance_mm: float) -> float:
 def parallax(config: Config, field: LightField, frame_width_px: int, eyes_px: float | None, eyes_mm: float = EYES_MM) -> Parallax:
     """Chooses alpha.
 
-    frame_width_px: of the camera picture. eyes_px: distance between the eyes in it, None (or 0, or not finite) before a face is
-    seen. eyes_mm: the viewer's own distance between the eyes where it was learnt.
+    frame_width_px: of the camera picture. eyes_px: distance between the eyes in it, None (or one no face has) before a face
+    is seen. eyes_mm: the viewer's own distance between the eyes where it was learnt.
     Raises UserError where alpha_px = "true" is asked of a scene whose capture is not known.
     """
     focal_px = camera_focal_px(config, frame_width_px)
-    seen = eyes_px if eyes_px is not None and math.isfinite(eyes_px) and eyes_px > 0 else None
+    seen = eyes_px if eyes_px is not None and LEAST_EYES_PX <= eyes_px <= frame_width_px else None
     reasons: list[str] = []
     if config.screen.distance_mm != "auto":
         distance_mm = float(config.screen.distance_mm)
@@ -124,7 +125,7 @@ def parallax(config: Config, field: LightField, frame_width_px: int, eyes_px: fl
     if near_px > config.render.zero_plane_px:
         reasons.append(f"near things stand before the screen; render.zero_plane_px={near_px:.2f} puts all behind it")
     return Parallax(
-        alpha_px=eyes / views,
+        alpha_px=eyes / views if isinstance(config.render.alpha_px, str) else config.render.alpha_px,
         views_between_eyes=views,
         compression=None if true is None else views / true,
         comfort_views=comfort,

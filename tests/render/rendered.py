@@ -24,14 +24,17 @@ def _texture(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> NDArr
     return value / 12
 
 
-def view(row: float, col: float, height: int = 64, width: int = 64) -> NDArray[np.uint8]:
-    """The true view at steps (row, col) from the middle of the grid: uint8 (3, height, width), red, green, blue."""
+def view(row: float, col: float, height: int = 64, width: int = 64, texture: float = 1.0) -> NDArray[np.uint8]:
+    """The true view at steps (row, col) from the middle of the grid: uint8 (3, height, width), red, green, blue.
+
+    texture: 0 leaves a plain bright square before a plain dark wall.
+    """
     y, x = np.mgrid[0:height, 0:width].astype(float)
     planes = []
     inside = _square(row, col, height, width)
     for channel in range(3):
-        wall = 110 + 60 * _texture(x + FAR * col, y + FAR * row, channel)
-        square = 150 + 80 * _texture(x + NEAR * col, y + NEAR * row, 10 + channel)
+        wall = (110 if texture else 20) + 60 * texture * _texture(x + FAR * col, y + FAR * row, channel)
+        square = (150 if texture else 240) + 80 * texture * _texture(x + NEAR * col, y + NEAR * row, 10 + channel)
         planes.append(np.where(inside, square, wall))
     return np.rint(np.stack(planes)).clip(0, 255).astype(np.uint8)
 
@@ -44,7 +47,14 @@ def _square(row: float, col: float, height: int, width: int) -> NDArray[np.bool_
 
 
 def field(
-    rows: int = 5, cols: int = 5, height: int = 64, width: int = 64, depth: bool = True, scale: float = 1.0, method: str = "warp2"
+    rows: int = 5,
+    cols: int = 5,
+    height: int = 64,
+    width: int = 64,
+    depth: bool = True,
+    scale: float = 1.0,
+    method: str = "warp2",
+    texture: float = 1.0,
 ) -> LightField:
     """The grid as a LightField. scale: multiplies the grid's spacing, and so its disparities."""
     views = np.zeros((1, rows, cols, 3, height, width), np.uint8)
@@ -54,7 +64,7 @@ def field(
     for r in range(rows):
         for c in range(cols):
             row, col = (r - (rows - 1) / 2) * scale, (c - (cols - 1) / 2) * scale
-            views[0, r, c] = view(row, col, height, width)
+            views[0, r, c] = view(row, col, height, width, texture)
             depth_px = np.where(_square(row, col, height, width), NEAR, FAR).astype(np.float32) * np.float32(scale / unit_px)
             disparity[0, r, c] = np.rint(cv2.resize(depth_px, low[::-1], interpolation=cv2.INTER_AREA))
     return LightField(

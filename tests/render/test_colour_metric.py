@@ -1,0 +1,69 @@
+"""The simulated glasses against what is known of them without any simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lfpipe.render.anaglyph import encode, recipe
+from lfpipe.render.colour_metric import BARE, GLASS, Encoder, fused_error, ghost, lab, lightness, measure, rivalry, seen_xyz
+
+
+def encoder(name: str, light: str = "linear", ghost_compensation: float = 0.0) -> Encoder:
+    how = recipe(name, light, ghost_compensation)
+    return lambda left, right: encode(left, right, how)
+
+
+def colours() -> np.ndarray:
+    rng = np.random.default_rng(2)
+    return np.rint(rng.uniform(60, 190, (32, 32, 1)) + rng.uniform(-25, 25, (32, 32, 3))).astype(np.uint8)
+
+
+def test_lightness_and_lab_at_known_points() -> None:
+    assert lightness(np.array([1.0, 0.184187, 0.0]), 1.0) == pytest.approx([100, 50, 0], abs=1e-3)
+    white = BARE.sum(axis=1)
+    assert lab(white, white) == pytest.approx([100, 0, 0], abs=1e-9)
+    assert seen_xyz(np.full((1, 3), 255, np.uint8), BARE)[0] == pytest.approx(white)
+
+
+def test_grey_seen_as_grey_has_no_rivalry_and_no_colour_error() -> None:
+    grey = np.repeat(np.linspace(0, 255, 64).astype(np.uint8)[:, None, None], 3, axis=2)
+    mean, tail = rivalry(encoder("grey")(grey, grey))
+    assert mean < 1e-6
+    assert tail < 1e-6
+    assert fused_error(grey, encoder("grey")(grey, grey)) < 1e-6
+
+
+def test_pure_red_rivals_as_it_does_through_real_glasses() -> None:
+    """In the paper's encoding a red thing is bright for the left eye and black for the right one."""
+    red = np.zeros((4, 4, 3), np.uint8)
+    red[..., 2] = 255
+    assert rivalry(encoder("colour")(red, red))[0] == pytest.approx(92, abs=2)
+    assert rivalry(encoder("dubois")(red, red))[0] < 20
+    assert rivalry(encoder("wimmer")(red, red))[0] < 1
+
+
+def test_ghosts_and_their_compensation() -> None:
+    left, right = ghost(encoder("colour"))
+    assert left == pytest.approx(0.148, abs=0.002), "green light through the red glass"
+    assert right < 0.005
+    for name in ("colour", "grey", "half-colour", "wimmer", "dubois"):
+        assert abs(ghost(encoder(name, "linear", 100.0))[0]) < 0.03
+    assert abs(ghost(encoder("dubois"))[0]) < 0.03
+    assert ghost(encoder("colour", "linear", 100.0), pedestal=0.0)[0] > 0.1, "on black there is nothing to take away"
+
+
+def test_dubois_keeps_colour_and_tames_rivalry() -> None:
+    picture = colours()
+    found = {name: measure([picture], encoder(name)) for name in ("colour", "grey", "dubois", "half-colour", "wimmer")}
+    assert found["dubois"].rivalry_mean < found["colour"].rivalry_mean / 2
+    assert found["dubois"].fused_error < found["grey"].fused_error
+    assert found["colour"].fused_error < found["dubois"].fused_error
+    assert found["wimmer"].rivalry_mean < found["half-colour"].rivalry_mean
+
+
+@pytest.mark.parametrize("name", list(GLASS))
+def test_a_glass_passes_its_own_colour_best(name: str) -> None:
+    luminance = GLASS[name][1]
+    assert int(np.argmax(luminance)) == {"red": 0, "cyan": 1, "green": 1, "magenta": 0}[name]
+    assert (luminance <= BARE[1]).all()

@@ -1,0 +1,232 @@
+"""From eyes to pixels: which way things move, what a key promises, every output, every nonsense."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import attrs
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from lfpipe.config import Render
+from lfpipe.render.anaglyph import MATRICES, encode, recipe
+from lfpipe.render.compositor import Compositor
+from lfpipe.render.planes import PlaneStore
+from lfpipe.render.viewpoint import Mapper
+from tests.render import rendered
+
+METHODS = ["nearest", "blend", "warp", "warp2"]
+OUTPUTS = [*MATRICES, "mono", "side-by-side", "row-interleaved"]
+SEATED = np.array([[350.0, 240.0], [290.0, 240.0]])  # the left eye stands at larger x of the unmirrored picture
+
+
+def render(**settings: Any) -> Render:
+    return Render(**settings)
+
+
+def bgr(field: Any, row: int, col: int, frame: int = 0) -> NDArray[np.uint8]:
+    planes = np.broadcast_to(field.views[frame, row, col], (3, field.height_px, field.width_px))
+    return np.ascontiguousarray(planes[::-1].transpose(1, 2, 0))
+
+
+def centre_of_light(plane: NDArray[np.uint8]) -> tuple[float, float]:
+    """(x, y) of the bright square on its dark wall."""
+    bright = plane.astype(float) > 128
+    y, x = np.nonzero(bright)
+    return float(x.mean()), float(y.mean())
+
+
+def seen(eyes_px: NDArray[np.float64], method: str, **settings: Any) -> NDArray[np.uint8]:
+    field = rendered.field(9, 9, texture=0.0)
+    how = render(method=method, anaglyph="colour", **settings)
+    mapper = Mapper(9, 9, how, 20.0, (320.0, 240.0), snap=method == "nearest")
+    return Compositor(field, how).compose(*mapper.views(eyes_px)).copy()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_near_object_has_crossed_parallax_through_the_glasses(method: str) -> None:
+    """The left eye looks through the red glass and sees red; a near thing stands further right for it than for the right eye."""
+    picture = seen(SEATED, method)
+    left_x, right_x = centre_of_light(picture[..., 2])[0], centre_of_light(picture[..., 1])[0]
+    assert left_x - right_x == pytest.approx(3.0 * rendered.NEAR, abs=1.0), "60 px between the eyes are 3 views"
+    np.testing.assert_array_equal(picture[..., 0], picture[..., 1])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_viewer_who_moves_sees_from_there(method: str) -> None:
+    here = centre_of_light(seen(SEATED, method)[..., 2])
+    right = centre_of_light(seen(SEATED - (20.0, 0.0), method)[..., 2])  # to the viewer's right is to the left of the picture
+    down = centre_of_light(seen(SEATED - (0.0, -20.0), method)[..., 2])
+    assert right[0] - here[0] == pytest.approx(-rendered.NEAR, abs=0.7), "what is near moves against the viewer"
+    assert right[1] == pytest.approx(here[1], abs=0.3)
+    assert down[1] - here[1] == pytest.approx(-rendered.NEAR, abs=0.7)
+    assert down[0] == pytest.approx(here[0], abs=0.3)
+
+
+def test_swapped_eyes_turn_the_parallax_round() -> None:
+    picture = seen(SEATED, "warp", swap_eyes=True)
+    assert centre_of_light(picture[..., 2])[0] < centre_of_light(picture[..., 1])[0]
+
+
+def test_the_zero_plane_moves_the_square_into_the_screen() -> None:
+    picture = seen(SEATED, "warp", zero_plane_px=rendered.NEAR)
+    assert centre_of_light(picture[..., 2])[0] == pytest.approx(centre_of_light(picture[..., 1])[0], abs=0.5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("anaglyph", sorted(MATRICES))
+def test_at_stored_views_a_picture_is_their_anaglyph_bit_for_bit(method: str, anaglyph: str) -> None:
+    field = rendered.field(3, 4)
+    how = render(method=method, anaglyph=anaglyph, ghost_compensation=30.0)
+    wanted = encode(bgr(field, 1, 0), bgr(field, 1, 3), recipe(anaglyph, how.light, 30.0))
+    np.testing.assert_array_equal(Compositor(field, how).compose((1.0, 0.0), (1.0, 3.0)), wanted)
+
+
+def test_outputs_without_glasses() -> None:
+    field = rendered.field(3, 5)
+    left, middle, right = (bgr(field, 1, col) for col in (1, 2, 3))
+
+    def picture(anaglyph: str) -> NDArray[np.uint8]:
+        return Compositor(field, render(method="warp", anaglyph=anaglyph)).compose((1.0, 1.0), (1.0, 3.0)).copy()
+
+    np.testing.assert_array_equal(picture("mono"), middle)
+    rows = picture("row-interleaved")
+    np.testing.assert_array_equal(rows[0::2], left[0::2])
+    np.testing.assert_array_equal(rows[1::2], right[1::2])
+    side = picture("side-by-side")
+    assert side.shape == left.shape
+    for half, whole in ((side[:, :32], left), (side[:, 32:], right)):
+        narrow = whole.reshape(64, 32, 2, 3).mean(axis=2)
+        assert np.abs(half - narrow).max() <= 1
+
+
+def test_auto_is_the_scenes_method_and_without_depth_nothing_is_warped() -> None:
+    assert Compositor(rendered.field(3, 3, method="warp"), render(method="auto")).method == "warp"
+    assert Compositor(rendered.field(3, 3, depth=False), render(method="auto")).method == "blend"
+    assert Compositor(rendered.field(3, 3, depth=False), render(method="warp2")).method == "nearest"
+
+
+@pytest.mark.parametrize("anaglyph", OUTPUTS)
+def test_a_grey_light_field_gives_what_its_colours_would(anaglyph: str) -> None:
+    colour = rendered.field(3, 3)
+    same = np.repeat(colour.views[:, :, :, :1], 3, axis=3)
+    pictures = [
+        Compositor(attrs.evolve(colour, views=views), render(method="warp2", anaglyph=anaglyph)).compose((0.5, 0.2), (0.5, 1.7))
+        for views in (same, same[:, :, :, :1])
+    ]
+    assert np.abs(pictures[0].astype(int) - pictures[1]).max() <= 1
+
+
+def test_video_frames_are_told_apart_and_wrap_round() -> None:
+    field = rendered.noise(2, 2, 8, 8, 1.0, seed=3)
+    subject = Compositor(field, render(method="nearest", anaglyph="colour"))
+    first = subject.compose((0, 0), (0, 1), 0).copy()
+    second = subject.compose((0, 0), (0, 1), 1).copy()
+    assert not np.array_equal(first, second)
+    assert subject.key((0, 0), (0, 1), 0) != subject.key((0, 0), (0, 1), 1)
+    assert subject.key((0, 0), (0, 1), 0) == subject.key((0, 0), (0, 1), 2)
+    np.testing.assert_array_equal(subject.compose((0, 0), (0, 1), 2), first)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-1, 4), st.floats(-1, 4), st.floats(-1, 4), st.sampled_from(METHODS), st.floats(-0.004, 0.004))
+def test_equal_keys_mean_equal_pictures(row: float, left: float, right: float, method: str, nudge: float) -> None:
+    field = rendered.field(4, 4, 32, 32)
+    subject = Compositor(field, render(method=method, anaglyph="dubois"))
+    one, two = ((row, left), (row, right)), ((row + nudge, left - nudge), (row + nudge, right + nudge))
+    same_key = subject.key(*one) == subject.key(*two)
+    first = subject.compose(*one).copy()
+    if same_key:
+        np.testing.assert_array_equal(first, subject.compose(*two))
+    hash(subject.key(*one))
+
+
+def test_the_rounding_of_a_key_shows_nowhere() -> None:
+    field = rendered.field(5, 5, 96, 96, scale=2.0)
+    for method in METHODS[1:]:
+        subject = Compositor(field, render(method=method, anaglyph="colour"))
+        step = subject._quantum
+        assert step <= 1 / 64
+        off = step * 0.49  # the furthest a viewpoint can be from what is drawn for it
+        drawn = subject.compose((2 + off, 1.5 + off), (2 + off, 2.5 + off)).copy()
+        subject._quantum = 2.0**-20
+        true = subject.compose((2 + off, 1.5 + off), (2 + off, 2.5 + off))
+        error = np.abs(drawn.astype(int) - true)
+        assert error.mean() < 0.3
+        assert np.percentile(error, 99) <= 1  # what lies on the edge of the square may fall to its other side
+
+
+def test_settings_are_part_of_the_key() -> None:
+    field = rendered.field(3, 3)
+    keys = [
+        Compositor(field, how).key((1, 0), (1, 2))
+        for how in (
+            render(),
+            render(method="nearest"),
+            render(anaglyph="colour"),
+            render(zero_plane_px=1.0),
+            render(light="gamma"),
+            render(ghost_compensation=5.0),
+        )
+    ]
+    assert len(set(keys)) == len(keys)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    shape=st.tuples(st.integers(1, 3), st.integers(1, 3), st.integers(1, 6), st.integers(1, 6)),
+    extent_px=st.sampled_from([0.0, 3.0, 100.0]),
+    values=st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=4, max_size=4),
+    method=st.sampled_from(METHODS),
+    anaglyph=st.sampled_from(OUTPUTS),
+    channels=st.sampled_from([1, 3]),
+    light=st.sampled_from([0, 255, None]),
+)
+def test_nonsense_gives_a_picture(
+    shape: tuple[int, int, int, int],
+    extent_px: float,
+    values: list[float],
+    method: str,
+    anaglyph: str,
+    channels: int,
+    light: int | None,
+) -> None:
+    field = rendered.noise(*shape, extent_px, seed=1, channels=channels)
+    if light is not None:
+        field = attrs.evolve(field, views=np.full_like(field.views, light))
+    subject = Compositor(field, render(method=method, anaglyph=anaglyph, ghost_compensation=50.0, zero_plane_px=-7.5))
+    left, right = (values[0], values[1]), (values[2], values[3])
+    assert subject.key(left, right) == subject.key(left, right)
+    picture = subject.compose(left, right)
+    assert picture.shape == (*shape[2:], 3)
+    assert picture.dtype == np.uint8
+    if light is not None:
+        assert (picture == light).all(), "all black stays black, all white stays white"
+
+
+def test_extreme_eyes_and_alphas_from_end_to_end() -> None:
+    field = rendered.field(3, 3, 16, 16)
+    inf, nan = math.inf, math.nan
+    strange = ([[inf, inf], [-inf, inf]], [[nan, 0], [0, nan]], [[5, 5], [5, 5]], [[0, 0], [600, 0]], [[1e308, 0], [-1e308, 0]])
+    for alpha_px in (1e-9, 1e9):
+        for eyes in strange:
+            how = render(method="warp2", anaglyph="dubois")
+            left, right = Mapper(3, 3, how, alpha_px, (320.0, 240.0)).views(eyes)
+            assert np.isfinite([left, right]).all()
+            Compositor(field, how).compose(left, right)
+
+
+def test_baked_planes_are_bounded() -> None:
+    field = rendered.field(4, 4, 32, 32)
+    store = PlaneStore(field, budget_bytes=10 * 32 * 32)
+    plane = recipe("dubois").planes[0]
+    first = store.get(0, 0, 0, plane).copy()
+    for row in range(4):
+        for col in range(4):
+            store.get(0, row, col, plane)
+    assert len(store._baked) <= 10
+    np.testing.assert_array_equal(store.get(0, 0, 0, plane), first)
