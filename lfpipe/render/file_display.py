@@ -12,6 +12,7 @@ from pathlib import Path
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # its complaints go past Python; they are said here as notices
 
 import cv2
+import cv2.utils.logging as logging
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +26,8 @@ SUFFIXES = (".mkv", ".avi")
 QUEUE_PICTURES = 8
 RESERVE_BYTES = 64 << 20  # the disk is left this much, so that nothing else on the machine fails for the video's sake
 CHECK_FRAMES = 16
+GROWTH_BYTES = 8 << 20  # encoded without the file having grown: more than the 5 MB that the container may hold back
+LEAST_BITS = 3  # a pixel takes at least a bit a channel
 BEHIND_S = 0.5  # an encoder that lags more than this writes no picture twice any more
 AHEAD_FRAMES = 2  # pictures that come faster than the rate are taken until the video runs ahead this much
 
@@ -52,16 +55,21 @@ class FileDisplay:
     """
 
     def __init__(self, path: Path, size_px: tuple[int, int], rate_hz: float, reserve_bytes: int = RESERVE_BYTES) -> None:
-        """size_px: (width, height) of the video. Raises UserError where the file cannot be made."""
+        """size_px: (width, height) of the pictures; an odd one gets a black row or column.
+
+        Raises UserError where the file cannot be made.
+        """
         check_file(path)
-        self._path, self._size, self._period_ns, self._reserve = path, size_px, 1e9 / rate_hz, reserve_bytes
-        self._writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*CODEC), rate_hz, size_px)
+        self._path, self._period_ns, self._reserve = path, 1e9 / rate_hz, reserve_bytes
+        # The writer would cut an odd row or column off.
+        self._size = size_px[0] + size_px[0] % 2, size_px[1] + size_px[1] % 2
+        self._writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*CODEC), rate_hz, self._size)
         if not self._writer.isOpened():
             raise UserError(f"--display file:{path}: the video cannot be written", "another file, or --display none")
         self._queue: queue.Queue[tuple[int, NDArray[np.uint8] | None]] = queue.Queue(QUEUE_PICTURES)
         self._notices: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._lost = threading.Event()
-        self._written = self._bytes = 0
+        self._written = self._bytes = self._grown = 0
         self.dropped = 0
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
         self._thread.start()
@@ -99,6 +107,16 @@ class FileDisplay:
         self._thread.join()
 
     def _run(self) -> None:
+        before = logging.setLogLevel(logging.LOG_LEVEL_ERROR)  # a warning for every picture that a full disk does not take
+        try:
+            self._write_all()
+        finally:
+            self._writer.release()
+            logging.setLogLevel(before)
+        if self.dropped and not self._lost.is_set():
+            self._notices.put(f"{self._path}: {self.dropped} pictures are missing, they came faster than they could be written")
+
+    def _write_all(self) -> None:
         start_ns: int | None = None
         last: NDArray[np.uint8] | None = None
         while not self._lost.is_set():
@@ -125,15 +143,15 @@ class FileDisplay:
                 self._put(last)
             else:
                 self.dropped += 1
-        self._writer.release()
-        if self.dropped and not self._lost.is_set():
-            self._notices.put(f"{self._path}: {self.dropped} pictures are missing, they came faster than they could be written")
 
     def _fitted(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         if (picture.shape[1], picture.shape[0]) == self._size:
             return picture
         out = np.zeros((self._size[1], self._size[0], 3), np.uint8)
-        x, y, w, h = fit_area((picture.shape[1], picture.shape[0]), self._size)
+        height, width = picture.shape[:2]
+        x, y, w, h = fit_area((width, height), self._size)
+        if 0 <= self._size[0] - width <= 1 and 0 <= self._size[1] - height <= 1:
+            x, y, w, h = 0, 0, width, height
         scale_into(picture, out[y : y + h, x : x + w])
         return out
 
@@ -150,9 +168,10 @@ class FileDisplay:
             return
         if free < self._reserve:
             self._end(f"the disk is full but for {free / 1e6:.0f} MB")
-        elif size <= self._bytes:
+        elif size > self._bytes:
+            self._bytes, self._grown = size, self._written
+        elif (self._written - self._grown) * self._size[0] * self._size[1] * LEAST_BITS / 8 > GROWTH_BYTES:
             self._end("it no longer grows (quota or size limit)")
-        self._bytes = size
 
     def _end(self, why: str) -> None:
         self._lost.set()

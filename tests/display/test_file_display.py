@@ -1,0 +1,116 @@
+"""The video: every value back, at the right time, and no harm where the disk ends."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from lfpipe.render.file_display import CHECK_FRAMES, FileDisplay
+
+
+def read_back(path: Path) -> list[np.ndarray]:
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    frames = []
+    while (got := capture.read())[0]:
+        frames.append(got[1])
+    return frames
+
+
+def noise(count: int, width: int, height: int) -> np.ndarray:
+    return np.random.default_rng(5).integers(0, 256, (count, height, width, 3), np.uint8)
+
+
+@pytest.mark.parametrize("suffix", [".mkv", ".avi"])
+@pytest.mark.parametrize("size", [(64, 48), (61, 37)])
+def test_every_value_comes_back(tmp_path: Path, suffix: str, size: tuple[int, int]) -> None:
+    pictures = noise(10, *size)
+    display = FileDisplay(tmp_path / f"out{suffix}", size, 100.0)
+    for picture in pictures:
+        display.show(picture)
+        time.sleep(0.01)
+    display.close()
+    frames = read_back(tmp_path / f"out{suffix}")
+    width, height = size
+    assert not any(frame[height:].any() or frame[:, width:].any() for frame in frames)  # an odd side is filled up with black
+    cut = [frame[:height, :width] for frame in frames]
+    shown = [next(k for k, picture in enumerate(pictures) if np.array_equal(frame, picture)) for frame in cut]
+    assert shown == sorted(shown)
+    assert display.dropped == 10 - len(set(shown))
+    assert display.dropped <= 3
+
+
+def test_a_picture_stands_until_the_next(tmp_path: Path) -> None:
+    pictures = noise(2, 32, 32)
+    display = FileDisplay(tmp_path / "out.mkv", (32, 32), 50.0)
+    began = time.monotonic()
+    display.show(pictures[0])
+    time.sleep(0.4)
+    display.show(pictures[1])
+    middle = time.monotonic()
+    time.sleep(0.3)
+    display.close()
+    ended = time.monotonic()
+    frames = read_back(tmp_path / "out.mkv")
+    first = sum(np.array_equal(frame, pictures[0]) for frame in frames)
+    second = sum(np.array_equal(frame, pictures[1]) for frame in frames)
+    assert first + second == len(frames)
+    assert abs(first - 50 * (middle - began)) <= 3
+    assert abs(second - 50 * (ended - middle)) <= 3
+
+
+def test_a_flood_is_counted_and_does_not_stop_the_caller(tmp_path: Path) -> None:
+    picture = noise(1, 640, 480)[0]
+    display = FileDisplay(tmp_path / "out.mkv", (640, 480), 30.0)
+    for _ in range(300):
+        display.show(picture)
+    display.close()
+    assert display.dropped > 200
+    assert len(read_back(tmp_path / "out.mkv")) < 300 - display.dropped + 60
+    assert any(f"{display.dropped} pictures are missing" in notice for notice in display.notices())
+
+
+def test_pictures_of_another_shape_are_fitted(tmp_path: Path) -> None:
+    display = FileDisplay(tmp_path / "out.mkv", (64, 32), 50.0)
+    display.show(np.full((40, 40, 3), 200, np.uint8))
+    display.close()
+    frame = read_back(tmp_path / "out.mkv")[0]
+    assert frame.shape == (32, 64, 3)
+    assert (frame[:, 16:48] == 200).all() and not frame[:, :16].any() and not frame[:, 48:].any()
+
+
+def test_a_full_disk_ends_the_video_with_a_notice(tmp_path: Path) -> None:
+    display = FileDisplay(tmp_path / "out.mkv", (32, 32), 200.0, reserve_bytes=1 << 60)
+    picture = noise(1, 32, 32)[0]
+    for _ in range(CHECK_FRAMES * 4):
+        display.show(picture)
+        time.sleep(0.005)
+    notices = display.notices()
+    assert len(notices) == 1 and "the disk is full" in notices[0] and "out.mkv" in notices[0]
+    display.show(picture)
+    display.close()
+    assert len(read_back(tmp_path / "out.mkv")) == CHECK_FRAMES  # what was written can be played
+    assert display.notices() == []
+
+
+def test_a_file_that_may_not_grow_ends_the_video(tmp_path: Path) -> None:
+    code = f"""
+import resource, time, numpy as np
+resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+from pathlib import Path
+from lfpipe.render.file_display import FileDisplay
+display = FileDisplay(Path({str(tmp_path / "out.mkv")!r}), (640, 480), 200.0)
+rng = np.random.default_rng(0)
+picture = rng.integers(0, 256, (480, 640, 3), np.uint8)
+for _ in range(300):
+    display.show(picture)
+    time.sleep(0.005)
+display.close()
+print(display.notices())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "no longer grows" in done.stdout and done.stderr == ""

@@ -1,0 +1,66 @@
+"""What may follow `--display`."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lfpipe.errors import UserError
+from lfpipe.render.open_display import check_display, has_display, open_display
+
+
+@pytest.fixture(autouse=True)
+def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.mark.parametrize(
+    ("spec", "says"),
+    [
+        ("window", "no screen here"),
+        ("fullscreen", "neither WAYLAND_DISPLAY nor DISPLAY"),
+        ("windw", "did you mean 'window'"),
+        ("none:", "did you mean 'none'"),
+        ("file", "did you mean 'file:OUT.mkv'"),
+        ("file:", "not a display"),
+        ("file:out.mp4", "not .mkv or .avi"),
+        ("file:/nowhere/at/all/out.mkv", "No such file"),
+    ],
+)
+def test_says_what_is_wrong(spec: str, says: str) -> None:
+    with pytest.raises(UserError) as told:
+        check_display(spec)
+    assert says in told.value.message and told.value.remedy
+
+
+@pytest.mark.parametrize("name", [":97", "unix:97", "localhost:97.0", "rubbish", ":"])
+def test_a_named_screen_that_does_not_answer_is_none(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", name)
+    assert not has_display()
+    with pytest.raises(UserError, match="does not answer"):
+        check_display("window")
+
+
+def test_checking_a_file_leaves_nothing_and_keeps_what_was(tmp_path: Path) -> None:
+    check_display(f"file:{tmp_path / 'new.mkv'}")
+    assert list(tmp_path.iterdir()) == []
+    old = tmp_path / "old.mkv"
+    old.write_bytes(b"before")
+    check_display(f"file:{old}")
+    assert old.read_bytes() == b"before"
+
+
+def test_a_directory_without_permission(tmp_path: Path) -> None:
+    (tmp_path / "out.mkv").mkdir()
+    with pytest.raises(UserError, match="directory"):
+        check_display(f"file:{tmp_path / 'out.mkv'}")
+
+
+def test_none_takes_pictures() -> None:
+    check_display("none")
+    display = open_display("none", (8, 8), "", 30.0)
+    first, second = (display.show(np.zeros((8, 8, 3), np.uint8)) for _ in range(2))
+    assert 0 < first <= second
+    assert display.events() == [] and display.notices() == []
+    display.close()
