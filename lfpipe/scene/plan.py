@@ -168,8 +168,8 @@ def make_plan(field: LightField, config: Config, measure: bool = False) -> Plan:
     reach = _reach(field, config)
     kept = (reach[1] - reach[0] + 1) * (reach[3] - reach[2] + 1)
     if kept < views:
-        saved = _size((views - kept) * field.frames * field.channels * plane_bytes)
-        left.append(LeftOut(f"{views - kept} of {views} views", "out of reach of eyes in the camera's picture", f"{saved} never read"))
+        why, unseen = "out of reach of eyes in the camera's picture", (views - kept) * field.frames * field.channels * plane_bytes
+        left.append(LeftOut(f"{views - kept} of {views} views", why, f"{_size(unseen)} never read"))
     needs_depth = tracking and config.screen.distance_mm == "auto" and isinstance(config.render.alpha_px, str)
     if tracking and not needs_depth:
         reason = "screen.distance_mm is given" if config.screen.distance_mm != "auto" else "render.alpha_px is given"

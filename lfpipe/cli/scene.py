@@ -1,0 +1,235 @@
+"""`lfpipe scene`: light fields packed, listed, looked at and planned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from lfpipe.cli.options import with_config
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from lfpipe.config import Config
+    from lfpipe.scene.lightfield import LightField
+
+F = TypeVar("F", bound=Callable[..., Any])
+SCENE = click.argument("path", metavar="SCENE", type=click.Path(path_type=Path))
+JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+
+
+def with_word(command: F) -> F:
+    """--layout, --grid, --flip, --transpose, --gamma, --config, --set."""
+    options = [
+        click.option("--layout", metavar="NAME", help="Name of the layout on disk, instead of finding it out."),
+        click.option("--grid", metavar="ROWSxCOLS", help="The grid of views in file order, where the files do not tell it."),
+        click.option("--flip", type=click.Choice(["none", "rows", "cols", "both"]), help="Reverse rows or columns of the grid."),
+        click.option("--transpose/--no-transpose", default=None, help="Exchange rows and columns of the grid, before any flip."),
+        click.option("--gamma", metavar="G", help="Bring linear light to screen values, out = in ** (1/G); 1 for none."),
+        with_config,
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def _config(word: dict[str, Any]) -> Config:
+    """The configuration with the user's word on the scene put in. Raises UserError."""
+    from lfpipe.config import load, parse_set, updated
+
+    config = load(word["config_file"], word["sets"])
+    told: dict[str, Any] = {f"scene.{key}": word[key] for key in ("layout", "grid", "flip") if word[key] is not None}
+    if word["transpose"] is not None:
+        told["scene.transpose"] = "yes" if word["transpose"] else "no"
+    if word["gamma"] is not None:
+        told["scene.gamma"] = parse_set(f"scene.gamma={word['gamma']}")[1]
+    return updated(config, told)
+
+
+def _opened(path: Path, config: Config) -> LightField:
+    """The scene, packed with a progress bar where it is not yet, with the method that suits it."""
+    from lfpipe.cli.progress import progress
+    from lfpipe.scene.pack import open_scene
+
+    def choose(field: LightField) -> tuple[str, dict[str, Any]]:
+        from lfpipe.render.scoring import choose_method
+
+        return choose_method(field)
+
+    with progress() as bar:
+        return open_scene(path, config.scene, bar, choose)
+
+
+def _write(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Writes an RGB picture. Raises UserError."""
+    import cv2
+
+    from lfpipe.errors import UserError
+
+    try:
+        done = cv2.imwrite(str(path), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    except cv2.error:
+        done = False
+    if not done:
+        raise UserError(f"{path}: cannot be written", "a PNG in a folder that exists and that you may write to")
+    click.echo(path)
+
+
+@click.group()
+def scene() -> None:
+    """Light fields: pack, list and look at them, and see what they need."""
+
+
+@scene.command()
+@SCENE
+@with_word
+@JSON
+def pack(path: Path, as_json: bool, **word: Any) -> None:
+    """Pack SCENE into the cache, as `lfpipe up` does by itself."""
+    import json
+
+    from lfpipe.scene.cache import cache_dir
+    from lfpipe.scene.plan import make_plan
+
+    config = _config(word)
+    field = _opened(path, config)
+    folder = cache_dir(config.scene) / "scenes" / str(field.manifest["key"])
+    if as_json:
+        plan = make_plan(field, config)
+        told = {"pack": str(folder), "needs_tracking": plan.needs_tracking, "method": plan.method, **field.manifest}
+        click.echo(json.dumps(told))
+    else:
+        click.echo(folder)
+
+
+@scene.command("list")
+@with_config
+@JSON
+def list_packs(config_file: str | None, sets: tuple[str, ...], as_json: bool) -> None:
+    """List the packs in the cache."""
+    import json
+
+    from lfpipe.config import load
+    from lfpipe.scene.cache import cache_dir, packs
+
+    config = load(config_file, sets).scene
+    found = packs(config)
+    if as_json:
+        keys = ("name", "source", "layout", "rows", "cols", "frames", "height", "width", "created")
+        rows = [{"key": f.name, "bytes": size, **{k: m.get(k) for k in keys}} for f, m, size in found]
+        click.echo(json.dumps({"cache": str(cache_dir(config)), "packs": rows}))
+        return
+    for folder, m, size in found:
+        grid = f"{m['rows']}x{m['cols']} of {m['width']}x{m['height']}" if "rows" in m else "damaged"
+        click.echo(f"{folder.name}  {size / 1e6:8.1f} MB  {grid:<22}  {m.get('source', '')}")
+    click.echo(f"{len(found)} packs, {sum(size for _, _, size in found) / 1e6:.1f} MB in {cache_dir(config)}")
+
+
+@scene.command()
+@click.argument("keys", nargs=-1, metavar="[KEY|NAME]...")
+@click.option("--all", "everything", is_flag=True, help="Remove every pack.")
+@with_config
+def clean(keys: tuple[str, ...], everything: bool, config_file: str | None, sets: tuple[str, ...]) -> None:
+    """Remove packs by key or name; without any, only what killed runs left."""
+    from lfpipe.config import load
+    from lfpipe.errors import UserError
+    from lfpipe.scene.cache import packs, remove, sweep
+
+    config = load(config_file, sets).scene
+    found = packs(config)
+    known = {word for folder, m, _ in found for word in (folder.name, m.get("name"), m.get("source"))}
+    if unknown := [key for key in keys if key not in known]:
+        raise UserError(f"{', '.join(unknown)}: no such pack", "`lfpipe scene list` shows keys and names")
+    gone = [p for p in found if everything or {p[0].name, p[1].get("name"), p[1].get("source")} & set(keys)]
+    for folder, _, _ in gone:
+        remove(config, folder)
+    left = sweep(config)
+    click.echo(f"removed {len(gone)} packs, {sum(size for _, _, size in gone) / 1e6:.1f} MB, and {left} leftovers")
+
+
+@scene.command()
+@SCENE
+@with_word
+@JSON
+def plan(path: Path, as_json: bool, **word: Any) -> None:
+    """Show what SCENE does not need, why, and what leaving it out saves."""
+    import json
+
+    from lfpipe.scene.plan import make_plan
+
+    config = _config(word)
+    field = _opened(path, config)
+    made = make_plan(field, config, measure=True)
+    if as_json:
+        click.echo(json.dumps({"scene": field.name, **made.as_dict()}))
+        return
+    needs = [name for name in ("tracking", "rows", "warp", "depth") if getattr(made, f"needs_{name}")]
+    click.echo(f"{field.name}: {field.rows}x{field.cols} views, method {made.method}, needs {', '.join(needs) or 'nothing'}")
+    for item in made.left_out:
+        click.echo(f"  left out: {item.what}\n    because {item.why}\n    saves   {item.saves}")
+    if not made.left_out:
+        click.echo("  nothing can be left out")
+
+
+@scene.command()
+@SCENE
+@with_word
+@JSON
+def info(path: Path, as_json: bool, **word: Any) -> None:
+    """Show what SCENE is: layout, grid, order of its views, disparity, geometry."""
+    import json
+
+    from lfpipe.scene.info import describe_pack, lines
+
+    config = _config(word)
+    field = _opened(path, config)
+    told = describe_pack(field, config.scene)
+    click.echo(json.dumps(told) if as_json else "\n".join(lines(told)))
+
+
+@scene.command()
+@SCENE
+@click.option("--row", type=float, required=True, help="Row of the view, 0 at the top; fractions allowed.")
+@click.option("--col", type=float, required=True, help="Column of the view, 0 at the left; fractions allowed.")
+@click.option("--frame", type=click.IntRange(0), default=0, show_default=True, help="Frame of a light-field video.")
+@click.option("--method", type=click.Choice(["auto", "nearest", "blend", "warp", "warp2"]), default="auto", show_default=True)
+@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="Where to write the picture.")
+@with_word
+def view(path: Path, row: float, col: float, frame: int, method: str, out: Path, **word: Any) -> None:
+    """Write the picture that a camera at ROW, COL of the grid sees."""
+    import numpy as np
+
+    from lfpipe.errors import UserError
+    from lfpipe.render.synthesis import Synthesiser
+    from lfpipe.scene.look import require_place
+
+    config = _config(word)
+    field = _opened(path, config)
+    require_place(field, row, col)
+    if frame >= field.frames:
+        raise UserError(f"--frame {frame}: the scene has {field.frames} frames", f"--frame 0 to {field.frames - 1}")
+    used = field.method if method == "auto" else method
+    if used in ("warp", "warp2") and field.disparity is None:
+        raise UserError(f"--method {used}: {field.name} has no disparity", "--method nearest or blend")
+    outs = [np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)]
+
+    def plane(channel: int) -> Callable[[int, int], NDArray[np.uint8]]:
+        return lambda r, c: np.asarray(field.views[frame, r, c, channel])
+
+    planes = Synthesiser(field, used).render((row, col), frame, 0.0, [plane(k) for k in range(field.channels)], outs)
+    _write(out, np.stack(planes * 3 if len(planes) == 1 else planes, axis=2))
+
+
+@scene.command()
+@SCENE
+@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="Where to write the picture.")
+@with_word
+def sheet(path: Path, out: Path, **word: Any) -> None:
+    """Write a contact sheet of all views with epipolar slices: order errors show at a glance."""
+    from lfpipe.scene.look import contact_sheet
+
+    _write(out, contact_sheet(_opened(path, _config(word))))

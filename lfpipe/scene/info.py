@@ -1,0 +1,71 @@
+"""What a packed scene is, for people and programs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lfpipe import config
+from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.lightfield import LightField
+
+_NAMES = ("layout", "rows", "cols", "height", "width", "channels", "bit_depth", "frames", "frame_rate_hz", "flips")
+
+
+def describe_pack(field: LightField, scene: config.Scene) -> dict[str, Any]:
+    """The facts of `lfpipe scene info --json`."""
+    manifest = field.manifest
+    folder = cache_dir(scene) / "scenes" / str(manifest["key"])
+    missing = [[r, c] for r in range(field.rows) for c in range(field.cols) if not field.present[r, c]]
+    about = dict(manifest["disparity"])
+    low, high, source = about.pop("min_px"), about.pop("max_px"), about.pop("source")
+    return {
+        "name": field.name,
+        "source": manifest["source"],
+        **{name: manifest[name] for name in _NAMES},
+        "orientation_evidence": manifest["orientation"],
+        "disparity": {"min": low, "max": high, "source": source, **about},
+        "geometry": manifest["geometry"],
+        "views_missing": missing,
+        "gamma": manifest["gamma"],
+        "gamma_by": manifest["gamma_by"],
+        "method": field.method,
+        "scores_db": manifest["scores"],
+        "irregular": manifest["offsets"] is not None,
+        "notes": manifest["notes"],
+        "pack": str(folder),
+        "pack_bytes": sum(file.stat().st_size for file in folder.glob("*")),
+    }
+
+
+def lines(told: dict[str, Any]) -> list[str]:
+    """The same facts for people."""
+    found = told["orientation_evidence"]
+    turned = [name for name, on in (("rows reversed", told["flips"]["rows"]), ("columns reversed", told["flips"]["cols"]),
+                                    ("rows and columns exchanged", told["flips"]["transpose"])) if on]  # fmt: skip
+    disparity, geometry = told["disparity"], told["geometry"]
+    tone = f", gamma {told['gamma']:g} ({told['gamma_by']})" if told["gamma"] != 1 else ""
+    out = [
+        f"{told['name']}: {told['rows']}x{told['cols']} views of {told['width']}x{told['height']} px, layout {told['layout']}",
+        f"  depth       {told['bit_depth']} bit, {'colour' if told['channels'] == 3 else 'grey'}{tone}",
+        f"  order       {' and '.join(turned) or 'as in the files'}: {found['said']} ({found['by']}, {found['sure']:.0%} sure)",
+    ]
+    if found["undecided"]:
+        out.append(f"  undecided   {found['undecided']}")
+    if told["frames"] > 1:
+        out.append(f"  video       {told['frames']} frames at {told['frame_rate_hz']:g} Hz")
+    if disparity["source"] == "none":
+        out.append("  disparity   none")
+    else:
+        check = disparity.get("median_error_px")
+        out.append(f"  disparity   {disparity['min']:+.2f} to {disparity['max']:+.2f} px per view, {disparity['source']}"
+                   + (f"; maps from flow, {check:.2f} px off the truth in the median" if check is not None else ""))  # fmt: skip
+    parts = [(*name.rsplit("_", 1), value) for name, value in geometry.items() if value]
+    known = [f"{name.replace('_', ' ')} {value:g} {unit}" for name, unit, value in parts]
+    out.append(f"  geometry    {', '.join(known) or 'not known'}")
+    scores = ", ".join(f"{name} {value:.1f} dB" for name, value in told["scores_db"].items())
+    out.append(f"  method      {told['method']}" + (f" (views left out are met with {scores})" if scores else ""))
+    if told["views_missing"]:
+        out.append(f"  missing     {len(told['views_missing'])} views: {told['views_missing'][:8]}")
+    out += [f"  note        {note}" for note in told["notes"]]
+    out.append(f"  pack        {told['pack_bytes'] / 1e6:.1f} MB in {told['pack']}")
+    return out

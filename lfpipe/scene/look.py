@@ -1,0 +1,58 @@
+"""Looking at a light field: one view, and a contact sheet that shows order errors by eye."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.scene.lightfield import LightField
+
+SHEET_PX = 1600  # the longer side of the contact sheet's grid
+_GAP_PX = 4
+_SLICE_PX = 12  # height of each view's line in an epipolar slice
+
+
+def stored_view(field: LightField, row: int, col: int, frame: int = 0) -> NDArray[np.uint8]:
+    """A stored view as RGB, uint8 (height, width, 3)."""
+    planes = list(np.asarray(field.views[frame, row, col]))
+    return np.asarray(cv2.merge(planes * 3 if len(planes) == 1 else planes), np.uint8)
+
+
+def require_place(field: LightField, row: float, col: float) -> None:
+    """Raises UserError where (row, col) is not finite or lies outside of the grid."""
+    for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):
+        if not 0 <= value <= count - 1:  # not a number compares false
+            raise UserError(f"--{name} {value:g}: the scene has {field.rows}x{field.cols} views", f"--{name} 0 to {count - 1}")
+
+
+def contact_sheet(field: LightField) -> NDArray[np.uint8]:
+    """All views in canonical order and, below, an epipolar slice: the middle line of every view of the middle row, column 0
+    at the top; to the right the same of the middle column. RGB.
+
+    In a well ordered grid near things lean to the left going down the one and upwards going right in the other; a flipped
+    axis leans the wrong way, a transposed grid does not lean but jumps.
+    """
+    scale = min(1.0, SHEET_PX / max(field.rows * field.height_px, field.cols * field.width_px))
+    height, width = max(2, round(field.height_px * scale)), max(2, round(field.width_px * scale))
+    sheet_height = field.rows * (height + _GAP_PX) + _GAP_PX
+    sheet_width = field.cols * (width + _GAP_PX) + _GAP_PX
+    across = _slice([stored_view(field, field.rows // 2, c)[field.height_px // 2] for c in range(field.cols)])
+    down = _slice([stored_view(field, r, field.cols // 2)[:, field.width_px // 2] for r in range(field.rows)]).transpose(1, 0, 2)
+    whole_height = max(sheet_height + across.shape[0] + _GAP_PX, down.shape[0])
+    whole_width = max(sheet_width + down.shape[1] + _GAP_PX, across.shape[1])
+    out = np.full((whole_height, whole_width, 3), 32, np.uint8)
+    for r in range(field.rows):
+        for c in range(field.cols):
+            small = cv2.resize(stored_view(field, r, c), (width, height), interpolation=cv2.INTER_AREA)
+            y, x = _GAP_PX + r * (height + _GAP_PX), _GAP_PX + c * (width + _GAP_PX)
+            out[y : y + height, x : x + width] = small if field.present[r, c] else small // 3
+    out[sheet_height : sheet_height + across.shape[0], : across.shape[1]] = across
+    out[: down.shape[0], sheet_width : sheet_width + down.shape[1]] = down
+    return out
+
+
+def _slice(lines: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """One line of each view below one another, each _SLICE_PX high."""
+    return np.repeat(np.stack(lines), _SLICE_PX, axis=0)
