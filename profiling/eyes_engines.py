@@ -132,9 +132,8 @@ def accuracy(folder: Path, refine: bool) -> None:
             engine.close()
             e = np.array(errors)
             shares = [f"{100 * (e <= bound).mean():8.1f}%" for bound in (0.05, 0.10)]
-            print(
-                f"{wanted + ' ' + kind:28}{name:12}{np.median(e):10.4f}{np.percentile(e, 95):8.4f}{''.join(shares)}{np.isinf(e).sum():8}"
-            )
+            middle = f"{np.median(e):10.4f}{np.percentile(e, 95):8.4f}"
+            print(f"{wanted + ' ' + kind:28}{name:12}{middle}{''.join(shares)}{np.isinf(e).sum():8}")
     paths = sorted(path for path in (folder / "no_face").iterdir() if path.suffix.lower() in (".jpg", ".png"))
     for name in NAMES:
         engine, false = make(name), []
