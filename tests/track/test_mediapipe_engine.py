@@ -42,6 +42,7 @@ def test_finds_loses_and_finds_the_eyes(engine: Engine, placed: Placed, capfd: p
 def test_takes_grey_and_deep_pictures(engine: Engine, placed: Placed) -> None:
     colour = placed((320, 200, 0.8))
     for picture in (cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), colour.astype(np.uint16) * 257):
+        engine.reset()
         assert engine.detect(picture) is not None  # type: ignore[arg-type]
 
 
