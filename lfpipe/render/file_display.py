@@ -156,6 +156,8 @@ class FileDisplay:
         return out
 
     def _put(self, picture: NDArray[np.uint8]) -> None:
+        if self._lost.is_set():
+            return
         self._writer.write(picture)
         self._written += 1
         if self._written % CHECK_FRAMES:

@@ -25,8 +25,9 @@ from lfpipe.render.fit import fit_area, scale_into
 
 SMALLEST_PX = 640  # small light fields are shown larger; the longer side of the first window
 SCREEN_SHARE = 0.85  # of the screen at the most
-TEXT_PX = 18
+TEXT_PX = 22
 NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", "\x1b": "quit"}
+UNSEEN = ("dummy", "offscreen")  # drivers that show nothing, for who asks for them
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
 
 
@@ -37,7 +38,6 @@ class Window:
         """size_px: (width, height) of the pictures. Raises UserError where no window can be opened."""
         try:
             pygame.display.init()
-            pygame.font.init()
             desktop = pygame.display.get_desktop_sizes()[0]
             largest = min(SCREEN_SHARE * desktop[0] / size_px[0], SCREEN_SHARE * desktop[1] / size_px[1])
             scale = min(max(1.0, SMALLEST_PX / max(size_px)), largest)
@@ -46,7 +46,8 @@ class Window:
             self._set_mode()
         except pygame.error as error:
             raise UserError(f"no window can be opened: {error}", "use --display none or --display file:OUT.mkv") from None
-        self._font = pygame.font.Font(None, TEXT_PX + 4)
+        pygame.font.init()
+        self._font = pygame.font.Font(None, TEXT_PX)
         self._picture: NDArray[np.uint8] | None = None
         self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
         self._lines: list[str] = []
@@ -57,6 +58,8 @@ class Window:
         """Opens the window anew: without a window manager SDL neither moves nor shrinks the one that is there."""
         pygame.display.quit()
         pygame.display.init()
+        if (name := pygame.display.get_driver()) in UNSEEN and os.environ.get("SDL_VIDEODRIVER") != name:
+            raise pygame.error(f"no screen answers, SDL fell back to its driver {name!r}")
         pygame.display.set_caption(self._title)
         if self._fullscreen:
             surface = pygame.display.set_mode((0, 0), pygame.FULLSCREEN)

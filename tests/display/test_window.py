@@ -1,0 +1,182 @@
+"""A real window on a real X server."""
+
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pygame
+import pytest
+from xvfb_screen import Screen  # the one beside this file
+
+from lfpipe.render.display import KEYS, Display
+from lfpipe.render.open_display import has_display, open_display
+
+WAIT_S = 5.0
+
+
+@pytest.fixture
+def window(screen: Screen) -> Iterator[Callable[..., Display]]:
+    opened = []
+
+    def make(size: tuple[int, int], spec: str = "window") -> Display:
+        opened.append(open_display(spec, size, "lfpipe: a test", 60.0))
+        assert becomes(pygame.key.get_focused, opened[-1])
+        return opened[-1]
+
+    yield make
+    for display in opened:
+        display.close()
+
+
+def becomes(true: Callable[[], bool], display: Display) -> bool:
+    """Waits until true, keeping the window alive."""
+    until = time.monotonic() + WAIT_S
+    while not (done := true()) and time.monotonic() < until:
+        display.events()
+        time.sleep(0.01)
+    return done
+
+
+def noise(width: int, height: int) -> np.ndarray:
+    return np.random.default_rng(3).integers(1, 256, (height, width, 3), np.uint8)
+
+
+@pytest.mark.parametrize("size", [(700, 500), (641, 479)])
+def test_red_green_and_blue_on_the_screen_are_those_of_the_picture(
+    window: Callable[..., Display], screen: Screen, size: tuple[int, int]
+) -> None:
+    picture = noise(*size)
+    display = window(size)
+    before = time.monotonic_ns()
+    presented = display.show(picture)
+    assert before < presented <= time.monotonic_ns()
+    for plane in range(3):
+        assert becomes(lambda plane=plane: np.array_equal(screen.shown()[..., plane], picture[..., plane]), display)
+
+
+def test_the_next_picture_replaces_the_last(window: Callable[..., Display], screen: Screen) -> None:
+    display = window((700, 500))
+    for seed in (1, 2, 3):
+        picture = np.random.default_rng(seed).integers(1, 256, (500, 700, 3), np.uint8)
+        display.show(picture)
+        assert becomes(lambda picture=picture: np.array_equal(screen.shown(), picture), display)
+
+
+def test_a_small_picture_is_scaled_up_whole(window: Callable[..., Display], screen: Screen) -> None:
+    picture = np.zeros((30, 40, 3), np.uint8)
+    picture[:, :20, 2], picture[:15, 20:, 1], picture[15:, 20:, 0] = 200, 150, 100
+    display = window((40, 30))
+    display.show(picture)
+    assert becomes(lambda: screen.shown().shape == (480, 640, 3), display)
+    shown = screen.shown()
+    assert shown[240, 100].tolist() == [0, 0, 200]
+    assert shown[100, 500].tolist() == [0, 150, 0]
+    assert shown[400, 500].tolist() == [100, 0, 0]
+
+
+def test_full_screen_keeps_the_aspect_with_black_bars(window: Callable[..., Display], screen: Screen) -> None:
+    display = window((100, 100), "fullscreen")
+    display.show(np.full((100, 100, 3), (10, 120, 230), np.uint8))
+    assert becomes(lambda: screen.shown().shape == (800, 800, 3), display)
+    assert (screen.shown() == (10, 120, 230)).all()
+    picture = screen.picture()
+    assert not picture[:, :240].any() and not picture[:, 1040:].any()
+
+
+def test_overlay_comes_and_goes(window: Callable[..., Display], screen: Screen) -> None:
+    display = window((700, 500))
+    grey = np.full((500, 700, 3), 90, np.uint8)
+    display.show(grey)
+    display.overlay(["30.0 Hz", "age of the picture 21 ms"])
+    assert becomes(lambda: bool((screen.shown() == 255).any()), display)  # white letters
+    display.show(grey)
+    assert becomes(lambda: bool((screen.shown()[200:] == 90).all()), display)
+    display.overlay([])
+    assert becomes(lambda: np.array_equal(screen.shown(), grey), display)
+
+
+@pytest.fixture
+def press(screen: Screen) -> Callable[[str], None]:
+    if shutil.which("xdotool") is None:
+        pytest.skip("xdotool is not installed (apt-get install xdotool)")
+    return lambda key: subprocess.run(["xdotool", "key", key], check=True)
+
+
+def pressed(display: Display, count: int = 1) -> list[str]:
+    events: list[str] = []
+    until = time.monotonic() + WAIT_S
+    while len(events) < count and time.monotonic() < until:
+        events += display.events()
+        time.sleep(0.01)
+    return events
+
+
+@pytest.mark.parametrize(
+    ("key", "event"),
+    [("plus", "alpha+"), ("KP_Add", "alpha+"), ("equal", "alpha+"), ("minus", "alpha-"), ("c", "recentre"), ("C", "recentre"),
+     ("o", "overlay"), ("s", "screenshot"), ("q", "quit"), ("Escape", "quit")],
+)  # fmt: skip
+def test_keys_arrive(window: Callable[..., Display], press: Callable[[str], None], key: str, event: str) -> None:
+    display = window((640, 480))
+    display.show(noise(640, 480))
+    press(key)
+    assert pressed(display) == [event]
+
+
+def test_keys_that_mean_nothing_are_passed_over(window: Callable[..., Display], press: Callable[[str], None]) -> None:
+    display = window((640, 480))
+    display.show(noise(640, 480))
+    for key in ("x", "F5", "Left", "q"):
+        press(key)
+    assert pressed(display) == ["quit"]
+
+
+def test_help_lists_every_key_over_the_picture(
+    window: Callable[..., Display], screen: Screen, press: Callable[[str], None]
+) -> None:
+    display = window((700, 500))
+    grey = np.full((500, 700, 3), 90, np.uint8)
+    display.show(grey)
+    press("h")
+    assert pressed(display) == ["help"]
+
+    def lines() -> int:
+        white = (screen.shown() == 255).all(axis=2)
+        return int((np.diff(white.any(axis=1).astype(int)) == 1).sum())
+
+    assert becomes(lambda: lines() >= len(KEYS), display)
+    press("h")
+    assert pressed(display) == ["help"]
+    assert becomes(lambda: np.array_equal(screen.shown(), grey), display)
+
+
+def test_f_goes_to_full_screen_and_back_with_the_last_picture(
+    window: Callable[..., Display], screen: Screen, press: Callable[[str], None]
+) -> None:
+    display = window((640, 640))
+    display.show(np.full((640, 640, 3), (10, 120, 230), np.uint8))
+    press("f")
+    assert pressed(display) == ["fullscreen"]
+    assert becomes(lambda: screen.shown().shape == (800, 800, 3), display)
+    press("f")
+    assert pressed(display) == ["fullscreen"]
+    assert becomes(lambda: screen.shown().shape == (640, 640, 3), display)
+
+
+def test_a_screen_is_seen(screen: Screen) -> None:
+    assert has_display()
+
+
+def test_the_window_says_nothing_on_the_terminal(screen: Screen) -> None:
+    code = """
+import numpy as np
+from lfpipe.render.open_display import open_display
+display = open_display("window", (64, 64), "quiet", 30.0)
+display.show(np.zeros((64, 64, 3), np.uint8))
+display.close()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -1,0 +1,31 @@
+"""What an X server without a screen shows, read from the file in which it keeps its picture."""
+
+import struct
+from pathlib import Path
+
+import attrs
+import numpy as np
+
+
+@attrs.frozen
+class Screen:
+    """name: for DISPLAY; buffer: the file in which the server keeps its picture, in the format of xwd."""
+
+    name: str
+    buffer: Path
+
+    def picture(self) -> np.ndarray:
+        """What the screen shows now: uint8 (height, width, 3) BGR."""
+        data = self.buffer.read_bytes()
+        header = struct.unpack_from(">25I", data)
+        size, width, height, bits, line, colours = header[0], header[4], header[5], header[11], header[12], header[19]
+        assert bits == 32 and header[14:17] == (0xFF0000, 0xFF00, 0xFF)
+        rows = np.frombuffer(data, np.uint8, height * line, size + 12 * colours).reshape(height, line)
+        pixels = rows[:, : 4 * width].reshape(height, width, 4)
+        return pixels[..., :3] if header[7] == 0 else pixels[..., :0:-1]
+
+    def shown(self) -> np.ndarray:
+        """The part of the screen that is not black."""
+        picture = self.picture()
+        rows, cols = np.nonzero(picture.any(axis=(1, 2)))[0], np.nonzero(picture.any(axis=(0, 2)))[0]
+        return picture[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] if len(rows) else picture[:0, :0]

@@ -1,0 +1,86 @@
+"""The checks of `lfpipe doctor`, on this machine and on made-up troubles."""
+
+import importlib.metadata
+from pathlib import Path
+
+import pytest
+
+from lfpipe.capture.v4l2 import CameraDevice
+from lfpipe.observe import doctor
+
+
+def test_this_machine_passes_and_every_line_says_something() -> None:
+    found = doctor.checks()
+    assert [check.name for check in found if not check.ok] == []
+    names = {check.name for check in found}
+    assert names == {"python", "opencv", "mediapipe", "litert", "display", "camera", "shm", "cores", "left over"}
+    assert all(check.detail for check in found)
+
+
+@pytest.mark.parametrize(("version", "ok"), [((3, 10), False), ((3, 11), True), ((3, 12), True), ((3, 13), False)])
+def test_python(version: tuple[int, int], ok: bool) -> None:
+    check = doctor.python(version)
+    assert check.ok == ok and bool(check.remedy) != ok
+
+
+def test_the_one_opencv_here_is_named() -> None:
+    names = doctor.opencv_distributions()
+    headless = "opencv-contrib-python-headless"
+    assert names == [f"{headless} {importlib.metadata.version(headless)}"]
+    check = doctor.opencv(names)
+    assert check.ok and headless in check.detail and "GUI NONE" in check.detail and not check.remedy
+
+
+def test_a_doubled_opencv_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = tmp_path / "opencv_python-4.9.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: opencv-python\nVersion: 4.9.0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    check = doctor.opencv(doctor.opencv_distributions())
+    assert "2 in one folder" in check.detail
+    assert "uninstall" in check.remedy and "opencv-python " in check.remedy
+
+
+def test_a_missing_model_is_named() -> None:
+    assert doctor.mediapipe().ok
+    check = doctor.mediapipe(["face_landmark/gone.tflite"])
+    assert not check.ok and "gone.tflite" in check.detail and "0.10.21" in check.remedy
+
+
+def test_no_screen_is_no_hindrance_but_has_remedies(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+    check = doctor.sdl()
+    assert check.ok and "no screen" in check.detail and "file:" in check.remedy
+
+
+def test_sdl_tells_its_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    check = doctor.sdl()
+    assert check.ok and "driver dummy" in check.detail
+
+
+def test_an_sdl_that_does_not_start_is_a_hindrance(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "has_display", lambda: True)
+    monkeypatch.setenv("SDL_VIDEODRIVER", "no-such-driver")
+    check = doctor.sdl()
+    assert not check.ok and "no-such-driver" in check.detail and check.remedy
+
+
+def test_shared_memory(tmp_path: Path) -> None:
+    assert doctor.shared_memory(tmp_path, 1).ok
+    for check in (doctor.shared_memory(tmp_path, 1 << 62), doctor.shared_memory(tmp_path / "gone")):
+        assert not check.ok and "shm-size" in check.remedy
+
+
+def test_a_camera_that_cannot_be_asked_says_why() -> None:
+    check = doctor.camera(CameraDevice(Path("/dev/video97"), "Front"))
+    assert check.ok and "Front" in check.detail and "No such file" in check.detail
+
+
+def test_leftovers_are_what_no_session_uses(tmp_path: Path) -> None:
+    for name in ("lfpipe-0-live-frames", "lfpipe-0-dead-frames", "other"):
+        (tmp_path / name).touch()
+    check = doctor.leftovers(["lfpipe-0-live-"], tmp_path)
+    assert check.ok and check.detail == "lfpipe-0-dead-frames" and "lfpipe up" in check.remedy
+    assert doctor.leftovers(["lfpipe-0-live-", "lfpipe-0-dead-"], tmp_path).detail == "nothing"
