@@ -66,7 +66,7 @@ def test_a_folder_in_natural_order(folder: Path) -> None:
 
 
 def test_natural_order() -> None:
-    names = ["²1.png", "a²", "F1.png", "f9.png", "f10.png", "f10b.png"]
+    names = ["a²", "F1.png", "f9.png", "f10.png", "f10b.png", "²1.png"]
     assert sorted(reversed(names), key=natural_key) == names
 
 
