@@ -49,7 +49,11 @@ class Compositor:
         self._mixer = Mixer(self._recipe, height, width)
         self._store = PlaneStore(field)
         self._synthesiser = Synthesiser(field, self.method)
-        self._outs = [np.empty((height, width), np.uint8) for _ in self._recipe.planes]
+        wanted_planes = self._recipe.planes
+        self._places = [[k for k, plane in enumerate(wanted_planes) if plane.eye == eye] for eye in (0, 1)]
+        self._planes = [[wanted_planes[k] for k in places] for places in self._places]
+        self._outs = [[np.empty((height, width), np.uint8) for _ in places] for places in self._places]
+        self._made: list[NDArray[np.uint8]] = [plane for outs in self._outs for plane in outs]
         self._picture = np.zeros((height, width, 3), np.uint8)
         self._whole = np.empty((height, width, 3), np.uint8) if render.anaglyph in ("side-by-side", "row-interleaved") else None
         extent = max(abs(edge - render.zero_plane_px) for edge in (field.disparity_min_px, field.disparity_max_px))
@@ -98,15 +102,13 @@ class Compositor:
         return self._picture
 
     def _draw(self, eyes: tuple[Position, Position], frame: int, out: NDArray[np.uint8]) -> None:
-        made: list[NDArray[np.uint8]] = list(self._outs)
-        for eye, position in enumerate(eyes):
-            places = [k for k, plane in enumerate(self._recipe.planes) if plane.eye == eye]
-            sources = [partial(self._source, frame, self._recipe.planes[k]) for k in places]
-            outs = [self._outs[k] for k in places]
-            drawn = self._synthesiser.render(position, frame, self._render.zero_plane_px, sources, outs) if places else []
-            for k, plane in zip(places, drawn, strict=True):
-                made[k] = plane
-        self._mixer.mix(made, out)
+        for position, places, planes, outs in zip(eyes, self._places, self._planes, self._outs, strict=True):
+            if places:
+                sources = [partial(self._source, frame, plane) for plane in planes]
+                drawn = self._synthesiser.render(position, frame, self._render.zero_plane_px, sources, outs)
+                for k, made in zip(places, drawn, strict=True):
+                    self._made[k] = made
+        self._mixer.mix(self._made, out)
 
     def _source(self, frame: int, plane: Plane, row: int, col: int) -> NDArray[np.uint8]:
         return self._store.get(frame, row, col, plane)

@@ -25,7 +25,10 @@ Position = tuple[float, float]
 Source = Callable[[int, int], NDArray[np.uint8]]  # a plane of the stored view (row, col)
 
 CAREFUL_PX = 1.0  # parting of near and far from which hidden parts are looked after, a seventh of the cost of a warp
-ROW_FADE = 0.25  # half the width, in rows, of the zone where warp2 fades from one row of views to the next
+# Half the width, in views, of the zone in which warp2 fades from one stored view to the next. Against fading all the way
+# (antinous): nothing lost with every 2nd view kept, 0.3 dB with every 4th, largest over median step of a sweep 2.1 instead of 2.0,
+# and half as many views to warp on average.
+ROW_FADE, COL_FADE = 0.1, 0.25
 
 
 @attrs.frozen
@@ -48,12 +51,16 @@ def _nearest(position: float, count: int) -> int:
     return min(max(math.floor(position + 0.5), 0), count - 1)
 
 
+def _faded(share: float, half_width: float) -> float:
+    return min(max((share - 0.5) / (2 * half_width) + 0.5, 0.0), 1.0)
+
+
 def taps(method: str, position: Position, rows: int, cols: int) -> list[Tap]:
     """The stored views that method uses at position, with weights > 0 that sum to 1 and are continuous in position for
     blend and warp2. position must be finite.
 
-    warp2 crosses columns over the whole step, as heads move sideways, and rows in a zone half as wide: two views do
-    where four would bring little.
+    warp2 fades only around the middle between views, where the nearest view changes: elsewhere one view does. Heads move
+    sideways, so columns have the wider zone.
     """
     row, col = position
     if method in ("nearest", "warp"):
@@ -61,7 +68,7 @@ def taps(method: str, position: Position, rows: int, cols: int) -> list[Tap]:
     r, up = _cell(row, rows)
     c, right = _cell(col, cols)
     if method == "warp2":
-        up = min(max((up - 0.5) / (2 * ROW_FADE) + 0.5, 0.0), 1.0)
+        up, right = _faded(up, ROW_FADE), _faded(right, COL_FADE)
     shares = [
         (r, c, (1 - up) * (1 - right)),
         (r, c + 1, (1 - up) * right),
