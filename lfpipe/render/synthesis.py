@@ -26,8 +26,8 @@ Source = Callable[[int, int], NDArray[np.uint8]]  # a plane of the stored view (
 
 CAREFUL_PX = 1.0  # parting of near and far from which hidden parts are looked after, a seventh of the cost of a warp
 # Half the width, in views, of the zone in which warp2 fades from one stored view to the next. Against fading all the way
-# (antinous): nothing lost with every 2nd view kept, 0.3 dB with every 4th, largest over median step of a sweep 2.1 instead of 2.0,
-# and half as many views to warp on average.
+# (antinous): nothing lost with every 2nd view kept, 0.3 dB with every 4th, largest over median step of a sweep 2.1 instead of
+# 2.0, and half as many views to warp on average.
 ROW_FADE, COL_FADE = 0.1, 0.25
 
 
