@@ -51,7 +51,8 @@ def quiet_cv2() -> Iterator[None]:
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
     """Sorts `frame2` before `frame10`."""
-    return [(1, int(part), "") if part.isascii() and part.isdigit() else (0, 0, part) for part in re.split(r"([0-9]+)", name.lower())]
+    parts = re.split(r"([0-9]+)", name.lower())  # every second one is a number
+    return [(1, int(part), "") if index % 2 else (0, 0, part) for index, part in enumerate(parts)]
 
 
 def fitted(frame: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
