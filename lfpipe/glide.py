@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-HOLD_S = 1.0  # a hand before the face, a glance aside: nothing should move
+HOLD_S = 3.0  # a hand before the face, a glance aside, somebody fetching a pen: who is back soon should find what they left
 AWAY_S = 0.8  # time constant of the glide to neutral: nobody is looking, no hurry
-BACK_S = 0.12  # time constant of the glide to eyes found (again): quick, but seen as a move
+BACK_S = 0.03  # time constant of the glide to eyes found (again): over within 0.15 s, yet seen as a move and not as a jump
 
 
 class Glide:

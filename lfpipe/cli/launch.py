@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import click
@@ -15,6 +16,9 @@ from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.supervisor import rundir
 from lfpipe.transport.session import Session, default_name
+
+if TYPE_CHECKING:
+    from lfpipe.scene.lightfield import LightField
 
 DEMO_S = 10.0  # of the demo where nobody can see it
 
@@ -75,35 +79,20 @@ def up(wish: Wish) -> int:
 
 def prepare(wish: Wish) -> Prepared:
     """Checks the wish as a whole, packs the scene where that is still to be done, and prints what was chosen."""
-    from lfpipe.capture.open_source import check_source
-    from lfpipe.observe.trace import check_trace
-    from lfpipe.render.open_display import check_display, has_display
-    from lfpipe.scene.cache import find_pack
-    from lfpipe.scene.pack import open_scene
+    from lfpipe.render.open_display import has_display
     from lfpipe.scene.plan import make_plan
 
     config = config_module.load(wish.config_file, wish.sets)
-    headless_demo = wish.demo and wish.display is None and not has_display()
+    unseen = wish.demo and wish.display is None and not has_display()
     out = Path("lfpipe-demo")
-    display = wish.display or (f"file:{out / 'demo.mkv'}" if headless_demo else "window")
-    if wish.scene is None and not wish.demo:
-        raise UserError("no SCENE given", "a folder of views, or --demo for a made one")
-    camera = wish.camera or config.camera.source or ("demo" if wish.demo else "")
-    camera = check_source(camera, config.camera)
-    if headless_demo:
+    display = wish.display or (f"file:{out / 'demo.mkv'}" if unseen else "window")
+    if unseen:
         out.mkdir(exist_ok=True)
         say(f"no screen here: the demo runs {wish.duration_s or DEMO_S:g} s into {out}/")
-    check_display(display)
-    if wish.trace is not None:
-        check_trace(wish.trace)
-    with progress() as bar:
-        scene = wish.scene or _demo_scene(config, bar)
-        field = open_scene(scene, config.scene, bar, _choose_method)
-    pack = find_pack(scene, config.scene)
-    if pack is None:
-        raise UserError(f"{scene} changed while it was packed", "try again once its files are complete")
+    camera = _checked(wish, config, display)
+    field, pack = _packed(wish, config)
     plan = make_plan(field, config)
-    still = out / "demo.png" if headless_demo else None
+    still = out / "demo.png" if unseen else None
     options = {
         "pack": str(pack),
         "source": camera,
@@ -115,23 +104,60 @@ def prepare(wish: Wish) -> Prepared:
     say(f"scene   {field.name}: {field.rows}x{field.cols} views of {field.width_px}x{field.height_px}, {plan.method}")
     say(f"camera  {camera if plan.needs_tracking else 'none: one view needs no eyes'}")
     say(f"picture {config.render.anaglyph}, {config.render.clock} clock, to {display}")
-    duration_s = wish.duration_s or (DEMO_S if headless_demo else None)
+    duration_s = wish.duration_s or (DEMO_S if unseen else None)
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
     files = tuple(path for path in (video, still, wish.trace) if path is not None)
     return Prepared(config, options, "pace=max" in camera, duration_s, files)
 
 
-def _demo_scene(config: Config, bar: Any) -> Path:
-    from lfpipe.scene.cache import cache_dir
-    from lfpipe.scene.demo import demo_scene
+def _checked(wish: Wish, config: Config, display: str) -> str:
+    """The source of frames, made definite; every mistake of the wish in one UserError."""
+    from lfpipe.capture.open_source import check_source
+    from lfpipe.observe.trace import check_trace
+    from lfpipe.render.open_display import check_display
+    from lfpipe.scene.layouts import describe
 
-    return demo_scene(cache_dir(config.scene), bar)
+    camera = wish.camera or config.camera.source or ("demo" if wish.demo else "")
+    errors: list[UserError] = []
+
+    def attempt(check: Callable[[], Any]) -> Any:
+        try:
+            return check()
+        except UserError as error:
+            errors.append(error)
+            return ""
+
+    if wish.scene is not None:
+        scene = wish.scene
+        attempt(lambda: describe(scene, config.scene))
+    elif not wish.demo:
+        errors.append(UserError("no SCENE given", "a folder of views, or --demo for a made one"))
+    camera = attempt(lambda: check_source(camera, config.camera))
+    attempt(lambda: check_display(display))
+    if wish.trace is not None:
+        trace = wish.trace
+        attempt(lambda: check_trace(trace))
+    if len(errors) > 1:
+        raise UserError("\nerror: ".join(map(str, errors)))
+    if errors:
+        raise errors[0]
+    return str(camera)
 
 
-def _choose_method(field: Any) -> Any:
+def _packed(wish: Wish, config: Config) -> tuple[LightField, Path]:
+    """The scene, packed, and where the pack lies."""
     from lfpipe.render.scoring import choose_method
+    from lfpipe.scene.cache import cache_dir, find_pack
+    from lfpipe.scene.demo import demo_scene
+    from lfpipe.scene.pack import open_scene
 
-    return choose_method(field)
+    with progress() as bar:
+        scene = wish.scene or demo_scene(cache_dir(config.scene), bar)
+        field = open_scene(scene, config.scene, bar, choose_method)
+    pack = find_pack(scene, config.scene)
+    if pack is None:
+        raise UserError(f"{scene} changed while it was packed", "try again once its files are complete")
+    return field, pack
 
 
 if sys.platform != "linux":  # FIFOs, PDEATHSIG, posix_fallocate, V4L2

@@ -12,7 +12,8 @@ def latency_table(state: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=f"session {state['session']}, {state['uptime_s']:.1f} s, camera {state['camera_fps']:.1f} Hz", title_justify="left")
+    title = f"session {state['session']}, {state['uptime_s']:.1f} s, camera {state['camera_fps']:.1f} Hz"
+    table = Table(title=title, title_justify="left")
     for name in ("stage", "state", "pid", "rate Hz"):
         table.add_column(name, justify="left" if name in ("stage", "state") else "right")
     for name in ("wait ms p50", "p95", "p99", "max", "busy ms p50", "p95", "p99", "max", "dropped", "restarts"):

@@ -51,10 +51,13 @@ class Presenter:
             self._record, self._stamp, self._t_taken_ns = self._buffer, stamp, now_ns()
         return stamp
 
-    def show(self, target_ns: int, hold: bool) -> None:
-        """Shows the picture for target_ns; hold: not before target_ns, which is then a refresh of the display."""
+    def show(self, target_ns: int, refresh_ns: int = 0) -> None:
+        """Shows the picture for target_ns. refresh_ns: target_ns is a refresh of the display, with the next so much later.
+
+        A picture that stays for a refresh is made for the middle of it: that is where the error over its time is least.
+        """
         t_start_ns = now_ns()
-        display_ns = int(self._viewer.config.render.display_ms * 1e6)
+        display_ns = int(self._viewer.config.render.display_ms * 1e6) + refresh_ns // 2
         t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
         look = self._viewer.look(self._record, t_sensor_ns, target_ns + display_ns)
         key = self._viewer.key(look)
@@ -63,7 +66,7 @@ class Presenter:
             self.picture = self._viewer.compose(look)
             self._key = key
         t_composed_ns = now_ns()
-        if hold:
+        if refresh_ns:
             sleep_until(target_ns)
         t_shown_ns = now_ns()
         t_presented_ns = self._display.show(self.picture) if composed and self.picture is not None else t_shown_ns

@@ -23,6 +23,10 @@ class Refresh:
         self._camera_period_ns = 0.0
         self._last: tuple[int, int] | None = None  # (source_seq, t_sensor_ns) of the eyes before
 
+    @property
+    def period_ns(self) -> int:
+        return int(self._period_ns)
+
     def due_ns(self) -> int:
         """When the next picture is to be on the screen."""
         return self._ticker.due_ns()

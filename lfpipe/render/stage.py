@@ -55,10 +55,10 @@ def main(context: Context) -> None:
                 refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns(), lead_ns)
             if refresh is None:
                 if fresh is not None and not context.paused:
-                    presenter.show(now_ns() + presenter.cost_ns, hold=False)
+                    presenter.show(now_ns() + presenter.cost_ns)
             elif now_ns() >= refresh.due_ns() - lead_ns:
                 if not context.paused:
-                    presenter.show(refresh.due_ns(), hold=True)
+                    presenter.show(refresh.due_ns(), refresh.period_ns)
                 refresh.advance(now_ns())
     finally:
         if options["still"] and presenter.picture is not None:

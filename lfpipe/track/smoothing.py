@@ -8,6 +8,7 @@ its landmarks carry more noise in pixels, in proportion.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import deque
 from typing import Protocol
 
@@ -44,7 +45,7 @@ class EyeFilter(Protocol):
         ...
 
 
-class Filter:
+class Filter(ABC):
     """What all filters share: which measurements count, and the straight line ahead. Subclasses fill in _start and _step."""
 
     def __init__(self) -> None:
@@ -73,12 +74,13 @@ class Filter:
     def predict(self, t_ns: int) -> Points:
         return extrapolated(self._position, self._velocity, 0 if self._t_ns is None else int(t_ns) - self._t_ns)
 
+    @abstractmethod
     def _start(self, t_ns: int, measured: Points) -> None:
-        raise NotImplementedError
+        """Takes the first measurement of a run."""
 
+    @abstractmethod
     def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
         """New (position, velocity) at t_ns, dt_s after the last measurement."""
-        raise NotImplementedError
 
 
 class Mean(Filter):

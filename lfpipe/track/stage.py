@@ -12,8 +12,10 @@ import time
 
 import numpy as np
 
+from lfpipe.track.choice import same_place
 from lfpipe.track.engines import make_engine
 from lfpipe.track.filters import make_filter
+from lfpipe.track.smoothing import MAX_STEP_NS
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context, empty_like
 
@@ -27,6 +29,7 @@ def main(context: Context) -> None:
     raw = position = np.zeros((2, 2))
     velocity = np.zeros((2, 2))
     epoch, generation, seen = -1, 0, False
+    box, t_seen_ns = (0.0, 0.0, 0.0, 0.0), 0
     context.emit("engine", name=engine.name, model=engine.model)
     context.ready()
     try:
@@ -43,14 +46,17 @@ def main(context: Context) -> None:
                 continue
             t_taken_ns = now_ns()
             face = engine.detect(image)
-            if stamp.epoch != epoch or (face is not None and not seen):
-                epoch, generation = stamp.epoch, generation + 1
-                smooth.reset()
             if face is not None:
-                raw = face.eyes_px
+                away_ns = stamp.t_sensor_ns - t_seen_ns
+                if stamp.epoch != epoch or away_ns >= MAX_STEP_NS or not same_place(box, face.box_px):
+                    epoch, generation = stamp.epoch, generation + 1  # another run: nothing before it says anything about it
+                    smooth.reset()
+                raw, box, t_seen_ns = face.eyes_px, face.box_px, stamp.t_sensor_ns
                 position, velocity = smooth.update(stamp.t_sensor_ns, raw)
             else:
                 velocity = np.zeros((2, 2))  # hold: nothing says where the eyes went
+                if settings.filter == "mean":
+                    smooth.reset()  # the average may not mix what is before a loss with what is after it
             if (face is not None) != seen:
                 seen = not seen
                 context.emit("face", found=seen, source_seq=stamp.source_seq)
