@@ -98,7 +98,7 @@ class Window:
         if picture.shape[:2] == (h, w):
             cv2.cvtColor(picture, code, dst=target)
             return
-        # Four channels are scaled faster than three, and straight into the surface.
+        # Converted before it grows: the scaler then writes straight into the surface.
         if self._four.shape[:2] != picture.shape[:2]:
             self._four = np.empty((*picture.shape[:2], 4), np.uint8)
         cv2.cvtColor(picture, code, dst=self._four)
