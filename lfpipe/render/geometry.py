@@ -169,18 +169,3 @@ def _slope(config: Config, field: LightField) -> float | None:
 def _true_views(config: Config, field: LightField, distance_mm: float, eyes_mm: float) -> float | None:
     slope = _slope(config, field)
     return None if slope is None else eyes_mm / (slope * distance_mm)
-
-
-def dolly_views_per_px(config: Config, field: LightField, distance_mm: float, compression: float) -> float:
-    """How the viewpoint changes across the picture, in views per px of a stored view, for a viewer at distance_mm.
-
-    0 at the one distance from which the picture subtends what the capturing camera saw; it changes sign there. Add
-    `(x - middle) * dolly` to the column for pixel column x. 0 where the capture is not known.
-    """
-    known = field.geometry
-    if not known.baseline_mm or not known.focus_distance_mm or not known.focal_length_px or not distance_mm > 0:
-        return 0.0
-    focus_width_mm = known.focus_distance_mm * field.width_px / known.focal_length_px
-    right_mm = known.focus_distance_mm * config.screen.width_mm / focus_width_mm
-    per_px = known.focus_distance_mm / (known.baseline_mm * known.focal_length_px)
-    return compression * per_px * (1 - right_mm / distance_mm)
