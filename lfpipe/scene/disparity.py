@@ -112,8 +112,12 @@ def place_disparity(
 
 
 def landing(
-    grey: Callable[[int, int], Grey], row: int, col: int, disparity_px: FloatMap,
-    present: NDArray[np.bool_], offsets: NDArray[np.float32],
+    grey: Callable[[int, int], Grey],
+    row: int,
+    col: int,
+    disparity_px: FloatMap,
+    present: NDArray[np.bool_],
+    offsets: NDArray[np.float32],
 ) -> float:
     """How badly a view seen through a map matches its neighbours, in grey levels (mean over pixels and neighbours)."""
     found = [

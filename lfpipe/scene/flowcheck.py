@@ -28,7 +28,8 @@ _DIFFERENT, _SAME, _WRONG = 10, 3, 6  # grey levels
 @attrs.frozen
 class Axis:
     """One axis of the file grid. sideways: its views differ along x (else along y). disparity: float32 (h, w) of the middle
-    view in px per step as if file order were canonical along that axis. spread_px: of the flow per step, along and across.
+    view in px per step as if file order were canonical along that axis. along_px, across_px: motion per step
+    along the direction of the axis and across it.
     right, wrong: pixels where the hidden surface is the farther one, and the nearer one."""
 
     sideways: bool
@@ -58,6 +59,11 @@ class Axis:
 def _spread(values: FloatMap) -> float:
     low, high = np.percentile(values, (5, 95))
     return float(high - low)
+
+
+def _motion(values: FloatMap) -> float:
+    """How much moves: what surfaces differ by and what they have in common, as a flat wall moves as one."""
+    return _spread(values) + abs(float(np.median(values)))
 
 
 def _sharpened(disparity_px: FloatMap, picture: Grey) -> FloatMap:
@@ -115,7 +121,7 @@ def look_along(grey: GreyAt, count: int) -> Axis | None:
         while True:
             other = base + step if base + step < count else base - step
             shift = flow(here, grey(other)) * np.float32(1 if other > base else -1)
-            spans = _spread(shift[..., 0]), _spread(shift[..., 1])
+            spans = _motion(shift[..., 0]), _motion(shift[..., 1])
             if max(spans) >= _ENOUGH_PX or step + 1 > room:
                 break
             step += 1
@@ -131,7 +137,7 @@ def look_along(grey: GreyAt, count: int) -> Axis | None:
         if middle is None:
             edges = np.abs(cv2.Sobel(here, cv2.CV_32F, 1, 0)) + np.abs(cv2.Sobel(here, cv2.CV_32F, 0, 1))
             textured = edges > max(40.0, float(np.percentile(edges, 80)))
-            along, across = (spans if sideways else spans[::-1])
+            along, across = spans if sideways else spans[::-1]
             middle = Axis(sideways, found, textured, along / step, across / step, 0, 0)
     return attrs.evolve(middle, right=right, wrong=wrong) if middle else None
 
@@ -141,7 +147,11 @@ def same_way(a: Axis, b: Axis) -> float:
     reversed."""
     both = a.textured & b.textured
     use = both if np.count_nonzero(both) > 100 else np.ones_like(both)
-    first, second = a.disparity[use], b.disparity[use]
-    if float(first.std()) < 1e-6 or float(second.std()) < 1e-6:
-        return 0.0
-    return float(np.corrcoef(first, second)[0, 1])
+    first, second = (np.asarray(axis.disparity[use], np.float64) for axis in (a, b))
+    means, spreads = (float(first.mean()), float(second.mean())), (float(first.std()), float(second.std()))
+    alike = float(np.corrcoef(first, second)[0, 1]) if min(spreads) > 1e-6 else 0.0
+    together = all(abs(mean) > max(0.3, 3 * spread) for mean, spread in zip(means, spreads, strict=True))
+    # A flat wall has nothing to correlate, but it moves as one, by the same amount along both axes.
+    if abs(alike) < 0.5 and together and 0.5 < abs(means[0] / means[1]) < 2:
+        return 0.9 if means[0] * means[1] > 0 else -0.9
+    return alike

@@ -40,9 +40,9 @@ def contact_sheet(field: LightField) -> NDArray[np.uint8]:
     sheet_width = field.cols * (width + _GAP_PX) + _GAP_PX
     across = _slice([stored_view(field, field.rows // 2, c)[field.height_px // 2] for c in range(field.cols)])
     down = _slice([stored_view(field, r, field.cols // 2)[:, field.width_px // 2] for r in range(field.rows)]).transpose(1, 0, 2)
-    whole_height = max(sheet_height + across.shape[0] + _GAP_PX, down.shape[0])
-    whole_width = max(sheet_width + down.shape[1] + _GAP_PX, across.shape[1])
-    out = np.full((whole_height, whole_width, 3), 32, np.uint8)
+    across = np.asarray(cv2.resize(across, (sheet_width, across.shape[0])), np.uint8)
+    down = np.asarray(cv2.resize(down, (down.shape[1], sheet_height)), np.uint8)
+    out = np.full((sheet_height + across.shape[0] + _GAP_PX, sheet_width + down.shape[1] + _GAP_PX, 3), 32, np.uint8)
     for r in range(field.rows):
         for c in range(field.cols):
             small = cv2.resize(stored_view(field, r, c), (width, height), interpolation=cv2.INTER_AREA)

@@ -20,13 +20,11 @@ def grid_offsets(coordinates: NDArray[np.float64] | None, turn: Turn, rows: int,
     placed = np.array([[coordinates[turn.file_place(r, c, rows, cols)] for c in range(cols)] for r in range(rows)])
     known = np.isfinite(placed).all(axis=2)
     row, col = np.nonzero(known)
-    plane = np.stack([np.ones(len(row)), row, col], axis=1).astype(np.float64)
-    for axis, count in ((0, rows), (1, cols)):
-        if count > 1 and len(row) >= 3:
-            fit, *_ = np.linalg.lstsq(plane, placed[row, col, axis], rcond=None)
-            step = fit[1 + axis]
+    for axis, count, index in ((0, rows, row), (1, cols, col)):
+        if count > 1 and len(np.unique(index)) > 1:
+            step, first = np.polyfit(index, placed[row, col, axis], 1)
             if abs(step) > 1e-9:
-                out[row, col, axis] = (placed[row, col, axis] - fit[0] - step * (row if axis == 0 else col)) / step
+                out[row, col, axis] = (placed[row, col, axis] - first - step * index) / step
     return np.clip(out, -0.49, 0.49)
 
 

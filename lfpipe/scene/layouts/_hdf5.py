@@ -79,6 +79,13 @@ class Hdf5:
                 raise UserError(f"{self.path}: {key} is damaged: {str(error).splitlines()[0]}", "fetch the file again") from None
 
 
+def is_hdf5(path: Path) -> bool:
+    """Whether a file is HDF5, as MATLAB's v7.3 is behind a header of its own."""
+    import h5py
+
+    return bool(h5py.is_hdf5(path))
+
+
 def unsigned(values: NDArray[Any], path: Path, full: Callable[[], float] = lambda: 1.0) -> NDArray[Any]:
     """uint8 and uint16 as they are; floats 0 .. full() as uint16 0 .. 65535. Raises UserError for other types, NaN."""
     if values.dtype in (np.uint8, np.uint16):

@@ -17,7 +17,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import true_max
-from lfpipe.scene.layouts._hdf5 import Hdf5, unsigned
+from lfpipe.scene.layouts._hdf5 import Hdf5, is_hdf5, unsigned
 from lfpipe.scene.layouts._plenoptic import bright_part
 from lfpipe.scene.source import Source, Turn
 
@@ -52,9 +52,7 @@ def axis_order(shape: tuple[int, ...]) -> tuple[int, ...] | None:
 
 def _open(path: Path) -> tuple[str, tuple[int, ...], np.dtype[Any], Callable[[Any], NDArray[Any]], list[str]]:
     """(key, shape, type, reader of an index, all keys) of the light field. Raises UserError."""
-    with path.open("rb") as stream:
-        head = stream.read(128)
-    if b"MATLAB 7.3" in head[:64] or head[:8] == b"\x89HDF\r\n\x1a\n":
+    if is_hdf5(path):
         data = Hdf5(path)
         for key in _KEYS:
             if (shape := data.shape(key)) is not None:

@@ -1,0 +1,13 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from lfpipe import config
+
+
+@pytest.fixture
+def scene_config(tmp_path: Path) -> config.Scene:
+    """Scene settings with a cache of the test's own."""
+    return config.Scene(cache_dir=str(tmp_path / "cache"))

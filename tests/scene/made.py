@@ -1,0 +1,92 @@
+"""Light fields drawn by the tests, textured layers at known disparities, and the files that layouts keep them in."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+SAMPLES = Path(__file__).parents[3] / "shared" / "data" / "lightfields"  # beside the checkout
+
+
+def texture(height: int, width: int, seed: int) -> NDArray[np.uint8]:
+    """Random texture with detail at several scales, RGB."""
+    rng = np.random.default_rng(seed)
+    out = np.zeros((height, width, 3), np.float32)
+    for cells, share in ((6, 0.35), (16, 0.35), (40, 0.3)):
+        small = rng.random((max(2, height // (256 // cells) + 1), max(2, width // (256 // cells) + 1), 3)).astype(np.float32)
+        out += share * cv2.resize(small, (width, height), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(np.clip(out * 220 + 20, 0, 255), np.uint8)
+
+
+@lru_cache(maxsize=8)
+def views(
+    rows: int, cols: int, height: int = 96, width: int = 128, near_px: float = 2.0, far_px: float = -1.0
+) -> NDArray[np.uint8]:
+    """Canonical views, uint8 (rows, cols, height, width, 3): a far wall, a middle and a near shape. Not to be written to."""
+    out = np.empty((rows, cols, height, width, 3), np.uint8)
+    yy, xx = np.mgrid[:height, :width].astype(np.float32)
+    layers = [
+        (far_px, texture(height * 2, width * 2, 1), None),
+        ((near_px + far_px) / 2, texture(height * 2, width * 2, 2), (0.3, 0.35, 0.2)),
+        (near_px, texture(height * 2, width * 2, 3), (0.62, 0.6, 0.22)),
+    ]
+    for r in range(rows):
+        for c in range(cols):
+            for d, painted, disc in layers:
+                # What stands at x in the middle view stands at x - d * step here, so x here shows x + d * step of the layer.
+                x, y = xx + d * (c - (cols - 1) / 2), yy + d * (r - (rows - 1) / 2)
+                seen = cv2.remap(painted, x + width / 2, y + height / 2, cv2.INTER_LINEAR)
+                if disc is None:
+                    out[r, c] = seen
+                else:
+                    inside = np.hypot(x - disc[0] * width, y - disc[1] * height) < disc[2] * min(height, width) * 1.3
+                    out[r, c][inside] = seen[inside]
+    out.setflags(write=False)
+    return out
+
+
+def middle_disparity(height: int = 96, width: int = 128, near_px: float = 2.0, far_px: float = -1.0) -> NDArray[np.float32]:
+    """True disparity of the middle view of `views` with odd rows and cols."""
+    yy, xx = np.mgrid[:height, :width].astype(np.float32)
+    out = np.full((height, width), far_px, np.float32)
+    for d, x, y, r in (((near_px + far_px) / 2, 0.3, 0.35, 0.2), (near_px, 0.62, 0.6, 0.22)):
+        out[np.hypot(xx - x * width, yy - y * height) < r * min(height, width) * 1.3] = d
+    return out
+
+
+def write(path: Path, rgb: NDArray[Any]) -> None:
+    """A picture file of RGB or grey values."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), rgb if rgb.ndim == 2 else cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+
+
+def write_grid(folder: Path, grid: NDArray[Any], name: str = "view_{r:02d}_{c:02d}.png", **more: Any) -> Path:
+    """One file per view; name may use r, c (from 0), n (r * cols + c)."""
+    for r in range(grid.shape[0]):
+        for c in range(grid.shape[1]):
+            write(folder / name.format(r=r, c=c, n=r * grid.shape[1] + c, **more), grid[r, c])
+    return folder
+
+
+def write_pfm(path: Path, values: NDArray[np.float32]) -> None:
+    """A PFM map, little-endian."""
+    body = np.ascontiguousarray(values[::-1], "<f4").tobytes()
+    path.write_bytes(f"Pf\n{values.shape[1]} {values.shape[0]}\n-1.0\n".encode() + body)
+
+
+def write_ppm(path: Path, values: NDArray[np.uint16], full: int) -> None:
+    """A binary PPM of 16-bit samples with that maximal value."""
+    path.write_bytes(
+        f"P6\n{values.shape[1]} {values.shape[0]}\n{full}\n".encode() + np.ascontiguousarray(values, ">u2").tobytes()
+    )
+
+
+def mosaic(grid: NDArray[Any]) -> NDArray[Any]:
+    """Views (rows, cols, h, w, 3) as one picture of tiles."""
+    rows, cols, height, width, planes = grid.shape
+    return np.ascontiguousarray(grid.transpose(0, 2, 1, 3, 4).reshape(rows * height, cols * width, planes))

@@ -1,0 +1,164 @@
+"""The order of the views is found from flow alone, however the grid was turned; what cannot be told is said."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import attrs
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfpipe import config
+from lfpipe.scene import layouts
+from lfpipe.scene.layouts.stanford import coordinate_turn
+from lfpipe.scene.orientation import orient
+from lfpipe.scene.place import grid_offsets, nearest_present, truth_sign
+from lfpipe.scene.source import Source, Turn
+from tests.scene import made
+
+AUTO = config.Scene()
+
+
+def as_source(grid: np.ndarray) -> Source:
+    """A source of unknown order that reads from memory."""
+    rows, cols, height, width = grid.shape[:4]
+    return Source("test", Path(), (), rows, cols, lambda f, r, c: grid[r, c], height, width)
+
+
+def turned(grid: np.ndarray, turn: Turn) -> np.ndarray:
+    """File order that `turn` brings back to canonical order."""
+    if turn.rows:
+        grid = grid[::-1]
+    if turn.cols:
+        grid = grid[:, ::-1]
+    return grid.swapaxes(0, 1) if turn.transpose else grid
+
+
+@pytest.mark.parametrize("turn", [Turn(*flags) for flags in product((False, True), repeat=3)], ids=str)
+def test_flow_finds_every_turn(turn: Turn) -> None:
+    found = orient(as_source(turned(made.views(5, 7), turn)), AUTO)
+    assert (found.turn, found.by, found.undecided) == (turn, "flow", "")
+    assert found.sure > 0.7
+
+
+@pytest.mark.parametrize(("shape", "flip"), list(product([(1, 9), (9, 1)], [False, True])))
+def test_flow_finds_the_direction_of_a_line(shape: tuple[int, int], flip: bool) -> None:
+    grid = made.views(*shape)
+    line = grid[::-1, ::-1] if flip else grid
+    for laid in (line, line.swapaxes(0, 1)):  # numbered files know no line from a column
+        found = orient(as_source(laid), AUTO)
+        rows, cols = found.turn.grid(*laid.shape[:2])
+        assert np.array_equal([[laid[found.turn.file_place(r, c, rows, cols)] for c in range(cols)] for r in range(rows)], grid)
+
+
+def test_views_without_difference_are_undecided() -> None:
+    same = np.broadcast_to(made.texture(96, 128, 7), (3, 3, 96, 128, 3))
+    found = orient(as_source(same), AUTO)
+    assert found.turn == Turn()
+    assert "--flip" in found.undecided
+    assert found.sure < 0.5
+
+
+def test_unrelated_pictures_are_undecided() -> None:
+    noise = np.array([[made.texture(96, 128, 10 * r + c) for c in range(3)] for r in range(3)])
+    found = orient(as_source(noise), AUTO)
+    assert found.undecided
+    assert found.sure < 0.5
+
+
+def test_parallel_cameras_need_no_occlusion() -> None:
+    wall = made.texture(192, 256, 4)  # one surface: nothing hides anything
+    grid = np.array([[wall[40 + 4 * r : 136 + 4 * r, 40 + 4 * c : 168 + 4 * c] for c in range(5)] for r in range(5)])
+    assert orient(as_source(grid), AUTO).turn == Turn()
+    assert orient(as_source(grid[::-1, ::-1]), AUTO).turn == Turn(rows=True, cols=True)
+
+
+def test_the_users_word_wins() -> None:
+    source = as_source(made.views(5, 5))
+    assert orient(source, config.Scene(flip="rows")).turn == Turn(rows=True)
+    assert orient(source, config.Scene(flip="none", transpose="yes")).turn == Turn(transpose=True)
+    assert orient(source, config.Scene(flip="both")).by == "override"
+
+
+def test_a_layouts_habit_gives_way_to_clear_flow_only() -> None:
+    habit = {"turn": Turn(), "turn_by": "habit", "turn_firm": False}
+    flipped = attrs.evolve(as_source(made.views(5, 7)[::-1]), **habit)
+    assert orient(flipped, AUTO).turn == Turn(rows=True)
+    noise = np.array([[made.texture(96, 128, 10 * r + c) for c in range(3)] for r in range(3)])
+    kept = orient(attrs.evolve(as_source(noise), **habit), AUTO)
+    assert (kept.turn, kept.by) == (Turn(), "layout")
+
+
+@given(st.booleans(), st.booleans(), st.booleans(), st.integers(1, 6), st.integers(1, 6))
+def test_a_turn_visits_every_place_once(flip_rows: bool, flip_cols: bool, transpose: bool, rows: int, cols: int) -> None:
+    turn = Turn(flip_rows, flip_cols, transpose)
+    file_rows, file_cols = turn.grid(rows, cols)
+    seen = {turn.file_place(r, c, rows, cols) for r in range(rows) for c in range(cols)}
+    assert seen == {(r, c) for r in range(file_rows) for c in range(file_cols)}
+
+
+@given(st.booleans(), st.booleans(), st.booleans(), st.integers(2, 6), st.integers(2, 6), st.integers(0, 2**31))
+def test_coordinates_give_the_turn_and_the_jitter(
+    rows_on: bool, cols_on: bool, across: bool, rows: int, cols: int, seed: int
+) -> None:
+    turn = Turn(rows_on, cols_on, across)
+    rng = np.random.default_rng(seed)
+    jitter = rng.uniform(-0.1, 0.1, (rows, cols, 2))
+    canonical = (np.stack(np.meshgrid(np.arange(rows), np.arange(cols), indexing="ij"), axis=2) + jitter) * 8.6 + 1000
+    stood = turned(canonical, turn)
+    found, sure = coordinate_turn(stood)
+    assert sure
+    assert found == turn
+    offsets = grid_offsets(stood, turn, rows, cols)
+    assert np.abs(offsets).max() < 0.3
+    # The regular grid is a fit, so what is left has no mean.
+    assert np.abs(offsets.mean(axis=(0, 1))).max() < 1e-5
+
+
+def test_truth_changes_sign_with_the_half_turn_and_is_lost_with_one_flip() -> None:
+    assert truth_sign(Turn(), Turn()) == 1
+    assert truth_sign(Turn(), Turn(rows=True, cols=True)) == -1
+    assert truth_sign(Turn(), Turn(rows=True)) == 0
+    assert truth_sign(None, Turn(transpose=True)) == 0
+
+
+def test_nearest_present_view() -> None:
+    present = np.array([[False, True, True], [True, True, False]])
+    assert nearest_present(present, 0, 0) == (0, 1)
+    assert nearest_present(present, 1, 2) == (0, 2)
+    assert nearest_present(present, 1, 1) == (1, 1)
+
+
+SCENES = {
+    "atlas_jarabo_toys_9x9": ("mosaic", 9, 9, Turn()),
+    "hci_antinous": ("hci", 9, 9, Turn()),
+    "hci_old_stillLife_3x3": ("hci-text", 3, 3, Turn()),
+    "hci_style_vr_newshot01": ("hci", 9, 9, Turn()),
+    "lfvideo_airplane_8x8": ("mosaic-video", 8, 8, Turn(rows=True, cols=True)),
+    "lytro_2067": ("rows-cols", 9, 9, Turn()),
+    "quilt_4x8": ("mosaic-video", 1, 32, Turn()),
+    "stanford_lego_knights_17x17": ("stanford", 17, 17, Turn(rows=True, cols=True)),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_sample_scenes_need_no_override(name: str) -> None:
+    if not (made.SAMPLES / name).is_dir():
+        pytest.skip(f"sample scene {name} is not here")
+    source = layouts.describe(made.SAMPLES / name, AUTO)
+    found = orient(source, AUTO)
+    assert (source.layout, source.rows, source.cols, found.turn) == SCENES[name]
+    assert found.sure > 0.7
+
+
+@pytest.mark.parametrize("name", ["hci_antinous", "stanford_lego_knights_17x17"])
+def test_flow_agrees_with_truth_and_coordinates_on_samples(name: str) -> None:
+    if not (made.SAMPLES / name).is_dir():
+        pytest.skip(f"sample scene {name} is not here")
+    source = layouts.describe(made.SAMPLES / name, AUTO)
+    blind = attrs.evolve(source, turn=None, truth={}, coordinates=None)
+    found = orient(blind, AUTO)
+    assert (found.by, found.turn, found.undecided) == ("flow", SCENES[name][3], "")
