@@ -1,0 +1,148 @@
+"""`lfpipe scene` as a person types it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from lfpipe.cli.scene import scene
+from lfpipe.errors import UserError
+from tests.scene import made
+
+
+class Shell:
+    """Runs `lfpipe scene` with a cache of its own."""
+
+    def __init__(self, cache: Path) -> None:
+        self.cache = cache
+
+    def __call__(self, *words: object) -> Result:
+        return CliRunner().invoke(scene, [*map(str, words), "--set", f"scene.cache_dir={self.cache}"])
+
+    def text(self, *words: object) -> str:
+        done = self(*words)
+        assert done.exit_code == 0, done.output + repr(done.exception)
+        return done.stdout
+
+    def json(self, *words: object) -> dict:  # type: ignore[type-arg]
+        return json.loads(self.text(*words, "--json"))
+
+
+@pytest.fixture
+def shell(tmp_path: Path) -> Shell:
+    return Shell(tmp_path / "cache")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return made.write_grid(tmp_path / "scene", made.views(5, 5)[::-1])  # rows from the bottom up
+
+
+def test_info_as_json(shell: Shell, folder: Path) -> None:
+    told = shell.json("info", folder)
+    assert (told["layout"], told["rows"], told["cols"], told["height"], told["width"]) == ("rows-cols", 5, 5, 96, 128)
+    assert (told["channels"], told["bit_depth"], told["frames"], told["views_missing"]) == (3, 8, 1, [])
+    assert told["flips"] == {"rows": True, "cols": False, "transpose": False}
+    assert told["orientation_evidence"]["by"] == "flow"
+    assert told["disparity"]["source"] == "estimated"
+    assert told["disparity"]["min"] == pytest.approx(-1, abs=0.2)
+    assert told["disparity"]["max"] == pytest.approx(2, abs=0.3)
+    assert set(told["geometry"]) == {"baseline_mm", "focus_distance_mm", "focal_length_px"}
+    assert set(told["scores_db"]) == {"nearest", "blend", "warp", "warp2"}
+
+
+def test_info_for_people_names_the_override(shell: Shell, folder: Path, tmp_path: Path) -> None:
+    assert "rows reversed" in shell.text("info", folder)
+    assert "as told" in shell.text("info", folder, "--flip", "both")
+    same = made.write_grid(tmp_path / "same", np.broadcast_to(made.texture(48, 64, 2), (2, 2, 48, 64, 3)))
+    assert "--flip" in shell.text("info", same)
+
+
+def test_view_is_canonical_and_fractions_are_made(shell: Shell, folder: Path, tmp_path: Path) -> None:
+    grid, out = made.views(5, 5), tmp_path / "v.png"
+
+    def seen(*words: object) -> np.ndarray:
+        shell.text("view", folder, "-o", out, *words)
+        return cv2.cvtColor(cv2.imread(str(out)), cv2.COLOR_BGR2RGB)
+
+    assert np.array_equal(seen("--row", 0, "--col", 4), grid[0, 4])
+    assert np.array_equal(seen("--row", 1.4, "--col", 2.6, "--method", "nearest"), grid[1, 3])
+    assert np.array_equal(seen("--row", 1, "--col", 3, "--method", "warp"), grid[1, 3])
+    between = made.views(9, 9, near_px=1.0, far_px=-0.5)[4, 3]  # half a step to the left of the middle camera
+    inner = np.s_[8:-8, 8:-8]
+    wrong = {
+        m: np.abs(seen("--row", 2, "--col", 1.5, "--method", m)[inner].astype(int) - between[inner]).mean()
+        for m in ("nearest", "warp")
+    }
+    assert wrong["warp"] < 0.6 * wrong["nearest"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--row", 5, "--col", 0], "--row 5"),
+        (["--row", "nan", "--col", 0], "--row nan"),
+        (["--row", 0, "--col", -0.1], "--col -0.1"),
+        (["--row", 0, "--col", 0, "--frame", 1], "--frame 1"),
+    ],
+)
+def test_views_outside_are_told(shell: Shell, folder: Path, tmp_path: Path, words: list[object], message: str) -> None:
+    done = shell("view", folder, "-o", tmp_path / "v.png", *words)
+    assert isinstance(done.exception, UserError)
+    assert message in done.exception.message
+
+
+def test_pictures_that_cannot_be_written_are_told(shell: Shell, folder: Path, tmp_path: Path) -> None:
+    for out in (tmp_path / "no" / "folder.png", tmp_path / "v.strange"):
+        assert isinstance(shell("sheet", folder, "-o", out).exception, UserError)
+
+
+def test_sheet_shows_all_views_in_canonical_order(shell: Shell, folder: Path, tmp_path: Path) -> None:
+    shell.text("sheet", folder, "-o", tmp_path / "s.png")
+    sheet = cv2.cvtColor(cv2.imread(str(tmp_path / "s.png")), cv2.COLOR_BGR2RGB)
+    grid = made.views(5, 5)
+    assert np.array_equal(sheet[4:100, 4:132], grid[0, 0])
+    assert np.array_equal(sheet[4 + 4 * 100 : 4 + 4 * 100 + 96, 4 + 132 : 4 + 132 + 128], grid[4, 1])
+
+
+def test_pack_list_clean(shell: Shell, folder: Path) -> None:
+    told = shell.json("pack", folder)
+    assert Path(told["pack"]).is_dir()
+    assert told["needs_tracking"] is True
+    assert shell.text("pack", folder).strip() == told["pack"]
+    listed = shell.json("list")
+    assert [p["key"] for p in listed["packs"]] == [Path(told["pack"]).name]
+    assert listed["packs"][0]["bytes"] > 5 * 5 * 96 * 128 * 3
+    assert str(folder) in shell.text("list")
+    assert isinstance(shell("clean", "unknown").exception, UserError)
+    assert "removed 0 packs" in shell.text("clean")
+    assert "removed 1 packs" in shell.text("clean", "scene")
+    assert shell.json("list")["packs"] == []
+    shell.text("pack", folder)
+    assert "removed 1 packs" in shell.text("clean", "--all")
+
+
+def test_plan_says_what_is_left_out(shell: Shell, folder: Path, tmp_path: Path) -> None:
+    told = shell.json("plan", folder, "--set", "render.anaglyph=colour")
+    assert told["needs_tracking"] and told["needs_rows"]
+    assert told["planes"] == [[0], [1, 2]]
+    assert all({"what", "why", "saves"} == set(item) for item in told["left_out"])
+    made.write(tmp_path / "photo.png", made.texture(60, 80, 3))
+    assert "capture and tracking" in shell.text("plan", tmp_path / "photo.png")
+
+
+def test_words_of_the_user_are_checked(shell: Shell, folder: Path) -> None:
+    for words in (["--grid", "2"], ["--gamma", "wrong"], ["--gamma", "0"], ["--layout", "unknown"]):
+        assert isinstance(shell("info", folder, *words).exception, UserError), words
+
+
+def test_help_imports_no_room() -> None:
+    code = "import sys, lfpipe.cli.scene; print([m for m in ('cv2', 'numpy', 'h5py', 'lfpipe.scene.pack') if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
