@@ -27,9 +27,9 @@ class PlaneStore:
         """uint8 (height, width), not to be written to. It stays valid for at least the seven calls that follow."""
         view: NDArray[np.uint8] = self._views[frame, row, col]
         if self._grey:
-            return view[0]  # weights sum to 1: every plane of a grey view is the view
+            return np.asarray(view[0], np.uint8)  # weights sum to 1: every plane of a grey view is the view
         if plane.channel is not None:
-            return view[plane.channel]
+            return np.asarray(view[plane.channel], np.uint8)
         place = (frame, row, col, plane)
         found = self._baked.get(place)
         if found is not None:
