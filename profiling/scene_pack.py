@@ -55,7 +55,8 @@ def pack(path: Path, cache: str) -> None:
     """Packs path in a process of its own and prints what it took."""
     run = subprocess.run([sys.executable, "-c", ONE, str(path), cache], stdout=subprocess.PIPE, text=True, check=True)
     packed_s, opened_s, peak_mb = (float(value) for value in run.stdout.strip("[] \n").split(","))
-    print(f"{path.name:28} packed in {packed_s:6.1f} s, opened in {opened_s * 1000:6.1f} ms, peak {peak_mb:5.0f} MB RSS", flush=True)
+    opened = f"opened in {opened_s * 1000:6.1f} ms"
+    print(f"{path.name:28} packed in {packed_s:6.1f} s, {opened}, peak {peak_mb:5.0f} MB RSS", flush=True)
 
 
 def picture_us(field: LightField, method: str) -> float:

@@ -41,12 +41,13 @@ def open_source(text: str, camera: config.Camera) -> Source:
     return open_camera(spec, camera)
 
 
-def check_source(text: str, camera: config.Camera) -> str:
-    """text, made definite: the first camera found by its path, anything else as it stands.
+def check_source(text: str, camera: config.Camera) -> tuple[str, float]:
+    """text, made definite (the first camera found by its path, anything else as it stands), and its rate in Hz.
 
     It is opened, its first frame is decoded or taken, and it is closed again. Raises UserError as `open_source` does.
     """
     spec = resolve(text)
     definite = f"camera:{spec.path}" if isinstance(spec, CameraSpec) else text
-    open_source(definite, camera).close()
-    return definite
+    source = open_source(definite, camera)
+    source.close()
+    return definite, source.info.rate_hz

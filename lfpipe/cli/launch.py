@@ -82,20 +82,22 @@ def prepare(wish: Wish) -> Prepared:
     from lfpipe.render.open_display import has_display
     from lfpipe.scene.plan import make_plan
 
-    config = config_module.load(wish.config_file, wish.sets)
     unseen = wish.demo and wish.display is None and not has_display()
+    halved = ("render.rate_hz=30",) if unseen else ()  # lossless video is large
+    config = config_module.load(wish.config_file, (*halved, *wish.sets))
     out = Path("lfpipe-demo")
     display = wish.display or (f"file:{out / 'demo.mkv'}" if unseen else "window")
     if unseen:
         out.mkdir(exist_ok=True)
         say(f"no screen here: the demo runs {wish.duration_s or DEMO_S:g} s into {out}/")
-    camera = _checked(wish, config, display)
+    camera, camera_hz = _checked(wish, config, display)
     field, pack = _packed(wish, config)
     plan = make_plan(field, config)
     still = out / "demo.png" if unseen else None
     options = {
         "pack": str(pack),
         "source": camera,
+        "source_hz": camera_hz,
         "display": display,
         "trace": str(wish.trace.resolve()) if wish.trace else "",
         "still": str(still.resolve()) if still else "",
@@ -110,8 +112,8 @@ def prepare(wish: Wish) -> Prepared:
     return Prepared(config, options, "pace=max" in camera, duration_s, files)
 
 
-def _checked(wish: Wish, config: Config, display: str) -> str:
-    """The source of frames, made definite; every mistake of the wish in one UserError."""
+def _checked(wish: Wish, config: Config, display: str) -> tuple[str, float]:
+    """The source of frames, made definite, and its rate in Hz; every mistake of the wish in one UserError."""
     from lfpipe.capture.open_source import check_source
     from lfpipe.observe.trace import check_trace
     from lfpipe.render.open_display import check_display
@@ -119,20 +121,22 @@ def _checked(wish: Wish, config: Config, display: str) -> str:
 
     camera = wish.camera or config.camera.source or ("demo" if wish.demo else "")
     errors: list[UserError] = []
+    single = False  # one view needs no eyes, and no camera
 
     def attempt(check: Callable[[], Any]) -> Any:
         try:
             return check()
         except UserError as error:
             errors.append(error)
-            return ""
+            return None
 
     if wish.scene is not None:
         scene = wish.scene
-        attempt(lambda: describe(scene, config.scene))
+        described = attempt(lambda: describe(scene, config.scene))
+        single = described is not None and described.rows * described.cols == 1
     elif not wish.demo:
         errors.append(UserError("no SCENE given", "a folder of views, or --demo for a made one"))
-    camera = attempt(lambda: check_source(camera, config.camera))
+    found = ("", 0.0) if single else attempt(lambda: check_source(camera, config.camera))
     attempt(lambda: check_display(display))
     if wish.trace is not None:
         trace = wish.trace
@@ -141,7 +145,8 @@ def _checked(wish: Wish, config: Config, display: str) -> str:
         raise UserError("\nerror: ".join(map(str, errors)))
     if errors:
         raise errors[0]
-    return str(camera)
+    definite, rate_hz = found
+    return definite, rate_hz
 
 
 def _packed(wish: Wish, config: Config) -> tuple[LightField, Path]:

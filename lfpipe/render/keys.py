@@ -43,20 +43,25 @@ class Keys:
             elif event in ("alpha+", "alpha-") and self._viewer.parallax is not None:
                 step = ALPHA_STEP if event == "alpha+" else 1 / ALPHA_STEP
                 self._context.request("set", set={"render.alpha_px": round(self._viewer.parallax.alpha_px * step, 3)})
-        for notice in self._display.notices():
-            self._context.emit("notice", text=notice)
+        self.pass_on_notices()
         if self._overlay and now_ns() >= self._overlay_due_ns:
             self._overlay_due_ns = now_ns() + OVERLAY_NS
             self._display.overlay(self._lines())
             self._presenter.redraw()
 
+    def pass_on_notices(self) -> None:
+        """Tells what the display has to say."""
+        for notice in self._display.notices():
+            self._context.emit("notice", text=notice)
+
     def _lines(self) -> list[str]:
         rows = self._context.table.rows
         age, alpha = summary_ms(rows["render"]["age"]), self._viewer.parallax
+        busy = {name: (summary_ms(row["busy"])["p50_ms"], int(row["drops"])) for name, row in rows.items()}
         return [
             f"camera {rate_hz(rows['capture']):5.1f} Hz   pictures {rate_hz(rows['render']):5.1f} Hz",
             f"sensor to screen p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
-            *(f"{name} busy p50 {summary_ms(row['busy'])['p50_ms']:.2f} ms, dropped {int(row['drops'])}" for name, row in rows.items()),
+            *(f"{name} busy p50 {p50_ms:.2f} ms, dropped {drops}" for name, (p50_ms, drops) in busy.items()),
             f"{self._viewer.method}, alpha {alpha.alpha_px:.1f} px/view" if alpha else f"{self._viewer.method}, no face seen yet",
         ]
 

@@ -30,7 +30,7 @@ def main(context: Context) -> None:
     field = open_pack(Path(options["pack"]))
     viewer = Viewer(field, config)
     on_camera = config.render.clock == "camera" and options["tracking"]
-    rate_hz = config.camera.rate_hz if on_camera else config.render.rate_hz
+    rate_hz = float(options["source_hz"]) if on_camera else config.render.rate_hz
     display = open_display(options["display"], (field.width_px, field.height_px), f"lfpipe: {field.name}", rate_hz)
     presenter = Presenter(context, viewer, display)
     keys = Keys(context, viewer, presenter, display)
@@ -65,3 +65,4 @@ def main(context: Context) -> None:
             cv2.imwrite(options["still"], presenter.picture)
         presenter.close()
         display.close()
+        keys.pass_on_notices()

@@ -6,6 +6,7 @@ One loop in the main thread; it never blocks on a child, and polls sockets and s
 from __future__ import annotations
 
 import contextlib
+import gc
 import json
 import os
 import signal
@@ -71,6 +72,7 @@ class Supervisor:
                 assert self.outcome is not None
                 self.outcome.final = snapshot(self.session.name, self.table, self.started_ns)
                 self._stop_all()
+                self._desk.serve()  # last words of the stages
                 self._desk.close()
         finally:
             for signum, handler in before.items():
@@ -105,13 +107,15 @@ class Supervisor:
         (self.session.run_dir / "session.json").write_text(json.dumps({**about, "pid": os.getpid(), "options": self.options}))
 
     def _unlink(self) -> None:
+        for memory in self._segments:
+            with contextlib.suppress(FileNotFoundError):
+                memory.unlink()
         if hasattr(self, "table"):
             self.processes.clear()
+            gc.collect()  # an error answered on the way may still hold its frames, and these the rows of the table
             self.table.close()
         for memory in self._segments:
             memory.close()
-            with contextlib.suppress(FileNotFoundError):
-                memory.unlink()
         self._segments.clear()
 
     def _spec(self, process: StageProcess) -> StageSpec:

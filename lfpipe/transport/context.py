@@ -26,7 +26,8 @@ BEAT_NS = 100 * MS_NS  # the longest a stage may wait without showing that it li
 class StageSpec:
     """All that a stage's process is told at its start. Plain values, so that it can be sent to a spawned process.
 
-    consumers: ring -> stages that read it. others: the other stages of this session. lossless: no slot may be lost, writers wait for readers (`pace=max`, replay).
+    consumers: ring -> stages that read it. others: the other stages of this session. lossless: no slot may be lost, writers wait
+    for readers (`pace=max`, replay).
     """
 
     name: str
@@ -221,7 +222,7 @@ class Context:
     def close(self) -> None:
         """Lets go of sockets; the mappings end with the process."""
         self._ctl.close()
-        self._bus.close()
+        self._bus.close(linger=200)  # last words: why an output ended
         self._zmq.term()
 
 

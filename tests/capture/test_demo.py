@@ -69,4 +69,4 @@ def test_it_is_drawn_into_slots_of_another_size_too() -> None:
 
 
 def test_check_source_returns_what_to_open() -> None:
-    assert check_source("demo", config.Camera()) == "demo"
+    assert check_source("demo", config.Camera()) == ("demo", 30.0)

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pygame
 import pytest
-from xvfb_screen import Screen  # the one beside this file
 
 from lfpipe.render.display import KEYS, Display
 from lfpipe.render.open_display import has_display, open_display
+from tests.xvfb_screen import Screen
 
 WAIT_S = 5.0
 

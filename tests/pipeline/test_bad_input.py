@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.pipeline.conftest import World, write_scene
+from tests.world import World, write_scene
 
 
 def view(path: Path, height: int = 48, width: int = 64) -> None:

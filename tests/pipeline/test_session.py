@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.pipeline.conftest import World, write_scene
+from tests.world import World, write_scene
 
 CAMERA = ("--set", "render.clock=camera")
 NEAREST = ("--set", "render.method=nearest", "--set", "render.alpha_px=12")

@@ -1,12 +1,52 @@
-"""A real X server without a screen."""
+"""What tests of several rooms need: a world of their own for whole sessions, a clip of a face, a real X server."""
+
+from __future__ import annotations
 
 import os
 import shutil
 import subprocess
 from collections.abc import Iterator
+from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
-from xvfb_screen import Screen  # the one beside this file
+
+from lfpipe.transport.segment import SHM_DIR
+from tests.world import World, write_scene
+from tests.xvfb_screen import Screen
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> Iterator[World]:
+    made = World(tmp_path)
+    yield made
+    made.end()
+    for path in SHM_DIR.glob(f"lfpipe-*{made.name}*"):
+        path.unlink()
+
+
+@pytest.fixture(scope="session")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_scene(tmp_path_factory.mktemp("scenes") / "grid")
+
+
+@pytest.fixture(scope="session")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """60 frames of the demo's face as a video file."""
+    from lfpipe import config
+    from lfpipe.capture.open_source import open_source
+
+    path = tmp_path_factory.mktemp("clips") / "face.avi"
+    source = open_source("demo", config.Camera())
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
+    frame = np.empty((480, 640, 3), np.uint8)
+    for _ in range(60):
+        source.read(frame)
+        writer.write(frame)
+    writer.release()
+    source.close()
+    return path
 
 
 @pytest.fixture(scope="session")

@@ -7,13 +7,12 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import pytest
 
 from lfpipe.transport.segment import SHM_DIR
 
@@ -91,35 +90,3 @@ class World:
                 process.kill()
             process.communicate()
         self.run("up", "--session", self.name, "nothing")  # sweeps what a killed one left
-
-
-@pytest.fixture
-def world(tmp_path: Path) -> Iterator[World]:
-    made = World(tmp_path)
-    yield made
-    made.end()
-    for path in SHM_DIR.glob(f"lfpipe-*{made.name}*"):
-        path.unlink()
-
-
-@pytest.fixture(scope="session")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_scene(tmp_path_factory.mktemp("scenes") / "grid")
-
-
-@pytest.fixture(scope="session")
-def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """60 frames of the demo's face as a video file."""
-    from lfpipe import config
-    from lfpipe.capture.open_source import open_source
-
-    path = tmp_path_factory.mktemp("clips") / "face.avi"
-    source = open_source("demo", config.Camera())
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
-    frame = np.empty((480, 640, 3), np.uint8)
-    for _ in range(60):
-        source.read(frame)
-        writer.write(frame)
-    writer.release()
-    source.close()
-    return path

@@ -1,0 +1,61 @@
+"""A whole session in a real window: what is on the screen comes from the views that the trace names."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.world import World
+from tests.xvfb_screen import Screen
+
+PLAIN = ("render.method=nearest", "render.alpha_px=20", "render.anaglyph=colour", "render.light=gamma", "render.clock=camera")
+
+
+def expected(line: dict[str, dict[str, list[float]]]) -> list[int]:
+    """BGR of the picture, from how `write_scene` colours its views: red of the left one, green and blue of the right one."""
+    (left_row, left_col), (right_row, right_col) = line["view"]["left"], line["view"]["right"]
+    return [int(8 * right_row + 5), int(8 * right_col + 5), int(8 * (3 * left_row + left_col) + 5)]
+
+
+def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene: Path, screen: Screen) -> None:
+    world.env["DISPLAY"] = screen.name
+    sets = [f"--set={text}" for text in PLAIN]
+    fixed = ("--camera", "demo", "--trace", world.trace, "--session", world.name)
+    process = world.start("up", scene, *fixed, "--display", "window", *sets)
+    world.pictures(5)
+    done = world.run("ctl", "--session", world.name, "pause")
+    assert done.returncode == 0, done.stderr
+    seen = world.wait_for(lambda: _steady(world, screen), "steady picture")
+    line = world.lines()[-1]
+    assert line["view"]["left"] != line["view"]["right"], "the eyes see the same view: this test shows nothing"
+    assert seen == expected(line)
+    if shutil.which("xdotool") is None:
+        pytest.skip("the rest presses keys: xdotool is not installed (apt-get install xdotool)")
+    world.run("ctl", "--session", world.name, "resume")
+    for key, changed in (("plus", 22.0), ("minus", 20.0)):
+        subprocess.run(["xdotool", "key", key], check=True, env=world.env)
+        world.wait_for(lambda changed=changed: _alpha(world) == changed, f"alpha of {changed}")
+    subprocess.run(["xdotool", "key", "o"], check=True, env=world.env)
+    world.wait_for(lambda: bool((screen.picture() == 255).all(axis=-1).any()), "white letters of the overlay")
+    subprocess.run(["xdotool", "key", "q"], check=True, env=world.env)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 0 and "render" in out, err
+    assert not world.left()
+
+
+def _steady(world: World, screen: Screen) -> list[int] | None:
+    """The one colour of the window, once the trace stands still and the whole window shows one colour."""
+    before = len(world.lines())
+    shown = screen.shown()
+    same = (shown == shown[0, 0]).all()
+    return np.asarray(shown[0, 0]).tolist() if same and len(world.lines()) == before else None
+
+
+def _alpha(world: World) -> float:
+    done = world.run("ctl", "--session", world.name, "--json", "status")
+    return float(json.loads(done.stdout)["config"]["render"]["alpha_px"])
