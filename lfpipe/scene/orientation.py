@@ -26,13 +26,20 @@ _HELP = "--flip rows|cols|both and --transpose turn it"
 @attrs.frozen
 class Orientation:
     """turn: from file order to canonical. by: "override", "coordinates", "truth", "layout", "flow" or "nothing"; sure: 0..1;
-    said: sentences a person can use; undecided: what evidence does not settle, "" for nothing."""
+    said: sentences a person can use; undecided: what evidence does not settle, "" for nothing;
+    untold: the turn that was found, where the user told another."""
 
     turn: Turn
     by: str
     sure: float
     said: str
     undecided: str = ""
+    untold: Turn | None = None
+
+    @property
+    def base(self) -> Turn:
+        """The turn without the user's word: the one that true disparity holds with."""
+        return self.turn if self.untold is None else self.untold
 
 
 def _greys(source: Source) -> Callable[[int, int], Grey]:
@@ -139,7 +146,7 @@ def orient(source: Source, scene: config.Scene) -> Orientation:
     if scene.transpose != "auto":
         turn = attrs.evolve(turn, transpose=scene.transpose == "yes")
     if scene.flip != "auto" or (scene.transpose != "auto" and turn != found.turn):
-        return Orientation(turn, "override", 1.0, f"as told; without that: {found.said}")
+        return Orientation(turn, "override", 1.0, f"as told; without that: {found.said}", untold=found.turn)
     return found
 
 

@@ -64,7 +64,14 @@ class PlaneFile:
         return np.frombuffer(data, self.dtype).reshape(shape)
 
     def close(self) -> None:
+        """Nothing can be read or written after this."""
         os.close(self.descriptor)
+
+    def __enter__(self) -> PlaneFile:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
 
 def _mapped(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:

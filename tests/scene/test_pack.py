@@ -20,6 +20,7 @@ from lfpipe.scene import cache, pack
 from lfpipe.scene.disparity import SMALLEST_PX, estimate_disparity, quantised, scale_for
 from lfpipe.scene.store import DamagedPackError, PlaneFile, open_pack
 from tests.scene import made
+from tests.scene.test_layouts import old_hci
 
 PACK = "import sys; from lfpipe import config; from lfpipe.scene.pack import open_scene; "
 
@@ -83,6 +84,16 @@ def test_the_users_word_makes_another_pack(folder: Path, scene_config: config.Sc
     assert (turned.disparity_min_px, turned.disparity_max_px) == (-2.0, 1.0)
     one = pack.open_scene(folder, attrs.evolve(scene_config, flip="rows"))
     assert one.disparity_source == "estimated"
+
+
+def test_truth_holds_with_the_order_it_told(tmp_path: Path, scene_config: config.Scene) -> None:
+    """An lf.h5 whose columns run the other way than the layout's: its own depth says so, and stays of use."""
+    depth = (10 / (made.middle_disparity() + 3)).astype(np.float32)
+    old_hci(tmp_path / "lf.h5", made.views(3, 3)[:, ::-1], depth)
+    field = pack.open_scene(tmp_path / "lf.h5", scene_config)
+    assert np.array_equal(field.views[0].transpose(0, 1, 3, 4, 2), made.views(3, 3))
+    assert field.disparity_source == "truth"
+    assert (field.disparity_min_px, field.disparity_max_px) == pytest.approx((-1, 2), abs=1e-4)
 
 
 def test_gamma_grey_and_depth(tmp_path: Path, scene_config: config.Scene) -> None:

@@ -1,0 +1,106 @@
+"""Writing the views of a pack: decoded on a few threads, a bounded number at a time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
+from pathlib import Path
+from typing import TypeVar
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.scene import tone
+from lfpipe.scene.orientation import Orientation
+from lfpipe.scene.place import nearest_present
+from lfpipe.scene.source import Source
+from lfpipe.scene.store import PlaneFile
+
+Progress = Callable[[str, int, int], None]  # what is being done, how much of it is done, of how much
+Place = tuple[int, int, int]  # frame, row, column
+T = TypeVar("T")
+
+
+class NotGreyError(Exception):
+    """A view has colour although those looked at first had none."""
+
+
+def workers() -> int:
+    """Threads that decode and estimate: the cores this process may use, four at most (each holds a few views)."""
+    return min(4, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+
+
+def in_parallel(work: Callable[[T], None], items: Iterable[T], done: Callable[[], None]) -> None:
+    """work(item) for every item on a few threads, a bounded number in flight; the first error ends it."""
+    waiting: Iterator[T] = iter(items)
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # the pool is the parallelism
+    try:
+        with ThreadPoolExecutor(workers()) as pool:
+            while batch := list(islice(waiting, 4 * workers())):
+                for future in [pool.submit(work, item) for item in batch]:
+                    future.result()
+                    done()
+    finally:
+        cv2.setNumThreads(threads)
+
+
+@attrs.frozen
+class Making:
+    """What one run of the packer works on. turn and grid are canonical."""
+
+    source: Source
+    turn: Orientation
+    folder: Path
+    rows: int
+    cols: int
+    channels: int
+    present: NDArray[np.bool_]
+    offsets: NDArray[np.float32]
+    progress: Progress
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the views: (frames, rows, cols, channels, height, width)."""
+        return self.source.frames, self.rows, self.cols, self.channels, self.source.height_px, self.source.width_px
+
+    def places(self) -> list[Place]:
+        return [(f, r, c) for f in range(self.source.frames) for r in range(self.rows) for c in range(self.cols)]
+
+    def ticker(self, what: str, total: int) -> Callable[[], None]:
+        done = 0
+
+        def tick() -> None:
+            nonlocal done
+            done += 1
+            self.progress(what, done, total)
+
+        self.progress(what, 0, total)
+        return tick
+
+
+def write_views(job: Making, out: PlaneFile, table: NDArray[np.uint8]) -> None:
+    """Decode every view into out; places without a view get the nearest one's copy. table: from a source value to a
+    screen value. Raises UserError, and NotGreyError where a view has colour that the pack has no planes for."""
+    source = job.source
+
+    def one(place: Place) -> None:
+        frame, row, col = place
+        pixels = source.read(frame, *job.turn.turn.file_place(row, col, job.rows, job.cols))
+        if job.channels == 1 and not tone.is_grey(pixels):
+            raise NotGreyError
+        if pixels.ndim == 3 and job.channels == 1:
+            pixels = pixels[..., 0]
+        screen = tone.to_screen(pixels, table)
+        planes = [screen] * job.channels if screen.ndim == 2 else list(cv2.split(screen))
+        out.write(place, np.stack(planes))
+
+    there = [place for place in job.places() if job.present[place[1:]]]
+    in_parallel(one, there, job.ticker("views", len(there)))
+    for place in job.places():
+        if not job.present[place[1:]]:
+            out.write(place, out.read((place[0], *nearest_present(job.present, *place[1:]))))
