@@ -294,7 +294,6 @@ def test_a_grid_that_does_not_fit_is_told(tmp_path: Path) -> None:
 
 FUZZ = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 NAMES = [
-]
     "v_00_00.png",
     "input_Cam000.png",
     "lf.h5",
