@@ -119,9 +119,9 @@ def landing(
     present: NDArray[np.bool_],
     offsets: NDArray[np.float32],
 ) -> float:
-    """How badly a view seen through a map matches its neighbours, in grey levels (mean over pixels and neighbours)."""
+    """How badly a view seen through a map matches its neighbours, mean square in grey levels over pixels and neighbours."""
     found = [
-        float(mismatch(grey(row, col), there, disparity_px, d_row, d_col).mean())
+        float(np.square(mismatch(grey(row, col), there, disparity_px, d_row, d_col)).mean())
         for there, d_row, d_col in _neighbours(grey, row, col, present, offsets)
     ]
     return sum(found) / max(1, len(found))
