@@ -11,14 +11,14 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import attrs
-import cattrs
-import platformdirs
-from cattrs.errors import ClassValidationError, ForbiddenExtraKeysError
 
 from lfpipe.errors import UserError
+
+if TYPE_CHECKING:  # at run time only where something is checked: a stage takes a tree that was, and starts sooner for it
+    import cattrs
 
 
 @attrs.frozen
@@ -139,7 +139,9 @@ def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
 
 
 @functools.cache
-def _converter() -> cattrs.Converter:
+def _converter() -> "cattrs.Converter":
+    import cattrs
+
     converter = cattrs.Converter(forbid_extra_keys=True)
 
     def is_annotated(hint: Any) -> bool:
@@ -163,6 +165,8 @@ def _converter() -> cattrs.Converter:
 
 def _problems(error: BaseException, path: str) -> Iterable[str]:
     """The leaves of a cattrs error as `key: what is wrong` lines."""
+    from cattrs.errors import ClassValidationError, ForbiddenExtraKeysError
+
     if isinstance(error, ClassValidationError):
         named, rest = error.group_exceptions()
         for inner, note in named:
@@ -184,6 +188,8 @@ def from_dict(tree: Mapping[str, Any]) -> Config:
 
     Raises UserError that lists every wrong key at once.
     """
+    from cattrs.errors import ClassValidationError, ForbiddenExtraKeysError
+
     try:
         return _converter().structure(tree, Config)
     except (ClassValidationError, ForbiddenExtraKeysError) as error:
@@ -191,6 +197,12 @@ def from_dict(tree: Mapping[str, Any]) -> Config:
             "configuration: " + "\n  ".join(_problems(error, "")),
             "`lfpipe config show` lists every key with its unit and range",
         ) from None
+
+
+def trusted(tree: Mapping[str, Any]) -> Config:
+    """The Config that `to_dict` made tree of, unchecked."""
+    default = Config()
+    return Config(**{name: type(getattr(default, name))(**values) for name, values in tree.items()})
 
 
 def to_dict(config: Config) -> dict[str, Any]:
@@ -242,6 +254,8 @@ def updated(config: Config, sets: Mapping[str, Any], live_only: bool = False) ->
 
 def user_file() -> Path:
     """Where the user's own settings are kept; need not exist."""
+    import platformdirs
+
     return Path(platformdirs.user_config_dir("lfpipe")) / "config.toml"
 
 

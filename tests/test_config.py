@@ -27,6 +27,7 @@ def test_the_file_at_the_top_is_what_the_tree_says() -> None:
 def test_the_text_of_any_configuration_reads_back_as_itself() -> None:
     for tree in (Config(), config.load("paper")):
         assert config.from_dict(tomllib.loads(commented(tree))) == tree
+        assert config.trusted(config.to_dict(tree)) == tree
 
 
 def test_every_error_is_named_at_once() -> None:

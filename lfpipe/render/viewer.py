@@ -54,6 +54,11 @@ class Viewer:
     def method(self) -> str:
         return self.compositor.method
 
+    @property
+    def mapper(self) -> Mapper | None:
+        """How eyes become views; None until a face was seen."""
+        return self._mapper
+
     def recentre(self) -> None:
         """Where the eyes were last becomes the neutral pose."""
         if self._seen:
@@ -72,7 +77,7 @@ class Viewer:
             eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], t_shown_ns - t_sensor_ns)
             self._follow_distance(eyes_px, t_shown_ns)
         mapper = self._mapper or self._make_mapper(record)
-        if self.config.render.alpha_px == "auto" and self.parallax is not None:
+        if isinstance(self.config.render.alpha_px, str) and self.parallax is not None:
             mapper.alpha_px = self._apart_px / self.parallax.views_between_eyes
         half = self._apart_px / 2
         neutral_px = np.add(mapper.centre_px, [[half, 0.0], [-half, 0.0]])
@@ -111,7 +116,7 @@ class Viewer:
         render = self.config.render
         width_px, height_px = int(record["width_px"]), int(record["height_px"])
         self.parallax = parallax(self.config, self.field, width_px, self._apart_px)
-        if self._centre_px is None and render.alpha_px == "auto":
+        if self._centre_px is None and isinstance(render.alpha_px, str):
             middle = record["filtered_px"].mean(axis=0)
             self._centre_px = (float(middle[0]), float(middle[1]))
         centre_px = self._centre_px or (width_px / 2, height_px / 2)

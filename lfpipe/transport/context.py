@@ -103,7 +103,7 @@ class Context:
 
     def __init__(self, spec: StageSpec) -> None:
         self.spec = spec
-        self.config: Config = config_module.from_dict(spec.config)
+        self.config: Config = config_module.trusted(spec.config)
         self.table = status.Table(spec.session.segment("status"), writable=True)
         self.row = status.Row(self.table.rows[spec.name])
         self.options: dict[str, Any] = spec.options
@@ -212,7 +212,7 @@ class Context:
             if word == "stop":
                 self.stopping = True
             elif word == "config":
-                self.config = config_module.from_dict(message["config"])
+                self.config = config_module.trusted(message["config"])
                 self.options = message["options"]
                 self.paused = message["paused"]
                 self._rev = message["rev"]
