@@ -63,7 +63,7 @@ def up(wish: Wish) -> int:
     if session.name in rundir.running():
         rundir.release(session, rundir.acquire(session))  # says who has it
     prepared = prepare(wish)
-    outcome = Supervisor(session, prepared.config, prepared.options, prepared.lossless, say).run(prepared.duration_s)
+    outcome = Supervisor(session, prepared.config, prepared.options, prepared.lossless, tell=say).run(prepared.duration_s)
     latency_table(outcome.final)
     for path in prepared.files:
         if path.exists():
@@ -117,7 +117,6 @@ def _checked(wish: Wish, config: Config, display: str) -> tuple[str, float]:
     from lfpipe.capture.open_source import check_source
     from lfpipe.observe.trace import check_trace
     from lfpipe.render.open_display import check_display
-    from lfpipe.scene.layouts import describe
 
     camera = wish.camera or config.camera.source or ("demo" if wish.demo else "")
     errors: list[UserError] = []
@@ -132,8 +131,8 @@ def _checked(wish: Wish, config: Config, display: str) -> tuple[str, float]:
 
     if wish.scene is not None:
         scene = wish.scene
-        described = attempt(lambda: describe(scene, config.scene))
-        single = described is not None and described.rows * described.cols == 1
+        rows, cols = attempt(lambda: _grid(scene, config)) or (0, 0)
+        single = rows * cols == 1
     elif not wish.demo:
         errors.append(UserError("no SCENE given", "a folder of views, or --demo for a made one"))
     found = ("", 0.0) if single else attempt(lambda: check_source(camera, config.camera))
@@ -147,6 +146,21 @@ def _checked(wish: Wish, config: Config, display: str) -> tuple[str, float]:
         raise errors[0]
     definite, rate_hz = found
     return definite, rate_hz
+
+
+def _grid(scene: Path, config: Config) -> tuple[int, int]:
+    """Rows and columns of the scene; a packed one is not looked at again."""
+    import json
+
+    from lfpipe.scene.cache import find_pack
+
+    if pack := find_pack(scene, config.scene):
+        manifest = json.loads((pack / "manifest.json").read_bytes())
+        return manifest["rows"], manifest["cols"]
+    from lfpipe.scene.layouts import describe
+
+    source = describe(scene, config.scene)
+    return source.rows, source.cols
 
 
 def _packed(wish: Wish, config: Config) -> tuple[LightField, Path]:
