@@ -16,7 +16,7 @@ def check_trace(path: Path) -> None:
     try:
         path.write_bytes(b"")
     except OSError as error:
-        raise UserError(f"--trace {path}: {error.strerror}", "a file in a directory that you may write to") from None
+        raise UserError(f"trace {path}: {error.strerror}", "a file in a directory that you may write to") from None
 
 
 class TraceFile:

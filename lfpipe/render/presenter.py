@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lfpipe.eyes import EYES
 from lfpipe.observe.trace import TraceFile
 from lfpipe.render.display import Display
+from lfpipe.render.outlets import Outlets
 from lfpipe.render.viewer import Look, Viewer
 from lfpipe.transport.clock import now_ns, sleep_until
 from lfpipe.transport.context import Context
@@ -34,6 +35,7 @@ class Presenter:
         self._key: Hashable = None
         self._parallax_told = ""
         self._trace = TraceFile(Path(context.options["trace"]) if context.options["trace"] else None, self._lost)
+        self._outlets = Outlets(context, viewer)
         self.cost_ns = 0
         self.picture: NDArray[np.uint8] | None = None
 
@@ -43,6 +45,10 @@ class Presenter:
     def redraw(self) -> None:
         """The next picture is composed whatever its key."""
         self._key = None
+
+    def follow(self, options: dict[str, Any]) -> None:
+        """Serves whoever else wants the pictures, by the options as they are now."""
+        self._outlets.follow(options, self.picture)
 
     def take(self) -> Stamp | None:
         """Takes the newest eyes record if there is one; returns its stamp."""
@@ -73,6 +79,7 @@ class Presenter:
         row, stamp = self._context.row, self._stamp
         if composed:
             cost_ns = t_composed_ns - t_start_ns + t_presented_ns - t_shown_ns
+            self._outlets.picture(self.picture, stamp)
             self.cost_ns += int(COST_SHARE * (cost_ns - self.cost_ns))
             if stamp is not None:
                 row.measure(self._t_taken_ns - stamp.t_publish_ns, cost_ns, t_presented_ns - t_sensor_ns)
@@ -80,12 +87,22 @@ class Presenter:
         row["cpu_ns"] = time.process_time_ns()
         if stamp is not None and self._record is not None:
             row["face"] = int(self._record["face"])
-            if self._trace.wanted:
-                self._trace.write(self._line(stamp, self._record, look, composed, t_composed_ns, t_presented_ns))
+            self._outlets.look(look, bool(self._record["face"]))
+            if self._trace.wanted or self._outlets.traced:
+                line = self._line(stamp, self._record, look, composed, t_start_ns, t_composed_ns, t_presented_ns)
+                self._trace.write(line)
+                self._outlets.line(line)
         self._tell_parallax()
 
     def _line(
-        self, stamp: Stamp, record: NDArray[np.void], look: Look, composed: bool, t_composed_ns: int, t_presented_ns: int
+        self,
+        stamp: Stamp,
+        record: NDArray[np.void],
+        look: Look,
+        composed: bool,
+        t_started_ns: int,
+        t_composed_ns: int,
+        t_presented_ns: int,
     ) -> dict[str, Any]:
         def sides(pair: Any) -> dict[str, Any]:
             return {"left": list(pair[0]), "right": list(pair[1])}
@@ -97,6 +114,7 @@ class Presenter:
             "t_sensor_ns": stamp.t_sensor_ns,
             "t_read_ns": stamp.t_read_ns,
             "t_tracked_ns": int(record["t_tracked_ns"]),
+            "t_started_ns": t_started_ns,
             "t_composed_ns": t_composed_ns,
             "t_presented_ns": t_presented_ns,
             "face": bool(record["face"]),
@@ -116,3 +134,4 @@ class Presenter:
     def close(self) -> None:
         """Ends the trace."""
         self._trace.close()
+        self._outlets.close()

@@ -44,6 +44,7 @@ def main(context: Context) -> None:
                 config, options = context.config, context.options
                 viewer.set(field, config)
                 presenter.redraw()
+            presenter.follow(context.options)
             context.applied()
             if any(word == "recentre" for word, _ in context.commands()):
                 viewer.recentre()

@@ -6,6 +6,7 @@ import contextlib
 import json
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import attrs
@@ -14,6 +15,7 @@ import zmq
 from lfpipe import config as config_module
 from lfpipe.errors import UserError
 from lfpipe.observe.snapshot import snapshot
+from lfpipe.observe.trace import check_trace
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.transport import control
 from lfpipe.transport.clock import now_ns
@@ -21,6 +23,7 @@ from lfpipe.transport.clock import now_ns
 if TYPE_CHECKING:
     from lfpipe.supervisor.supervisor import Supervisor
 
+LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the output pictures
 APPLY_S = 1.0  # how long an answer to `set` waits for the stages to work by it
 
 
@@ -134,6 +137,32 @@ class Desk:
         for name in self._supervisor.processes:
             self.send(name, {"cmd": "recentre"})
         return {"ok": True}
+
+    def _pictures(self, client: bytes, message: dict[str, Any]) -> dict[str, Any] | None:
+        """The ring of output pictures, for lease_s; who goes on looking asks again in time."""
+        lease_s = message.get("lease_s", LEASE_S)
+        if isinstance(lease_s, bool) or not isinstance(lease_s, int | float) or not 0 < lease_s <= MAX_LEASE_S:
+            raise control.BadMessage(f"pictures: lease_s {lease_s!r} is no time up to {MAX_LEASE_S:g} s")
+        changed = self._supervisor.lend_pictures(float(lease_s))
+        answer = {"ok": True, "ring": self._supervisor.loan.part}
+        if not changed:
+            return answer
+        self._apply(client, self._supervisor.rev, answer)
+        return None
+
+    def _trace(self, client: bytes, message: dict[str, Any]) -> None:
+        """Starts a timeline into the file `path`, or ends the one that runs where path is empty."""
+        path, running = message.get("path"), self._supervisor.options.get("timeline", "")
+        if not isinstance(path, str) or "\0" in path:
+            raise control.BadMessage("trace needs a path, an empty one to stop")
+        if path and running:
+            raise UserError(f"a trace runs already, into {running}", "`lfpipe trace stop` ends it")
+        if not path and not running:
+            raise UserError("no trace runs", "`lfpipe trace start OUT.json` starts one")
+        if path:
+            check_trace(Path(path))
+        rev = self._supervisor.change(options={**self._supervisor.options, "timeline": path})
+        self._apply(client, rev, {"path": path or running})
 
     def _stop(self, client: bytes, _: dict[str, Any]) -> dict[str, Any]:
         self._supervisor.outcome = Outcome("stopped by command")

@@ -24,9 +24,10 @@ from lfpipe.errors import UserError
 from lfpipe.observe.snapshot import snapshot
 from lfpipe.supervisor import child, rundir
 from lfpipe.supervisor.desk import Desk
+from lfpipe.supervisor.loan import PictureLoan
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.supervisor.process import MAX_FAILURES, WINDOW_S, StageProcess
-from lfpipe.supervisor.table import STAGES, consumers, rings
+from lfpipe.supervisor.table import STAGES, consumers, picture_ring, rings
 from lfpipe.transport import control, ring, status, wake
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import StageSpec
@@ -47,14 +48,17 @@ class Supervisor:
         config: Config,
         options: dict[str, Any],
         lossless: bool = False,
+        lock_step: bool = False,
         tell: Callable[[str], None] = print,
     ) -> None:
         self.session, self.config, self.options, self._lossless, self._tell = session, config, options, lossless, tell
+        self._lock_step = lock_step
         self.rev, self.paused = 1, False
         self.outcome: Outcome | None = None
         self._signals = 0
         self._segments: list[SharedMemory] = []
         self._draining_ns = 0
+        self.loan = PictureLoan(session)
 
     def run(self, duration_s: float | None = None) -> Outcome:
         """Runs the session to its end: a command, a signal, duration_s, the end of the source, or too many failures.
@@ -107,6 +111,7 @@ class Supervisor:
         (self.session.run_dir / "session.json").write_text(json.dumps({**about, "pid": os.getpid(), "options": self.options}))
 
     def _unlink(self) -> None:
+        self.loan.end()
         for memory in self._segments:
             with contextlib.suppress(FileNotFoundError):
                 memory.unlink()
@@ -129,6 +134,7 @@ class Supervisor:
             consumers=consumers(),
             others=tuple(s.name for s in STAGES if s is not process.stage and s.needed(self.options)),
             lossless=self._lossless,
+            lock_step=self._lock_step,
             cpus=self._cpus(process.stage.name),
         )
 
@@ -153,6 +159,9 @@ class Supervisor:
             poller.poll(TICK_MS if end_ns is None else max(0, min(TICK_MS, (end_ns - now_ns()) // MS_NS + 1)))
             self._desk.serve()
             self._judge()
+            if self.loan.overdue():
+                self.loan.end()
+                self.change(options={**self.options, "pictures": ""})
             if self._signals:
                 self.outcome = self.outcome or Outcome("interrupted")
             elif end_ns is not None and now_ns() >= end_ns:
@@ -242,6 +251,13 @@ class Supervisor:
         for name in self.processes:
             self._desk.send(name, self.snapshot())
         return self.rev
+
+    def lend_pictures(self, lease_s: float) -> bool:
+        """Has render write its pictures to the ring `loan.part` for lease_s from now; True where that is a change."""
+        if not self.loan.renew(picture_ring(self.options), lease_s):
+            return False
+        self.change(options={**self.options, "pictures": self.loan.part})
+        return True
 
     def snapshot(self) -> dict[str, Any]:
         """What a stage must know to work as the session does now."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import attrs
@@ -48,6 +49,14 @@ def rings(config: Config) -> dict[str, RingSpec]:
         "frames": RingSpec((config.camera.height_px, config.camera.width_px, 3), np.dtype("u1"), slots=4),
         "eyes": RingSpec((), EYES, slots=8),
     }
+
+
+def picture_ring(options: dict[str, Any]) -> RingSpec:
+    """What the ring of output pictures holds. Raises UserError where the pack is gone."""
+    from lfpipe.scene.store import open_pack
+
+    field = open_pack(Path(options["pack"]))
+    return RingSpec((field.height_px, field.width_px, 3), np.dtype("u1"), slots=3)
 
 
 def consumers() -> dict[str, list[str]]:

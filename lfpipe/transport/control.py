@@ -20,7 +20,7 @@ from lfpipe.errors import UserError
 VERSION = 1
 MAX_BYTES = 64 * 1024
 MAX_DEPTH = 8
-COMMANDS = ("hello", "status", "set", "pause", "resume", "recentre", "load", "stop")
+COMMANDS = ("hello", "status", "set", "pause", "resume", "recentre", "load", "pictures", "trace", "stop")
 
 
 class BadMessage(ValueError):
