@@ -27,7 +27,7 @@ class StageSpec:
     """All that a stage's process is told at its start. Plain values, so that it can be sent to a spawned process.
 
     consumers: ring -> stages that read it. others: the other stages of this session. lossless: no slot may be lost, writers wait
-    for readers (`pace=max`, replay).
+    for readers (`pace=max`, replay). lock_step: besides, a frame has gone through every stage before the next one starts.
     """
 
     name: str
@@ -39,7 +39,12 @@ class StageSpec:
     consumers: dict[str, list[str]]
     others: tuple[str, ...]
     lossless: bool
+    lock_step: bool = False
     cpus: tuple[int, ...] = ()
+
+    def ring_index(self, name: str) -> int:
+        """Where a ring's credit lies in a status row."""
+        return list(self.consumers).index(name)
 
 
 class Input:
@@ -50,20 +55,28 @@ class Input:
         self.reader = ring.Reader(session.segment(name))
         self.wake = Wake(session.wake(name, context.spec.name))
         self._credit: Wake | None = None
+        self._lock_step = context.spec.lock_step
+        self._index = context.spec.ring_index(name)
+        self._taken = self._row.record["taken_seq"].data
         if context.spec.lossless:
             self._credit = Wake(session.credit(name, context.spec.name))
-            self.reader.last_seq = min(self.reader.last_seq, self._row["taken_seq"])
+            self.reader.last_seq = min(self.reader.last_seq, int(self._taken[self._index]))
 
-    def take(self, out: NDArray[Any]) -> ring.Stamp | None:
-        """The newest slot copied into out, when there is a new one. Slots missed are counted as this stage's drops."""
+    def take(self, out: NDArray[Any], in_order: bool = False) -> ring.Stamp | None:
+        """The newest slot copied into out, or the next in order, when there is a new one. Slots missed count as drops."""
         self.wake.drain()
-        stamp = self.reader.read(out)
+        stamp = self.reader.read_next(out) if in_order else self.reader.read(out)
         if stamp is not None:
-            self._row["taken_seq"] = stamp.seq
             self._row["drops"] += stamp.skipped
-            if self._credit:
-                self._credit.notify(stamp.seq)
+            if not self._lock_step:
+                self.give_credit()
         return stamp
+
+    def give_credit(self) -> None:
+        """Tells the writer that what was taken so far needs no more room; in lock-step, that all is done with it."""
+        if self._credit is not None and self._taken[self._index] != self.reader.last_seq:
+            self._taken[self._index] = self.reader.last_seq
+            self._credit.notify(self.reader.last_seq)
 
 
 class Output:
@@ -71,6 +84,7 @@ class Output:
 
     def __init__(self, context: Context, name: str) -> None:
         session, self._context = context.spec.session, context
+        self._index = context.spec.ring_index(name)
         self.writer = ring.Writer(session.segment(name))
         readers = context.spec.consumers.get(name, [])
         self._wakes = [Wake(session.wake(name, reader)) for reader in readers]
@@ -82,12 +96,16 @@ class Output:
         return self.writer.begin()
 
     def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None) -> int:
-        """Publishes the slot of `begin`, wakes the readers. Where nothing may be lost, first waits until they took the last."""
+        """Publishes the slot of `begin`, wakes the readers. Where nothing may be lost, first waits until they took the last;
+        in lock-step, then until they are done with this one.
+        """
         if self._rows:
             self._context.wait_for(self._all_taken, self.credits)
         seq = self.writer.publish(source_seq, t_sensor_ns, t_read_ns, epoch)
         for wake in self._wakes:
             wake.notify(seq)
+        if self._context.spec.lock_step:
+            self._context.wait_for(self._all_taken, self.credits)
         return seq
 
     def _all_taken(self) -> bool:
@@ -95,7 +113,7 @@ class Output:
             credit.drain()
         published = self.writer.published
         gone = (State.NONE, State.DEAD)
-        return all(int(row["taken_seq"]) >= published or int(row["state"]) in gone for row in self._rows)
+        return all(int(row["taken_seq"][self._index]) >= published or int(row["state"]) in gone for row in self._rows)
 
 
 class Context:
@@ -110,6 +128,7 @@ class Context:
         self.stopping = False
         self.paused = False
         self._poller = zmq.Poller()
+        self._inputs: list[Input] = []
         self._open: list[Input | Output] = []  # kept to the end: their mappings go with the process, not before their views
         self._commands: list[tuple[str, dict[str, Any]]] = []
         self._zmq = control.context()
@@ -126,6 +145,7 @@ class Context:
     def input(self, name: str) -> Input:
         """Opens a ring for reading and makes `wait` wake for it."""
         made = Input(self, name)
+        self._inputs.append(made)
         self._open.append(made)
         self._poller.register(made.wake.fd, zmq.POLLIN)
         return made
@@ -184,6 +204,8 @@ class Context:
         limit_ns = t_ns + BEAT_NS
         until_ns = limit_ns if until_ns is None else min(until_ns, limit_ns)
         self.row.beat()
+        for each in self._inputs if self.spec.lock_step else ():
+            each.give_credit()  # a stage that waits is done with what it took
         left_ms, rest = divmod(max(0, until_ns - t_ns), MS_NS)
         events = dict(self._poller.poll(left_ms))
         if self._ctl in events:

@@ -16,6 +16,7 @@ Write: seq = 0, payload, stamps, seq = p + 1, published = p + 1. Read: note p, c
 again: when it reads q, the writer may be filling slot q % N, which held number q - N + 1; ours is number p, untouched
 as long as q - p <= N - 2. Else the copy may be torn and is made again from the newest. A writer that is killed anywhere
 has published only whole slots, and the next one goes on from the same counter. What a reader was too slow for is counted.
+A recorder reads in order: slot n, the one after its last, by the same rule with n for p, or the oldest that is still safe.
 """
 
 from __future__ import annotations
@@ -187,17 +188,25 @@ class Reader(_Ring):
 
         Returns None when there is none. Never returns a torn copy; retries are counted in `retries`.
         """
+        return self._read(out, in_order=False)
+
+    def read_next(self, out: NDArray[Any]) -> Stamp | None:
+        """As `read`, but copies the slot after the last one read; where the writer was too fast for that, the oldest still there."""
+        return self._read(out, in_order=True)
+
+    def _read(self, out: NDArray[Any], in_order: bool) -> Stamp | None:
         while True:
             p = self.published
             if p == self.last_seq:
                 return None
             _fence()  # SYNC: pairs with the writer's last fence: the counter first, then the slot it points to
-            i = (p - 1) % self.slots
+            n = max(self.last_seq + 1, p - self.slots + 2) if in_order else p
+            i = (n - 1) % self.slots
             np.copyto(out, self._payloads[i])
             seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns = self._heads[i][:6].tolist()
             _fence()  # SYNC: the copy is complete before the counter is looked at again
-            if self.published - p <= self.slots - 2 and seq == p:
-                skipped = p - self.last_seq - 1
-                self.last_seq = p
+            if self.published - n <= self.slots - 2 and seq == n:
+                skipped = n - self.last_seq - 1
+                self.last_seq = n
                 return Stamp(seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, skipped)
             self.retries += 1
