@@ -81,7 +81,7 @@ class Scene:
     grid: Annotated[str, Opt("ROWSxCOLS where the files do not tell it; empty: found out")] = ""
     flip: Annotated[Literal["auto", "none", "rows", "cols", "both"], Opt("turn the order of the views; auto: found out")] = "auto"
     transpose: Annotated[Literal["auto", "no", "yes"], Opt("exchange rows and columns of the grid; auto: found out")] = "auto"
-    gamma: Annotated[float | Literal["auto"], Opt("exponent that brings linear-light pictures to screen values, 1 for none; auto: found out", "", 0.1, 10)] = "auto"
+    gamma: Annotated[float | Literal["auto"], Opt("screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: found out", "", 0.1, 10)] = "auto"
     cache_dir: Annotated[str, Opt("where packed scenes are kept; empty: the user's cache directory")] = ""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,22 @@ from lfpipe.cli.options import with_session
 LOAD_S = 600.0  # a scene that must be packed first takes its time
 
 
-@click.group()
+class Leading(click.Group):
+    """A group whose own options may also stand behind the command: `ctl status --json`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        end = args.index("--") if "--" in args else len(args)
+        front, back = [], []
+        words = iter(args[:end])
+        for word in words:
+            if word == "--session":
+                front += [word, *itertools.islice(words, 1)]
+            else:
+                (front if word == "--json" or word.startswith("--session=") else back).append(word)
+        return super().parse_args(ctx, [*front, *back, *args[end:]])
+
+
+@click.group(cls=Leading)
 @with_session
 @click.option("--json", "as_json", is_flag=True, help="Answers as JSON.")
 @click.pass_context

@@ -62,7 +62,7 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Pa
     assert 0 < state["end_to_end"]["p50_ms"] <= state["end_to_end"]["max_ms"]
 
     def ctl(*words: str) -> dict[str, object]:
-        done = world.run("ctl", "--session", world.name, "--json", *words)
+        done = world.run("ctl", *words, "--session", world.name, "--json")
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)
 
