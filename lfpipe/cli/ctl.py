@@ -19,7 +19,8 @@ class Leading(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         end = args.index("--") if "--" in args else len(args)
-        front, back = [], []
+        front: list[str] = []
+        back: list[str] = []
         words = iter(args[:end])
         for word in words:
             if word == "--session":
