@@ -17,8 +17,10 @@ SYS = Path("/sys/class/video4linux")
 QUERYCAP, QUERYCAP_BYTES = 0x80685600, 104
 ENUM_FMT, ENUM_FMT_BYTES = 0xC0405602, 64
 ENUM_FRAMESIZES, ENUM_FRAMESIZES_BYTES = 0xC02C564A, 44
+ENUM_FRAMEINTERVALS, ENUM_FRAMEINTERVALS_BYTES = 0xC034564B, 52
 CAP_VIDEO_CAPTURE, CAP_DEVICE_CAPS = 0x1, 0x80000000
 BUF_TYPE_VIDEO_CAPTURE, FRAME_SIZE_DISCRETE = 1, 1
+INTERVAL_DISCRETE = 1
 
 
 @attrs.frozen
@@ -75,8 +77,10 @@ def _asked(descriptor: int, request: int, message: bytearray) -> bytes | None:
     return bytes(message)
 
 
-def formats(path: Path) -> list[str]:
+def formats(path: Path, rates: bool = False) -> list[str]:
     """Pixel formats and frame sizes of the camera at path, one text a format: "MJPG 640x480 1280x720".
+
+    rates: with the rates of each size in Hz: "MJPG 640x480@30,15 1280x720@30".
 
     Raises OSError where the device cannot be opened.
     """
@@ -89,13 +93,32 @@ def formats(path: Path) -> list[str]:
             if (reply := _asked(descriptor, ENUM_FMT, message)) is None:
                 break
             pixel = reply[44:48]
-            lines.append(" ".join([pixel.decode("ascii", "replace").strip(), *_sizes(descriptor, pixel)]))
+            lines.append(" ".join([pixel.decode("ascii", "replace").strip(), *_sizes(descriptor, pixel, rates)]))
         return lines
     finally:
         os.close(descriptor)
 
 
-def _sizes(descriptor: int, pixel: bytes) -> list[str]:
+def rate_of(frmivalenum: bytes) -> str:
+    """The rate in Hz that a v4l2_frmivalenum tells: of a discrete interval, or the fastest of a range."""
+    numerator, denominator = struct.unpack_from("=II", frmivalenum, 20)  # a range begins with its shortest interval
+    return f"{denominator / numerator:.4g}" if numerator else "?"
+
+
+def _rates(descriptor: int, pixel: bytes, width: int, height: int) -> str:
+    found: list[str] = []
+    for index in range(64):
+        message = bytearray(ENUM_FRAMEINTERVALS_BYTES)
+        struct.pack_into("=I4sII", message, 0, index, pixel, width, height)
+        if (reply := _asked(descriptor, ENUM_FRAMEINTERVALS, message)) is None:
+            break
+        found.append(rate_of(reply))
+        if struct.unpack_from("=I", reply, 16)[0] != INTERVAL_DISCRETE:
+            break
+    return "@" + ",".join(found) if found else ""
+
+
+def _sizes(descriptor: int, pixel: bytes, rates: bool) -> list[str]:
     sizes = []
     for index in range(256):
         message = bytearray(ENUM_FRAMESIZES_BYTES)
@@ -107,5 +130,5 @@ def _sizes(descriptor: int, pixel: bytes) -> list[str]:
             min_w, max_w, _, min_h, max_h, _ = struct.unpack_from("=6I", reply, 12)
             return [f"{min_w}x{min_h}..{max_w}x{max_h}"]
         width, height = struct.unpack_from("=II", reply, 12)
-        sizes.append(f"{width}x{height}")
+        sizes.append(f"{width}x{height}" + (_rates(descriptor, pixel, width, height) if rates else ""))
     return sizes

@@ -9,11 +9,14 @@ import sys
 import click
 
 from lfpipe import __version__
+from lfpipe.cli.calibrate import calibrate
+from lfpipe.cli.cameras import cameras
 from lfpipe.cli.config import config
 from lfpipe.cli.ctl import ctl
 from lfpipe.cli.doctor import doctor
 from lfpipe.cli.monitor import monitor
 from lfpipe.cli.scene import scene
+from lfpipe.cli.trace import trace
 from lfpipe.cli.up import up
 from lfpipe.errors import UserError
 
@@ -50,7 +53,7 @@ def completion(shell: str) -> None:
     click.echo(made(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").source())
 
 
-for command in (up, monitor, ctl, scene, config, doctor):
+for command in (up, monitor, ctl, scene, config, doctor, trace, cameras, calibrate):
     cli.add_command(command)
 
 

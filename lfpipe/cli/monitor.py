@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import time
-
 import click
 
 from lfpipe.cli.options import with_session
@@ -13,23 +10,36 @@ from lfpipe.cli.options import with_session
 @click.command()
 @with_session
 @click.option("--once", is_flag=True, help="Print the state once and end.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a line instead of a table.")
-def monitor(session_name: str | None, once: bool, as_json: bool) -> None:
-    """Show latency, rate and drops of every stage of a running session."""
-    from lfpipe.cli.report import latency_table
-    from lfpipe.observe.watch import Watch
-    from lfpipe.supervisor.rundir import find
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@click.option("--csv", "as_csv", is_flag=True, help="One line of comma-separated values a sample, with a head.")
+@click.option("--web", is_flag=True, help="Serve a page with charts, pictures and controls on 127.0.0.1.")
+@click.option("--port", type=click.IntRange(0, 65535), help="Port of --web, 0 for a free one.  [default: 8765]")
+@click.option("--prometheus", metavar="[HOST]:PORT", help="Serve metrics for Prometheus on 127.0.0.1, or on HOST.")
+def monitor(
+    session_name: str | None, once: bool, as_json: bool, as_csv: bool, web: bool, port: int | None, prometheus: str | None
+) -> None:
+    """Show latency, rate, drops and load of every stage of a running session.
+
+    On a terminal: a screen, four times a second; several may watch at once, and it waits for a session that starts again.
+    Keys: q quit, p pause, r reset, t take a trace, w warp on and off, c recentre.
+    """
     from lfpipe.transport.session import default_name
 
-    with Watch(find(session_name or default_name())) as watch:
-        while True:
-            state = watch.read()
-            if as_json:
-                click.echo(json.dumps(state))
-            else:
-                if not once:
-                    click.clear()
-                latency_table(state)
-            if once or not watch.living():
-                return
-            time.sleep(0.25)
+    name = session_name or default_name()
+    chosen = [word for word, on in (("--json", as_json), ("--csv", as_csv), ("--web", web), ("--prometheus", prometheus)) if on]
+    if len(chosen) > 1 or (once and (web or prometheus)):
+        raise click.UsageError(f"{' and '.join(['--once'] * once + chosen)} exclude each other")
+    if port is not None and not web:
+        raise click.UsageError("--port belongs to --web")
+    if web:
+        from lfpipe.observe.web import serve
+
+        serve(name, 8765 if port is None else port, click.echo)
+    elif prometheus:
+        from lfpipe.observe.prometheus import serve as export
+
+        export(name, prometheus, click.echo)
+    else:
+        from lfpipe.observe import live
+
+        live.run(name, once, "json" if as_json else "csv" if as_csv else "")

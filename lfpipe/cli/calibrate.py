@@ -1,0 +1,45 @@
+"""`lfpipe calibrate`: the camera's focal length, for depth as it should be."""
+
+from __future__ import annotations
+
+import click
+
+from lfpipe.cli.options import with_config
+
+
+@click.command()
+@click.option("--camera", "camera", metavar="SRC", help="As for `lfpipe up`; the first camera found.")
+@click.option("--distance", "distance_mm", type=click.FloatRange(100, 5000), default=600.0, show_default=True, metavar="MM",
+              help="From the camera to your eyes, or to the card.")  # fmt: skip
+@click.option("--by", type=click.Choice(["eyes", "card"]), default="eyes", show_default=True,
+              help="What is measured: your eyes, or a bank card whose short edges you click.")  # fmt: skip
+@click.option("--eyes-mm", type=click.FloatRange(40, 80), metavar="MM", help="Distance between your pupils; 63 is the mean.")
+@with_config
+def calibrate(
+    camera: str | None, distance_mm: float, by: str, eyes_mm: float | None, sets: tuple[str, ...], config_file: str | None
+) -> None:
+    """Find the camera's focal length and keep it in your settings.
+
+    Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there, flat to the camera) and follow
+    the window. Without a screen the eyes are measured as soon as they are seen.
+    """
+    import math
+
+    from lfpipe.config import load, user_file
+    from lfpipe.errors import UserError
+    from lfpipe.observe.calibrate import by_card, by_eyes
+    from lfpipe.render.geometry import BANK_CARD_MM, EYES_MM, focal_px_from
+    from lfpipe.track.calibration import write_key
+
+    config = load(config_file, sets)
+    size_px = by_card(config, camera, distance_mm) if by == "card" else by_eyes(config, camera, distance_mm)
+    size_mm = BANK_CARD_MM if by == "card" else eyes_mm or EYES_MM
+    focal_px = round(focal_px_from(size_px, size_mm, distance_mm), 1)
+    fov_deg = math.degrees(2 * math.atan(config.camera.width_px / 2 / focal_px))
+    try:
+        write_key(user_file(), "camera", "focal_px", focal_px)
+    except OSError as error:
+        raise UserError(f"{user_file()}: {error.strerror}", f"put focal_px = {focal_px} under [camera] there by hand") from None
+    click.echo(f"{size_mm:g} mm at {distance_mm:g} mm are {size_px:.1f} px")
+    click.echo(f"focal length {focal_px} px, field of view {fov_deg:.1f} degrees")
+    click.echo(f"camera.focal_px = {focal_px} written to {user_file()}")

@@ -1,0 +1,51 @@
+"""`lfpipe trace`: a timeline of a running session, to be opened in Perfetto."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+
+from lfpipe.cli.options import with_session
+
+
+@click.group()
+def trace() -> None:
+    """Take a timeline of a running session: Chrome trace-event JSON, which Perfetto opens."""
+
+
+@trace.command()
+@click.argument("out", metavar="[OUT.json]", required=False, type=click.Path(path_type=Path))
+@with_session
+def start(out: Path | None, session_name: str | None) -> None:
+    """Start a timeline that `lfpipe trace stop` leaves in OUT.json; by default a name made of the time, in this folder."""
+    from lfpipe.observe.remote import Remote
+    from lfpipe.transport.session import default_name
+
+    out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json"))).absolute()
+    Remote(session_name or default_name()).ask({"cmd": "trace", "path": f"{out}.part"})
+    click.echo(f"tracing; `lfpipe trace stop` leaves {out}")
+
+
+@trace.command()
+@click.argument("out", metavar="[OUT.json]", required=False, type=click.Path(path_type=Path))
+@with_session
+def stop(out: Path | None, session_name: str | None) -> None:
+    """End the timeline and write it, to OUT.json or where `start` said."""
+    from lfpipe.observe.remote import Remote
+    from lfpipe.observe.timeline import finish_trace
+    from lfpipe.transport.session import default_name
+
+    done = finish_trace(Remote(session_name or default_name()).ask, out)
+    click.echo(f"{done}: open it at ui.perfetto.dev, which keeps it on this machine, or in chrome://tracing")
+
+
+@trace.command()
+@click.argument("source", metavar="TRACE.jsonl", type=click.Path(path_type=Path))
+@click.argument("out", metavar="OUT.json", type=click.Path(path_type=Path))
+def convert(source: Path, out: Path) -> None:
+    """Turn the lines of `lfpipe up --trace` into a timeline."""
+    from lfpipe.observe.timeline import convert as converted
+
+    click.echo(f"{out}: {converted(source, out)} events")

@@ -1,0 +1,152 @@
+"""What the page's server holds of a session: the table, the two rings of pictures, the tap. All is let go when nobody looks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import zmq
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.observe.meter import Reading
+from lfpipe.observe.remote import Remote
+from lfpipe.observe.view_grid import Gaze, draw_over_eyes
+from lfpipe.observe.watch import Follower
+from lfpipe.transport import control, ring
+from lfpipe.transport.clock import SECOND_NS, now_ns
+
+LEASE_S = 5.0
+LARGEST_PX = 1024  # of the longer side on the page
+CAMERA_PX = 320
+FULL_CHROMA = (cv2.IMWRITE_JPEG_QUALITY, 85, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
+
+
+class Eyepiece:
+    """The newest picture of one ring as JPEG at full chroma: in an anaglyph the two eyes live in the chroma."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._reader = ring.Reader(name)
+        self._reader.last_seq = max(0, self._reader.published - 1)  # the one that is there counts as new
+        self._frame: NDArray[np.uint8] = np.empty(self._reader.shape, np.uint8)
+        self.jpeg: bytes | None = None
+
+    def look(self, largest_px: int, gaze: Gaze | None) -> bytes | None:
+        """JPEG of the newest picture, at most largest_px wide or high; None before the first."""
+        if self._reader.read(self._frame) is not None:
+            scale = min(1.0, largest_px / max(self._frame.shape))
+            shown = self._frame
+            if scale < 1:
+                small = cv2.resize(self._frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+                shown = small.astype(np.uint8, copy=False)
+            if gaze is not None:
+                draw_over_eyes(shown, gaze, scale)
+            self.jpeg = cv2.imencode(".jpg", shown, FULL_CHROMA)[1].tobytes()
+        return self.jpeg
+
+    def close(self) -> None:
+        """Lets go of the ring."""
+        self._reader.close()
+
+
+class Attachment:
+    """Not safe from several threads by itself: its owner holds a lock."""
+
+    def __init__(self, name: str) -> None:
+        self._follower, self._remote = Follower(name), Remote(name)
+        self._zmq = control.context()
+        self._tap: zmq.Socket[bytes] | None = None
+        self._camera: Eyepiece | None = None
+        self._picture: Eyepiece | None = None
+        self._lease_end_ns = 0
+        self._hello: dict[str, Any] = {}
+        self._rev = -1
+        self.gaze: Gaze | None = None
+
+    def read(self) -> Reading | None:
+        """The session now, None while there is none."""
+        before = self._follower.watch
+        reading = self._follower.read()
+        if self._follower.watch is not before:
+            self._let_go()
+        if reading is None:
+            return None
+        if reading.config_rev != self._rev:
+            try:
+                self._hello, self._rev = self._remote.ask({"cmd": "hello"}, 0.5), reading.config_rev
+            except UserError:
+                self._hello = {}
+        self._hear()
+        return reading
+
+    def told(self) -> dict[str, Any]:
+        """`config` and `paused` as the session has them, empty where it did not answer."""
+        return {key: self._hello[key] for key in ("config", "paused") if key in self._hello}
+
+    def _hear(self) -> None:
+        assert self._follower.watch is not None
+        if self._tap is None:
+            self._tap = self._zmq.socket(zmq.SUB)
+            self._tap.setsockopt(zmq.RCVHWM, 100)
+            self._tap.setsockopt(zmq.SUBSCRIBE, b"")
+            self._tap.connect(control.address(self._follower.watch.session.run_dir, "tap"))
+        while self._tap.poll(0):
+            try:
+                message = control.decode(self._tap.recv())
+                if message.get("topic") == "look":
+                    self.gaze = Gaze.of(message)
+            except (control.BadMessage, KeyError, TypeError, ValueError):
+                continue  # of another version: the page does without
+
+    def camera(self) -> bytes | None:
+        """The camera picture with the grid of views over the eyes, JPEG."""
+        if self._follower.watch is None:
+            return None
+        if self._camera is None:
+            self._camera = Eyepiece(self._follower.watch.session.segment("frames"))
+        return self._camera.look(CAMERA_PX, self.gaze)
+
+    def picture(self) -> bytes | None:
+        """The picture on the screen, JPEG; asks the session for its ring, and again in time."""
+        if self._follower.watch is None:
+            return None
+        if now_ns() > self._lease_end_ns - LEASE_S / 2 * SECOND_NS:
+            part = str(self._remote.ask({"cmd": "pictures", "lease_s": LEASE_S})["ring"])
+            self._lease_end_ns = now_ns() + int(LEASE_S * SECOND_NS)
+            name = self._follower.watch.session.segment(part)
+            if self._picture is None or self._picture.name != name:
+                old, self._picture = self._picture, None
+                if old is not None:
+                    old.close()
+                self._picture = Eyepiece(name)
+        return self._picture.look(LARGEST_PX, None) if self._picture else None
+
+    def command(self, message: dict[str, Any]) -> dict[str, Any]:
+        """Passes a command on. Raises UserError as ctl does."""
+        return self._remote.ask(message)
+
+    def reset(self) -> None:
+        """Histograms count from now on."""
+        if self._follower.watch is not None:
+            self._follower.watch.meter.reset()
+
+    def _let_go(self) -> None:
+        for eyepiece in (self._camera, self._picture):
+            if eyepiece is not None:
+                eyepiece.close()
+        if self._tap is not None:
+            self._tap.close()
+        self._camera = self._picture = self._tap = self.gaze = None
+        self._lease_end_ns, self._rev, self._hello = 0, -1, {}
+
+    def rest(self) -> None:
+        """Nobody looks: nothing of the session is held."""
+        self._let_go()
+        self._follower.close()
+
+    def close(self) -> None:
+        """For good."""
+        self.rest()
+        self._zmq.term()

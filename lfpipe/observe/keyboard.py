@@ -1,0 +1,37 @@
+"""Single keys from a terminal, without waiting for Enter and without an echo."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+import tty
+from types import TracebackType
+from typing import Self
+
+
+class Keyboard:
+    """A context; where stdin is no terminal no key is ever pressed. The terminal is put back as it was, always."""
+
+    def __enter__(self) -> Self:
+        self._fd = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
+        if self._fd >= 0:
+            self._before = termios.tcgetattr(self._fd)
+            tty.setcbreak(self._fd)
+        return self
+
+    def key(self, timeout_s: float) -> str:
+        """The next key pressed within timeout_s, in lower case, or nothing."""
+        fds = [self._fd] if self._fd >= 0 else []
+        ready, _, _ = select.select(fds, [], [], max(timeout_s, 0.0))
+        if not ready:
+            return ""
+        data = os.read(self._fd, 1)
+        if not data:  # the terminal is gone: nobody can press a key or read the screen
+            return "q"
+        return data.decode(errors="ignore").lower()
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._fd >= 0:
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)

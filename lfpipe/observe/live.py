@@ -1,0 +1,108 @@
+"""The loops of `lfpipe monitor` in a terminal or a pipe."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+import time
+from typing import Any
+
+from lfpipe.cli.report import latency_table
+from lfpipe.errors import UserError
+from lfpipe.observe.keyboard import Keyboard
+from lfpipe.observe.remote import Remote
+from lfpipe.observe.screen import Doing, Screen
+from lfpipe.observe.watch import Follower, Watch
+from lfpipe.supervisor.rundir import find
+
+PERIOD_S = 0.25
+NOTE_S = 5.0  # how long the answer to a key is shown
+
+
+def run(name: str, once: bool, form: str) -> None:
+    """Shows the session of that name. form: "json", "csv" or "" for people. Raises UserError where none runs."""
+    if form or once:
+        stream(name, once, form)
+    elif sys.stdout.isatty():
+        find(name)  # at the start a name without a session is more likely a mistake
+        screen(name)
+    else:
+        stream(name, once, form, 1.0)
+
+
+def flat(state: dict[str, Any]) -> dict[str, Any]:
+    """A snapshot as one row: numbers under names with dots, without the maps in full."""
+    row: dict[str, Any] = {key: state[key] for key in ("session", "uptime_s", "camera_fps")}
+    for part, values in (*state["stages"].items(), ("end_to_end", state["end_to_end"])):
+        row.update({f"{part}.{key}": value for key, value in values.items() if not isinstance(value, dict)})
+    return row
+
+
+def stream(name: str, once: bool, form: str, period_s: float = PERIOD_S) -> None:
+    """Samples on stdout until the session ends."""
+    with Watch(find(name)) as watch:
+        head = True
+        while True:
+            state = watch.read()
+            if form == "csv":
+                row = flat(state)
+                writer = csv.DictWriter(sys.stdout, list(row), lineterminator="\n")
+                if head:
+                    writer.writeheader()
+                writer.writerow(row)
+                head = False
+            elif form == "json":
+                sys.stdout.write(json.dumps(state) + "\n")
+            else:
+                latency_table(state)
+            sys.stdout.flush()
+            if once or not watch.living():
+                return
+            time.sleep(period_s)
+
+
+def screen(name: str) -> None:
+    """The terminal screen, until q or Ctrl-C."""
+    from rich.console import Console
+    from rich.live import Live
+
+    console = Console()
+    follower, remote, picture = Follower(name), Remote(name), Screen(name)
+    doing, rev, note_end = Doing(), -1, 0.0
+    with Keyboard() as keyboard, Live(console=console, screen=True, auto_refresh=False) as live:
+        due = time.monotonic()
+        while True:
+            reading = follower.read()
+            if reading is None:
+                live.update(picture.waiting(), refresh=True)
+                doing, rev = Doing(), -1
+            else:
+                if reading.config_rev != rev:
+                    doing, rev = told(remote), reading.config_rev
+                if time.monotonic() > note_end:
+                    picture.note = ""
+                live.update(picture.draw(reading, doing, console.width), refresh=True)
+            due = max(due + PERIOD_S, time.monotonic())
+            while left_s := max(0.0, due - time.monotonic()):
+                try:
+                    key = keyboard.key(left_s)
+                except KeyboardInterrupt:
+                    key = "q"
+                if key == "q":
+                    follower.close()
+                    return
+                if key == "r" and follower.watch is not None:
+                    follower.watch.meter.reset()
+                    picture.reset()
+                    picture.note, note_end = "counts from now on", time.monotonic() + NOTE_S
+                elif key:
+                    picture.note, note_end = remote.press(key), time.monotonic() + NOTE_S
+
+
+def told(remote: Remote) -> Doing:
+    """What the session was told, or nothing where it does not answer."""
+    try:
+        return Doing.of(remote.ask({"cmd": "hello"}, 0.5))
+    except UserError:
+        return Doing()

@@ -1,0 +1,179 @@
+"""What a session does lately: rates, times and load over the last seconds, from the status table and /proc alone."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from pathlib import Path
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.histogram import MIDDLES_US
+from lfpipe.transport.status import State, Table, rate_hz
+
+WINDOW_S = 10.0
+KINDS = ("wait", "busy", "age")
+_TICK_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
+_PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+
+Counts = NDArray[np.int64]
+
+
+@attrs.frozen
+class Times:
+    """Durations of some window in ms; zeros where nothing was counted."""
+
+    n: int = 0
+    p50_ms: float = 0.0
+    p95_ms: float = 0.0
+    p99_ms: float = 0.0
+    max_ms: float = 0.0
+
+
+@attrs.frozen(eq=False)
+class StageReading:
+    """A stage now. wait, busy: of the last seconds. busy_counts: histogram since the last reset, on MIDDLES_US."""
+
+    name: str
+    state: str
+    pid: int
+    rate_hz: float
+    dropped: int
+    restarts: int
+    cpu_percent: float
+    rss_mb: float
+    wait: Times
+    busy: Times
+    worst: Times
+    busy_counts: Counts
+
+
+@attrs.frozen(eq=False)
+class Reading:
+    """A session now. age: of the picture when presented, over the last seconds; worst: since the reset; age_now_ms: since the
+    reading before, None where no picture was composed. supervisor: (CPU %, RSS in MB)."""
+
+    uptime_s: float
+    camera_hz: float
+    face: bool
+    config_rev: int
+    stages: tuple[StageReading, ...]
+    age: Times
+    worst: Times
+    age_now_ms: float | None
+    supervisor: tuple[float, float]
+
+    def stage(self, name: str) -> StageReading:
+        """The stage of that name."""
+        return next(stage for stage in self.stages if stage.name == name)
+
+
+@attrs.frozen(eq=False)
+class _Moment:
+    t_ns: int
+    counts: dict[tuple[str, str], Counts]
+    cpu_ns: dict[int, int]
+    drops: dict[str, int]
+
+
+def times(counts: Counts) -> Times:
+    """Quantiles of a histogram on MIDDLES_US, each the middle of its bucket (1.6 % at most from the truth)."""
+    ranks = np.cumsum(counts)
+    total = int(ranks[-1])
+    if total <= 0:
+        return Times()
+    at = np.searchsorted(ranks, [max(1, int(np.ceil(share * total))) for share in (0.5, 0.95, 0.99, 1.0)])
+    return Times(total, *(round(float(value) / 1e3, 3) for value in MIDDLES_US[at]))
+
+
+def cpu_ns(pid: int) -> int:
+    """User and system time of a process so far; 0 where it is gone."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0
+    return (int(fields[11]) + int(fields[12])) * _TICK_NS
+
+
+def rss_mb(pid: int) -> float:
+    """Resident memory of a process, shared pages included; 0 where it is gone."""
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE_BYTES / 1e6
+    except OSError:
+        return 0.0
+
+
+class Meter:
+    """Reads a table at any pace; the window is what lies between the reading of WINDOW_S ago and now."""
+
+    def __init__(self, table: Table, started_ns: int, supervisor_pid: int) -> None:
+        self._table, self._started_ns, self._supervisor_pid = table, started_ns, supervisor_pid
+        self._past: deque[_Moment] = deque([self._moment()])
+        self._zero: _Moment | None = None  # None: from the start of the session
+
+    def reset(self) -> None:
+        """Worst times, histograms and drops count from now on; for this monitor alone."""
+        self._past = deque([self._moment()])
+        self._zero = self._past[0]
+
+    def _moment(self) -> _Moment:
+        rows = self._table.rows
+        pids = [self._supervisor_pid, *(int(row["pid"]) for row in rows.values() if row["pid"])]
+        return _Moment(
+            now_ns(),
+            {(name, kind): row[kind]["buckets"].copy() for name, row in rows.items() for kind in KINDS},
+            {pid: cpu_ns(pid) for pid in pids},
+            {name: int(row["drops"]) for name, row in rows.items()},
+        )
+
+    def read(self) -> Reading:
+        """The session now."""
+        now, last = self._moment(), self._past[-1]
+        while len(self._past) > 1 and now.t_ns - self._past[1].t_ns >= WINDOW_S * 1e9:
+            self._past.popleft()
+        then = self._past[0]
+        self._past.append(now)
+        render = self._table.rows["render"]
+        age_now = times(now.counts["render", "age"] - last.counts["render", "age"])
+        return Reading(
+            uptime_s=(now.t_ns - self._started_ns) / 1e9,
+            camera_hz=rate_hz(self._table.rows["capture"]),
+            face=bool(self._table.rows["track"]["face"]),
+            config_rev=int(render["config_rev"]),
+            stages=tuple(self._stage(name, row, now, then) for name, row in self._table.rows.items() if row["state"]),
+            age=times(now.counts["render", "age"] - then.counts["render", "age"]),
+            worst=times(self._since_zero(now, "render", "age")),
+            age_now_ms=age_now.p50_ms if age_now.n else None,
+            supervisor=(self._cpu(now, then, self._supervisor_pid), rss_mb(self._supervisor_pid)),
+        )
+
+    def _since_zero(self, now: _Moment, name: str, kind: str) -> Counts:
+        counts = now.counts[name, kind]
+        return counts if self._zero is None else counts - self._zero.counts[name, kind]
+
+    @staticmethod
+    def _cpu(now: _Moment, then: _Moment, pid: int) -> float:
+        """CPU of a process in % of a core; of one that began within the window, since it began."""
+        spent_ns = now.cpu_ns.get(pid, 0) - then.cpu_ns.get(pid, 0)
+        return max(0.0, 100.0 * spent_ns / max(now.t_ns - then.t_ns, 1))
+
+    def _stage(self, name: str, row: NDArray[np.void], now: _Moment, then: _Moment) -> StageReading:
+        pid, dropped = int(row["pid"]), now.drops[name]
+        busy_counts = self._since_zero(now, name, "busy")
+        return StageReading(
+            name=name,
+            state=State(int(row["state"])).name,
+            pid=pid,
+            rate_hz=rate_hz(row),
+            dropped=dropped if self._zero is None else dropped - self._zero.drops[name],
+            restarts=int(row["restarts"]),
+            cpu_percent=self._cpu(now, then, pid),
+            rss_mb=rss_mb(pid),
+            wait=times(now.counts[name, "wait"] - then.counts[name, "wait"]),
+            busy=times(now.counts[name, "busy"] - then.counts[name, "busy"]),
+            worst=times(busy_counts),
+            busy_counts=busy_counts,
+        )

@@ -1,0 +1,98 @@
+"""Metrics of a session in Prometheus' text format, served over HTTP and read from the status table at each scrape."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from prometheus_client import CollectorRegistry, start_http_server
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from lfpipe.errors import UserError
+from lfpipe.observe.watch import Follower
+from lfpipe.transport.histogram import MIDDLES_US
+
+BOUNDS_MS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 33, 50, 100, 200, 500, 1000)
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """`[HOST]:PORT` or PORT as (host, port); 127.0.0.1 where no host is named. Raises UserError."""
+    host, _, port = text.rpartition(":")
+    if not port.isdigit() or int(port) > 65535:
+        raise UserError(f"--prometheus {text!r}: no port from 0 to 65535", "for example --prometheus :9108")
+    return host or "127.0.0.1", int(port)
+
+
+def buckets(record: NDArray[np.void]) -> tuple[list[tuple[str, float]], float]:
+    """A HISTOGRAM record as Prometheus' cumulative buckets, in seconds, and its sum in seconds."""
+    counts = record["buckets"].copy()
+    below = [(str(ms / 1e3), float(counts[ms * 1e3 >= MIDDLES_US].sum())) for ms in BOUNDS_MS]
+    return [*below, ("+Inf", float(counts.sum()))], float(record["sum_ns"]) / 1e9
+
+
+class SessionCollector(Collector):
+    """A session by name, there or not: `lfpipe_up` says which."""
+
+    def __init__(self, name: str) -> None:
+        self._follower, self._lock = Follower(name), threading.Lock()
+
+    def collect(self) -> Iterator[Metric]:
+        with self._lock:  # a server thread for each scrape
+            yield from list(self._collected())
+
+    def _collected(self) -> Iterator[Metric]:
+        reading, watch, session = self._follower.read(), self._follower.watch, [self._follower.name]
+        yield _one(GaugeMetricFamily("lfpipe_up", "1 while the session runs", labels=["session"]), session, watch is not None)
+        if reading is None or watch is None:
+            return
+        yield _one(GaugeMetricFamily("lfpipe_camera_hz", "frames a second", labels=["session"]), session, reading.camera_hz)
+        yield _one(GaugeMetricFamily("lfpipe_face", "1 while a face is seen", labels=["session"]), session, reading.face)
+        labels = ["session", "stage"]
+        rate = GaugeMetricFamily("lfpipe_stage_hz", "outputs a second", labels=labels)
+        drops = CounterMetricFamily("lfpipe_stage_dropped", "inputs never used", labels=labels)
+        restarts = CounterMetricFamily("lfpipe_stage_restarts", "starts after the first", labels=labels)
+        cpu = GaugeMetricFamily("lfpipe_stage_cpu_ratio", "share of a core, last 10 s", labels=labels)
+        memory = GaugeMetricFamily("lfpipe_stage_rss_bytes", "resident memory, shared pages included", labels=labels)
+        spent = HistogramMetricFamily("lfpipe_stage_seconds", "time of one output", labels=[*labels, "part"])
+        for stage in reading.stages:
+            key, row = [*session, stage.name], watch.rows[stage.name]
+            rate.add_metric(key, stage.rate_hz)
+            drops.add_metric(key, int(row["drops"]))
+            restarts.add_metric(key, stage.restarts)
+            cpu.add_metric(key, stage.cpu_percent / 100)
+            memory.add_metric(key, stage.rss_mb * 1e6)
+            for part in ("wait", "busy"):
+                spent.add_metric([*key, part], *buckets(row[part]))
+        age = HistogramMetricFamily("lfpipe_picture_age_seconds", "sensor to screen", labels=["session"])
+        age.add_metric(session, *buckets(watch.rows["render"]["age"]))
+        yield from (rate, drops, restarts, cpu, memory, spent, age)
+
+
+def _one(family: Any, labels: list[str], value: float) -> Metric:
+    family.add_metric(labels, float(value))
+    made: Metric = family
+    return made
+
+
+def serve(name: str, address: str, tell: Callable[[str], None], until: threading.Event | None = None) -> None:
+    """Serves the metrics of session `name` until Ctrl-C, or until the event. Raises UserError where the port is taken."""
+    host, port = parse_address(address)
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(SessionCollector(name))
+    try:
+        server, thread = start_http_server(port, host, registry)
+    except OSError as error:
+        raise UserError(f"--prometheus {address}: {error.strerror or error}", "another PORT, 0 for a free one") from None
+    tell(f"metrics of session {name!r} on http://{host}:{server.server_port}/metrics (Ctrl-C ends)")
+    try:
+        (until or threading.Event()).wait()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()

@@ -1,0 +1,58 @@
+"""What a monitor asks of a session, over ctl like everybody: keys of the terminal, buttons of the page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from lfpipe.errors import UserError
+from lfpipe.observe.timeline import finish_trace
+from lfpipe.supervisor.rundir import find
+from lfpipe.transport import control
+
+
+class Remote:
+    """Commands to the session of that name, whichever has it at the moment. Every method raises UserError as ctl would."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def ask(self, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:
+        """One command and its answer."""
+        return control.request(find(self.name).run_dir, message, timeout_s)
+
+    def pause(self) -> str:
+        """Freezes the picture, or lets it go on."""
+        paused = bool(self.ask({"cmd": "hello"})["paused"])
+        self.ask({"cmd": "resume" if paused else "pause"})
+        return "goes on" if paused else "paused: p goes on"
+
+    def warp(self) -> str:
+        """Warped views off and on: nearest, or what suits the scene."""
+        off = self.ask({"cmd": "hello"})["config"]["render"]["method"] == "nearest"
+        self.ask({"cmd": "set", "set": {"render.method": "auto" if off else "nearest"}})
+        return "views: what suits the scene" if off else "views: the nearest stored one"
+
+    def recentre(self) -> str:
+        """Where the viewer is now becomes the middle."""
+        self.ask({"cmd": "recentre"})
+        return "recentred"
+
+    def trace(self) -> str:
+        """Starts a timeline, or ends the one that runs and leaves it where Perfetto can open it."""
+        running = str(self.ask({"cmd": "hello"})["options"].get("timeline", ""))
+        if running:
+            return f"trace: {finish_trace(self.ask, None)}"
+        out = Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json")).resolve()
+        self.ask({"cmd": "trace", "path": f"{out}.part"})
+        return "tracing: t ends it"
+
+    def press(self, key: str) -> str:
+        """What a key does, as one line for a person; nothing for a key that means nothing."""
+        actions: dict[str, Callable[[], str]] = {"p": self.pause, "w": self.warp, "c": self.recentre, "t": self.trace}
+        try:
+            return actions[key]() if key in actions else ""
+        except UserError as error:
+            return f"{error.message} ({error.remedy})" if error.remedy else error.message

@@ -1,0 +1,153 @@
+"use strict";
+// The page of `lfpipe monitor --web`: draws what /events tells, fetches two pictures, sends commands to /ctl.
+
+const PERIOD_MS = 250, POINTS = 480;
+const COLOURS = { capture: "#7fb2ff", track: "#ffc46b", render: "#8be28b", age: "#ffffff" };
+const $ = (id) => document.getElementById(id);
+const page = { events: 0, latency: null, hists: {}, last: null };
+window.lfpipe = page; // for the tests
+
+const axis = { stroke: "#8b97a6", grid: { stroke: "#2c3440", width: 1 }, ticks: { stroke: "#2c3440" } };
+const rows = { t: [], age: [], stages: {} };
+
+function wide(element) { return Math.max(240, element.clientWidth); }
+
+function makeLatency(names) {
+  const line = (label, key) => ({ label, stroke: COLOURS[key] || "#c9a0ff", width: key === "age" ? 2 : 1.2, points: { show: false } });
+  const series = [{ label: "s" }, line("sensor to screen", "age"), ...names.map((name) => line(`${name} wait + busy`, name))];
+  const options = { width: wide($("latency")), height: 220, series, scales: { x: { time: false } }, axes: [{ ...axis }, { ...axis }] };
+  return new uPlot(options, [[], [], ...names.map(() => [])], $("latency"));
+}
+
+function makeHist(name, edges) {
+  const box = document.createElement("div");
+  const title = document.createElement("h2");
+  title.textContent = `${name} busy, ms`;
+  box.append(title);
+  $("hists").append(box);
+  const options = {
+    width: wide(box), height: 150, legend: { show: false }, cursor: { show: false },
+    scales: { x: { time: false }, y: { range: (_, low, high) => [0, Math.max(high, 1)] } },
+    series: [{}, { stroke: COLOURS[name] || "#c9a0ff", fill: (COLOURS[name] || "#c9a0ff") + "55", paths: uPlot.paths.bars({ size: [1, 100] }), points: { show: false } }],
+    axes: [{ ...axis, splits: () => [0, 10, 20, 30], values: (_, at) => at.map((k) => edges[k] < 1 ? edges[k].toFixed(2) : edges[k].toFixed(edges[k] < 10 ? 1 : 0)) }, { ...axis, size: 56 }],
+  };
+  return new uPlot(options, [[], []], box);
+}
+
+function charts(told) {
+  const names = told.stages.map((stage) => stage.name);
+  if (page.latency === null || names.join() !== Object.keys(rows.stages).join()) {
+    if (page.latency) page.latency.destroy();
+    $("hists").replaceChildren();
+    rows.t = []; rows.age = []; rows.stages = Object.fromEntries(names.map((name) => [name, []])); page.hists = {};
+    page.latency = makeLatency(names);
+    for (const stage of told.stages) page.hists[stage.name] = makeHist(stage.name, told.edges_ms);
+  }
+  rows.t.push(told.uptime_s); rows.age.push(told.age_now);
+  for (const stage of told.stages) {
+    rows.stages[stage.name].push(stage.wait.p50 + stage.busy.p50);
+    page.hists[stage.name].setData([stage.hist.map((_, k) => k), stage.hist]);
+  }
+  for (const list of [rows.t, rows.age, ...Object.values(rows.stages)]) if (list.length > POINTS) list.shift();
+  page.latency.setData([rows.t, rows.age, ...Object.values(rows.stages)]);
+}
+
+function table(told) {
+  const cells = (stage) => [[stage.name], [stage.state.toLowerCase(), stage.state !== "RUNNING"], [stage.hz.toFixed(1)], [stage.wait.p50.toFixed(2)],
+    [stage.busy.p50.toFixed(2)], [stage.busy.p95.toFixed(2)], [stage.busy.p99.toFixed(2)], [stage.worst.toFixed(2)],
+    [stage.dropped, stage.dropped > 0], [stage.restarts, stage.restarts > 0], [stage.cpu.toFixed(0)], [stage.rss.toFixed(0)]];
+  $("stages").replaceChildren(...told.stages.map((stage) => {
+    const row = document.createElement("tr");
+    for (const [text, bad] of cells(stage)) {
+      const cell = document.createElement("td");
+      cell.textContent = text;
+      if (bad) cell.className = "bad";
+      row.append(cell);
+    }
+    return row;
+  }));
+}
+
+// Controls: what the session says wins, except over the one the person is moving right now.
+let held = "", heldUntil = 0;
+const hold = (id) => { held = id; heldUntil = performance.now() + 1500; };
+const free = (id) => held !== id || performance.now() > heldUntil;
+
+async function command(message) {
+  try {
+    const answer = await fetch("ctl", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(message) });
+    const told = await answer.json();
+    $("note").textContent = told.ok ? "" : told.error + (told.remedy ? ` (${told.remedy})` : "");
+  } catch { $("note").textContent = "the monitor has ended"; }
+}
+
+let waiting = null, busy = false; // the newest setting, and whether one is under way: a slider moves faster than a session answers
+async function set(key, value) {
+  waiting = { ...(waiting || {}), [key]: value };
+  if (busy) return;
+  busy = true;
+  while (waiting) { const sets = waiting; waiting = null; await command({ cmd: "set", set: sets }); }
+  busy = false;
+}
+
+function show(told) {
+  const render = told.config && told.config.render;
+  if (!render) return;
+  for (const key of ["anaglyph", "method"]) if (free(key)) $(key).value = render[key];
+  if (free("zero")) { $("zero").value = render.zero_plane_px; $("zero_out").textContent = `${render.zero_plane_px.toFixed(2)} px/view`; }
+  if (free("ghost")) { $("ghost").value = render.ghost_compensation; $("ghost_out").textContent = `${render.ghost_compensation.toFixed(0)} %`; }
+  const auto = typeof render.alpha_px === "string";
+  if (free("alpha")) {
+    $("alpha_auto").checked = auto;
+    if (!auto) $("alpha").value = Math.log10(render.alpha_px);
+    $("alpha_out").textContent = auto ? render.alpha_px : `${render.alpha_px.toFixed(1)} px/view`;
+  }
+  $("pause").textContent = told.paused ? "resume" : "pause";
+}
+
+const alphaOf = (slider) => Math.round(10 * 10 ** Number(slider)) / 10; // the slider is logarithmic: 1 to 1000 px
+
+function range(id, key, text, value = Number) {
+  $(id).addEventListener("input", () => { hold(id); const v = value($(id).value); $(`${id}_out`).textContent = text(v); set(key, v); });
+}
+range("zero", "render.zero_plane_px", (v) => `${v.toFixed(2)} px/view`);
+range("ghost", "render.ghost_compensation", (v) => `${v.toFixed(0)} %`);
+range("alpha", "render.alpha_px", (v) => `${v.toFixed(1)} px/view`, alphaOf);
+for (const key of ["anaglyph", "method"]) $(key).addEventListener("change", () => { hold(key); set(`render.${key}`, $(key).value); });
+$("alpha_auto").addEventListener("change", () => {
+  hold("alpha");
+  set("render.alpha_px", $("alpha_auto").checked ? "auto" : alphaOf($("alpha").value));
+});
+for (const word of ["recentre", "reset"]) $(word).addEventListener("click", () => command({ cmd: word }));
+$("pause").addEventListener("click", () => command({ cmd: $("pause").textContent }));
+
+function watch(id) {
+  const next = () => {
+    if (document.hidden || !(page.last && page.last.alive)) { setTimeout(next, PERIOD_MS); return; }
+    $(id).src = `${id}.jpg?${Date.now()}`;
+  };
+  $(id).addEventListener("load", () => setTimeout(next, PERIOD_MS));
+  $(id).addEventListener("error", () => setTimeout(next, 4 * PERIOD_MS));
+  next();
+}
+
+const events = new EventSource("events");
+events.onmessage = (event) => {
+  const told = JSON.parse(event.data);
+  page.events += 1;
+  page.last = told;
+  if (!told.alive) { $("state").textContent = "no session; waiting for one"; return; }
+  const minutes = Math.floor(told.uptime_s / 60), seconds = Math.floor(told.uptime_s % 60).toString().padStart(2, "0");
+  $("state").textContent = `up ${minutes}:${seconds}, camera ${told.camera_hz.toFixed(1)} Hz, ${told.face ? "face seen" : "no face"}`
+    + `${told.paused ? ", paused" : ""}; sensor to screen p50 ${told.age.p50.toFixed(1)}, p99 ${told.age.p99.toFixed(1)} ms`;
+  if (document.hidden) return;
+  charts(told); table(told); show(told);
+};
+events.onerror = () => { $("state").textContent = "the monitor has ended; waiting for it"; page.last = null; };
+
+addEventListener("resize", () => {
+  if (page.latency) page.latency.setSize({ width: wide($("latency")), height: 220 });
+  for (const chart of Object.values(page.hists)) chart.setSize({ width: wide(chart.root.parentElement), height: 150 });
+});
+watch("camera");
+watch("picture");

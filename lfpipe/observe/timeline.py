@@ -1,0 +1,105 @@
+"""The trace as Chrome trace-event JSON, which Perfetto and chrome://tracing open: a track per stage, arrows along a frame.
+
+Slices: capture from the sensor's stamp to the decoded frame, track from there to its eyes, render while a picture is composed,
+display until it is presented. The format is that of "Trace Event Format" (Google, 2016): complete events X, flows s, t and f,
+metadata M.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from lfpipe.errors import UserError
+
+TRACKS = ("capture", "track", "render", "display")
+PID = 1
+
+
+def records(path: Path) -> Iterator[dict[str, Any]]:
+    """The objects of a JSON Lines trace; a last line without its end is left out. Raises UserError for what is no trace."""
+    try:
+        with path.open() as stream:
+            for number, line in enumerate(stream, 1):
+                if not line.endswith("\n"):
+                    return
+                record = json.loads(line)
+                if not isinstance(record, dict) or "t_presented_ns" not in record:
+                    raise ValueError(f"line {number}")
+                yield record
+    except (ValueError, UnicodeDecodeError):
+        raise UserError(f"{path}: not a trace of `lfpipe up --trace`", "a file of one JSON object a line") from None
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror}", "a trace written by `lfpipe up --trace`") from None
+
+
+class _Track:
+    """Slices of one track, made not to overlap: a viewer nests those that do, and misleads."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.tid, self._end_ns = name, TRACKS.index(name) + 1, 0
+
+    def slice(self, start_ns: int, end_ns: int, args: dict[str, Any]) -> dict[str, Any]:
+        start_ns = min(max(start_ns, self._end_ns), end_ns)
+        self._end_ns = max(end_ns, self._end_ns)
+        times = {"ts": start_ns / 1e3, "dur": (end_ns - start_ns) / 1e3}
+        return {"name": self.name, "cat": "stage", "ph": "X", "pid": PID, "tid": self.tid, **times, "args": args}
+
+
+def events(trace: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Trace events of a trace's objects. Times in microseconds of CLOCK_MONOTONIC."""
+    yield {"name": "process_name", "ph": "M", "pid": PID, "tid": 0, "args": {"name": "lfpipe"}}
+    for index, name in enumerate(TRACKS):
+        about = {"pid": PID, "tid": index + 1}
+        yield {"name": "thread_name", "ph": "M", **about, "args": {"name": name}}
+        yield {"name": "thread_sort_index", "ph": "M", **about, "args": {"sort_index": index}}
+    capture, track, render, display = (_Track(name) for name in TRACKS)
+    before = None
+    for line in trace:
+        frame = (line["epoch"], line["source_seq"])
+        args = {"source_seq": line["source_seq"], "epoch": line["epoch"]}
+        flow = {"name": "frame", "cat": "frame", "pid": PID, "id": f"{frame[0]}.{frame[1]}"}
+        made: list[tuple[str, dict[str, Any]]] = []
+        if frame != before:
+            before, shown = frame, False
+            made.append(("s", capture.slice(line["t_sensor_ns"], line["t_read_ns"], args)))
+            made.append(("t", track.slice(line["t_read_ns"], line["t_tracked_ns"], {**args, "face": line["face"]})))
+        if line["composed"]:
+            what = {**args, "method": line["method"], "view": line["view"]}
+            drawn = render.slice(line.get("t_started_ns", line["t_tracked_ns"]), line["t_composed_ns"], what)
+            age_ms = (line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6
+            put = display.slice(line["t_composed_ns"], line["t_presented_ns"], {**args, "age_ms": age_ms})
+            made += [("" if shown else "t", drawn), ("" if shown else "f", put)]
+            shown = True  # a later picture of the same frame is a prediction from it: one arrow tells enough
+        for kind, piece in made:
+            yield piece
+            if kind:  # an arrow is bound to the slice around its time
+                end = {"bp": "e"} if kind == "f" else {}
+                yield {**flow, "ph": kind, "tid": piece["tid"], "ts": piece["ts"] + piece["dur"] / 2, **end}
+
+
+def convert(source: Path, out: Path) -> int:
+    """Writes the JSON Lines trace `source` as trace events to `out`; returns the number of events. Raises UserError."""
+    made = list(events(records(source)))
+    try:
+        with out.open("w") as stream:
+            stream.write('{"displayTimeUnit": "ms", "traceEvents": [\n')
+            stream.write(",\n".join(json.dumps(event) for event in made))
+            stream.write("\n]}\n")
+    except OSError as error:
+        raise UserError(f"{out}: {error.strerror}", "a file in a directory that you may write to") from None
+    return len(made)
+
+
+def finish_trace(ask: Callable[[dict[str, Any]], dict[str, Any]], out: Path | None) -> Path:
+    """Ends the timeline that a session writes, converts it and removes the raw lines; returns where it is.
+
+    ask: sends the session a command. out: where to, None for where `start` said. Raises UserError where none runs.
+    """
+    part = Path(ask({"cmd": "trace", "path": ""})["path"])
+    out = out or part.with_suffix("")
+    convert(part, out)
+    part.unlink(missing_ok=True)
+    return out
