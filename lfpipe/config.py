@@ -91,6 +91,11 @@ class Control:
 
 
 @attrs.frozen
+class Replay:
+    latency_ms: Annotated[float, Opt("sensor to light, as the prediction takes it where pictures do not depend on the clock: replay in steps, pace=max", "ms", 0, 1000)] = 20.0
+
+
+@attrs.frozen
 class Config:
     """The whole tree. Immutable: a change is a new tree (`updated`)."""
 
@@ -100,6 +105,7 @@ class Config:
     screen: Screen = Screen()
     scene: Scene = Scene()
     control: Control = Control()
+    replay: Replay = Replay()
 
 
 def options() -> dict[str, tuple[Any, Opt, Any]]:

@@ -29,6 +29,12 @@ def open_source(text: str, camera: config.Camera) -> Source:
     """
     spec = resolve(text)
     if isinstance(spec, FileSpec):
+        from lfpipe.replay.sequence import is_sequence
+
+        if is_sequence(spec.path):
+            from lfpipe.capture.sequence import SequenceSource
+
+            return SequenceSource(spec, camera)
         from lfpipe.capture.file import FileSource
 
         return FileSource(spec, camera)

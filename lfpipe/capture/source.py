@@ -25,7 +25,8 @@ class SourceInfo:
 class Frame:
     """Stamps of a frame that `read` wrote. t_sensor_ns: kernel stamp, or the scheduled time of a file.
 
-    t_read_ns: when the frame left the driver; 0 for a recording, whose frame is due at t_sensor_ns and not before.
+    t_read_ns: when the frame left the driver or, of a recording that is played without a pace, the disk; 0 for any other
+    recording, whose frame is due at t_sensor_ns and not before.
     """
 
     source_seq: int

@@ -9,13 +9,17 @@ import sys
 import click
 
 from lfpipe import __version__
+from lfpipe.cli.bench import bench
 from lfpipe.cli.calibrate import calibrate
 from lfpipe.cli.cameras import cameras
 from lfpipe.cli.config import config
 from lfpipe.cli.ctl import ctl
 from lfpipe.cli.doctor import doctor
 from lfpipe.cli.monitor import monitor
+from lfpipe.cli.record import record
+from lfpipe.cli.replay import replay
 from lfpipe.cli.scene import scene
+from lfpipe.cli.sequence import sequence
 from lfpipe.cli.trace import trace
 from lfpipe.cli.up import up
 from lfpipe.errors import UserError
@@ -53,7 +57,7 @@ def completion(shell: str) -> None:
     click.echo(made(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").source())
 
 
-for command in (up, monitor, ctl, scene, config, doctor, trace, cameras, calibrate):
+for command in (up, monitor, ctl, scene, config, doctor, trace, cameras, calibrate, bench, record, sequence, replay):
     cli.add_command(command)
 
 

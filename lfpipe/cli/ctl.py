@@ -88,3 +88,24 @@ _plain("pause", "Freeze the picture; frames are thrown away.")
 _plain("resume", "Go on after pause.")
 _plain("recentre", "Where the viewer is now becomes the middle of the grid.")
 _plain("stop", "End the session.")
+
+
+@ctl.group()
+def record() -> None:
+    """Record the camera of the session while it runs."""
+
+
+@record.command()
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--with-eyes", is_flag=True, help="Store what is tracked beside the frames.")
+@click.pass_obj
+def start(obj: tuple[str | None, bool], out: Path, with_eyes: bool) -> None:
+    """Record to the new folder OUT, until `stop` or the end of the session."""
+    _send(obj, {"cmd": "record", "path": str(out.resolve()), "eyes": with_eyes})
+
+
+@record.command("stop")
+@click.pass_obj
+def stop_record(obj: tuple[str | None, bool]) -> None:
+    """End the recording."""
+    _send(obj, {"cmd": "record", "path": ""})

@@ -8,6 +8,7 @@ from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import summary_ms
 from lfpipe.transport.status import State, Table, rate_hz
 
+CORE = ("capture", "track", "render")  # always told of; a stage that few sessions have is, once it has run
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
 
 
@@ -19,6 +20,8 @@ def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
     """
     stages: dict[str, Any] = {}
     for name, row in table.rows.items():
+        if name not in CORE and row["state"] == State.NONE:
+            continue
         wait, busy = summary_ms(row["wait"]), summary_ms(row["busy"])
         stages[name] = {
             "state": State(int(row["state"])).name,

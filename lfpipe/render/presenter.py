@@ -15,6 +15,7 @@ from lfpipe.observe.trace import TraceFile
 from lfpipe.render.display import Display
 from lfpipe.render.outlets import Outlets
 from lfpipe.render.viewer import Look, Viewer
+from lfpipe.replay.keeper import Keeper
 from lfpipe.transport.clock import now_ns, sleep_until
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
@@ -36,6 +37,8 @@ class Presenter:
         self._parallax_told = ""
         self._trace = TraceFile(Path(context.options["trace"]) if context.options["trace"] else None, self._lost)
         self._outlets = Outlets(context, viewer)
+        keep = context.options.get("keep")  # of a replay: where its digests and pictures go
+        self._keeper = Keeper(Path(keep), context.options["sequence"], context.options["keep_pictures"]) if keep else None
         self.cost_ns = 0
         self.picture: NDArray[np.uint8] | None = None
 
@@ -90,6 +93,9 @@ class Presenter:
             self._outlets.look(look, bool(self._record["face"]))
             if self._trace.wanted or self._outlets.traced:
                 line = self._line(stamp, self._record, look, composed, t_start_ns, t_composed_ns, t_presented_ns)
+                if self._keeper is not None:
+                    shown_ns = target_ns + display_ns
+                    line |= self._keeper.keep(stamp, self._record["filtered_px"], look.eyes_px, shown_ns, self.picture, composed)
                 self._trace.write(line)
                 self._outlets.line(line)
         self._tell_parallax()
@@ -134,4 +140,6 @@ class Presenter:
     def close(self) -> None:
         """Ends the trace."""
         self._trace.close()
+        if self._keeper is not None:
+            self._keeper.close()
         self._outlets.close()

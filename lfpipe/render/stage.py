@@ -29,7 +29,8 @@ def main(context: Context) -> None:
     config, options = context.config, context.options
     field = open_pack(Path(options["pack"]))
     viewer = Viewer(field, config)
-    on_camera = config.render.clock == "camera" and options["tracking"]
+    lossless = context.spec.lossless  # then pictures are a function of the frames and of nothing else, no clock either
+    on_camera = (lossless or config.render.clock == "camera") and options["tracking"]
     rate_hz = float(options["source_hz"]) if on_camera else config.render.rate_hz
     display = open_display(options["display"], (field.width_px, field.height_px), f"lfpipe: {field.name}", rate_hz)
     presenter = Presenter(context, viewer, display)
@@ -56,7 +57,8 @@ def main(context: Context) -> None:
                 refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns(), lead_ns)
             if refresh is None:
                 if fresh is not None and not context.paused:
-                    presenter.show(now_ns() + presenter.cost_ns)
+                    latency_ns = int(config.replay.latency_ms * MS_NS)
+                    presenter.show(fresh.t_sensor_ns + latency_ns if lossless else now_ns() + presenter.cost_ns)
             elif now_ns() >= refresh.due_ns() - lead_ns:
                 if not context.paused:
                     presenter.show(refresh.due_ns(), refresh.period_ns)

@@ -16,6 +16,7 @@ from lfpipe import config as config_module
 from lfpipe.errors import UserError
 from lfpipe.observe.snapshot import snapshot
 from lfpipe.observe.trace import check_trace
+from lfpipe.replay.sequence import check_out
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.transport import control
 from lfpipe.transport.clock import now_ns
@@ -163,6 +164,23 @@ class Desk:
             check_trace(Path(path))
         rev = self._supervisor.change(options={**self._supervisor.options, "timeline": path})
         self._apply(client, rev, {"path": path or running})
+
+    def _record(self, client: bytes, message: dict[str, Any]) -> None:
+        """Starts to record the camera into the folder `path`, or ends the recording where path is empty."""
+        path, eyes = message.get("path"), message.get("eyes", False)
+        running = self._supervisor.options.get("record", "")
+        if not isinstance(path, str) or "\0" in path or not isinstance(eyes, bool):
+            raise control.BadMessage("record needs a path, an empty one to stop")
+        if path and running:
+            raise UserError(f"a recording runs already, into {running}", "`lfpipe ctl record stop` ends it")
+        if not path and not running:
+            raise UserError("nothing is recorded", "`lfpipe ctl record start OUT` starts a recording")
+        if path and not self._supervisor.options["tracking"]:
+            raise UserError("this session has no camera: its scene is one view", "`lfpipe record OUT` records without a scene")
+        if path:
+            check_out(Path(path))
+        options = {**self._supervisor.options, "record": path, "record_eyes": eyes}
+        self._apply(client, self._supervisor.change(options=options), {"path": path or running})
 
     def _stop(self, client: bytes, _: dict[str, Any]) -> dict[str, Any]:
         self._supervisor.outcome = Outcome("stopped by command")

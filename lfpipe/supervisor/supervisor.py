@@ -270,5 +270,5 @@ class Supervisor:
         }
 
     def applied(self, rev: int) -> bool:
-        """Whether every living stage works by revision rev."""
-        return all(int(p.row["config_rev"]) >= rev for p in self.processes.values() if p.alive and p.row["ready_ns"])
+        """Whether every stage that is to run works by revision rev, and none runs that is not to."""
+        return all(int(p.row["config_rev"]) >= rev for p in self.processes.values() if p.alive or p.stage.needed(self.options))

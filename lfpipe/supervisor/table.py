@@ -18,8 +18,16 @@ def _tracked(options: dict[str, Any]) -> bool:
     return bool(options["tracking"])
 
 
-def _always(options: dict[str, Any]) -> bool:
-    return True
+def _fed(options: dict[str, Any]) -> bool:
+    return bool(options["tracking"] or options.get("record"))
+
+
+def _shown(options: dict[str, Any]) -> bool:
+    return bool(options.get("render", True))
+
+
+def _recorded(options: dict[str, Any]) -> bool:
+    return bool(options.get("record"))
 
 
 @attrs.frozen
@@ -29,17 +37,18 @@ class Stage:
 
     name: str
     module: str
+    needed: Callable[[dict[str, Any]], bool]
     reads: tuple[str, ...] = ()
     writes: tuple[str, ...] = ()
-    needed: Callable[[dict[str, Any]], bool] = _always
     start_s: float = 15.0
     hang_s: float = 2.0
 
 
 STAGES = (
-    Stage("capture", "lfpipe.capture.stage", writes=("frames",), needed=_tracked),
-    Stage("track", "lfpipe.track.stage", reads=("frames",), writes=("eyes",), needed=_tracked, start_s=30.0),
-    Stage("render", "lfpipe.render.stage", reads=("eyes",)),
+    Stage("capture", "lfpipe.capture.stage", _fed, writes=("frames",)),
+    Stage("track", "lfpipe.track.stage", _tracked, reads=("frames",), writes=("eyes",), start_s=30.0),
+    Stage("render", "lfpipe.render.stage", _shown, reads=("eyes",)),
+    Stage("record", "lfpipe.replay.recorder", _recorded, reads=("frames", "eyes")),
 )
 
 

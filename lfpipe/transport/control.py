@@ -20,7 +20,7 @@ from lfpipe.errors import UserError
 VERSION = 1
 MAX_BYTES = 64 * 1024
 MAX_DEPTH = 8
-COMMANDS = ("hello", "status", "set", "pause", "resume", "recentre", "load", "pictures", "trace", "stop")
+COMMANDS = ("hello", "status", "set", "pause", "resume", "recentre", "load", "pictures", "trace", "record", "stop")
 
 
 class BadMessage(ValueError):

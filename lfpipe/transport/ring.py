@@ -191,7 +191,7 @@ class Reader(_Ring):
         return self._read(out, in_order=False)
 
     def read_next(self, out: NDArray[Any]) -> Stamp | None:
-        """As `read`, but copies the slot after the last one read; where the writer was too fast for that, the oldest still there."""
+        """As `read`, but copies the slot after the last one read; or the oldest still there where the writer was too fast."""
         return self._read(out, in_order=True)
 
     def _read(self, out: NDArray[Any], in_order: bool) -> Stamp | None:

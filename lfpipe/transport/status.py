@@ -43,7 +43,7 @@ ROW = np.dtype(
         ("beat_ns", "<i8"),  # kicked from the main loop only
         ("seq", "<i8"),  # outputs completed, over all restarts
         ("source_seq", "<i8"),  # of the input last completed
-        ("taken_seq", "<i8", (RINGS,)),  # ring seq last taken from each ring, by `StageSpec.ring_index`: the credit of lossless running
+        ("taken_seq", "<i8", (RINGS,)),  # last taken of each ring, by `StageSpec.ring_index`: the credit of lossless running
         ("epoch", "<i8"),
         ("drops", "<i8"),  # inputs this stage never saw, or could not use in time
         ("config_rev", "<i8"),  # revision of the configuration it works by

@@ -1,0 +1,63 @@
+"""A recorded sequence as a source: the stored packets, decoded, with the recorded stamps moved to now."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.capture.pictures import fitted
+from lfpipe.capture.schedule import EvenSchedule
+from lfpipe.capture.source import Frame, SourceInfo
+from lfpipe.capture.spec import FileSpec
+from lfpipe.replay.packets import PACKETS, decoded
+from lfpipe.replay.sequence import open_sequence
+
+
+class SequenceSource:
+    """Plays a sequence. Frame 0 is due when it has been decoded first, the others as much later as their stamps say.
+
+    pace a number: at that even rate instead. pace max: stamps as recorded, and no wait for them: whoever works by stamps alone
+    sees the same as at the recorded pace.
+    """
+
+    def __init__(self, spec: FileSpec, camera: config.Camera) -> None:
+        """Raises UserError where the sequence cannot be read."""
+        self._spec, self._sequence = spec, open_sequence(spec.path, verify=False)
+        rate_hz = spec.pace if isinstance(spec.pace, float) else self._sequence.measured_hz
+        self._even = EvenSchedule(rate_hz) if isinstance(spec.pace, float) else None
+        self._file = Path(spec.path / PACKETS).open("rb")  # noqa: SIM115  (lives as long as the source)
+        self._seq, self._start_ns, self._round_ns = 0, 0, 0
+        width_px, height_px = self._sequence.width_px, self._sequence.height_px
+        notes = []
+        if (width_px, height_px) != (camera.width_px, camera.height_px):
+            notes.append(f"frames of {width_px}x{height_px} are scaled to {camera.width_px}x{camera.height_px}")
+        if not self._sequence.complete:
+            notes.append(f"{spec.path} was cut off: {len(self._sequence.packets)} whole frames")
+        self.info = SourceInfo(f"file:{spec.path}", width_px, height_px, rate_hz, live=False, notes=tuple(notes))
+
+    def read(self, out: NDArray[np.uint8]) -> Frame | None:
+        """See `Source.read`; never sleeps, and returns None at the end of a sequence that is not looped."""
+        packets = self._sequence.packets
+        index = self._seq % len(packets)
+        if self._seq and index == 0:
+            if not self._spec.loop:
+                return None
+            self._file.seek(0)
+            self._round_ns += packets[-1].t_sensor_ns - packets[0].t_sensor_ns + round(1e9 / self._sequence.measured_hz)
+        t_read_ns = time.monotonic_ns()
+        data = self._file.read(packets[index].bytes)
+        fitted(decoded(packets[index], data, self._sequence.width_px, self._sequence.height_px), out)
+        if self._seq == 0:
+            self._start_ns = time.monotonic_ns()
+        after_ns = self._round_ns + packets[index].t_sensor_ns - packets[0].t_sensor_ns
+        due_ns = self._start_ns + (self._even.due_ns(self._seq) if self._even else after_ns)
+        frame = Frame(self._seq, due_ns, t_read_ns if self._spec.pace == "max" else 0)
+        self._seq += 1
+        return frame
+
+    def close(self) -> None:
+        self._file.close()

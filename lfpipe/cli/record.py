@@ -1,0 +1,58 @@
+"""`lfpipe record`: what happens in front of a camera, to disk."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+
+from lfpipe.cli.options import with_config
+
+
+@click.command()
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--camera", metavar="SRC", help="As of `lfpipe up`; the first camera found without it.")
+@click.option(
+    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="End after so many seconds."
+)
+@click.option("--with-eyes", is_flag=True, help="Track, and store the eyes beside the frames.")
+@with_config
+def record(
+    out: Path, camera: str | None, duration_s: float | None, with_eyes: bool, sets: tuple[str, ...], config_file: str | None
+) -> int:
+    """Record a camera to the new folder OUT, for `lfpipe replay`. Ctrl-C ends it. See also `lfpipe ctl record`."""
+    from lfpipe import config as config_module
+    from lfpipe.capture.open_source import check_source
+    from lfpipe.errors import UserError
+    from lfpipe.replay.sequence import check_out
+    from lfpipe.supervisor.supervisor import Supervisor
+    from lfpipe.transport.session import Session
+
+    config = config_module.load(config_file, sets)
+    source, rate_hz = check_source(camera or config.camera.source, config.camera)
+    check_out(out)
+    options = {
+        "pack": "",
+        "source": source,
+        "source_hz": rate_hz,
+        "display": "none",
+        "trace": "",
+        "still": "",
+        "tracking": with_eyes,
+        "render": False,
+        "record": str(out.resolve()),
+        "record_eyes": with_eyes,
+    }
+
+    def say(text: str) -> None:
+        click.echo(text, err=True)
+
+    lossless = "pace=max" in source
+    outcome = Supervisor(Session(f"record.{os.getpid()}"), config, options, lossless, tell=say).run(duration_s)
+    if outcome.user_error:
+        raise UserError(outcome.failure or outcome.reason, outcome.remedy)
+    if outcome.failure:
+        say(f"error: {outcome.failure}\n  remedy: {outcome.remedy}")
+        return 1
+    return 0

@@ -1,0 +1,207 @@
+"""A run against a reference: what differs first, where it comes from, and the pictures that show it.
+
+With the same versions on the same kind of processor everything must be equal to the last bit. Otherwise numbers may differ as
+far as another rounding may take them (TOLERANCES), and pictures by what a person cannot see (LEAST_DB).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.replay.keeper import PICTURES
+from lfpipe.replay.packets import PACKETS as PACKET_FILE
+from lfpipe.replay.packets import Packet, read_index
+from lfpipe.replay.report import Line, pair, read_report, read_trace
+
+TOLERANCES = {  # name in the trace -> (absolute, relative), where versions differ
+    "eyes_raw": (0.05, 1e-4),
+    "eyes_filtered": (0.05, 1e-4),
+    "eyes_used": (0.05, 1e-4),
+    "view": (0.01, 0.0),  # whole numbers, of method nearest, must then be equal
+}
+LEAST_DB = 50.0
+CAUSES = {  # in the order of the pipeline: what comes first caused what follows
+    "face": "tracking finds a face in other frames (lfpipe/track: engine, detector, choice of the face)",
+    "eyes_raw": "the engine measures other eyes in the same frame (lfpipe/track: engine, region of interest, landmarks)",
+    "eyes_filtered": "raw eyes are equal: the filter or its constants changed (track.filter, lfpipe/track/filters.py)",
+    "eyes_used": "filtered eyes are equal: prediction or glide changed (replay.latency_ms, lfpipe/eyes.py, lfpipe/glide.py)",
+    "view": "eyes are equal: the map to views changed (alpha, centre, lfpipe/render/viewpoint.py, geometry.py)",
+    "method": "another way of making views was chosen (render.method, the scene's scores)",
+    "picture": "views are equal: the drawing changed (anaglyph coefficients, synthesis, or the scene's pictures and their order)",
+}
+OF_NO_EFFECT = ("control.", "camera.source", "camera.format", "scene.cache_dir", "render.clock", "render.rate_hz", "observe.")
+
+
+@attrs.frozen
+class Difference:
+    """part: config, plan, counts, scene, eyes, views or pictures. frame: source_seq of the first one, None for the whole run."""
+
+    part: str
+    what: str
+    frame: int | None = None
+
+    def __str__(self) -> str:
+        return f"{self.part}: {self.what}" if self.frame is None else f"{self.part}: frame {self.frame}: {self.what}"
+
+
+PARTS = ("config", "plan", "scene", "counts", "eyes", "views", "pictures")
+_PART_OF = {"face": "eyes", "view": "views", "method": "views", "picture": "pictures"}
+
+
+def check_reference(reference: Path, report: dict[str, Any]) -> None:
+    """Raises UserError where reference is of another sequence or scene than report: nothing could be learnt from it."""
+    was = read_report(reference)
+    remedy = "the reference that belongs to it, or --update to make one"
+    shape = ("name", "frames", "rows", "cols", "height_px", "width_px")
+    for part, names in (("sequence", ("frames", "checksums")), ("scene", shape)):
+        for name in names:
+            if was[part][name] != report[part][name]:
+                before, now = was[part][name], report[part][name]
+                told = "" if isinstance(now, dict) else f": {name} {before!r} there, {now!r} here"
+                raise UserError(f"{reference}: made with another {part}{told}", remedy)
+
+
+def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in tree.items():
+        found |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value}
+    return found
+
+
+def _fields(part: str, was: dict[str, Any], now: dict[str, Any], skipped: tuple[str, ...] = ()) -> list[Difference]:
+    before, after = _flat(was), _flat(now)
+    keys = [key for key in sorted(before | after) if not key.startswith(skipped)] if skipped else sorted(before | after)
+    return [
+        Difference(part, f"{key}: {before.get(key)!r} in the reference, {after.get(key)!r} now")
+        for key in keys
+        if before.get(key) != after.get(key)
+    ]
+
+
+def _equal(name: str, was: Line, now: Line, exact: bool) -> bool:
+    if name not in TOLERANCES:
+        return bool(was[name] == now[name])
+    a, b = np.array(pair(was, name)), np.array(pair(now, name))
+    if exact or (name == "view" and now["method"] == "nearest"):
+        return bool(np.array_equal(a, b))
+    absolute, relative = TOLERANCES[name]
+    return bool(np.all(np.abs(a - b) <= np.maximum(absolute, relative * np.maximum(np.abs(a), np.abs(b)))))
+
+
+class _Pictures:
+    """The pictures that a run kept, by their digests: the same digest is the same picture, whichever frame kept it."""
+
+    def __init__(self, folder: Path, lines: list[Line]) -> None:
+        self._folder = folder / PICTURES
+        by_seq = {line["source_seq"]: line["picture"] for line in lines}
+        there = (self._folder / PACKET_FILE).exists()
+        packets = read_index(self._folder, complete=True) if there else []
+        self._kept: dict[str, Packet] = {by_seq[p.source_seq]: p for p in packets if p.source_seq in by_seq}
+
+    def get(self, digest: str) -> NDArray[np.uint8] | None:
+        packet = self._kept.get(digest)
+        if packet is None:
+            return None
+        with (self._folder / PACKET_FILE).open("rb") as file:
+            file.seek(packet.offset)
+            found = cv2.imdecode(np.frombuffer(file.read(packet.bytes), np.uint8), cv2.IMREAD_COLOR)
+        return None if found is None else np.asarray(found, np.uint8)
+
+
+def psnr_db(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
+    """Peak signal-to-noise ratio of two 8-bit pictures; 0 for pictures of different size, 100 for equal ones."""
+    if a.shape != b.shape:
+        return 0.0
+    mean_square = float(np.mean(np.square(a.astype(np.float32) - b.astype(np.float32)), dtype=np.float64))
+    return min(100.0, 10 * float(np.log10(255.0**2 / max(mean_square, 1e-10))))
+
+
+def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint8]) -> str:
+    """Both pictures and their difference, its largest step made white; returns where they are."""
+    out = folder / "difference"
+    out.mkdir(exist_ok=True)
+    shown = {"reference": was, "now": now}
+    if was.shape == now.shape:
+        apart = cv2.absdiff(was, now)
+        shown["difference"] = np.asarray(cv2.convertScaleAbs(apart, alpha=255 / max(1, int(apart.max()))), np.uint8)
+    for name, picture in shown.items():
+        cv2.imwrite(str(out / f"frame_{frame:06d}_{name}.png"), picture)
+    return f"{out}/frame_{frame:06d}_*.png"
+
+
+def compare(reference: Path, folder: Path) -> list[Difference]:
+    """What differs between the reference and the run in folder; empty when nothing does. Saves pictures to folder/difference.
+
+    Raises UserError where the reference cannot be read or is of another sequence or scene.
+    """
+    was, now = read_report(reference), read_report(folder)
+    check_reference(reference, now)
+    exact = was["versions"] == now["versions"]
+    found = _fields("config", was["config"], now["config"], OF_NO_EFFECT)
+    found += _fields("plan", was["plan"], now["plan"])
+    if was["scene"] != now["scene"]:
+        same_views = was["scene"]["views"] == now["scene"]["views"]
+        found.append(Difference("scene", "the same views in another order" if same_views else "its views hold other pictures"))
+    counted = ("frames", "pictures", "faces")
+    a, b = ({key: report["counts"][key] for key in counted} for report in (was, now))
+    found += _fields("counts", a, b)
+    before, after = read_trace(reference), read_trace(folder)
+    return found + _frames(reference, folder, before, after, exact)
+
+
+def _frames(reference: Path, folder: Path, before: list[Line], after: list[Line], exact: bool) -> list[Difference]:
+    """The first difference of each part, frame by frame."""
+    first: dict[str, tuple[int, str, Line, Line]] = {}
+    counts: dict[str, int] = {}
+    drawn: list[tuple[Line, Line]] = []
+    for was, now in zip(before, after, strict=False):
+        for name in CAUSES:
+            if _equal(name, was, now, exact):
+                continue
+            if name == "picture":
+                drawn.append((was, now))
+                continue
+            part = _PART_OF.get(name, "eyes")
+            first.setdefault(part, (now["source_seq"], name, was, now))
+            counts[part] = counts.get(part, 0) + 1
+            break  # what follows in this frame follows from it
+    found = []
+    for part, (frame, name, was, now) in first.items():
+        values = f"{name} {_told(was[name])} in the reference, {_told(now[name])} now"
+        what = f"{values}; {CAUSES[name]}; {counts[part]} of {len(after)} frames"
+        found.append(Difference(part, what, frame))
+    return found + _drawn(reference, folder, before, after, drawn, exact)
+
+
+def _told(value: Any) -> str:
+    return f"left {value['left']} right {value['right']}" if isinstance(value, dict) else repr(value)
+
+
+def _drawn(
+    reference: Path, folder: Path, before: list[Line], after: list[Line], drawn: list[tuple[Line, Line]], exact: bool
+) -> list[Difference]:
+    """Differences of pictures with equal views, and the pictures of the first frame that differs in anything."""
+    ours, theirs = _Pictures(folder, after), _Pictures(reference, before)
+    pairs = [(was, now) for was, now in zip(before, after, strict=False) if was["picture"] != now["picture"]]
+    saved, least_db = "", 100.0
+    for was, now in pairs:
+        a, b = theirs.get(was["picture"]), ours.get(now["picture"])
+        if a is not None and b is not None:
+            saved = saved or _save(folder, now["source_seq"], a, b)
+            least_db = min(least_db, psnr_db(a, b))
+    shown = f"least PSNR {least_db:.1f} dB, see {saved}" if saved else "no picture of these frames was kept in both runs"
+    if drawn and (exact or not saved or least_db < LEAST_DB):
+        was, now = drawn[0]
+        what = f"digest {was['picture']} in the reference, {now['picture']} now; {CAUSES['picture']}"
+        return [Difference("pictures", f"{what}; {len(drawn)} of {len(after)} frames; {shown}", now["source_seq"])]
+    if len(pairs) > len(drawn):
+        what = f"{len(pairs)} of {len(after)} differ, after what stands above; {shown}"
+        return [Difference("pictures", what, pairs[0][1]["source_seq"])]
+    return []

@@ -1,0 +1,84 @@
+"""What a replay keeps of its pictures: a digest of each, those that a person looks at, and as many as fit for a comparison.
+
+Runs in the render stage. Pictures to compare with lie as packets in folder/pictures: each one that was composed while they take
+less than KEPT_BYTES, from then on every second, fourth, ... frame, so that two runs always keep frames in common.
+"""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.replay.packets import PacketWriter, encoded
+from lfpipe.replay.truth import read_truth
+from lfpipe.transport.ring import Stamp
+
+KEPT_BYTES = 8 << 20
+PICTURES = "pictures"
+
+
+class Keeper:
+    """folder: of the run's results. sequence: its folder, for the truth by which a picture is the worst. pictures: keep them."""
+
+    def __init__(self, folder: Path, sequence: str, pictures: bool) -> None:
+        self._folder, self._pictures = folder, pictures
+        self._truth = read_truth(Path(sequence))
+        self._first_ns: int | None = None
+        self._digest = ""
+        self._stride, self._bytes = 1, 0
+        self._kept: dict[int, tuple[Stamp, bytes]] = {}
+        self._first: NDArray[np.uint8] | None = None
+        self._last: NDArray[np.uint8] | None = None
+        self._worst: NDArray[np.uint8] | None = None
+        self._worst_px = -1.0
+
+    def keep(
+        self,
+        stamp: Stamp,
+        filtered_px: NDArray[np.float64],
+        used_px: NDArray[np.float64],
+        t_shown_ns: int,
+        picture: NDArray[np.uint8] | None,
+        composed: bool,
+    ) -> dict[str, Any]:
+        """Takes a picture as it was shown; returns what its line of the trace says besides: eyes_filtered and picture."""
+        self._first_ns = stamp.t_sensor_ns if self._first_ns is None else self._first_ns
+        if picture is not None:
+            if composed:
+                self._digest = f"{zlib.crc32(picture.data):08x}"
+                if self._pictures:
+                    self._store(stamp, picture)
+                self._first = picture.copy() if self._first is None else self._first
+                self._last = picture
+            error_px = self._truth.error_px(used_px, t_shown_ns - self._first_ns) if self._truth else None
+            if error_px is not None and error_px > self._worst_px:
+                self._worst, self._worst_px = picture.copy(), error_px
+        left, right = filtered_px.tolist()
+        return {"eyes_filtered": {"left": left, "right": right}, "picture": self._digest}
+
+    def _store(self, stamp: Stamp, picture: NDArray[np.uint8]) -> None:
+        if stamp.source_seq % self._stride:
+            return
+        _, data = encoded(picture, fast=False)
+        self._kept[stamp.source_seq] = (stamp, data)
+        self._bytes += len(data)
+        while self._bytes > KEPT_BYTES and len(self._kept) > 1:
+            self._stride *= 2
+            self._kept = {seq: kept for seq, kept in self._kept.items() if seq % self._stride == 0}
+            self._bytes = sum(len(kept) for _, kept in self._kept.values())
+
+    def close(self) -> None:
+        """Writes the pictures. Raises OSError where there is no room for them."""
+        (self._folder / PICTURES).mkdir()
+        writer = PacketWriter(self._folder / PICTURES)
+        for seq, (stamp, data) in sorted(self._kept.items()):
+            writer.append(data, "png", seq, stamp.epoch, stamp.t_sensor_ns - (self._first_ns or 0), 0)
+        writer.close()
+        for name, picture in (("first", self._first), ("last", self._last), ("worst", self._worst)):
+            if picture is not None:
+                cv2.imwrite(str(self._folder / f"{name}.png"), picture)

@@ -1,0 +1,166 @@
+"""Record: every frame, and what was tracked in it, to a folder on disk.
+
+Reads: ring "frames", every slot in order; ring "eyes" likewise where option "record_eyes" is set.
+Writes: the sequence in the folder of option "record".
+Commands: stop. Asks: record (to end itself, where the disk is full).
+Emits: notice (a recording ended, frames that were lost).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import to_dict
+from lfpipe.eyes import EYES as EYES_TYPE
+from lfpipe.replay.packets import PacketWriter, encoded
+from lfpipe.replay.sequence import EYES, begin_manifest, end_manifest
+from lfpipe.replay.versions import versions
+from lfpipe.transport.clock import MS_NS, now_ns
+from lfpipe.transport.context import Context, Input, empty_like
+from lfpipe.transport.ring import Stamp
+
+ROOM_BYTES = 128 << 20  # frames that wait for their encoding: seconds, so that a slow disk costs no frame
+NICE = 10  # what the live picture needs goes first
+
+
+class Store:
+    """Encodes and appends in a thread of its own, so that the ring is emptied whatever the disk does.
+
+    PNG while there is time; a frame that finds a quarter of the room taken goes to disk as it is.
+    """
+
+    def __init__(self, context: Context, folder: Path, shape: tuple[int, ...]) -> None:
+        self._context, self._writer = context, PacketWriter(folder)
+        self._room = max(8, ROOM_BYTES // int(np.prod(shape)))
+        self._waiting: queue.SimpleQueue[tuple[Stamp, NDArray[np.uint8], int] | None] = queue.SimpleQueue()
+        self._spare: list[NDArray[np.uint8]] = []
+        self._last_ns, self._hurry = 0, False
+        self.failure = ""
+        self._thread = threading.Thread(target=self._run, name="store")
+        self._thread.start()
+
+    @property
+    def count(self) -> int:
+        """Frames stored."""
+        return self._writer.count
+
+    @property
+    def checksums(self) -> dict[str, str]:
+        """Of the files written."""
+        return self._writer.checksums()
+
+    @property
+    def full(self) -> bool:
+        """Whether another frame has no room now."""
+        return self._waiting.qsize() >= self._room
+
+    def put(self, stamp: Stamp, picture: NDArray[np.uint8]) -> None:
+        """Takes a copy of picture."""
+        copy = self._spare.pop() if self._spare else np.empty_like(picture)
+        np.copyto(copy, picture)
+        self._waiting.put((stamp, copy, now_ns()))
+
+    def _run(self) -> None:
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
+        while (taken := self._waiting.get()) is not None:
+            stamp, picture, t_taken_ns = taken
+            if not self.failure:
+                self._store(stamp, picture, t_taken_ns)
+            self._spare.append(picture)
+
+    def _store(self, stamp: Stamp, picture: NDArray[np.uint8], t_taken_ns: int) -> None:
+        row = self._context.row
+        if stamp.t_sensor_ns <= self._last_ns:
+            row["drops"] += 1  # a driver that repeats a stamp repeats a frame; a sequence with it could not be replayed
+            return
+        codec, data = encoded(picture, fast=self._hurry or self._waiting.qsize() > self._room // 4)
+        try:
+            self._writer.append(data, codec, stamp.source_seq, stamp.epoch, stamp.t_sensor_ns, stamp.t_read_ns)
+        except OSError as error:
+            self.failure = str(error.strerror)
+            return
+        self._last_ns = stamp.t_sensor_ns
+        t_ns = now_ns()
+        row.tick(stamp.source_seq)
+        row.measure(t_taken_ns - stamp.t_publish_ns, t_ns - t_taken_ns, t_ns - stamp.t_sensor_ns)
+
+    def close(self) -> None:
+        """Waits until all is on disk, without compression from here on: a session that ends does not wait for long."""
+        self._hurry = True
+        self._waiting.put(None)
+        while self._thread.is_alive():
+            self._thread.join(0.1)
+            self._context.row.beat()
+        self._writer.close()
+
+
+class EyesLog:
+    """One line of JSON per eyes record; without a path they are taken and not written, so that no writer waits for us."""
+
+    def __init__(self, source: Input, path: Path | None) -> None:
+        self._source, self._file = source, path.open("a", buffering=1) if path else None
+        self._record = np.empty((), EYES_TYPE)
+
+    def serve(self) -> None:
+        """Writes what has come. Raises OSError where the disk is full."""
+        while (stamp := self._source.take(self._record, in_order=True)) is not None:
+            if self._file is None:
+                continue
+            line: dict[str, Any] = {"source_seq": stamp.source_seq, "epoch": stamp.epoch, "t_sensor_ns": stamp.t_sensor_ns}
+            line |= {name: self._record[name].tolist() for name in EYES_TYPE.names or ()}
+            self._file.write(json.dumps(line) + "\n")
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
+
+def main(context: Context) -> None:
+    """Runs the stage until the stop."""
+    folder = Path(context.options["record"])
+    frames = context.input("frames")
+    eyes = EyesLog(context.input("eyes"), folder / EYES if context.options.get("record_eyes") else None)
+    image = empty_like(frames.reader)
+    height_px, width_px = image.shape[:2]
+    source, rate_hz = str(context.options["source"]), float(context.options["source_hz"])
+    more = {"versions": versions(), "config": to_dict(context.config)}
+    manifest = begin_manifest(folder, source, width_px, height_px, rate_hz, **more)
+    store = Store(context, folder, image.shape)
+    told = False
+    context.ready()
+    context.applied()
+    try:
+        while context.wait():
+            while not store.full and (stamp := frames.take(image, in_order=True)) is not None:
+                store.put(stamp, image)
+            context.applied()
+            context.row["cpu_ns"] = time.process_time_ns()
+            try:
+                eyes.serve()
+            except OSError as error:
+                store.failure = str(error.strerror)
+            if store.full:
+                time.sleep(MS_NS / 1e9)  # the ring wakes us again and again, and there is nowhere to put its frames
+            if store.failure and not told:
+                told = True
+                context.emit("notice", text=f"recording {folder}: {store.failure}; it ends with its frame {store.count - 1}")
+                context.request("record", path="")
+    finally:
+        store.close()
+        eyes.close()
+        lost = f", {context.row['drops']} lost" if context.row["drops"] else ""
+        try:
+            end_manifest(folder, manifest, store.count, store.checksums)
+            text = f"recorded {store.count} frames to {folder}{lost}"
+        except OSError as error:
+            text = f"recorded {store.count} frames to {folder}{lost}; not completed: {error.strerror}"
+        context.emit("notice", text=text)

@@ -1,0 +1,155 @@
+"""What came of a replay, as plain data: `report.json`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+
+from lfpipe.config import Config, to_dict
+from lfpipe.errors import UserError
+from lfpipe.replay.packets import INDEX, PACKETS
+from lfpipe.replay.sequence import Sequence
+from lfpipe.replay.truth import Truth, read_truth, summary
+from lfpipe.replay.versions import versions
+from lfpipe.scene.lightfield import LightField
+
+FORMAT = 1
+REPORT, TRACE = "report.json", "trace.jsonl"
+Line = dict[str, Any]
+
+
+def read_trace(folder: Path) -> list[Line]:
+    """The lines of the trace in folder. Raises UserError where it cannot be read."""
+    try:
+        return [json.loads(line) for line in (folder / TRACE).read_text().splitlines()]
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else "not JSON Lines"
+        raise UserError(f"{folder / TRACE}: cannot be read: {why}", "a folder that `lfpipe replay --out` wrote") from None
+
+
+def read_report(folder: Path) -> dict[str, Any]:
+    """The report in folder. Raises UserError where it is none, or of another version."""
+    try:
+        report = json.loads((folder / REPORT).read_text())
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else "not JSON"
+        remedy = "a folder that `lfpipe replay --out` wrote; --update makes the reference anew"
+        raise UserError(f"{folder / REPORT}: cannot be read: {why}", remedy) from None
+    if not isinstance(report, dict) or report.get("format") != FORMAT:
+        found = report.get("format") if isinstance(report, dict) else None
+        raise UserError(f"{folder / REPORT}: version {found!r}, this lfpipe reads {FORMAT}", "--update makes the reference anew")
+    return report
+
+
+def write_report(folder: Path, report: dict[str, Any]) -> None:
+    """Raises UserError where it cannot be written."""
+    try:
+        (folder / REPORT).write_text(json.dumps(report, indent=1) + "\n")
+    except OSError as error:
+        raise UserError(f"{folder / REPORT}: {error.strerror}", "a folder that you may write to, on a disk with room") from None
+
+
+def pair(line: Line, name: str) -> tuple[float, ...]:
+    """(left x, left y, right x, right y) of an entry of a line."""
+    sides = line[name]
+    return (*sides["left"], *sides["right"])
+
+
+def _digest(parts: list[bytes]) -> str:
+    return hashlib.sha256(b"".join(parts)).hexdigest()
+
+
+def digests(lines: list[Line]) -> dict[str, str]:
+    """sha256 over all frames of the exact bytes of eyes (raw, filtered, used), views, and pictures."""
+    names = ("eyes_raw", "eyes_filtered", "eyes_used")
+    eyes = [struct.pack("<12d?", *(v for name in names for v in pair(line, name)), line["face"]) for line in lines]
+    views = [struct.pack("<4d", *pair(line, "view")) + line["method"].encode() for line in lines]
+    return {"eyes": _digest(eyes), "views": _digest(views), "pictures": _digest([line["picture"].encode() for line in lines])}
+
+
+def about_scene(field: LightField) -> dict[str, Any]:
+    """Name, shape, and digests of the views, as a set and in their order."""
+    views = np.asarray(field.views)
+    places = np.ndindex(field.frames, field.rows, field.cols)
+    sums = [zlib.crc32(np.ascontiguousarray(views[place]).data) for place in places]
+    shape = {name: getattr(field, name) for name in ("frames", "rows", "cols", "height_px", "width_px")}
+    found = {"views": sorted(sums), "order": sums}
+    return {"name": field.name, **shape, **{name: _digest([struct.pack("<I", s) for s in part]) for name, part in found.items()}}
+
+
+def about_sequence(sequence: Sequence) -> dict[str, Any]:
+    """Name, number of frames, checksums of frames and stamps, rate by the stamps."""
+    checksums = sequence.manifest.get("checksums", {})
+    return {
+        "name": sequence.path.resolve().name,
+        "frames": len(sequence.packets),
+        "checksums": {name: checksums.get(name, "") for name in (PACKETS, INDEX)},
+        "rate_hz": round(sequence.measured_hz, 4),
+    }
+
+
+def _quantiles_ms(values_ns: list[int]) -> dict[str, float]:
+    ranks = {"p50_ms": 50, "p95_ms": 95, "p99_ms": 99, "max_ms": 100}
+    return {name: round(float(np.percentile(values_ns, rank)) / 1e6, 4) for name, rank in ranks.items()} if values_ns else {}
+
+
+def _truth_error(truth: Truth, lines: list[Line], shown_ns: list[int]) -> dict[str, Any]:
+    """raw: of what was measured, at the time of its frame. used: of what the picture was made for, when it is seen."""
+    first_ns = lines[0]["t_sensor_ns"]
+    faces = [(line, t_ns) for line, t_ns in zip(lines, shown_ns, strict=True) if line["face"]]
+    raw = [truth.error_px(tuple(line["eyes_raw"].values()), line["t_sensor_ns"] - first_ns) for line, _ in faces]
+    used = [truth.error_px(tuple(line["eyes_used"].values()), t_ns - first_ns) for line, t_ns in faces]
+    return {name: summary([e for e in errors if e is not None]) for name, errors in (("raw", raw), ("used", used))}
+
+
+def make_report(
+    sequence: Sequence, field: LightField, config: Config, pace: str, folder: Path, final: dict[str, Any]
+) -> dict[str, Any]:
+    """The report of a run whose trace lies in folder. final: the session's last snapshot. Keys as in docs/replay.md."""
+    from lfpipe.scene.plan import make_plan
+
+    lines = read_trace(folder)
+    steady = bool(lines) and "picture" in lines[0]
+    plan = attrs.asdict(make_plan(field, config))
+    plan["left_out"] = [entry["what"] for entry in plan["left_out"]]
+    latency_ns = round((config.replay.latency_ms + config.render.display_ms) * 1e6)
+    shown_ns = [line["t_sensor_ns"] + latency_ns if steady else line["t_presented_ns"] for line in lines]
+    truth = read_truth(sequence.path)
+    stages = final["stages"]
+    span_ns = lines[-1]["t_presented_ns"] - lines[0]["t_presented_ns"] if lines else 0
+    seen = len({line["source_seq"] for line in lines})
+    composed = [line for line in lines if line["composed"]]
+    return {
+        "format": FORMAT,
+        "versions": versions(),
+        "pace": pace,
+        "sequence": about_sequence(sequence),
+        "scene": about_scene(field),
+        "config": to_dict(config),
+        "plan": plan,
+        "counts": {
+            "frames": len(sequence.packets),
+            "lost_in_recording": sequence.lost,
+            "pictures": len(lines),
+            "frames_shown": seen,
+            "composed": len(composed),
+            "faces": len({line["source_seq"] for line in lines if line["face"]}),
+            "dropped": {name: stage["dropped"] for name, stage in stages.items()},
+            "restarts": {name: stage["restarts"] for name, stage in stages.items()},
+        },
+        "digests": digests(lines) if steady else None,
+        "truth_error": _truth_error(truth, lines, shown_ns) if truth and lines else None,
+        "rate_hz": round((seen - 1) / span_ns * 1e9, 2) if span_ns > 0 else 0.0,
+        "latency": {
+            **{name: {"wait": stage["wait"], "busy": stage["busy"]} for name, stage in stages.items()},
+            "end_to_end": _quantiles_ms([line["t_presented_ns"] - line["t_read_ns"] for line in composed]),
+        },
+        "cpu": {name: stage["cpu_s"] for name, stage in stages.items()},
+    }

@@ -1,0 +1,111 @@
+"""Replay: the real stages fed with a recorded sequence, and what came of it as a folder.
+
+    step      every frame goes through every stage before the next one starts; eyes, views and pictures are a function of the
+              sequence, the scene and the configuration alone
+    max       as fast as possible; nothing is lost, and the results are those of step
+    recorded, HZ   in real time, on the clocks of a live session; what comes too late is dropped and counted
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from lfpipe import config as config_module
+from lfpipe.config import Config
+from lfpipe.errors import UserError
+from lfpipe.replay.keeper import PICTURES
+from lfpipe.replay.report import REPORT, TRACE, make_report, write_report
+from lfpipe.replay.sequence import Sequence
+from lfpipe.scene.lightfield import LightField
+
+STEADY = ("step", "max")  # paces whose results do not depend on any clock
+RESULTS = (REPORT, TRACE, "first.png", "last.png", "worst.png", PICTURES, "difference")
+
+
+class ReplayFailed(Exception):
+    """The stages did not come to the end of the sequence; the text says why."""
+
+
+def replay_config(sequence: Sequence, file: str | None, sets: tuple[str, ...]) -> Config:
+    """The configuration of a replay: the camera is the one that was recorded, all else is as the user has it now.
+
+    Raises UserError for a wrong key or value.
+    """
+    config = config_module.load(file, sets)
+    named = {config_module.parse_set(text)[0] for text in sets}
+    recorded = sequence.manifest.get("config", {}).get("camera", {})
+    camera = {f"camera.{key}": recorded[key] for key in ("focal_px", "fov_deg") if key in recorded}
+    camera |= {"camera.width_px": sequence.width_px, "camera.height_px": sequence.height_px}
+    camera["camera.rate_hz"] = min(max(sequence.measured_hz, 0.1), 1000.0)
+    return config_module.updated(config, {key: value for key, value in camera.items() if key not in named})
+
+
+def clear_out(folder: Path) -> None:
+    """Makes folder ready for results; those of an earlier run are removed. Raises UserError where it cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        strange = sorted(path.name for path in folder.iterdir() if path.name not in RESULTS)
+        if strange:
+            raise UserError(f"{folder}: holds {strange[0]}, which no replay wrote", "a new or an empty folder")
+        for name in RESULTS:
+            path = folder / name
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+        (folder / TRACE).touch()
+    except OSError as error:
+        remedy = "a folder that you may write to, on a disk with room"
+        raise UserError(f"{folder}: cannot be written: {error.strerror}", remedy) from None
+
+
+def replay(
+    sequence: Sequence,
+    field: LightField,
+    pack: Path,
+    config: Config,
+    pace: str,
+    folder: Path,
+    pictures: bool,
+    tell: Callable[[str], None] = print,
+) -> dict[str, Any]:
+    """Runs sequence through the stages and writes trace, report and pictures to folder (see `clear_out`); returns the report.
+
+    pace: step, max, recorded or a rate in Hz. pictures: keep some to compare with. Raises UserError for what the user got wrong,
+    ReplayFailed where a stage fails.
+    """
+    from lfpipe.supervisor.supervisor import Supervisor
+    from lfpipe.transport.session import Session
+
+    steady = pace in STEADY
+    source = f"file:{sequence.path.resolve()}?loop=0&pace={'max' if steady else pace}"
+    options = {
+        "pack": str(pack),
+        "source": source,
+        "source_hz": float(pace) if pace not in ("step", "max", "recorded") else sequence.measured_hz,
+        "display": "none",
+        "trace": str((folder / TRACE).resolve()),
+        "still": "",
+        "tracking": True,  # for a scene of one view too: its eyes are compared
+        "sequence": str(sequence.path.resolve()),
+        "keep": str(folder.resolve()) if steady else "",
+        "keep_pictures": pictures,
+    }
+    session = Session(f"replay.{os.getpid()}")
+    outcome = Supervisor(session, config, options, lossless=steady, lock_step=pace == "step", tell=tell).run()
+    if outcome.user_error:
+        raise UserError(outcome.failure or outcome.reason, outcome.remedy)
+    if outcome.failure or outcome.reason != "the source has ended":
+        raise ReplayFailed(outcome.failure or outcome.reason)
+    report = make_report(sequence, field, config, pace, folder, outcome.final)
+    restarted = [name for name, count in report["counts"]["restarts"].items() if count]
+    if restarted:
+        raise ReplayFailed(f"{', '.join(restarted)} failed on the way and had to be started again")
+    if steady and report["counts"]["pictures"] != len(sequence.packets):
+        raise ReplayFailed(f"{report['counts']['pictures']} pictures of {len(sequence.packets)} frames: a stage lost some")
+    write_report(folder, report)
+    return report

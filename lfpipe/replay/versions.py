@@ -1,0 +1,32 @@
+"""What results depend on besides the code: the versions of what computes them, and the machine."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from lfpipe import __version__
+
+PACKAGES = ("numpy", "opencv-contrib-python-headless", "mediapipe", "ai-edge-litert")
+
+
+def processor() -> str:
+    """Name of the processor: networks and numpy choose their code by it, and round differently."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def versions() -> dict[str, str]:
+    """Name -> version of lfpipe, Python, the packages that compute, and the processor."""
+    found = {"lfpipe": __version__, "python": platform.python_version(), "processor": processor()}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "none"
+    return found
