@@ -99,7 +99,8 @@ class Feed:
 
     def messages(self) -> Iterator[str]:
         """JSON texts, one a sample, until the feed ends."""
-        seen = -1
+        with self._changed:
+            seen = self._count  # an old sample says nothing of now
         while True:
             with self._changed:
                 self._touch()

@@ -10,6 +10,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
+import cv2
+
 from lfpipe.errors import UserError
 from lfpipe.observe.feed import Feed
 from lfpipe.observe.guard import own_page, same_user
@@ -39,8 +41,8 @@ class Server(ThreadingHTTPServer):
     block_on_close = False  # a viewer that stays connected may not hold up the end
 
     def __init__(self, name: str, port: int) -> None:
-        super().__init__((HOST, port), Handler)
         self.files, self.feed = _files(), Feed(name)
+        super().__init__((HOST, port), Handler)  # where the port is taken this calls server_close
 
     def server_close(self) -> None:
         super().server_close()
@@ -52,6 +54,7 @@ class Handler(BaseHTTPRequestHandler):
 
     server: Server
     protocol_version = "HTTP/1.1"
+    _ours: bool | None = None
     timeout = 30  # s without a request, or with one that does not get on
 
     def log_message(self, format: str, *args: Any) -> None:
@@ -68,9 +71,10 @@ class Handler(BaseHTTPRequestHandler):
         self._send(status, json.dumps(value).encode(), "application/json")
 
     def _admitted(self) -> bool:
-        client, here = self.client_address, int(self.server.server_address[1])
-        asked_here = own_page(self.headers.get("Host", ""), self.headers.get("Origin"), here)
-        if asked_here and same_user((str(client[0]), int(client[1]))):
+        if self._ours is None:  # once a connection: it cannot change hands
+            self._ours = same_user((str(self.client_address[0]), int(self.client_address[1])))
+        port = int(self.server.server_address[1])
+        if self._ours and own_page(self.headers.get("Host", ""), self.headers.get("Origin"), port):
             return True
         self.close_connection = True
         self._json(HTTPStatus.FORBIDDEN, {"ok": False, "error": "for the user who started it, on its own address"})
@@ -143,6 +147,7 @@ def serve(name: str, port: int, tell: Callable[[str], None]) -> None:
         server = Server(name, port)
     except OSError as error:
         raise UserError(f"--port {port}: {error.strerror}", "another --port, or 0 for a free one") from None
+    cv2.setNumThreads(1)  # the session's stages need the cores
     tell(f"session {name!r} on http://{HOST}:{server.server_address[1]}/ (Ctrl-C ends)")
     try:
         server.serve_forever(0.2)

@@ -19,12 +19,15 @@ function makeLatency(names) {
   return new uPlot(options, [[], [], ...names.map(() => [])], $("latency"));
 }
 
-function makeHist(name, edges) {
+function makeBox(name) {
   const box = document.createElement("div");
   const title = document.createElement("h2");
   title.textContent = `${name} busy, ms`;
   box.append(title);
-  $("hists").append(box);
+  return box;
+}
+
+function makeHist(box, name, edges) {
   const options = {
     width: wide(box), height: 150, legend: { show: false }, cursor: { show: false },
     scales: { x: { time: false }, y: { range: (_, low, high) => [0, Math.max(high, 1)] } },
@@ -38,10 +41,11 @@ function charts(told) {
   const names = told.stages.map((stage) => stage.name);
   if (page.latency === null || names.join() !== Object.keys(rows.stages).join()) {
     if (page.latency) page.latency.destroy();
-    $("hists").replaceChildren();
+    const boxes = names.map(makeBox);
+    $("hists").replaceChildren(...boxes); // all at once: each chart measures its share of the row
     rows.t = []; rows.age = []; rows.stages = Object.fromEntries(names.map((name) => [name, []])); page.hists = {};
     page.latency = makeLatency(names);
-    for (const stage of told.stages) page.hists[stage.name] = makeHist(stage.name, told.edges_ms);
+    names.forEach((name, k) => { page.hists[name] = makeHist(boxes[k], name, told.edges_ms); });
   }
   rows.t.push(told.uptime_s); rows.age.push(told.age_now);
   for (const stage of told.stages) {
@@ -145,9 +149,10 @@ events.onmessage = (event) => {
 };
 events.onerror = () => { $("state").textContent = "the monitor has ended; waiting for it"; page.last = null; };
 
-addEventListener("resize", () => {
+function fit() {
   if (page.latency) page.latency.setSize({ width: wide($("latency")), height: 220 });
   for (const chart of Object.values(page.hists)) chart.setSize({ width: wide(chart.root.parentElement), height: 150 });
-});
+}
+addEventListener("resize", fit);
 watch("camera");
 watch("picture");
