@@ -1,0 +1,131 @@
+"""Subject: anaglyph encodings through simulated glasses: fused colour, rivalry, ghost, and time against a copy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.bench.inputs import Inputs
+from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Skipped, Subject
+from lfpipe.bench.timing import reference_ms, times_ms
+from lfpipe.render.anaglyph import MATRICES, Mixer, decoded, encode, encoded, recipe
+from lfpipe.render.colour_metric import GREEN_MAGENTA, RED_CYAN, fused_error, ghost, rivalry
+from lfpipe.scene.lightfield import LightField
+
+SIDE_PX = 1024  # a picture of 1.05 megapixels
+TURN_PICTURES = 8
+
+
+def view_bgr(field: LightField, row: int, col: int) -> NDArray[np.uint8]:
+    """A stored view, uint8 (height, width, 3) BGR."""
+    view = np.asarray(field.views)[0, row, col]
+    return np.ascontiguousarray(np.broadcast_to(view[::-1], (3, *view.shape[1:])).transpose(1, 2, 0))
+
+
+def exact(picture: NDArray[np.uint8], name: str, light: str) -> NDArray[np.float64]:
+    """The published matrix in floating point, the same picture for both eyes: BGR code values."""
+    matrix = np.array(MATRICES[name]).sum(axis=1)
+    linear = light == "linear" and name.startswith("dubois")
+    rgb = picture[..., ::-1] / 255
+    mixed = np.clip((decoded(rgb) if linear else rgb) @ matrix.T, 0, 1)
+    value: NDArray[np.float64] = (encoded(mixed) if linear else mixed)[..., ::-1] * 255
+    return value
+
+
+class Mixing:
+    """The mixing of ready planes of SIDE_PX x SIDE_PX: `mix()` draws one picture, `copy()` copies its bytes."""
+
+    def __init__(self, name: str, light: str, ghost_compensation: float = 0.0) -> None:
+        how = recipe(name, light, ghost_compensation)
+        self._mixer, side = Mixer(how, SIDE_PX, SIDE_PX), (SIDE_PX, SIDE_PX)
+        rng = np.random.default_rng(0)
+        planes = [cv2.GaussianBlur(rng.integers(0, 256, side, dtype=np.uint8), (0, 0), 5) for _ in how.planes]
+        self._planes = [np.asarray(plane, np.uint8) for plane in planes]
+        self._out, self._other = np.zeros((*side, 3), np.uint8), np.zeros((*side, 3), np.uint8)
+
+    def mix(self) -> None:
+        self._mixer.mix(self._planes, self._out)
+
+    def copy(self) -> None:
+        np.copyto(self._other, self._out)
+
+
+def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
+    """Encodings x light x ghost compensation."""
+    field = inputs.field
+    if field.channels == 1:
+        yield Skipped("saturated colours", "a grey scene: fused error is of grey pictures")
+    yield Skipped("dubois-amber-blue", "no spectra of amber and blue glasses are at hand")
+    step = max(1, min(field.height_px, field.width_px) // (128 if inputs.quick else 256))
+    places = {(0, 0), (field.rows // 2, field.cols // 2), (field.rows - 1, field.cols - 1)}
+    views = [view_bgr(field, *place)[::step, ::step] for place in sorted(places)]
+    for name in MATRICES:
+        if name == "dubois-amber-blue":
+            continue
+        crossed = name.startswith("dubois")
+        for light in ("gamma", "linear") if crossed else ("linear",):
+            for share in (0.0, 50.0, 100.0) if light == "linear" and name != "dubois-green-magenta" else (0.0,):
+                knob = (f"{light} light" if crossed else "") + (f"{', ' if crossed else ''}ghost -{share:.0f} %" if share else "")
+                paper = name == "colour" and not share
+                yield Candidate(name, knob or "plain", partial(_prepare, views, name, light, share), paper)
+
+
+def _prepare(views: list[NDArray[np.uint8]], name: str, light: str, share: float) -> Prepared:
+    how = recipe(name, light, share)
+    glasses = GREEN_MAGENTA if name == "dubois-green-magenta" else RED_CYAN
+    mixing = Mixing(name, light, share)
+
+    def errors() -> dict[str, list[float]]:
+        mixed = [encode(view, view, how) for view in views]
+        found: dict[str, list[float]] = {
+            "fused": [fused_error(view, out, glasses) for view, out in zip(views, mixed, strict=True)],
+            "rivalry": [round(rivalry(out, glasses)[0], 9) for out in mixed],
+            "ghost": [100 * max(abs(leak) for leak in ghost(lambda a, b: encode(a, b, how), 0.5, glasses))],
+        }
+        if not share:
+            wrong = [np.abs(out - exact(view, name, light)) for view, out in zip(views, mixed, strict=True)]
+            found["table_error"] = [float(part.mean()) for part in wrong]
+        return found
+
+    def turn() -> dict[str, float]:
+        reference = reference_ms()
+        copy = float(np.median(times_ms(mixing.copy, TURN_PICTURES)))
+        times = np.array(times_ms(mixing.mix, TURN_PICTURES)) / (SIDE_PX * SIDE_PX / 1e6)
+        copy_mp = copy / (SIDE_PX * SIDE_PX / 1e6)
+        middle = float(np.median(times))
+        told = {"time_ms_mp": middle, "time_p95_ms_mp": float(np.percentile(times, 95)), "copy_ms_mp": copy_mp}
+        return told | {"copies": middle / copy_mp, "reference_ms": reference}
+
+    return Prepared(errors, turn)
+
+
+SUBJECT = Subject(
+    "anaglyph",
+    "Anaglyph encodings",
+    "What both eyes see through simulated glasses, for views of the scene: error of the fused colour, difference in lightness"
+    " between the eyes, light of the other eye on mid grey; and what a megapixel costs beside a copy of its bytes.",
+    (
+        Figure("fused", "error of the fused colour", "CIELAB", "mean"),
+        Figure("rivalry", "rivalry between the eyes", "L*", "mean"),
+        Figure("ghost", "ghost of the other eye on grey", "% of its light", "max"),
+        Figure("table_error", "tables against the matrix in floating point", "levels", "mean"),
+        Figure("time_ms_mp", "time per megapixel, p50", "ms"),
+        Figure("time_p95_ms_mp", "time per megapixel, p95", "ms"),
+        Figure("copy_ms_mp", "a copy of the same bytes", "ms"),
+        Figure("copies", "time over that of a copy", "x"),
+    ),
+    (
+        Diagram(
+            "anaglyph-colour", "Error of colour against time", "time_ms_mp", "fused", "time_p95_ms_mp", ("copy_ms_mp", "a copy")
+        ),
+        Diagram("anaglyph-rivalry", "Rivalry against time", "time_ms_mp", "rivalry", "time_p95_ms_mp", ("copy_ms_mp", "a copy")),
+        Diagram("anaglyph-ghost", "Ghost against time", "time_ms_mp", "ghost", "time_p95_ms_mp", ("copy_ms_mp", "a copy")),
+    ),
+    candidates,
+    paper="colour: red of the left view, green and blue of the right",
+    budget_s=(3.0, 30.0),
+)

@@ -1,0 +1,208 @@
+"""Diagrams with matplotlib, each in a light and a dark dress."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import attrs
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from lfpipe.bench.model import Diagram, Profile, Subject
+from lfpipe.bench.numbers import pareto
+from lfpipe.bench.results import Measured, SubjectResults
+
+SIZE_IN, DPI = (9.0, 5.4), 110
+MARKERS = "osD^vPX<>h"
+
+
+@attrs.frozen
+class Dress:
+    """Colours of one appearance. curves: told apart by readers with a colour vision deficiency too, and by their markers."""
+
+    name: str
+    paper: str
+    ink: str
+    soft: str
+    grid: str
+    curves: tuple[str, ...]
+    front: str
+
+
+LIGHT = Dress("light", "#ffffff", "#1b1f24", "#57606a", "#e4e7eb",
+              ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86"), "#1b1f24")  # fmt: skip
+DARK = Dress("dark", "#14171c", "#e8eaed", "#a4abb5", "#2b3038",
+             ("#56b4e9", "#ff9150", "#3ccf9f", "#e58fc6", "#e8c547", "#9aa0ff", "#b5bac2"), "#e8eaed")  # fmt: skip
+
+
+def short(value: float) -> str:
+    """A number as people write it: 0.05, 3.2, 120, 2e-06."""
+    if value != 0 and not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.0e}"
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+@attrs.frozen
+class Point:
+    """A candidate on a diagram; x95: end of its whisker or NaN. zero: its y is exactly 0, which no logarithm shows."""
+
+    one: Measured
+    x: float
+    y: float
+    x95: float
+    zero: bool
+
+
+def points(subject: Subject, found: SubjectResults, diagram: Diagram) -> list[Point]:
+    """The candidates that have both figures. An error of exactly 0 stands on the lower rim, well below the least other one."""
+    fx, fy = subject.figure(diagram.x), subject.figure(diagram.y)
+    some = [(one, one.value(fx), one.value(fy)) for one in found.measured.values()]
+    some = [(one, x, y) for one, x, y in some if math.isfinite(x) and math.isfinite(y) and x >= 0 and y >= 0]
+    floors = [
+        min((value for value in axis if value > 0), default=1.0) / 3 for axis in ([x for _, x, _ in some], [y for *_, y in some])
+    ]
+    whisker = subject.figure(diagram.whisker) if diagram.whisker else None
+    return [
+        Point(one, x or floors[0], y or floors[1], one.value(whisker) if whisker else math.nan, y == 0 or x == 0)
+        for one, x, y in some
+    ]
+
+
+def draw(subject: Subject, found: SubjectResults, diagram: Diagram | Profile, dress: Dress = LIGHT) -> Canvas:
+    """The diagram as a matplotlib figure. It must hold a point: `results.empty_diagrams` tells."""
+    style: Any = {
+        "svg.hashsalt": "lfpipe", "font.size": 10, "font.family": "DejaVu Sans", "text.color": dress.ink,
+        "axes.labelcolor": dress.ink, "axes.edgecolor": dress.soft, "xtick.color": dress.soft, "ytick.color": dress.soft,
+        "axes.facecolor": dress.paper, "figure.facecolor": dress.paper, "savefig.facecolor": dress.paper,
+    }  # fmt: skip
+    with mpl.rc_context(style):
+        canvas = Canvas(figsize=SIZE_IN, dpi=DPI, layout="constrained")
+        axes = canvas.add_subplot()
+        told: list[Point] = []
+        if isinstance(diagram, Diagram):
+            told = _work_precision(axes, subject, found, diagram, dress)
+        else:
+            _profile(axes, subject, found, diagram, dress)
+        axes.set_title(diagram.title, loc="left", fontsize=12, fontweight="bold", color=dress.ink)
+        axes.grid(True, which="major", color=dress.grid, linewidth=0.8)
+        axes.set_axisbelow(True)
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+        handles, labels = axes.get_legend_handles_labels()
+        canvas.legend(handles, labels, loc="outside right upper", frameon=False, fontsize=9, labelcolor=dress.ink)
+        canvas.draw_without_rendering()  # the places of points in px are known from here on
+        canvas.set_layout_engine("none")
+        _label(axes, told, dress)
+        return canvas
+
+
+def _work_precision(axes: Axes, subject: Subject, found: SubjectResults, diagram: Diagram, dress: Dress) -> list[Point]:
+    """Draws it; returns the points whose knobs should be written beside them, the most telling first."""
+    shown = points(subject, found, diagram)
+    curves: dict[str, list[Point]] = {}
+    for point in shown:
+        curves.setdefault(point.one.curve, []).append(point)
+    for k, (name, of) in enumerate(curves.items()):
+        colour, marker = dress.curves[k % len(dress.curves)], MARKERS[k % len(MARKERS)]
+        of = sorted(of, key=lambda point: (point.x, point.y))
+        xs, ys = [p.x for p in of], [p.y for p in of]
+        whiskers = [max(0.0, p.x95 - p.x) if math.isfinite(p.x95) else 0.0 for p in of]
+        if any(whiskers):
+            axes.errorbar(
+                xs, ys, xerr=[[0.0] * len(xs), whiskers], fmt="none", ecolor=colour, elinewidth=0.9, capsize=2, alpha=0.6
+            )
+        axes.plot(xs, ys, marker=marker, color=colour, linewidth=1.4, markersize=6, label=name, alpha=0.95)
+    front = [shown[i] for i in pareto([(p.x, p.y) for p in shown])]
+    xs, ys = [p.x for p in front], [p.y for p in front]
+    axes.step(xs, ys, where="post", color=dress.front, linewidth=1.0, linestyle=(0, (1, 2)), zorder=1)
+    axes.scatter(xs, ys, s=110, facecolors="none", edgecolors=dress.front, linewidths=1.2, zorder=4, label="Pareto front")
+    paper = [p for p in shown if p.one.paper]
+    if paper:
+        axes.scatter([p.x for p in paper], [p.y for p in paper], s=230, marker="*", color="#e5484d", edgecolors=dress.paper,
+                     linewidths=0.8, zorder=5, label="the paper")  # fmt: skip
+    if diagram.guide:
+        figure = subject.figure(diagram.guide[0])
+        values = [v for v in (one.value(figure) for one in found.measured.values()) if math.isfinite(v)]
+        if values:
+            axes.axvline(sorted(values)[len(values) // 2], color=dress.soft, linewidth=1, linestyle="--", label=diagram.guide[1])
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.margins(0.09, 0.12)
+    if any(p.zero for p in shown):
+        axes.annotate("lowest points: exactly 0", (0.01, 0.01), xycoords="axes fraction", fontsize=8, color=dress.soft)
+    for axis, key in ((axes.xaxis, diagram.x), (axes.yaxis, diagram.y)):
+        low, high = axis.get_view_interval()
+        wide = high / max(low, 1e-300) > 60
+        axis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: short(value)))
+        axis.set_minor_formatter(NullFormatter())
+        axis.set_label_text(subject.figure(key).axis)
+    return [*paper, *(p for p in front if not p.one.paper)]
+
+
+def _label(axes: Axes, wanted: list[Point], dress: Dress) -> None:
+    """Knobs beside points, each in the first of a few places where it meets no other label; left out where none is free."""
+    taken: list[tuple[float, float, float, float]] = []
+    spots = [axes.transData.transform((p.x, p.y)) for p in wanted]
+    left, bottom, right, top = (float(v) for v in axes.get_window_extent().extents)
+    for point, (x, y) in zip(wanted, spots, strict=True):
+        text = point.one.knob or point.one.curve
+        width, height = 5.9 * len(text), 13.0
+        for dx, dy in ((9, 7), (9, -18), (-9 - width, 7), (-9 - width, -18), (9, 22), (9, -33), (-width / 2, 26)):
+            box = (x + dx, y + dy, x + dx + width, y + dy + height)
+            free = all(box[2] < b[0] or b[2] < box[0] or box[3] < b[1] or b[3] < box[1] for b in taken)
+            free &= not any(box[0] - 4 < sx < box[2] + 4 and box[1] - 4 < sy < box[3] + 4 for sx, sy in spots)
+            if free and box[0] >= left and box[2] <= right + 20 and box[1] >= bottom and box[3] <= top + 10:
+                taken.append(box)
+                scale = 72 / DPI
+                axes.annotate(text, (point.x, point.y), (dx * scale, dy * scale), textcoords="offset points", fontsize=8,
+                              color=dress.ink, zorder=6)  # fmt: skip
+                break
+
+
+def _profile(axes: Axes, subject: Subject, found: SubjectResults, profile: Profile, dress: Dress) -> None:
+    figures = [(x, subject.figure(key)) for x, key in profile.keys]
+    for k, one in enumerate(one for one in found.measured.values() if one.knob in profile.knobs):
+        ys = [one.value(figure) for _, figure in figures]
+        colour = "#e5484d" if one.paper else dress.curves[k % len(dress.curves)]
+        label = f"{one.curve}, {one.knob} (the paper)" if one.paper else one.curve
+        marker = "*" if one.paper else MARKERS[k % len(MARKERS)]
+        axes.plot([x for x, _ in figures], ys, marker=marker, markersize=10 if one.paper else 6, color=colour, linewidth=1.6,
+                  linestyle="--" if one.paper else "-", label=label)  # fmt: skip
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: short(value)))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel(profile.x_axis)
+    axes.set_ylabel(profile.y_axis)
+
+
+def as_svg(canvas: Canvas) -> str:
+    """The figure as SVG text, without a date, so that equal results give equal files."""
+    out = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": "lfpipe"}):
+        canvas.savefig(out, format="svg", metadata={"Date": None, "Creator": "lfpipe bench"})
+    return out.getvalue()
+
+
+def in_dress(svg: str, dress: Dress) -> str:
+    """A diagram drawn in LIGHT, in another dress: every colour of LIGHT is a word of its own in the SVG."""
+    fields = [(getattr(LIGHT, f.name), getattr(dress, f.name)) for f in attrs.fields(Dress) if f.name not in ("name", "curves")]
+    colours = dict([*fields, *zip(LIGHT.curves, dress.curves, strict=True)])
+    return re.sub("|".join(colours), lambda found: colours[found[0]], svg)
+
+
+def write(canvas: Canvas, path: Path) -> tuple[str, str]:
+    """Writes path.png, path.svg and path-dark.svg of a diagram drawn in LIGHT; returns both SVGs."""
+    canvas.savefig(path.with_suffix(".png"), metadata={"Software": "lfpipe bench"})
+    svg = as_svg(canvas)
+    dark = in_dress(svg, DARK)
+    path.with_suffix(".svg").write_text(svg)
+    path.with_name(f"{path.name}-dark.svg").write_text(dark)
+    return svg, dark

@@ -1,0 +1,168 @@
+"""Subject: filters of the eye positions on a known motion: error at the moment of display, still jitter, time per update."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.bench.inputs import Inputs
+from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Profile, Skipped, Subject
+from lfpipe.bench.timing import times_ms
+from lfpipe.capture.motion import duration_s, place_at, viewer_path
+from lfpipe.config import Track
+from lfpipe.track.filters import make_filter
+from lfpipe.track.kalman import Kalman, Predictive
+from lfpipe.track.smoothing import EyeFilter, Mean, OneEuro
+
+HORIZONS_MS = (0, 20, 40, 60, 80, 100, 120)
+RATES_HZ = (30, 60, 120)
+SHOWN_MS = 40  # horizon of the work-precision diagrams: a picture's age at 30 Hz and 60 Hz refresh
+NOISE_PX = 0.15  # of the landmarks at 30 Hz and a sensor noise of 5 DN
+FOCAL_PX, HOME_MM, EYES_MM, MIDDLE_PX = 600.0, 600.0, 63.0, (319.5, 239.5)
+SETTLED_S = 0.4
+
+Float = NDArray[np.float64]
+
+
+@lru_cache(maxsize=1)
+def known_motion() -> tuple[Float, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Every millisecond of a viewer's path: eyes (n, 2, 2) px, whether both are in a picture of 640x480, whether the head has
+    been still for SETTLED_S. A pinhole camera, eyes EYES_MM apart."""
+    path = viewer_path(HOME_MM, 320 * HOME_MM / FOCAL_PX)
+    count = int(duration_s(path) * 1000)
+    places, phases = zip(*(place_at(path, k / 1000) for k in range(count)), strict=True)
+    x, y, z = np.array(places).T
+    right_px = MIDDLE_PX[0] + FOCAL_PX * (x[:, None] + np.array([EYES_MM / 2, -EYES_MM / 2])) / z[:, None]
+    down_px = np.repeat((MIDDLE_PX[1] + FOCAL_PX * y / z)[:, None], 2, axis=1)
+    seen = ((right_px >= 0) & (right_px < 640)).all(axis=1)
+    still = np.zeros(count, bool)
+    run = 0
+    for k, phase in enumerate(phases):
+        run = run + 1 if phase == "still" else 0
+        still[k] = run > SETTLED_S * 1000 and seen[k]
+    return np.stack([right_px, down_px], axis=2), seen, still
+
+
+def followed(one: EyeFilter, rate_hz: int, horizons_ms: tuple[int, ...] = HORIZONS_MS) -> dict[str, list[float]]:
+    """Samples of a filter at a camera rate: RMS error in px of each second at every horizon, and still jitter of SHOWN_MS."""
+    eyes, seen, still = known_motion()
+    rng = np.random.default_rng(rate_hz)
+    per_second: dict[int, dict[int, list[float]]] = {h: {} for h in horizons_ms}
+    rest: list[Float] = []
+    stretches: list[list[float]] = []
+    resting = False
+    for k in range(int(len(eyes) * rate_hz / 1000)):
+        t_ns = round(k * 1e9 / rate_hz)
+        ms = min(t_ns // 1_000_000, len(eyes) - 1)
+        if not seen[ms]:
+            continue
+        one.update(t_ns, eyes[ms] + rng.normal(0.0, NOISE_PX, (2, 2)))
+        for horizon in horizons_ms:
+            if ms + horizon < len(eyes) and seen[ms + horizon]:
+                away = one.predict(t_ns + horizon * 1_000_000) - eyes[ms + horizon]
+                per_second[horizon].setdefault(ms // 1000, []).append(float(np.square(away).sum() / 2))
+        if still[ms]:
+            rest.append(one.predict(t_ns + SHOWN_MS * 1_000_000))
+        elif resting and len(rest) > 5:
+            stretches.append((np.array(rest) - np.mean(rest, axis=0)).ravel().tolist())
+        if not still[ms]:
+            rest = []
+        resting = bool(still[ms])
+    if len(rest) > 5:
+        stretches.append((np.array(rest) - np.mean(rest, axis=0)).ravel().tolist())
+    out = {f"error_{h}ms_{rate_hz}hz": [float(np.sqrt(np.mean(part))) for part in per_second[h].values()] for h in horizons_ms}
+    return out | {f"jitter_{rate_hz}hz": [float(np.sqrt(2 * np.mean(np.square(part)))) for part in stretches]}
+
+
+def sweeps() -> dict[str, list[tuple[str, Callable[[], EyeFilter]]]]:
+    """Curve -> (knob, filter); knob "default" is what the configuration's name stands for."""
+    ones = [(f"beta {beta:g}", partial(OneEuro, 1.0, beta, 4.0)) for beta in (0.3, 1.0, 5.0, 20.0)]
+    motions = [(f"agility {a:.0e}", partial(Kalman, a)) for a in (1e1, 1e2, 1e3, 1e5, 1e6)]
+    gates = [(f"gate {gate:g}", partial(_predictive, gate)) for gate in (0.1, 0.2, 0.4, 0.8, 1.6)]
+    return {
+        "mean": [(f"k = {k}", partial(Mean, k)) for k in (1, 2, 3, 5, 8, 12)],
+        "one-euro": [("default", lambda: make_filter(Track(filter="one-euro"))), *ones],
+        "kalman": [("default", lambda: make_filter(Track(filter="kalman"))), *motions],
+        "predictive": [("default", lambda: make_filter(Track(filter="predictive"))), *gates],
+    }
+
+
+def _predictive(gate: float) -> EyeFilter:
+    return Predictive(OneEuro(0.4, 5.0, 1.5), Kalman(4e4), gate)
+
+
+def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
+    """mean(k), One-Euro, Kalman and the default, with their parameters swept."""
+    if inputs.quick:
+        yield Skipped("60 and 120 Hz of the swept parameters", "--quick sweeps at 30 Hz; the defaults run at all rates")
+    for curve, knobs in sweeps().items():
+        for knob, make in knobs:
+            paper = (curve, knob) == ("mean", "k = 5")
+            drawn = paper or knob == "default"  # as a line over the horizon
+            rates = RATES_HZ if drawn or not inputs.quick else RATES_HZ[:1]
+            horizons = HORIZONS_MS if drawn else (SHOWN_MS,)
+            yield Candidate(curve, knob, partial(_prepare, make, rates, horizons), paper)
+
+
+def _prepare(make: Callable[[], EyeFilter], rates_hz: tuple[int, ...], horizons_ms: tuple[int, ...]) -> Prepared:
+    def errors() -> dict[str, list[float]]:
+        found: dict[str, list[float]] = {}
+        for rate_hz in rates_hz:
+            found |= followed(make(), rate_hz, horizons_ms)
+        return found
+
+    one, eyes = make(), known_motion()[0]
+    at = 0
+
+    def step() -> None:
+        nonlocal at
+        at += 1
+        one.update(at * 33_333_333, eyes[at * 33 % len(eyes)])
+
+    def turn() -> dict[str, float]:
+        times = times_ms(step, 200)
+        return {"time_us": float(np.median(times)) * 1e3, "time_p95_us": float(np.percentile(times, 95)) * 1e3}
+
+    return Prepared(errors, turn)
+
+
+_ERRORS = tuple(
+    Figure(f"error_{h}ms_{rate}hz", f"error {h} ms ahead at {rate} Hz, RMS", "px", "rms")
+    for rate in RATES_HZ
+    for h in HORIZONS_MS
+)
+_PROFILES = tuple(
+    Profile(
+        f"filters-horizon-{rate}hz",
+        f"Error at the moment of display, camera at {rate} Hz",
+        "from the frame to the display, ms",
+        "error, RMS, px",
+        tuple((float(h), f"error_{h}ms_{rate}hz") for h in HORIZONS_MS),
+        ("default", "k = 5"),
+    )
+    for rate in RATES_HZ
+)
+
+SUBJECT = Subject(
+    "filters",
+    "Filtering and predicting",
+    "A viewer's known motion (reaches up to 450 mm/s, sway, sudden stops, approach, leaving) before a pinhole camera, landmarks"
+    f" with {NOISE_PX} px of noise: how far are the eyes that a picture is made for from the eyes that look at it?",
+    (
+        *_ERRORS,
+        *(Figure(f"jitter_{rate}hz", f"still jitter at {rate} Hz, RMS", "px", "rms") for rate in RATES_HZ),
+        Figure("time_us", "time per update, p50", "µs"),
+        Figure("time_p95_us", "time per update, p95", "µs"),
+    ),
+    (
+        Diagram("filters", f"Error {SHOWN_MS} ms ahead against time", "time_us", f"error_{SHOWN_MS}ms_30hz", "time_p95_us"),
+        Diagram("filters-jitter", f"Error {SHOWN_MS} ms ahead against still jitter", "jitter_30hz", f"error_{SHOWN_MS}ms_30hz"),
+        *_PROFILES,
+    ),
+    candidates,
+    paper="mean of k = 5, shown as it is",
+    budget_s=(3.0, 30.0),
+)

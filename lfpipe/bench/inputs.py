@@ -1,0 +1,139 @@
+"""What subjects are measured on: a scene, a sequence of frames with or without truth, and a folder to work in."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.bench.truth import HEAD, Truth
+from lfpipe.errors import UserError
+from lfpipe.scene.lightfield import LightField
+
+Progress = Callable[[str, int, int], None]
+
+SIZE_PX = (640, 480)
+STILL_S, MOVING_S = 2.0, (2.5, 10.0)  # of the demo sequence: quick and not
+FRAMES = (135, 360)  # the most that are taken of a sequence
+NOISE_DN = 2.0
+DEMO_SIDE_PX = 256  # of the views of the quick demo scene
+
+
+@attrs.frozen(eq=False)
+class Sequence:
+    """frames: uint8 (n, height, width, 3) BGR. truth: None where there is none beside the video."""
+
+    path: Path
+    frames: NDArray[np.uint8]
+    rate_hz: float
+    truth: Truth | None
+
+
+@attrs.frozen(eq=False)
+class Inputs:
+    """fields: the scenes as (where they lie, light field), the first one is the one that views are made from.
+
+    work: a folder for what is made on the way, kept from run to run. demo: the sequence is the demo's.
+    """
+
+    fields: tuple[tuple[Path, LightField], ...]
+    sequence: Sequence
+    quick: bool
+    demo: bool
+    work: Path
+
+    @property
+    def scene(self) -> Path:
+        return self.fields[0][0]
+
+    @property
+    def field(self) -> LightField:
+        return self.fields[0][1]
+
+
+def read_sequence(path: Path, frames: int) -> Sequence:
+    """At most that many frames of a video, or of pictures in a folder; the truth is PATH with the suffix .csv.
+
+    Raises UserError where there is none, or one that cannot be read.
+    """
+    from lfpipe.capture.pictures import open_recording
+
+    recording = open_recording(path)
+    kept: list[NDArray[np.uint8]] = []
+    size = (recording.height_px, recording.width_px, 3)
+    while len(kept) < frames:
+        frame = np.empty(size, np.uint8)
+        if recording.next(frame) is None:
+            break
+        kept.append(frame)
+    recording.close()
+    side = path.with_suffix(".csv")
+    truth = Truth.read(side) if side.is_file() else None
+    if truth is not None and len(truth.t_ns) < len(kept):
+        raise UserError(f"{side}: {len(truth.t_ns)} rows for {len(kept)} frames or more", "one row per frame of the sequence")
+    return Sequence(path, np.stack(kept), recording.rate_hz or config.Camera().rate_hz, truth)
+
+
+def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
+    """The demo's viewer as a video with its truth: still for STILL_S, then on the demo's path; made where it is not there yet.
+
+    Sensor noise is fresh in every frame, or a still face would be one picture for ever.
+    """
+    path = folder / f"demo-{moving_s:g}s-{rate_hz:g}hz.avi"
+    if path.is_file() and path.with_suffix(".csv").is_file():
+        return path
+    from lfpipe.capture.demo import DemoSource, demo_eyes_px
+
+    folder.mkdir(parents=True, exist_ok=True)
+    width_px, height_px = SIZE_PX
+    source = DemoSource(config.Camera(width_px=width_px, height_px=height_px, rate_hz=rate_hz))
+    part = path.with_name(f".{os.getpid()}-{path.name}")
+    codec, quality = cv2.VideoWriter.fourcc(*"MJPG"), [cv2.VIDEOWRITER_PROP_QUALITY, 95]
+    writer = cv2.VideoWriter(str(part), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, SIZE_PX, quality)
+    if not writer.isOpened():
+        raise UserError(f"{part}: cannot be written", "name a folder with room: --out DIR")
+    frame, noise = np.empty((height_px, width_px, 3), np.uint8), np.empty((height_px, width_px, 3), np.int16)
+    still, moving = round(STILL_S * rate_hz), round(moving_s * rate_hz)
+    cv2.setRNGSeed(1)
+    zero, spread = np.zeros(3), np.full(3, NOISE_DN)
+    rows: list[tuple[object, ...]] = []
+    for seq in range(still + moving):
+        t_s = max(seq - still, 0) / rate_hz
+        if seq == 0 or seq > still:
+            source.read(frame)
+        cv2.randn(noise, zero, spread)
+        writer.write(cv2.add(frame, noise, dtype=cv2.CV_8U))
+        eyes = [f"{value:.4f}" for value in demo_eyes_px(t_s, width_px, height_px).ravel()]
+        rows.append((seq, round(seq / rate_hz * 1e9), *eyes, 1, "still" if seq <= still else "move"))
+    writer.release()
+    with path.with_suffix(".csv").open("w", newline="") as file:
+        csv.writer(file).writerows([HEAD, *rows])
+    part.replace(path)
+    return path
+
+
+def make_inputs(scenes: tuple[Path, ...], sequence: Path | None, quick: bool, settings: config.Config, say: Progress) -> Inputs:
+    """Scenes opened (packed where they are not yet) and the sequence read; what is not given is the demo's. Raises UserError."""
+    from lfpipe.render.scoring import choose_method
+    from lfpipe.scene.cache import cache_dir
+    from lfpipe.scene.demo import demo_scene
+    from lfpipe.scene.pack import open_scene
+
+    cache = cache_dir(settings.scene)
+    work = cache / "bench"
+    try:
+        work.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{work}: {error.strerror}", "name another place with --set scene.cache_dir=DIR") from None
+    if not scenes:
+        scenes = (demo_scene(cache, say, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache, say),)
+    fields = tuple((scene, open_scene(scene, settings.scene, say, choose_method)) for scene in scenes)
+    path = sequence or demo_sequence(work, MOVING_S[0 if quick else 1])
+    return Inputs(fields, read_sequence(path, FRAMES[0 if quick else 1]), quick, sequence is None, work)

@@ -1,0 +1,195 @@
+"""The report of a run: one HTML page that needs nothing else, the diagrams as PNG and SVG, and a Markdown summary."""
+
+from __future__ import annotations
+
+import base64
+import html
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from lfpipe.bench.diagrams import draw, points, short, write
+from lfpipe.bench.model import Diagram, Figure, Subject, Table
+from lfpipe.bench.numbers import pareto
+from lfpipe.bench.results import Measured, Results, SubjectResults, empty_diagrams
+from lfpipe.bench.subjects import SUBJECTS
+
+STYLE = """
+:root { color-scheme: light dark; --paper: #ffffff; --ink: #1b1f24; --soft: #57606a; --line: #d8dde3; --mark: #f4f6f8;
+  --red: #c62a2f; --ok: #d9f2e4; --degraded: #fdeccb; --failed: #fbd5d5; }
+@media (prefers-color-scheme: dark) { :root { --paper: #14171c; --ink: #e8eaed; --soft: #a4abb5; --line: #333943; --mark: #1c2027;
+  --red: #ff7b7f; --ok: #173c2b; --degraded: #4a3710; --failed: #561d20; } }
+* { box-sizing: border-box; }
+body { margin: 0 auto; padding: 1.5rem; max-width: 64rem; background: var(--paper); color: var(--ink);
+  font: 16px/1.5 system-ui, "DejaVu Sans", sans-serif; }
+h1 { font-size: 1.7rem; margin: 0 0 .2rem; }
+h2 { margin: 2.6rem 0 .3rem; border-top: 1px solid var(--line); padding-top: 1.2rem; }
+h3 { margin: 1.4rem 0 .3rem; font-size: 1rem; } p { margin: .3rem 0 .8rem; } .soft { color: var(--soft); }
+nav a { margin-right: .9rem; } a { color: inherit; }
+img { width: 100%; height: auto; display: block; margin: .6rem 0 1rem; border: 1px solid var(--line); border-radius: 6px; }
+.wide { overflow-x: auto; } table { border-collapse: collapse; font-size: .84rem; margin: .3rem 0 1rem; }
+th, td { text-align: left; padding: .22rem .6rem; border-bottom: 1px solid var(--line); vertical-align: top; }
+th { background: var(--mark); font-weight: 600; }
+td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.front { font-weight: 600; } .paper { color: var(--red); } .ok { background: var(--ok); }
+.degraded { background: var(--degraded); }
+.failed { background: var(--failed); } summary { cursor: pointer; } code { font-size: .9em; overflow-wrap: anywhere; }
+"""
+
+
+def write_report(results: Results, out: Path) -> Path:
+    """Writes report.html, summary.md and the diagrams into out; returns the path of the report."""
+    pictures = out / "diagrams"
+    pictures.mkdir(exist_ok=True)
+    sections = [_section(SUBJECTS[name], found, pictures) for name, found in results.subjects.items()]
+    links = " ".join(f'<a href="#{name}">{html.escape(SUBJECTS[name].title)}</a>' for name in results.subjects)
+    page = (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        f"<title>lfpipe bench</title><style>{STYLE}</style></head><body><h1>Error against run time</h1>{_about(results)}"
+        f"<nav>{links}</nav>{''.join(sections)}</body></html>"
+    )
+    path = out / "report.html"
+    path.write_text(page)
+    (out / "summary.md").write_text(summary(results))
+    return path
+
+
+def _about(results: Results) -> str:
+    about = results.about
+    machine = about["machine"]
+    rows = {
+        "command": f"<code>{html.escape(about['command'])}</code>",
+        "scene": html.escape("; ".join(about["scenes"])),
+        "sequence": html.escape(about["sequence"]),
+        "machine": html.escape(f"{machine['processor']}, {machine['cores']} cores, {machine['system']}, load {machine['load']}"),
+        "versions": html.escape(", ".join(f"{name} {version}" for name, version in about["versions"].items())),
+        "commit": html.escape(about["commit"]),
+        "started": html.escape(about["started"]),
+    }
+    body = "".join(f"<tr><th>{key}</th><td>{value}</td></tr>" for key, value in rows.items())
+    how = (
+        "Times are medians of turns taken in a shuffled order between methods, after a turn to warm up; ± is half the 95 % interval of"
+        " the median, where there are turns enough for one. Whiskers end at the 95th percentile. Both axes are logarithmic; down and"
+        " left is better. Rings: no other point is better in both. Red star: what the paper does."
+    )
+    return f'<div class="wide"><table>{body}</table></div><p class="soft">{how}</p>'
+
+
+def _section(subject: Subject, found: SubjectResults, pictures: Path) -> str:
+    parts = [f'<h2 id="{subject.name}">{html.escape(subject.title)}</h2><p>{html.escape(subject.question)}</p>']
+    if subject.paper:
+        parts.append(f'<p class="soft">The paper: {html.escape(subject.paper)}.</p>')
+    empty = empty_diagrams(subject, found)
+    for diagram in subject.diagrams:
+        if diagram.name not in empty:
+            parts.append(_picture(*write(draw(subject, found, diagram), pictures / diagram.name), diagram.title))
+    parts += [_cells(table) for table in found.tables]
+    parts += _left(found, empty)
+    if found.measured:
+        parts.append(_figures(subject, found))
+    return "".join(parts)
+
+
+def _picture(light: str, dark: str, title: str) -> str:
+    data = ["data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode() for svg in (light, dark)]
+    source = f'<source media="(prefers-color-scheme: dark)" srcset="{data[1]}">'
+    return f'<picture>{source}<img alt="{html.escape(title)}" src="{data[0]}"></picture>'
+
+
+def _left(found: SubjectResults, empty: dict[str, str]) -> Iterator[str]:
+    """What failed and what makes no sense, by name."""
+    failed = "".join(f"<li>{html.escape(name)}: {html.escape(reason)}</li>" for name, reason in found.omissions.items())
+    yield f"<h3>Omissions</h3><ul>{failed}</ul>" if failed else "<h3>Omissions</h3><p>None: no method threw or gave NaN.</p>"
+    reasons = [f"{item.what}: {item.why}" for item in found.skipped] + list(empty.values())
+    if reasons:
+        yield (
+            "<h3>Left out, as it makes no sense here</h3><ul>"
+            + "".join(f"<li>{html.escape(text)}</li>" for text in reasons)
+            + "</ul>"
+        )
+
+
+def fronts(subject: Subject, found: SubjectResults) -> set[str]:
+    """Names of the candidates on the Pareto front of any diagram."""
+    names = set()
+    for diagram in subject.diagrams:
+        if isinstance(diagram, Diagram):
+            shown = points(subject, found, diagram)
+            names |= {shown[k].one.name for k in pareto([(p.x, p.y) for p in shown])}
+    return names
+
+
+def number(one: Measured, figure: Figure) -> str:
+    """The figure of a candidate as text, with half its interval where it was timed."""
+    value = one.value(figure)
+    if not math.isfinite(value):
+        return ""
+    spread = one.noise(figure.key) / 2 if figure.key in one.turns else math.inf
+    return short(value) + (f" ± {100 * spread:.0f} %" if math.isfinite(spread) else "")
+
+
+def _used(subject: Subject, found: SubjectResults) -> list[Figure]:
+    return [f for f in subject.figures if any(math.isfinite(one.value(f)) for one in found.measured.values())]
+
+
+def _figures(subject: Subject, found: SubjectResults) -> str:
+    figures, front = _used(subject, found), fronts(subject, found)
+    head = "".join(f"<th>{html.escape(figure.axis)}</th>" for figure in figures)
+    rows = []
+    for one in found.measured.values():
+        kind = ("front" if one.name in front else "") + (" paper" if one.paper else "")
+        cells = "".join(f'<td class="n">{number(one, figure)}</td>' for figure in figures)
+        name = html.escape(one.name) + (" ★" if one.paper else "")
+        rows.append(f'<tr class="{kind}"><td>{name}</td>{cells}</tr>')
+    what = f"All figures of {len(found.measured)} methods ({found.seconds:.0f} s). Bold: on a front. ★: the paper."
+    body = f'<div class="wide"><table><tr><th>method</th>{head}</tr>{"".join(rows)}</table></div>'
+    return f"<details><summary>{what}</summary>{body}</details>"
+
+
+def _cells(table: Table) -> str:
+    head = "".join(f"<th>{html.escape(text)}</th>" for text in table.head)
+    rows = "".join(
+        "<tr>" + "".join(f'<td class="{cell.state}">{html.escape(cell.text)}</td>' for cell in row) + "</tr>"
+        for row in table.rows
+    )
+    counted = counts(table)
+    told = ", ".join(f"{count} {state}" for state, count in counted.items() if count)
+    return (
+        f"<h3>{html.escape(table.title)}</h3><p class='soft'>{html.escape(table.note)} {told and f'<b>{told}</b>.'}</p>"
+        f'<div class="wide"><table><tr>{head}</tr>{rows}</table></div>'
+    )
+
+
+def counts(table: Table) -> dict[str, int]:
+    """How many cells are ok, degraded and failed."""
+    cells = [cell.state for row in table.rows for cell in row]
+    return {state: cells.count(state) for state in ("ok", "degraded", "failed")}
+
+
+def summary(results: Results) -> str:
+    """The run in Markdown, for a pull request: what is on a front, what the paper does, what failed."""
+    about = results.about
+    lines = ["## lfpipe bench", "", f"`{about['command']}` at {about['commit']}, {about['machine']['processor']},"]
+    lines += [f"{about['machine']['cores']} cores. {'; '.join(about['scenes'])}. {about['sequence']}.", ""]
+    for name, found in results.subjects.items():
+        subject = SUBJECTS[name]
+        lines += [f"### {subject.title}", ""]
+        if found.measured:
+            front = fronts(subject, found)
+            keys = list(dict.fromkeys(key for d in subject.diagrams if isinstance(d, Diagram) for key in (d.y, d.x)))
+            figures = [f for f in _used(subject, found) if f.key in keys]
+            lines.append("| method | " + " | ".join(figure.axis for figure in figures) + " |")
+            lines.append("|---|" + "---:|" * len(figures))
+            for one in found.measured.values():
+                if one.name in front or one.paper:
+                    told = " | ".join(number(one, figure) for figure in figures)
+                    lines.append(f"| {one.name}{' ★' if one.paper else ''} | {told} |")
+            lines.append("")
+        for table in found.tables:
+            told = ", ".join(f"{count} {state}" for state, count in counts(table).items() if count)
+            lines.append(f"- {table.title}: {told or 'see the report'}")
+        lines += [f"- omitted: {name}: {reason}" for name, reason in found.omissions.items()]
+        lines += [f"- left out: {item.what}: {item.why}" for item in found.skipped]
+        lines += [f"- left out: {text}" for text in empty_diagrams(subject, found).values()]
+        lines.append("")
+    return "\n".join([*lines, "★ what the paper does; the others are on a Pareto front of their subject.", ""])

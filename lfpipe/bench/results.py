@@ -1,0 +1,187 @@
+"""results.json: every sample, with the machine, versions, commit and command line; written whole, read back to go on."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+import lfpipe
+from lfpipe.bench.inputs import Inputs
+from lfpipe.bench.model import Cell, Diagram, Figure, Profile, Skipped, Subject, Table
+from lfpipe.bench.numbers import noise
+from lfpipe.errors import UserError
+
+FORMAT = 1
+PACKAGES = ("numpy", "opencv-contrib-python-headless", "mediapipe", "ai-edge-litert")
+
+
+@attrs.define
+class Measured:
+    """One candidate: samples of each figure, from the one measurement (errors) and from timed turns."""
+
+    curve: str
+    knob: str
+    paper: bool
+    errors: dict[str, list[float]] = attrs.Factory(dict)
+    turns: dict[str, list[float]] = attrs.Factory(dict)
+
+    @property
+    def name(self) -> str:
+        return f"{self.curve}, {self.knob}" if self.knob else self.curve
+
+    def value(self, figure: Figure) -> float:
+        """The figure as one number; NaN where it was not measured."""
+        return figure.of(self.errors.get(figure.key) or self.turns.get(figure.key) or [])
+
+    def noise(self, key: str) -> float:
+        """Width of the 95 % interval of the median of a timed figure, over the median."""
+        return noise(self.turns.get(key, []))
+
+
+@attrs.define
+class SubjectResults:
+    """What was found of one subject. omissions: candidates that failed, with the reason. skipped: what makes no sense here."""
+
+    name: str
+    measured: dict[str, Measured] = attrs.Factory(dict)
+    omissions: dict[str, str] = attrs.Factory(dict)
+    skipped: list[Skipped] = attrs.Factory(list)
+    tables: list[Table] = attrs.Factory(list)
+    seconds: float = 0.0
+    done: bool = False
+
+
+@attrs.define
+class Results:
+    """A whole run. about: machine, versions, commit, command line, inputs."""
+
+    about: dict[str, Any]
+    subjects: dict[str, SubjectResults] = attrs.Factory(dict)
+
+    def write(self, folder: Path) -> None:
+        """Writes results.json whole or not at all. Raises UserError where the folder cannot be written."""
+        told = {"format": FORMAT, **attrs.asdict(self)}
+        part = folder / f".results.{os.getpid()}"
+        try:
+            part.write_text(json.dumps(_rounded(told), indent=1, allow_nan=False))
+            part.replace(folder / "results.json")
+        except OSError as error:
+            raise UserError(
+                f"{folder}: results cannot be written: {error.strerror}", "name another folder with --out DIR"
+            ) from None
+
+
+def _rounded(value: Any) -> Any:
+    """Floats at seven digits, what is not finite as null: a tenth of the bytes, and nothing that matters."""
+    if isinstance(value, float):
+        return float(f"{value:.7g}") if value - value == 0 else None
+    if isinstance(value, dict):
+        return {key: _rounded(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(part) for part in value]
+    return value
+
+
+def read(folder: Path) -> Results:
+    """The results in a folder. Raises UserError where there are none, or of another format."""
+    path = folder / "results.json" if folder.is_dir() else folder
+    try:
+        told = json.loads(path.read_text())
+        if told["format"] != FORMAT:
+            raise UserError(f"{path}: format {told['format']}, this is {FORMAT}", "measure anew")
+        subjects = {name: _subject(part) for name, part in told["subjects"].items()}
+        return Results(told["about"], subjects)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise UserError(f"{path}: no results of `lfpipe bench`: {error}", "a folder that --out wrote") from None
+
+
+def _subject(part: dict[str, Any]) -> SubjectResults:
+    tables = [
+        Table(t["title"], t["note"], tuple(t["head"]), tuple(tuple(Cell(**cell) for cell in row) for row in t["rows"]))
+        for t in part["tables"]
+    ]
+    measured = {name: Measured(**value) for name, value in part["measured"].items()}
+    skipped = [Skipped(**value) for value in part["skipped"]]
+    return SubjectResults(part["name"], measured, part["omissions"], skipped, tables, part["seconds"], part["done"])
+
+
+def _said(command: list[str]) -> str:
+    try:
+        here = Path(lfpipe.__file__).parent
+        done = subprocess.run(command, capture_output=True, text=True, cwd=here, timeout=5, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""
+
+
+def _processor() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def about(inputs: Inputs) -> dict[str, Any]:
+    """What the figures depend on."""
+    versions = {"lfpipe": lfpipe.__version__, "python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    commit = _said(["git", "rev-parse", "--short=12", "HEAD"])
+    changed = bool(_said(["git", "status", "--porcelain", "--untracked-files=no"]))
+    return {
+        "identity": {
+            "quick": inputs.quick,
+            "scenes": [field.manifest.get("key", "") for _, field in inputs.fields],
+            "sequence": [inputs.sequence.path.name, len(inputs.sequence.frames), inputs.sequence.truth is not None],
+            "commit": commit,
+            "versions": versions,
+        },
+        "commit": commit + (" with changes" if changed else "") if commit else "not a git checkout",
+        "versions": versions,
+        "machine": {
+            "processor": _processor(),
+            "cores": len(os.sched_getaffinity(0)),
+            "system": f"{platform.system()} {platform.release()}",
+            "load": round(os.getloadavg()[0], 2),
+        },
+        "command": " ".join(["lfpipe", *sys.argv[1:]]),
+        "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "scenes": [
+            f"{one.name}: {one.rows}x{one.cols} views of {one.width_px}x{one.height_px} px, disparity {one.disparity_source}"
+            for _, one in inputs.fields
+        ],
+        "sequence": f"{inputs.sequence.path.name}: {len(inputs.sequence.frames)} frames at {inputs.sequence.rate_hz:g} Hz, "
+        + ("truth known" if inputs.sequence.truth else "no truth"),
+    }
+
+
+def empty_diagrams(subject: Subject, found: SubjectResults) -> dict[str, str]:
+    """Diagrams that make no sense for the inputs: name -> why."""
+    out = {}
+    reasons = "; ".join(f"{item.what}: {item.why}" for item in found.skipped)
+    for diagram in subject.diagrams:
+        keys = [diagram.x, diagram.y] if isinstance(diagram, Diagram) else [key for _, key in diagram.keys]
+        figures = [subject.figure(key) for key in keys]
+        some = [m for m in found.measured.values() if _in(diagram, m) and all(m.value(f) == m.value(f) for f in figures)]
+        if not some:
+            missing = ", ".join(f.label for f in figures[:2] if all(m.value(f) != m.value(f) for m in found.measured.values()))
+            out[diagram.name] = f"{diagram.title}: nothing measured of {missing or 'it'}" + (f" ({reasons})" if reasons else "")
+    return out
+
+
+def _in(diagram: Diagram | Profile, one: Measured) -> bool:
+    return isinstance(diagram, Diagram) or one.knob in diagram.knobs

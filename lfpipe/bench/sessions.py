@@ -1,0 +1,122 @@
+"""Whole sessions, and the paper's loop, as processes of their own: their traces, their CPU."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import attrs
+import cv2
+
+from lfpipe.bench.anaglyph import view_bgr
+from lfpipe.bench.paper_loop import Loop
+from lfpipe.scene.lightfield import LightField
+
+TICK = os.sysconf("SC_CLK_TCK")
+STEADY_S = 1.0  # after the first picture: every stage has started and found the face
+STATUS_HZ = 20.0
+
+
+@attrs.frozen
+class Ran:
+    """rows: of the trace. cpu_cores: of the whole tree over the steady part; NaN where that was shorter than 0.3 s.
+    first_s: from the start of the process to the first picture. said: its stdout."""
+
+    rows: list[dict[str, Any]]
+    cpu_cores: float
+    first_s: float
+    said: str
+
+
+def tree(pid: int) -> list[int]:
+    """pid and all its descendants that are alive."""
+    found = [pid]
+    for parent in found:
+        for task in Path(f"/proc/{parent}/task").glob("*/children"):
+            try:
+                found += [int(child) for child in task.read_text().split()]
+            except OSError:  # it ended meanwhile
+                continue
+    return found
+
+
+def cpu_s(pids: Sequence[int]) -> float:
+    """CPU time that the processes have used so far; one that has ended counts nothing."""
+    total = 0.0
+    for pid in pids:
+        try:
+            fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+        except OSError:
+            continue
+        total += (int(fields[11]) + int(fields[12])) / TICK
+    return total
+
+
+def lines(trace: Path) -> list[dict[str, Any]]:
+    """What a trace holds so far, without a line that is just being written."""
+    text = trace.read_text() if trace.exists() else ""
+    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+
+
+def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str], pace: str = "recorded") -> Ran:
+    """`lfpipe up` on a scene and a video, with no display. options: of the command line. Raises RuntimeError where it fails."""
+    with tempfile.TemporaryDirectory() as folder:
+        trace = Path(folder, "trace.jsonl")
+        command = [sys.executable, "-m", "lfpipe", "up", str(scene), "--camera", f"file:{video}?loop=1&pace={pace}"]
+        command += ["--display", "none", "--trace", str(trace), "--session", f"bench{os.getpid()}x{time.monotonic_ns() % 10**6}"]
+        command += ["--duration", str(seconds), *options]
+        return _watched(command, trace, seconds)
+
+
+def run_loop(loop: Loop) -> Ran:
+    """The paper's loop in a process of its own. Raises RuntimeError where it fails."""
+    with tempfile.TemporaryDirectory() as folder:
+        trace = Path(folder, "trace.jsonl")
+        given = json.dumps(attrs.asdict(attrs.evolve(loop, trace=trace)), default=str)
+        ran = _watched([sys.executable, "-m", "lfpipe.bench.paper_loop", given], trace, loop.seconds)
+        return attrs.evolve(ran, cpu_cores=json.loads(ran.said.splitlines()[-1])["cpu_cores"])
+
+
+def _watched(command: Sequence[str], trace: Path, seconds: float) -> Ran:
+    """Runs command; CPU is counted from STEADY_S after the first line of the trace until just before the end."""
+    began = time.monotonic()
+    environment = {**os.environ, "GLOG_minloglevel": "2", "TF_CPP_MIN_LOG_LEVEL": "3"}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    cpu = float("nan")
+    try:
+        while process.poll() is None and not (trace.exists() and trace.stat().st_size):
+            time.sleep(1 / STATUS_HZ)
+        first = time.monotonic()
+        time.sleep(STEADY_S)
+        span = began + seconds - 0.3 - time.monotonic()
+        if process.poll() is None and span >= 0.3:
+            pids = tree(process.pid)
+            t0, cpu0 = time.monotonic(), cpu_s(pids)
+            time.sleep(span)
+            cpu = (cpu_s(pids) - cpu0) / (time.monotonic() - t0)
+        out, err = process.communicate(timeout=60 + seconds)
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+    if process.returncode:
+        raise RuntimeError(f"{command[2]} ended with {process.returncode}: {err.strip()[-300:]}")
+    return Ran(lines(trace), cpu, first - began, out)
+
+
+def write_views(field: LightField, folder: Path) -> Path:
+    """The views as PNG in row-major order, for the loop; written where they are not there yet."""
+    count = field.rows * field.cols
+    if len(list(folder.glob("*.png"))) != count:
+        folder.mkdir(parents=True, exist_ok=True)
+        for index in range(count):
+            picture = view_bgr(field, *divmod(index, field.cols))
+            cv2.imwrite(str(folder / f"view_{index:04d}.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return folder
