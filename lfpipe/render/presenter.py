@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Hashable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,12 @@ from lfpipe.observe.trace import TraceFile
 from lfpipe.render.display import Display
 from lfpipe.render.outlets import Outlets
 from lfpipe.render.viewer import Look, Viewer
-from lfpipe.replay.keeper import Keeper
 from lfpipe.transport.clock import now_ns, sleep_until
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
+
+if TYPE_CHECKING:
+    from lfpipe.replay.keeper import Keeper
 
 COST_SHARE = 0.1  # weight of the newest in the running mean of what a picture costs
 
@@ -38,7 +40,11 @@ class Presenter:
         self._trace = TraceFile(Path(context.options["trace"]) if context.options["trace"] else None, self._lost)
         self._outlets = Outlets(context, viewer)
         keep = context.options.get("keep")  # of a replay: where its digests and pictures go
-        self._keeper = Keeper(Path(keep), context.options["sequence"], context.options["keep_pictures"]) if keep else None
+        self._keeper: Keeper | None = None
+        if keep:
+            from lfpipe.replay.keeper import Keeper
+
+            self._keeper = Keeper(Path(keep), context.options["sequence"], context.options["keep_pictures"])
         self.cost_ns = 0
         self.picture: NDArray[np.uint8] | None = None
 

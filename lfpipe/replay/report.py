@@ -85,12 +85,17 @@ def about_scene(field: LightField) -> dict[str, Any]:
 
 
 def about_sequence(sequence: Sequence) -> dict[str, Any]:
-    """Name, number of frames, checksums of frames and stamps, rate by the stamps."""
+    """Name, number of frames, checksums of frames and stamps, rate by the stamps.
+
+    A sequence that a program makes anew wherever it is needed says so under "made" in its manifest: its packets depend on the
+    version of the encoder, and it is known by that name instead.
+    """
     checksums = sequence.manifest.get("checksums", {})
+    made = sequence.manifest.get("made")
     return {
         "name": sequence.path.resolve().name,
         "frames": len(sequence.packets),
-        "checksums": {name: checksums.get(name, "") for name in (PACKETS, INDEX)},
+        "checksums": {"made": made} if made else {name: checksums.get(name, "") for name in (PACKETS, INDEX)},
         "rate_hz": round(sequence.measured_hz, 4),
     }
 

@@ -16,7 +16,6 @@ from lfpipe import config as config_module
 from lfpipe.errors import UserError
 from lfpipe.observe.snapshot import snapshot
 from lfpipe.observe.trace import check_trace
-from lfpipe.replay.sequence import check_out
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.transport import control
 from lfpipe.transport.clock import now_ns
@@ -178,6 +177,8 @@ class Desk:
         if path and not self._supervisor.options["tracking"]:
             raise UserError("this session has no camera: its scene is one view", "`lfpipe record OUT` records without a scene")
         if path:
+            from lfpipe.replay.sequence import check_out
+
             check_out(Path(path))
         options = {**self._supervisor.options, "record": path, "record_eyes": eyes}
         self._apply(client, self._supervisor.change(options=options), {"path": path or running})

@@ -140,11 +140,13 @@ class Supervisor:
 
     @staticmethod
     def _cpus(name: str) -> tuple[int, ...]:
-        """On two cores tracking has one for itself; on more the operating system knows better, on one there is no choice."""
+        """On two cores tracking has one for itself, but for a recorder, whose work can wait; on more the operating system knows
+        better, on one there is no choice.
+        """
         cpus = sorted(os.sched_getaffinity(0))
         if len(cpus) != 2:
             return ()
-        return (cpus[1],) if name == "track" else (cpus[0],)
+        return (cpus[1],) if name in ("track", "record") else (cpus[0],)
 
     def _loop(self, duration_s: float | None) -> None:
         end_ns = None if duration_s is None else self.started_ns + int(duration_s * 1e9)
