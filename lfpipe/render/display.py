@@ -14,7 +14,11 @@ KEYS = {
     "+": ("alpha+", "more head movement from view to view"),
     "-": ("alpha-", "less head movement from view to view"),
     "c": ("recentre", "look straight ahead from where you are now"),
-    "o": ("overlay", "rate and latency on and off"),
+    "]": ("depth+", "the scene goes back, behind the screen"),
+    "[": ("depth-", "the scene comes forward"),
+    "m": ("mode", "another way to give each eye its view"),
+    "p": ("freeze", "hold the picture, and go on"),
+    "o": ("overlay", "rate, latency and the grid of views on and off"),
     "s": ("screenshot", "save the picture"),
     "h": ("help", "this help on and off"),
     "q": ("quit", "end (Esc too)"),
@@ -34,8 +38,8 @@ class Display(Protocol):
         """What a person should know of the output since the last call, each once: a full disk ended it, ..."""
         ...
 
-    def overlay(self, lines: list[str]) -> None:
-        """Text laid over the following pictures; an empty list takes it away."""
+    def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
+        """Text laid over the following pictures, with a small picture, uint8 (h, w, 3) BGR, below it; no lines take both away."""
         ...
 
     def close(self) -> None: ...

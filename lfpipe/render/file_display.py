@@ -93,7 +93,7 @@ class FileDisplay:
             said.append(self._notices.get())
         return said
 
-    def overlay(self, lines: list[str]) -> None:
+    def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
         """A recording holds what the viewer sees and nothing else."""
 
     def close(self) -> None:

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
+from lfpipe.config import Render
+from lfpipe.observe.view_grid import Gaze, inset
 from lfpipe.render.display import Display
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.viewer import Viewer
@@ -16,6 +21,9 @@ from lfpipe.transport.histogram import summary_ms
 from lfpipe.transport.status import rate_hz
 
 ALPHA_STEP = 1.1
+DEPTH_STEP_PX = 0.1
+INSET_PX = 120
+MODES = get_args(get_args(get_type_hints(Render, include_extras=True)["anaglyph"])[0])
 OVERLAY_NS = SECOND_NS // 2
 
 
@@ -40,13 +48,21 @@ class Keys:
             elif event == "overlay":
                 self._overlay, self._overlay_due_ns = not self._overlay, 0
                 self._display.overlay([])
+            elif event == "freeze":
+                self._context.request("resume" if self._context.paused else "pause")
+            elif event == "mode":
+                mode = MODES[(MODES.index(self._context.config.render.anaglyph) + 1) % len(MODES)]
+                self._context.request("set", set={"render.anaglyph": mode})
+            elif event in ("depth+", "depth-"):
+                moved_px = self._context.config.render.zero_plane_px + (DEPTH_STEP_PX if event == "depth+" else -DEPTH_STEP_PX)
+                self._context.request("set", set={"render.zero_plane_px": round(moved_px, 3)})
             elif event in ("alpha+", "alpha-") and self._viewer.parallax is not None:
                 step = ALPHA_STEP if event == "alpha+" else 1 / ALPHA_STEP
                 self._context.request("set", set={"render.alpha_px": round(self._viewer.parallax.alpha_px * step, 3)})
         self.pass_on_notices()
         if self._overlay and now_ns() >= self._overlay_due_ns:
             self._overlay_due_ns = now_ns() + OVERLAY_NS
-            self._display.overlay(self._lines())
+            self._display.overlay(self._lines(), self._map())
             self._presenter.redraw()
 
     def pass_on_notices(self) -> None:
@@ -63,7 +79,25 @@ class Keys:
             f"sensor to screen p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
             *(f"{name} busy p50 {p50_ms:.2f} ms, dropped {drops}" for name, (p50_ms, drops) in busy.items()),
             f"{self._viewer.method}, alpha {alpha.alpha_px:.1f} px/view" if alpha else f"{self._viewer.method}, no face seen yet",
+            f"{self._context.config.render.anaglyph}{', frozen' if self._context.paused else ''}",
+            self._depth(),
         ]
+
+    def _map(self) -> NDArray[np.uint8] | None:
+        """The grid of views with the eyes in it; the left eye's dot is filled."""
+        shown, field = self._viewer.shown, self._viewer.field
+        if shown is None:
+            return None
+        (lx, ly), (rx, ry) = shown.eyes_px.tolist()
+        eyes, views = ((lx, ly), (rx, ry)), (shown.left, shown.right)
+        return inset(Gaze(field.rows, field.cols, 0.0, (0.0, 0.0), eyes, views, True), INSET_PX)
+
+    def _depth(self) -> str:
+        """The zero plane as a slider between the farthest and the nearest of the scene."""
+        field, zero = self._viewer.field, self._context.config.render.zero_plane_px
+        low, high = field.disparity_min_px, field.disparity_max_px
+        at = min(max(round(20 * (zero - low) / (high - low)), 0), 20) if high > low else 10
+        return f"depth [{'-' * at}|{'-' * (20 - at)}] zero plane {zero:+.2f} px/view"
 
     def _screenshot(self) -> None:
         picture = self._presenter.picture

@@ -20,7 +20,7 @@ class NullDisplay:
     def notices(self) -> list[str]:
         return []
 
-    def overlay(self, lines: list[str]) -> None:
+    def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
         pass
 
     def close(self) -> None:

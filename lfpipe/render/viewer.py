@@ -41,6 +41,7 @@ class Viewer:
         self._t_ns = 0
         self._start_ns = 0
         self._glide = Glide()
+        self.shown: Look | None = None  # what the last look was
         self.set(field, config)
 
     def set(self, field: LightField, config: Config) -> None:
@@ -71,7 +72,8 @@ class Viewer:
         frame = self._frame(t_shown_ns)
         if record is None or not (record["face"] or self._seen):
             row, col = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
-            return Look(self._eyes_px, (row, col), (row, col), frame)
+            self.shown = Look(self._eyes_px, (row, col), (row, col), frame)
+            return self.shown
         eyes_px: NDArray[np.float64] | None = None
         if record["face"]:
             eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], t_shown_ns - t_sensor_ns)
@@ -85,7 +87,8 @@ class Viewer:
         self._seen = True
         self._eyes_px = self._glide.at(t_shown_ns, eyes_px, start_px, int(record["generation"]))
         left, right = mapper.views(self._eyes_px)
-        return Look(self._eyes_px, left, right, frame)
+        self.shown = Look(self._eyes_px, left, right, frame)
+        return self.shown
 
     def key(self, look: Look) -> Hashable:
         """Equal keys mean the same picture."""

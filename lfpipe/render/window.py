@@ -51,6 +51,7 @@ class Window:
         self._picture: NDArray[np.uint8] | None = None
         self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
         self._lines: list[str] = []
+        self._inset: NDArray[np.uint8] | None = None
         self._help = False
         self._panel: pygame.Surface | None = None
 
@@ -60,7 +61,7 @@ class Window:
         pygame.display.init()
         if (name := pygame.display.get_driver()) in UNSEEN and os.environ.get("SDL_VIDEODRIVER") != name:
             raise pygame.error(f"no screen answers, SDL fell back to its driver {name!r}")
-        pygame.display.set_caption(self._title)
+        pygame.display.set_caption(f"{self._title} (h shows the keys)")
         if self._fullscreen:
             surface = pygame.display.set_mode((0, 0), pygame.FULLSCREEN)
         else:
@@ -132,10 +133,10 @@ class Window:
     def notices(self) -> list[str]:
         return []
 
-    def overlay(self, lines: list[str]) -> None:
+    def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
         """See `Display.overlay`."""
-        if lines != self._lines:
-            self._lines = list(lines)
+        if lines != self._lines or inset is not self._inset:
+            self._lines, self._inset = list(lines), inset if lines else None
             self._make_panel()
             self._draw()
 
@@ -146,11 +147,18 @@ class Window:
             return
         # White on black: the same for both eyes, so the text stands in the plane of the screen behind any glasses.
         texts = [self._font.render(line, True, (255, 255, 255)) for line in lines]
-        step = self._font.get_linesize()
-        panel = pygame.Surface((max(text.get_width() for text in texts) + 16, step * len(texts) + 12), pygame.SRCALPHA)
+        step, small = self._font.get_linesize(), None
+        width, height = max(text.get_width() for text in texts) + 16, step * len(texts) + 12
+        if self._inset is not None:
+            size = self._inset.shape[1], self._inset.shape[0]
+            small = pygame.image.frombuffer(self._inset[:, :, ::-1].tobytes(), size, "RGB")
+            width, height = max(width, size[0] + 16), height + size[1] + 8
+        panel = pygame.Surface((width, height), pygame.SRCALPHA)
         panel.fill((0, 0, 0, 160))
         for index, text in enumerate(texts):
             panel.blit(text, (8, 6 + index * step))
+        if small is not None:
+            panel.blit(small, (8, height - small.get_height() - 8))
         self._panel = panel
 
     def close(self) -> None:
