@@ -61,7 +61,8 @@ class Supervisor:
         self.loan = PictureLoan(session)
 
     def run(self, duration_s: float | None = None) -> Outcome:
-        """Runs the session to its end: a command, a signal, duration_s, the end of the source, or too many failures.
+        """Runs the session to its end: a command, a signal, duration_s (from when all stages are ready), the end of the
+        source, or too many failures.
 
         Raises UserError before any process starts when the session cannot be (name taken, /dev/shm too small, ...).
         """
@@ -149,9 +150,11 @@ class Supervisor:
         return (cpus[1],) if name in ("track", "record") else (cpus[0],)
 
     def _loop(self, duration_s: float | None) -> None:
-        end_ns = None if duration_s is None else self.started_ns + int(duration_s * 1e9)
+        end_ns: int | None = None
         while self.outcome is None:
             self._ensure_running()
+            if duration_s is not None and end_ns is None and self._all_ready():
+                end_ns = now_ns() + int(duration_s * 1e9)  # the time asked for is of pictures, not of imports
             poller = zmq.Poller()
             for socket in self._desk.sockets:
                 poller.register(socket, zmq.POLLIN)
@@ -168,6 +171,9 @@ class Supervisor:
                 self.outcome = self.outcome or Outcome("interrupted")
             elif end_ns is not None and now_ns() >= end_ns:
                 self.outcome = self.outcome or Outcome("the time asked for is over")
+
+    def _all_ready(self) -> bool:
+        return all(int(p.row["ready_ns"]) > 0 for p in self.processes.values() if p.stage.needed(self.options))
 
     def _ensure_running(self) -> None:
         for process in self.processes.values():
