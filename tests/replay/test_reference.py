@@ -1,0 +1,146 @@
+"""A replay in steps against a reference in git, and everything that must be caught by it."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from lfpipe.replay.compare import psnr_db
+from lfpipe.replay.report import Line, pair, read_trace
+from tests.world import World
+
+ROOT = Path(__file__).parents[2]
+REFERENCE = Path(__file__).parent / "reference"
+SETTINGS = ("--set", "render.method=nearest", "--set", "render.alpha_px=8", "--set", "replay.latency_ms=20")
+# to make it anew: LFPIPE_UPDATE_REFERENCE=1 pytest tests/replay/test_reference.py -k reference_in_git
+
+
+def _eyes(lines: list[Line], name: str) -> np.ndarray:
+    return np.array([pair(line, name) for line in lines])
+
+
+def test_the_reference_in_git_is_met(world: World, walk: Path, blocks: Path) -> None:
+    args = ("replay", walk, "--scene", blocks, *SETTINGS, "--expect", REFERENCE)
+    if os.environ.get("LFPIPE_UPDATE_REFERENCE"):
+        assert world.run(*args, "--update").returncode == 0
+    done = world.run(*args, "--out", world.root / "out", "--junit", world.root / "j.xml")
+    assert done.returncode == 0, done.stdout + done.stderr
+    was, now = read_trace(REFERENCE), read_trace(world.root / "out")
+    assert len(was) == len(now) == 300
+    for name in ("eyes_raw", "eyes_filtered", "eyes_used"):
+        assert np.abs(_eyes(was, name) - _eyes(now, name)).max() <= 0.05
+    assert [line["view"] for line in was] == [line["view"] for line in now]
+    reports = [json.loads((folder / "report.json").read_text()) for folder in (REFERENCE, world.root / "out")]
+    if reports[0]["versions"] == reports[1]["versions"]:
+        assert reports[0]["digests"] == reports[1]["digests"]
+    assert reports[1]["truth_error"]["raw"]["rms_px"] < 1.0, "truth and eyes belong together"
+    suite = ElementTree.parse(world.root / "j.xml").getroot()
+    assert suite.get("failures") == "0" and {case.get("name") for case in suite} >= {"eyes", "views", "pictures"}
+    seen = [(line["t_read_ns"], line["t_presented_ns"]) for line in now]
+    assert all(shown < read for (_, shown), (read, _) in itertools.pairwise(seen)), "one frame at a time"
+
+
+def test_load_and_cores_change_no_bit(world: World, short: Path, blocks: Path) -> None:
+    cpus = sorted(os.sched_getaffinity(0))
+    hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    found = []
+    try:
+        for number, (pace, cores) in enumerate((("step", cpus[:1]), ("max", cpus[:2]))):
+            out = world.root / f"out{number}"
+            args = ("replay", short, "--scene", blocks, *SETTINGS, "--pace", pace, "--out", out)
+            process = world.start(*args, preexec_fn=lambda cores=cores: os.sched_setaffinity(0, cores))
+            _, err = process.communicate(timeout=90)
+            assert process.returncode == 0, err
+            found.append(json.loads((out / "report.json").read_text())["digests"])
+    finally:
+        for hog in hogs:
+            hog.kill()
+            hog.wait()
+    quiet = world.root / "quiet"
+    assert world.run("replay", short, "--scene", blocks, *SETTINGS, "--out", quiet).returncode == 0
+    assert found == [json.loads((quiet / "report.json").read_text())["digests"]] * 2
+
+
+@pytest.fixture(scope="module")
+def of_short(tmp_path_factory: pytest.TempPathFactory, short: Path, blocks: Path) -> Path:
+    """The reference of the short sequence."""
+    world = World(tmp_path_factory.mktemp("reference"))
+    done = world.run("replay", short, "--scene", blocks, *SETTINGS, "--expect", world.root / "made", "--update")
+    assert done.returncode == 0, done.stderr
+    return world.root / "made"
+
+
+def _changed(root: Path, file: str, before: str, after: str) -> Path:
+    """A copy of the package with one thing changed."""
+    shutil.copytree(ROOT / "lfpipe", root / "changed" / "lfpipe", ignore=shutil.ignore_patterns("__pycache__"))
+    path = root / "changed" / "lfpipe" / file
+    text = path.read_text()
+    assert text.count(before) == 1, f"{file} no longer says {before!r}: name another constant here"
+    path.write_text(text.replace(before, after))
+    return root / "changed"
+
+
+@pytest.mark.parametrize(
+    ("file", "before", "after", "part", "named"),
+    [
+        ("track/filters.py", "OneEuro(0.4, 5.0, 1.5)", "OneEuro(0.4, 5.0000001, 1.5)", "eyes", "the filter or its constants"),
+        ("render/anaglyph.py", "0.4561, 0.500484", "0.4661, 0.490484", "pictures", "anaglyph coefficients"),
+    ],
+)
+def test_a_constant_changed_by_a_hair_is_caught_and_named(
+    world: World, short: Path, blocks: Path, of_short: Path, file: str, before: str, after: str, part: str, named: str
+) -> None:
+    world.env["PYTHONPATH"] = str(_changed(world.root, file, before, after))
+    done = world.run("replay", short, "--scene", blocks, *SETTINGS, "--expect", of_short, "--out", world.root / "out")
+    assert done.returncode == 1, done.stdout + done.stderr
+    first = next(line for line in done.stdout.splitlines() if line.startswith("differs:"))
+    assert first.startswith(f"differs: {part}: frame ") and named in first and "in the reference" in first
+    if part == "pictures":
+        kinds = {re.sub(r"frame_\d+_", "", path.name) for path in (world.root / "out" / "difference").iterdir()}
+        assert kinds == {"reference.png", "now.png", "difference.png"} and "PSNR" in first
+
+
+def test_alpha_changed_by_a_hair_is_caught_and_named(world: World, short: Path, blocks: Path, of_short: Path) -> None:
+    args = ("replay", short, "--scene", blocks, *SETTINGS, "--set", "render.alpha_px=8.000001", "--expect", of_short)
+    done = world.run(*args, "--junit", world.root / "j.xml")
+    assert done.returncode == 1
+    assert "render.alpha_px: 8.0 in the reference, 8.000001 now" in done.stdout
+    failed = [case.get("name") for case in ElementTree.parse(world.root / "j.xml").getroot() if case.find("failure") is not None]
+    assert failed == ["config"]
+
+
+def test_another_order_of_views_is_caught_and_named(world: World, short: Path, blocks: Path, of_short: Path) -> None:
+    turned = world.root / blocks.name
+    shutil.copytree(blocks, turned)
+    (turned / "view_2_2.png").rename(turned / "x.png")
+    (turned / "view_2_1.png").rename(turned / "view_2_2.png")
+    (turned / "x.png").rename(turned / "view_2_1.png")
+    done = world.run("replay", short, "--scene", turned, *SETTINGS, "--expect", of_short)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "differs: scene: the same views in another order" in done.stdout
+
+
+def test_a_reference_of_another_scene_or_sequence_is_bad_input(
+    world: World, short: Path, walk: Path, blocks: Path, scene: Path, of_short: Path
+) -> None:
+    other = world.run("replay", short, "--scene", scene, "--expect", of_short)
+    assert other.returncode == 2 and "made with another scene: name 'blocks' there, 'grid' here" in other.stderr
+    other = world.run("replay", walk, "--scene", blocks, "--expect", of_short)
+    assert other.returncode == 2 and "made with another sequence: frames 60 there, 300 here" in other.stderr
+
+
+def test_psnr_of_a_step_of_one_is_48_db() -> None:
+    grey = np.full((8, 8, 3), 100, np.uint8)
+    assert psnr_db(grey, grey) == 100.0
+    assert psnr_db(grey, grey + np.uint8(1)) == pytest.approx(20 * np.log10(255))
+    assert psnr_db(grey, grey[:4]) == 0.0
