@@ -42,8 +42,8 @@ class _Track:
         self.name, self.tid, self._end_ns = name, TRACKS.index(name) + 1, 0
 
     def slice(self, start_ns: int, end_ns: int, args: dict[str, Any]) -> dict[str, Any]:
-        start_ns = min(max(start_ns, self._end_ns), end_ns)
-        self._end_ns = max(end_ns, self._end_ns)
+        start_ns = max(start_ns, self._end_ns)
+        self._end_ns = end_ns = max(end_ns, start_ns)
         times = {"ts": start_ns / 1e3, "dur": (end_ns - start_ns) / 1e3}
         return {"name": self.name, "cat": "stage", "ph": "X", "pid": PID, "tid": self.tid, **times, "args": args}
 

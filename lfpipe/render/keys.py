@@ -73,7 +73,7 @@ class Keys:
     def _lines(self) -> list[str]:
         rows = self._context.table.rows
         age, alpha = summary_ms(rows["render"]["age"]), self._viewer.parallax
-        busy = {name: (summary_ms(row["busy"])["p50_ms"], int(row["drops"])) for name, row in rows.items()}
+        busy = {name: (summary_ms(row["busy"])["p50_ms"], int(row["drops"])) for name, row in rows.items() if row["state"]}
         return [
             f"camera {rate_hz(rows['capture']):5.1f} Hz   pictures {rate_hz(rows['render']):5.1f} Hz",
             f"sensor to screen p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",

@@ -117,7 +117,8 @@ def pressed(display: Display, count: int = 1) -> list[str]:
 @pytest.mark.parametrize(
     ("key", "event"),
     [("plus", "alpha+"), ("KP_Add", "alpha+"), ("equal", "alpha+"), ("minus", "alpha-"), ("c", "recentre"), ("C", "recentre"),
-     ("bracketright", "depth+"), ("bracketleft", "depth-"), ("m", "mode"), ("p", "freeze"), ("o", "overlay"), ("s", "screenshot"), ("q", "quit"), ("Escape", "quit")],
+     ("bracketright", "depth+"), ("bracketleft", "depth-"), ("m", "mode"), ("p", "freeze"),
+     ("o", "overlay"), ("s", "screenshot"), ("q", "quit"), ("Escape", "quit")],
 )  # fmt: skip
 def test_keys_arrive(window: Callable[..., Display], press: Callable[[str], None], key: str, event: str) -> None:
     display = window((640, 480))

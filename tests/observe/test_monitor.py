@@ -1,0 +1,172 @@
+"""The monitor on real sessions: the screen in a pseudo-terminal, streams, Prometheus, coming and going."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import fcntl
+import io
+import json
+import os
+import pty
+import re
+import select
+import signal
+import struct
+import termios
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from lfpipe.errors import UserError
+from lfpipe.observe.prometheus import parse_address
+from lfpipe.observe.watch import Watch
+from lfpipe.supervisor.rundir import find
+from lfpipe.transport.segment import SHM_DIR
+from tests.world import World
+
+ESCAPES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
+
+
+class Terminal:
+    """`lfpipe monitor` in a terminal of 80x24."""
+
+    def __init__(self, world: World, *args: str) -> None:
+        self._fd, inner = pty.openpty()
+        fcntl.ioctl(inner, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+        env = {**world.env, "TERM": "xterm-256color", "NO_COLOR": "1"}
+        env.pop("COLUMNS", None)
+        pipes = {"stdin": inner, "stdout": inner, "stderr": inner, "text": False, "env": env}
+        self.process = world.start("monitor", "--session", world.name, *args, **pipes)
+        os.close(inner)
+        self.raw = ""
+
+    def until(self, pattern: str, timeout_s: float = 20) -> str:
+        """The text since the last match, up to and with what matches."""
+        end = time.monotonic() + timeout_s
+        while time.monotonic() < end:
+            if found := re.search(pattern, ESCAPES.sub("", self.raw)):
+                text = ESCAPES.sub("", self.raw)[: found.end()]
+                self.raw = ""
+                return text
+            if select.select([self._fd], [], [], 0.1)[0]:
+                self.raw += os.read(self._fd, 65536).decode(errors="replace")
+        raise AssertionError(f"no {pattern!r} in {ESCAPES.sub('', self.raw)[-2000:]!r}")
+
+    def ended(self, timeout_s: float = 20) -> int | None:
+        """The exit code; what it still writes is taken, as a terminal would."""
+        end = time.monotonic() + timeout_s
+        while self.process.poll() is None and time.monotonic() < end:
+            with contextlib.suppress(OSError):
+                if select.select([self._fd], [], [], 0.05)[0]:
+                    os.read(self._fd, 65536)
+        return self.process.poll()
+
+    def press(self, key: str) -> None:
+        os.write(self._fd, key.encode())
+
+
+def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene: Path) -> None:
+    world.up(scene)
+    world.pictures(5)
+    terminal, second = Terminal(world), Terminal(world)
+    shown = terminal.until(r"re restarts")
+    assert "capture running" in shown and "render  running" in shown and "sensor to screen" in shown and "q quit" in shown
+    assert max(len(line) for line in shown.splitlines()) <= 80
+    second.until("running")
+    terminal.until(r"face seen")
+    terminal.press("w")
+    terminal.until("nearest views")
+    second.until("nearest views")
+    terminal.press("p")
+    terminal.until("PAUSED")
+    terminal.press("p")
+    terminal.until("goes on")
+    terminal.press("r")
+    terminal.until("counts from now on")
+    terminal.press("t")
+    terminal.until("tracing to")
+    time.sleep(0.5)
+    terminal.press("t")
+    terminal.until(r"trace: ")
+    assert [path.suffix for path in world.root.glob("lfpipe-*")] == [".json"]
+    assert world.run("ctl", "--session", world.name, "stop").returncode == 0
+    terminal.until("no session")
+    world.wait_for(lambda: not world.left(), "clean end")
+    world.trace.unlink()
+    world.up(scene)
+    terminal.until("capture running")
+    for each in (terminal, second):
+        each.press("q")
+        assert each.ended() == 0
+
+
+def test_coming_and_going_leaves_nothing_and_costs_no_frame(world: World, scene: Path) -> None:
+    world.up(scene)
+    world.pictures(5)
+    before = sorted(path.name for path in SHM_DIR.glob(f"*{world.name}*")), sorted(world.run_dir.rglob("*"))
+    descriptors = len(list(Path("/proc/self/fd").iterdir()))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
+        for _ in range(20):
+            with Watch(find(world.name)) as watch:
+                assert watch.living() and watch.meter.read().stages
+    for signum in (signal.SIGKILL, signal.SIGINT):  # whole processes, ended roughly and kindly
+        viewer = world.start("monitor", "--session", world.name, "--json")
+        assert viewer.stdout is not None and json.loads(viewer.stdout.readline())["session"] == world.name
+        viewer.send_signal(signum)
+        viewer.communicate(timeout=10)
+    assert len(list(Path("/proc/self/fd").iterdir())) <= descriptors + 1
+    assert (sorted(path.name for path in SHM_DIR.glob(f"*{world.name}*")), sorted(world.run_dir.rglob("*"))) == before
+    state = world.monitor()
+    assert all(stage["restarts"] == 0 for stage in state["stages"].values())
+
+
+def test_streams_and_wrong_words(world: World, scene: Path) -> None:
+    world.up(scene)
+    world.pictures(5)
+    once = world.run("monitor", "--session", world.name, "--once", "--csv")
+    rows = list(csv.DictReader(io.StringIO(once.stdout)))
+    assert len(rows) == 1 and float(rows[0]["render.fps"]) > 0 and int(rows[0]["track.dropped"]) >= 0
+    assert "sensor to screen" in world.run("monitor", "--session", world.name, "--once").stdout
+    for words in (("--json", "--csv"), ("--web", "--json"), ("--once", "--web"), ("--port", "1")):
+        assert world.run("monitor", "--session", world.name, *words).returncode == 2
+    missing = world.run("monitor", "--session", "nobody")
+    assert missing.returncode == 2 and "no session 'nobody'" in missing.stderr
+
+
+def test_prometheus_reads_what_is_served(world: World, scene: Path) -> None:
+    exporter = world.start("monitor", "--session", world.name, "--prometheus", ":0")
+    assert exporter.stdout is not None
+    url = re.search(r"http://127\.0\.0\.1:\d+/metrics", exporter.stdout.readline())
+    assert url is not None
+
+    def scrape() -> dict[str, list[tuple[dict[str, str], float]]]:
+        with urllib.request.urlopen(url.group(), timeout=10) as answer:
+            families = text_string_to_metric_families(answer.read().decode())
+            return {
+                sample.name: [(s.labels, s.value) for s in family.samples if s.name == sample.name]
+                for family in families
+                for sample in family.samples
+            }
+
+    assert scrape()["lfpipe_up"][0][1] == 0, "a session may come later"
+    world.up(scene)
+    world.pictures(30)
+    found = scrape()
+    assert found["lfpipe_up"][0][1] == 1 and found["lfpipe_camera_hz"][0][1] > 10
+    ages = [value for _, value in found["lfpipe_picture_age_seconds_bucket"]]
+    assert ages == sorted(ages) and ages[-1] == found["lfpipe_picture_age_seconds_count"][0][1] > 0
+    stages = {labels["stage"] for labels, _ in found["lfpipe_stage_seconds_count"]}
+    assert {"capture", "track", "render"} <= stages
+    busy = world.run("monitor", "--session", world.name, "--prometheus", url.group().split("/")[2])
+    assert busy.returncode == 2 and "another PORT" in busy.stderr
+
+
+@pytest.mark.parametrize("text", ["", "x", ":x", ":70000", "host:"])
+def test_wrong_addresses(text: str) -> None:
+    with pytest.raises(UserError, match="no port"):
+        parse_address(text)

@@ -1,0 +1,77 @@
+"""A headless Chromium over the W3C WebDriver protocol: a page opened, looked at, asked and clicked."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+import socket
+import subprocess
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
+ARGUMENTS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--window-size=1240,1240")
+
+
+def missing() -> str:
+    """Why there is no browser here, or nothing."""
+    absent = [name for name in ("chromium", "chromedriver") if shutil.which(name) is None]
+    return f"{' and '.join(absent)} not installed (apt-get install chromium chromium-driver)" if absent else ""
+
+
+class Browser:
+    """A context."""
+
+    def __init__(self, profile: Path) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        self._base = f"http://127.0.0.1:{port}"
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        self._driver = subprocess.Popen(["chromedriver", f"--port={port}"], **quiet)
+        self._session = ""
+        options = {"binary": shutil.which("chromium"), "args": [*ARGUMENTS, f"--user-data-dir={profile}"]}
+        end = time.monotonic() + 30
+        while not self._session:
+            try:
+                made = self._call("POST", "/session", {"capabilities": {"alwaysMatch": {"goog:chromeOptions": options}}})
+                self._session = f"/session/{made['sessionId']}"
+            except urllib.error.HTTPError as error:
+                raise AssertionError(error.read().decode()) from None
+            except (urllib.error.URLError, ConnectionError):
+                assert time.monotonic() < end and self._driver.poll() is None, "chromedriver does not start"
+                time.sleep(0.1)
+
+    def _call(self, method: str, path: str, body: Any = None) -> Any:
+        data = None if body is None else json.dumps(body).encode()
+        asked = urllib.request.Request(self._base + path, data, {"Content-Type": "application/json"}, method=method)
+        with urllib.request.urlopen(asked, timeout=30) as answer:
+            return json.load(answer)["value"]
+
+    def open(self, url: str) -> None:
+        self._call("POST", f"{self._session}/url", {"url": url})
+
+    def ask(self, script: str) -> Any:
+        """The value of a JavaScript expression."""
+        return self._call("POST", f"{self._session}/execute/sync", {"script": f"return {script};", "args": []})
+
+    def click(self, selector: str) -> None:
+        found = self._call("POST", f"{self._session}/element", {"using": "css selector", "value": selector})
+        self._call("POST", f"{self._session}/element/{found[ELEMENT]}/click", {})
+
+    def screenshot(self, path: Path) -> None:
+        path.write_bytes(base64.b64decode(self._call("GET", f"{self._session}/screenshot")))
+
+    def __enter__(self) -> Browser:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        try:
+            if self._session:
+                self._call("DELETE", self._session)
+        finally:
+            self._driver.terminate()
+            self._driver.wait()
