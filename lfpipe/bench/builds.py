@@ -22,7 +22,7 @@ from lfpipe.bench.compare import Difference, Paired, error_ratios, judge
 from lfpipe.bench.subjects import SUBJECTS
 from lfpipe.errors import UserError
 
-PAIRS, TURNS = 8, 5
+PAIRS, TURNS = 12, 4
 Say = Callable[[str, int, int], None]
 # What of a subject is compared where nothing else is asked: the default and what stands beside it, not every setting.
 CHOSEN: dict[str, tuple[str, ...]] = {
@@ -37,14 +37,17 @@ def is_build(path: Path) -> bool:
 
 
 class Build:
-    """A worker process of a checkout. Raises UserError where it fails, with what it said."""
+    """A worker process of a checkout. inputs: a folder for its cache, then a scene and a sequence where not the demo's.
 
-    def __init__(self, checkout: Path, cache: Path) -> None:
+    Raises UserError where it fails, with what it said.
+    """
+
+    def __init__(self, checkout: Path, inputs: Sequence[Path]) -> None:
         self._checkout = checkout
         environment = {**os.environ, "PYTHONPATH": str(checkout.resolve()), "PYTHONSAFEPATH": "1"}
         self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "lfpipe.bench.worker", str(cache)],
+            [sys.executable, "-m", "lfpipe.bench.worker", *map(str, inputs)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, text=True, env=environment,
         )  # fmt: skip
 
@@ -78,35 +81,40 @@ class Build:
 
 
 @contextlib.contextmanager
-def _both(a: Path, b: Path, cache: Path) -> Iterator[tuple[Build, Build]]:
+def _both(a: Path, b: Path, inputs: Sequence[Path]) -> Iterator[tuple[Build, Build]]:
     with contextlib.ExitStack() as stack:
         found = []
         for path in (a, b):
-            build = Build(path, cache)
+            build = Build(path, inputs)
             stack.callback(build.close)
             found.append(build)
         yield found[0], found[1]
 
 
 def compare_builds(
-    a: Path, b: Path, subjects: Sequence[str], say: Say, pairs: int = PAIRS, turns: int = TURNS
+    a: Path, b: Path, subjects: Sequence[str], say: Say, inputs: Sequence[Path] = (), pairs: int = PAIRS, turns: int = TURNS
 ) -> list[Difference]:
-    """Measures the quick inputs of the subjects with both checkouts, in turns; what differs beyond noise. Raises UserError."""
+    """Measures the quick candidates of the subjects with both checkouts, in turns; what differs beyond noise.
+
+    inputs: a scene and a sequence; the demo's where empty. Raises UserError.
+    """
     found: list[Paired] = []
     with tempfile.TemporaryDirectory() as folder:
         for subject in subjects:
-            found += _compared(subject, (a, b), Path(folder), say, pairs, turns)
+            found += _compared(subject, (a, b), (Path(folder), *inputs), say, pairs, turns)
     return judge(found)
 
 
-def _compared(subject: str, checkouts: tuple[Path, Path], cache: Path, say: Say, pairs: int, turns: int) -> Iterator[Paired]:
+def _compared(
+    subject: str, checkouts: tuple[Path, Path], inputs: Sequence[Path], say: Say, pairs: int, turns: int
+) -> Iterator[Paired]:
     figures = SUBJECTS[subject].figures
     errors: dict[str, list[dict[str, list[float]]]] = {}
     ratios: dict[tuple[str, str], list[list[float]]] = {}
     for k in range(pairs):
         say(f"comparing {subject}", k, pairs)
         order = checkouts if k % 2 == 0 else checkouts[::-1]
-        with _both(*order, cache) as started:
+        with _both(*order, inputs) as started:
             both = started if k % 2 == 0 else started[::-1]
             names = _prepared(subject, both)
             for name in names:

@@ -14,7 +14,7 @@ from lfpipe.bench.results import Measured, Results
 from lfpipe.bench.subjects import SUBJECTS
 from lfpipe.errors import UserError
 
-FALSE_ALARM = 0.02  # that any of all figures compared is called by chance
+LEVEL = 0.99  # of the interval of one figure; that it must also clear WORTH is what keeps chance out
 WORTH = {"time": 1.03, "error": 1.01}  # ratio below which a difference is not worth a word
 LEAST_PAIRS = 6
 REFERENCE = "reference_ms"
@@ -35,7 +35,8 @@ class Difference:
 
     def __str__(self) -> str:
         word = "worse" if self.worse else "better"
-        return f"{word:7}{self.subject}: {self.candidate}: {self.figure}: x {self.ratio:.3f} (interval {self.low:.3f} to {self.high:.3f})"
+        what = f"{self.subject}: {self.candidate}: {self.figure}"
+        return f"{word:7}{what}: x {self.ratio:.3f} (interval {self.low:.3f} to {self.high:.3f})"
 
 
 @attrs.frozen
@@ -50,9 +51,7 @@ class Paired:
 
 
 def judge(pairs: Sequence[Paired]) -> list[Difference]:
-    """Calls what lies beyond noise: the interval of the median ratio, at a level that allows for the number of figures compared,
-    is wholly on one side of 1, by WORTH at least."""
-    level = 1 - FALSE_ALARM / max(1, len(pairs))
+    """Calls what lies beyond noise: the interval of the median ratio is wholly on one side of 1, by WORTH at least."""
     found = []
     for pair in pairs:
         ratios = [ratio for group in pair.groups for ratio in group]
@@ -60,7 +59,7 @@ def judge(pairs: Sequence[Paired]) -> list[Difference]:
         if min(ratios) == max(ratios):
             low = high = middle
         else:
-            low, high = bootstrap_interval(pair.groups, level)
+            low, high = bootstrap_interval(pair.groups, LEVEL)
         worth = WORTH[pair.kind]
         enough = len(ratios) >= LEAST_PAIRS
         called = enough and (low > worth or high < 1 / worth)

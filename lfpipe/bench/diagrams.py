@@ -110,7 +110,6 @@ def _work_precision(axes: Axes, subject: Subject, found: SubjectResults, diagram
         curves.setdefault(point.one.curve, []).append(point)
     for k, (name, of) in enumerate(curves.items()):
         colour, marker = dress.curves[k % len(dress.curves)], MARKERS[k % len(MARKERS)]
-        of = sorted(of, key=lambda point: (point.x, point.y))
         xs, ys = [p.x for p in of], [p.y for p in of]
         whiskers = [max(0.0, p.x95 - p.x) if math.isfinite(p.x95) else 0.0 for p in of]
         if any(whiskers):
@@ -147,12 +146,14 @@ def _work_precision(axes: Axes, subject: Subject, found: SubjectResults, diagram
 
 
 def _label(axes: Axes, wanted: list[Point], dress: Dress) -> None:
-    """Knobs beside points, each in the first of a few places where it meets no other label; left out where none is free."""
+    """Knobs beside points (names of curves where those have one knob only), each in the first of a few places where it meets no
+    other label; left out where none is free."""
+    several = len({point.one.knob for point in wanted}) > 1
     taken: list[tuple[float, float, float, float]] = []
     spots = [axes.transData.transform((p.x, p.y)) for p in wanted]
     left, bottom, right, top = (float(v) for v in axes.get_window_extent().extents)
     for point, (x, y) in zip(wanted, spots, strict=True):
-        text = point.one.knob or point.one.curve
+        text = point.one.knob if several else point.one.curve
         width, height = 5.9 * len(text), 13.0
         for dx, dy in ((9, 7), (9, -18), (-9 - width, 7), (-9 - width, -18), (9, 22), (9, -33), (-width / 2, 26)):
             box = (x + dx, y + dy, x + dx + width, y + dy + height)

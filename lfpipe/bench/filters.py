@@ -78,15 +78,15 @@ def followed(one: EyeFilter, rate_hz: int, horizons_ms: tuple[int, ...] = HORIZO
 
 
 def sweeps() -> dict[str, list[tuple[str, Callable[[], EyeFilter]]]]:
-    """Curve -> (knob, filter); knob "default" is what the configuration's name stands for."""
+    """Curve -> (knob, filter) in order of the knob; "default" is what the configuration's name stands for."""
     ones = [(f"beta {beta:g}", partial(OneEuro, 1.0, beta, 4.0)) for beta in (0.3, 1.0, 5.0, 20.0)]
     motions = [(f"agility {a:.0e}", partial(Kalman, a)) for a in (1e1, 1e2, 1e3, 1e5, 1e6)]
     gates = [(f"gate {gate:g}", partial(_predictive, gate)) for gate in (0.1, 0.2, 0.4, 0.8, 1.6)]
     return {
         "mean": [(f"k = {k}", partial(Mean, k)) for k in (1, 2, 3, 5, 8, 12)],
-        "one-euro": [("default", lambda: make_filter(Track(filter="one-euro"))), *ones],
-        "kalman": [("default", lambda: make_filter(Track(filter="kalman"))), *motions],
-        "predictive": [("default", lambda: make_filter(Track(filter="predictive"))), *gates],
+        "one-euro": [*ones[:2], ("default", partial(make_filter, Track(filter="one-euro"))), *ones[2:]],
+        "kalman": [*motions[:3], ("default", partial(make_filter, Track(filter="kalman"))), *motions[3:]],
+        "predictive": [*gates[:3], ("default", partial(make_filter, Track(filter="predictive"))), *gates[3:]],
     }
 
 

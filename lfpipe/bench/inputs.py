@@ -132,8 +132,9 @@ def make_inputs(scenes: tuple[Path, ...], sequence: Path | None, quick: bool, se
         work.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"{work}: {error.strerror}", "name another place with --set scene.cache_dir=DIR") from None
+    path = sequence or demo_sequence(work, MOVING_S[0 if quick else 1])
+    read = read_sequence(path, FRAMES[0 if quick else 1])
     if not scenes:
         scenes = (demo_scene(cache, say, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache, say),)
     fields = tuple((scene, open_scene(scene, settings.scene, say, choose_method)) for scene in scenes)
-    path = sequence or demo_sequence(work, MOVING_S[0 if quick else 1])
-    return Inputs(fields, read_sequence(path, FRAMES[0 if quick else 1]), quick, sequence is None, work)
+    return Inputs(fields, read, quick, sequence is None, work)

@@ -55,7 +55,7 @@ class Prepared:
 
 @attrs.frozen(eq=False)
 class Candidate:
-    """One point: the `curve` it lies on, the `knob` that moves it along; together they are its name. paper: what the paper does."""
+    """One point: the `curve` it lies on, the `knob` that moves it along; together its name. paper: what the paper does."""
 
     curve: str
     knob: str

@@ -115,7 +115,8 @@ SUBJECT = Subject(
     "pipeline",
     "The whole pipeline",
     "Sessions of `lfpipe up` and the paper as one plain loop on the same sequence and scene: how far is the viewpoint shown from"
-    " where the eyes are at that moment, over all display time; what CPU does it take, and how old is the frame behind a picture?",
+    " where the eyes are at that moment, over all display time; what CPU does it take,"
+    " and how old is the frame behind a picture?",
     (
         Figure("error_views", "error of the viewpoint shown, RMS", "views"),
         Figure("error_px", "error of the eyes a picture was made for, RMS", "px"),

@@ -68,9 +68,10 @@ def _about(results: Results) -> str:
     }
     body = "".join(f"<tr><th>{key}</th><td>{value}</td></tr>" for key, value in rows.items())
     how = (
-        "Times are medians of turns taken in a shuffled order between methods, after a turn to warm up; ± is half the 95 % interval of"
-        " the median, where there are turns enough for one. Whiskers end at the 95th percentile. Both axes are logarithmic; down and"
-        " left is better. Rings: no other point is better in both. Red star: what the paper does."
+        "Times are medians of turns taken in a shuffled order between methods, after a turn to warm up; ± is half the 95 %"
+        " interval of the median, where there are turns enough for one. Whiskers end at the 95th percentile."
+        " Both axes are logarithmic; down and left is better. Rings: no other point is better in both. Red star: what the"
+        " paper does."
     )
     return f'<div class="wide"><table>{body}</table></div><p class="soft">{how}</p>'
 

@@ -267,8 +267,8 @@ def synthesis_table(inputs: Inputs) -> Table:
         rows.append((Cell(what), *(t.get(m, blank) for m in methods for t in (stored, extreme))))
     head = ("light field", *(f"{m}: {what}" for m in methods for what in ("stored places", "extremes")))
     note = (
-        "Stored places: largest difference in levels from the stored view. Extremes: viewpoints of NaN, infinities, 1e308, 5e-324;"
-        " pictures of one key must be equal, and nothing may throw."
+        "Stored places: largest difference in levels from the stored view. Extremes: viewpoints of NaN, infinities,"
+        " 1e308, 5e-324; pictures of one key must be equal, and nothing may throw."
     )
     return Table("Views at the ends of the range", note, head, tuple(rows))
 

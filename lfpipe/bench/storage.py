@@ -105,8 +105,8 @@ def _turn(read: Callable[[int], object], views: list[NDArray[np.uint8]]) -> Call
 SUBJECT = Subject(
     "storage",
     "Keeping the views",
-    "Every format holds the same views: how large, how exact, and how long until a view can be drawn. The pack keeps planes apart,"
-    " so that a picture reads only what it shows.",
+    "Every format holds the same views: how large, how exact, and how long until a view can be drawn. The pack keeps planes"
+    " apart, so that a picture reads only what it shows.",
     (
         Figure("rmse", "error of a view, RMSE", "levels", "rms"),
         Figure("bytes_px", "size", "bytes per pixel", "mean"),

@@ -23,13 +23,13 @@ from lfpipe.config import Config, updated
 
 
 def main() -> None:
-    """Serves until stdin ends. The argument: the folder to keep the scene and sequence in."""
+    """Serves until stdin ends. Arguments: the folder to keep packs in; a scene and a sequence, or neither for the demo's."""
     cv2.setNumThreads(1)
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what libraries print is no answer
     settings = updated(Config(), {"scene.cache_dir": sys.argv[1]})
-    inputs = make_inputs((), None, True, settings, lambda *_: None)
-    Path(sys.argv[1]).mkdir(exist_ok=True)
+    given = [Path(text) for text in sys.argv[2:]]
+    inputs = make_inputs(tuple(given[:1]), given[1] if given else None, True, settings, lambda *_: None)
     ready: dict[str, Prepared] = {}
     for line in sys.stdin:
         request: dict[str, Any] = json.loads(line)

@@ -72,8 +72,11 @@ for _name in NAMES:
 @click.argument("b", type=click.Path(path_type=Path))
 @click.option("--subject", "subjects", multiple=True, type=click.Choice(["tracker", "filters", "synthesis", "anaglyph"]),
               help="Of two builds: measure this one only; repeatable.")  # fmt: skip
+@click.option(
+    "--on", nargs=2, type=click.Path(path_type=Path), metavar="SCENE VIDEO", help="Of two builds: not the demo's inputs."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def compare(a: Path, b: Path, subjects: tuple[str, ...], as_json: bool) -> int:
+def compare(a: Path, b: Path, subjects: tuple[str, ...], on: tuple[Path, Path] | None, as_json: bool) -> int:
     """Tell what B does better or worse than A, beyond noise.
 
     A and B are two source checkouts of lfpipe, run in turns here and now, or two folders that --out wrote. Ends with 1 where B is
@@ -90,7 +93,7 @@ def compare(a: Path, b: Path, subjects: tuple[str, ...], as_json: bool) -> int:
 
     if is_build(a) and is_build(b):
         with progress() as bar:
-            found = compare_builds(a, b, subjects or ("tracker", "synthesis"), bar)
+            found = compare_builds(a, b, subjects or ("tracker", "synthesis"), bar, on or ())
     else:
         found = compare_results(read(a), read(b))
     called = [one for one in found if one.called]

@@ -1,0 +1,40 @@
+"""Small inputs: a textured wall as a light field, a sequence of the demo's face."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import attrs
+import cv2
+import numpy as np
+
+from lfpipe.bench.inputs import Inputs, Sequence
+from lfpipe.scene.lightfield import Geometry, LightField
+
+
+def wall(rows: int, cols: int, side_px: int = 64, disparity: bool = True) -> LightField:
+    """A textured wall, 2 px of disparity per view."""
+    rng = np.random.default_rng(4)
+    reach = 2 * max(rows, cols)
+    texture = cv2.resize(rng.integers(0, 256, (24, 24, 3), np.uint8), (side_px + reach,) * 2, interpolation=cv2.INTER_CUBIC)
+    views = np.empty((1, rows, cols, 3, side_px, side_px), np.uint8)
+    for r in range(rows):
+        for c in range(cols):
+            views[0, r, c] = texture[2 * r : 2 * r + side_px, 2 * c : 2 * c + side_px].transpose(2, 0, 1)
+    maps = np.full((1, rows, cols, side_px // 2, side_px // 2), 32, np.int8)
+    return LightField(
+        views=views, disparity=maps if disparity else None, disparity_scale_px=1 / 16, disparity_min_px=2.0 * disparity,
+        disparity_max_px=2.0 * disparity, disparity_source="truth" if disparity else "none",
+        offsets=np.zeros((rows, cols, 2), np.float32), present=np.ones((rows, cols), bool), geometry=Geometry(),
+        frame_rate_hz=0.0, name="wall", method="warp2" if disparity else "nearest", manifest={"key": f"wall{rows}x{cols}"},
+    )  # fmt: skip
+
+
+def inputs(field: LightField, work: Path, sequence: Sequence | None = None) -> Inputs:
+    """Quick inputs; the sequence is 20 grey frames without truth where none is given."""
+    grey = Sequence(work / "grey.avi", np.full((20, 120, 160, 3), 90, np.uint8), 30.0, None)
+    return Inputs(((work / "wall", field),), sequence or grey, True, sequence is None, work)
+
+
+def without_truth(sequence: Sequence) -> Sequence:
+    return attrs.evolve(sequence, truth=None)

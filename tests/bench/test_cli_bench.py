@@ -1,0 +1,49 @@
+"""`lfpipe bench` as a person types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from lfpipe.bench.builds import Build
+from tests.world import World, write_scene
+
+
+def test_a_subject_from_the_command_line_and_again(world: World, scene: Path, clip: Path) -> None:
+    words = ("bench", "storage", "--quick", "--scene", scene, "--sequence", clip, "--out", "out")
+    first = world.run(*words)
+    assert first.returncode == 0, first.stderr
+    assert first.stdout.strip() == "out/report.html" and (world.root / "out" / "report.html").is_file()
+    told = json.loads((world.root / "out" / "results.json").read_text())
+    assert set(told["subjects"]) == {"storage"} and told["about"]["command"].startswith("lfpipe bench storage")
+    assert told["about"]["machine"]["cores"] and told["about"]["versions"]["numpy"]
+    second = world.run(*words)  # all is there: nothing is measured again
+    assert second.returncode == 0, second.stderr
+    again = json.loads((world.root / "out" / "results.json").read_text())
+    assert again["subjects"] == told["subjects"]
+    same = world.run("bench", "compare", "out", "out", "--json")
+    assert same.returncode == 0 and json.loads(same.stdout)["called"] == []
+
+
+def test_mistakes_are_named(world: World, clip: Path) -> None:
+    for words, text in (
+        (("bench", "trackers"), "trackers"),
+        (("bench", "plan", "--quick", "--scene", "nowhere", "--sequence", clip), "nowhere"),
+        (("bench", "plan", "--quick", "--sequence", "nowhere.avi"), "nowhere.avi"),
+        (("bench", "compare", ".", "."), "no results"),
+    ):
+        done = world.run(*words)
+        assert done.returncode == 2 and text in done.stderr and "Traceback" not in done.stderr, (words, done.stderr)
+
+
+def test_a_build_measures_itself(tmp_path: Path, clip: Path) -> None:
+    scene = write_scene(tmp_path / "scene", 5, 5)
+    build = Build(Path(__file__).parents[2], (tmp_path, scene, clip))
+    try:
+        name = "nearest, every 2nd view"
+        assert build.ask(prepare="synthesis", candidates=[name])["names"] == [name]
+        assert build.ask(errors=name)["psnr_db"]
+        assert build.ask(turn=name)["time_ms"] > 0
+        assert "failed" in build.ask(turn="nothing of that name")
+    finally:
+        build.close()

@@ -1,0 +1,118 @@
+"""The runner: turns are interleaved, failures are kept by name, a run broken off goes on."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from lfpipe.bench.inputs import Inputs
+from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Skipped, Subject
+from lfpipe.bench.report import write_report
+from lfpipe.bench.results import Results, SubjectResults, empty_diagrams, read
+from lfpipe.bench.runner import run
+from tests.bench.made import inputs, wall
+
+FIGURES = (Figure("error_px", "error", "px", "rms"), Figure("time_ms", "time", "ms"))
+DIAGRAM = Diagram("made", "Made", "time_ms", "error_px")
+
+
+class Made:
+    """A subject of four candidates: two sound, one that throws, one that gives NaN in its third turn."""
+
+    def __init__(self, broken_off: int = 10**9) -> None:
+        self.turns: list[str] = []
+        self.measured: list[str] = []
+        self.closed: list[str] = []
+        self._left = broken_off
+        self.subject = Subject("made", "Made", "?", FIGURES, (DIAGRAM,), self.candidates, budget_s=(0.2, 0.2), turns=(4, 4))
+
+    def candidates(self, _: Inputs) -> Iterator[Candidate | Skipped]:
+        yield Skipped("colour", "the scene is grey")
+        for name in ("one", "two", "throws", "nan"):
+            yield Candidate(name, "", lambda name=name: self.prepare(name), name == "one")  # type: ignore[misc]
+
+    def prepare(self, name: str) -> Prepared:
+        count = itertools.count()
+
+        def errors() -> dict[str, list[float]]:
+            self.measured.append(name)
+            if name == "throws":
+                raise ArithmeticError("no root")
+            return {"error_px": [3.0, 4.0]}
+
+        def turn() -> dict[str, float]:
+            self._left -= 1
+            if self._left < 0:
+                raise KeyboardInterrupt
+            self.turns.append(name)
+            return {"time_ms": float("nan") if name == "nan" and next(count) == 2 else 1.0 + 0.5 * (len(self.turns) % 2)}
+
+        return Prepared(errors, turn, lambda: self.closed.append(name))
+
+
+def quiet(*_: object) -> None:
+    pass
+
+
+def test_failures_are_omissions_with_their_reason(tmp_path: Path) -> None:
+    made, found = Made(), SubjectResults("made")
+    run(made.subject, inputs(wall(2, 2), tmp_path), found, quiet, quiet)  # type: ignore[arg-type]
+    assert found.omissions == {"throws": "ArithmeticError: no root", "nan": "ValueError: not finite: time_ms"}
+    assert set(found.measured) == {"one", "two"}
+    assert found.measured["one"].paper and not found.measured["two"].paper
+    assert found.measured["one"].value(FIGURES[0]) == pytest.approx(12.5**0.5)
+    assert found.skipped == [Skipped("colour", "the scene is grey")]
+    assert {"one", "two"} <= set(made.closed)
+    assert all(len(one.turns["time_ms"]) >= 4 for one in found.measured.values())
+
+
+def test_turns_are_interleaved_and_warmed_up(tmp_path: Path) -> None:
+    made, found = Made(), SubjectResults("made")
+    run(made.subject, inputs(wall(2, 2), tmp_path), found, quiet, quiet)  # type: ignore[arg-type]
+    sound = [name for name in made.turns if name in ("one", "two")]
+    for k in range(0, 10, 2):  # the warm-up and the fewest rounds
+        assert set(sound[k : k + 2]) == {"one", "two"}
+    assert len(sound) == 2 + sum(len(one.turns["time_ms"]) for one in found.measured.values())  # the first does not count
+
+
+def test_a_run_broken_off_goes_on(tmp_path: Path) -> None:
+    results = Results({"identity": {}})
+    found = results.subjects.setdefault("made", SubjectResults("made"))
+    made, given = Made(broken_off=11), inputs(wall(2, 2), tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        run(made.subject, given, found, quiet, lambda: results.write(tmp_path))
+    kept = read(tmp_path).subjects["made"]
+    before = {name: list(one.turns["time_ms"]) for name, one in kept.measured.items()}
+    assert before and not kept.done
+    again = Made()
+    run(again.subject, given, kept, quiet, quiet)  # type: ignore[arg-type]
+    assert again.measured == []  # errors are known, and what threw is not tried again
+    assert kept.done and kept.omissions["throws"] == "ArithmeticError: no root"
+    for name, turns in before.items():
+        if name in kept.measured:
+            assert kept.measured[name].turns["time_ms"][: len(turns)] == turns
+
+
+def test_a_diagram_without_its_figure_is_left_out_with_the_reason() -> None:
+    found = SubjectResults("made", skipped=[Skipped("error", "no truth")])
+    assert "no truth" in empty_diagrams(Made().subject, found)["made"]
+
+
+def test_report_stands_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made, found = Made(), SubjectResults("made")
+    run(made.subject, inputs(wall(2, 2), tmp_path), found, quiet, quiet)  # type: ignore[arg-type]
+    monkeypatch.setitem(__import__("lfpipe.bench.subjects", fromlist=["SUBJECTS"]).SUBJECTS, "made", made.subject)
+    machine = {"processor": "<p>", "cores": 2, "system": "s", "load": 0.1}
+    about = {"command": "lfpipe bench", "scenes": ["s"], "sequence": "q", "machine": machine, "versions": {}, "commit": "c"}
+    page = write_report(Results(about | {"started": "now"}, {"made": found}), tmp_path).read_text()
+    assert "ArithmeticError: no root" in page and "the scene is grey" in page and "&lt;p&gt;" in page
+    assert "prefers-color-scheme: dark" in page and "the paper" in (tmp_path / "summary.md").read_text().lower()
+    for reference in ("http://", "https://", "<script", "<link"):
+        assert reference not in page
+    names = {path.name for path in (tmp_path / "diagrams").iterdir()}
+    assert names == {"made.png", "made.svg", "made-dark.svg"}
+    light, dark = ((tmp_path / "diagrams" / name).read_text() for name in ("made.svg", "made-dark.svg"))
+    assert "#0072b2" in light and "#0072b2" not in dark and "#56b4e9" in dark

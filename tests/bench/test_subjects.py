@@ -1,0 +1,161 @@
+"""Subjects on small inputs: what they measure, and what they leave out where it makes no sense."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import attrs
+import numpy as np
+import pytest
+
+from lfpipe.bench import anaglyph, filters, pipeline, plan, stability, storage, synthesis, tracker
+from lfpipe.bench.displayed import Displayed
+from lfpipe.bench.inputs import Sequence, demo_sequence, read_sequence
+from lfpipe.bench.model import Candidate, Skipped
+from lfpipe.bench.report import counts
+from lfpipe.bench.truth import Truth
+from lfpipe.track.smoothing import Mean
+from tests.bench.made import inputs, wall, without_truth
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
+    """Stillness and half a second of motion of the demo's face, with truth."""
+    return read_sequence(demo_sequence(tmp_path_factory.mktemp("sequence"), 0.5), 75)
+
+
+def split(offered: object) -> tuple[dict[str, Candidate], dict[str, str]]:
+    items = list(offered)  # type: ignore[call-overload]
+    return {i.name: i for i in items if isinstance(i, Candidate)}, {i.what: i.why for i in items if isinstance(i, Skipped)}
+
+
+def test_demo_sequence_is_still_then_moves(sequence: Sequence) -> None:
+    truth = sequence.truth
+    assert truth is not None and len(sequence.frames) == 75
+    assert np.ptp(truth.eyes_px[:61], axis=0).max() == 0 and np.ptp(truth.eyes_px[61:], axis=0).max() > 5
+    assert 0.5 < np.abs(sequence.frames[3].astype(int) - sequence.frames[4]).mean() < 4  # fresh noise
+
+
+def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Sequence) -> None:
+    found, skipped = split(tracker.candidates(inputs(wall(2, 2), tmp_path, sequence)))
+    assert [name for name, one in found.items() if one.paper] == ["mediapipe, 640x480"] and not skipped
+    prepared = found["litert, 640x480"].prepare()
+    told = prepared.errors()
+    assert tracker.SUBJECT.figure("error_px").of(told["error_px"]) < 1.0
+    assert prepared.turn is not None and set(prepared.turn()) == {"time_ms", "time_p95_ms", "cpu_ms"}
+
+
+def test_tracker_without_truth_or_face(tmp_path: Path, sequence: Sequence) -> None:
+    found, skipped = split(tracker.candidates(inputs(wall(2, 2), tmp_path, without_truth(sequence))))
+    assert "error of tracking" in skipped
+    assert set(found["litert, 320x240"].prepare().errors()) == {"missed"}
+    blank, skipped = split(tracker.candidates(inputs(wall(2, 2), tmp_path)))
+    assert "input wider than 160 px" in skipped
+    with pytest.raises(ValueError, match="no face"):
+        blank["litert, 160x120"].prepare().errors()
+
+
+def test_lag_is_found() -> None:
+    t_ns = np.arange(90) * 33_333_333
+    eyes = np.stack([300 + 40 * np.sin(t_ns / 4e8), 240 + 0 * t_ns] * 2, axis=1).reshape(-1, 2, 2)
+    truth = Truth(t_ns, eyes, [True] * 90, [False] * 90)
+    assert tracker.lag_ms(truth.at(t_ns - 50e6), truth, t_ns) == pytest.approx(50, abs=1)
+    assert math.isnan(tracker.lag_ms(eyes, Truth(t_ns, eyes[:1].repeat(90, 0), [True] * 90, [True] * 90), t_ns))
+
+
+def test_filters_know_their_motion() -> None:
+    raw, five = (filters.followed(Mean(k), 30, (0, 40)) for k in (1, 5))
+    rms = filters.SUBJECT.figure("error_0ms_30hz").of
+    assert rms(raw["error_0ms_30hz"]) == pytest.approx(filters.NOISE_PX * 2**0.5, rel=0.05)  # its own noise, both axes
+    assert rms(five["error_0ms_30hz"]) > 20 * rms(raw["error_0ms_30hz"])  # lags
+    assert rms(raw["jitter_30hz"]) > 1.5 * rms(five["jitter_30hz"])  # but rests
+
+
+def test_synthesis_of_a_wall(tmp_path: Path) -> None:
+    found, skipped = split(synthesis.candidates(inputs(wall(5, 5), tmp_path)))
+    assert not skipped and [name for name, one in found.items() if one.paper] == ["nearest, every 2nd view"]
+    near, warped = (found[f"{name}, every 2nd view"].prepare() for name in ("nearest", "warp2"))
+    assert np.mean(warped.errors()["psnr_db"]) > np.mean(near.errors()["psnr_db"]) + 10
+    assert near.errors()["jump"][0] > 10 > 4 > warped.errors()["jump"][0]
+    assert warped.turn is not None and warped.turn()["time_ms"] > 0
+
+
+@pytest.mark.parametrize(
+    ("rows", "cols", "disparity", "missing", "methods"),
+    [
+        (5, 5, False, "warped views", {"nearest", "blend"}),
+        (1, 9, True, "viewpoints off the line", {"nearest", "blend", "warp", "warp2"}),
+        (1, 1, True, "synthesis", set()),
+        (2, 2, True, "error on left-out views", set()),
+    ],
+)
+def test_synthesis_leaves_out_what_makes_no_sense(
+    tmp_path: Path, rows: int, cols: int, disparity: bool, missing: str, methods: set[str]
+) -> None:
+    found, skipped = split(synthesis.candidates(inputs(wall(rows, cols, disparity=disparity), tmp_path)))
+    assert missing in skipped
+    assert {one.curve for one in found.values()} == methods
+    for one in list(found.values())[:1]:
+        told = one.prepare().errors()
+        assert all(math.isfinite(value) for values in told.values() for value in values)
+
+
+def test_pipeline_leaves_out_what_makes_no_sense(tmp_path: Path, sequence: Sequence) -> None:
+    assert "pipeline" in split(pipeline.candidates(inputs(wall(1, 1), tmp_path)))[1]
+    found, skipped = split(pipeline.candidates(inputs(wall(3, 3, disparity=False), tmp_path, without_truth(sequence))))
+    assert {"error of the viewpoint shown", "warped views"} <= set(skipped)
+    assert sum(one.paper for one in found.values()) == 2  # its configuration, and the plain loop
+
+
+def test_displayed_error_of_a_known_trace() -> None:
+    """Pictures 10 ms late of eyes that move 100 px/s: 1 px behind, 0.1 views at 10 px per view."""
+    t_ns = np.arange(120) * 33_333_333
+    eyes = np.stack([300 + t_ns / 1e9 * 100, 240 + 0 * t_ns] * 2, axis=1).reshape(-1, 2, 2)
+    truth = Truth(t_ns, eyes, [True] * 120, [False] * 120)
+    rows = []
+    for ms in range(200, 3500):
+        used = truth.at((ms - 10) * 1e6)
+        views = [[4.0, 4 + (400 - u) / 100] for u in used[:, 0]]
+        pairs = {name: dict(zip(("left", "right"), np.asarray(pair).tolist(), strict=True)) for name, pair in
+                 (("eyes_used", used), ("view", views))}  # fmt: skip
+        rows.append({"t_presented_ns": ms * 1_000_000, "t_sensor_ns": 0, "source_seq": 0, "composed": True, **pairs})
+    beside = Displayed(truth, rows)
+    assert beside.figures()["error"] == pytest.approx(1.0, rel=0.05) and math.isnan(beside.figures()["jitter"])
+    assert beside.view_error(100.0, (400.0, 240.0), (9, 9)) == pytest.approx(0.01, rel=0.05)
+
+
+def test_storage_and_anaglyph_tell_what_is_exact(tmp_path: Path) -> None:
+    given = inputs(wall(3, 3), tmp_path)
+    kept, _ = split(storage.candidates(given))
+    for name in ("PNG, level 3", "WebP lossless", "pack, three planes", "pack, one plane"):
+        assert set(kept[name].prepare().errors()["rmse"]) == {0.0}, name
+    assert min(kept["JPEG, quality 75"].prepare().errors()["rmse"]) > 0.5
+    coded, skipped = split(anaglyph.candidates(given))
+    assert "dubois-amber-blue" in skipped and coded["colour, plain"].paper
+    colour, grey = (coded[f"{name}, plain"].prepare().errors() for name in ("colour", "grey"))
+    assert max(grey["rivalry"]) == 0 < min(colour["rivalry"]) and np.mean(grey["fused"]) > np.mean(colour["fused"])
+
+
+def test_nothing_fails_at_the_extremes(tmp_path: Path) -> None:
+    tables = [t for t in stability.tables(inputs(wall(3, 3), tmp_path)) if not isinstance(t, Skipped)]
+    assert len(tables) == 7
+    for table in tables:
+        if "for comparison" not in table.title:
+            counted = counts(table)
+            assert counted["failed"] == counted["degraded"] == 0 < counted["ok"], table.title
+    naive = next(table for table in tables if table.title.startswith("Covariance, standard"))
+    assert counts(naive)["failed"] > 10  # so the table can tell
+
+
+@pytest.mark.parametrize(
+    ("rows", "cols", "what"), [(1, 9, "row coordinate"), (1, 1, "capture and tracking"), (3, 3, "of 6 planes")]
+)
+def test_plan_measures_what_it_leaves_out(tmp_path: Path, rows: int, cols: int, what: str) -> None:
+    given = inputs(wall(rows, cols), tmp_path)
+    (table,) = [t for t in plan.tables(given) if not isinstance(t, Skipped)]
+    cells = [row for row in table.rows if what in row[1].text]
+    assert cells, [row[1].text for row in table.rows]
+    assert {row[4].state for row in cells} == {"ok"}
+    two = attrs.evolve(given, fields=given.fields * 2)
+    assert len(list(plan.tables(two))) == 2
