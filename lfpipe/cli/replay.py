@@ -58,7 +58,7 @@ def replay(
     from lfpipe.replay.sequence import open_sequence
 
     began = time.monotonic()
-    pace = _checked_pace(pace, expect, update)
+    _check(pace, out, expect, update)
     sequence = open_sequence(path)
     if not sequence.complete:
         say(f"{path} was cut off while it was recorded: {len(sequence.packets)} whole frames are replayed")
@@ -66,11 +66,13 @@ def replay(
     budgets = read_budgets(budget_file) if budget_file else None
     if junit is not None:
         write_junit(junit, path.name, False, [], None, 0.0)  # says now, and not after the run, that it cannot be written
-    field, pack = _packed(scene, sets, config_file)
     if expect is not None and not update:
-        check_reference(expect, {"sequence": about_sequence(sequence), "scene": about_scene(field)})
+        read_report(expect)
     with _folder(out) as folder:
         run.clear_out(folder)
+        field, pack = _packed(scene, sets, config_file)
+        if expect is not None and not update:
+            check_reference(expect, {"sequence": about_sequence(sequence), "scene": about_scene(field)})
         try:
             kept = pace == "step" and (out is not None or expect is not None)
             report = run.replay(sequence, field, pack, config, pace, folder, kept, say)
@@ -98,7 +100,8 @@ def replay(
     return 1 if differences or over else 0
 
 
-def _checked_pace(pace: str, expect: Path | None, update: bool) -> str:
+def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> None:
+    """What of the options does not go together."""
     from lfpipe.capture.spec import parse_source
     from lfpipe.errors import UserError
     from lfpipe.replay.run import STEADY
@@ -107,9 +110,10 @@ def _checked_pace(pace: str, expect: Path | None, update: bool) -> str:
         parse_source(f"file:sequence?pace={pace}")
     if update and expect is None:
         raise UserError("--update: which reference?", "name it with --expect REF")
+    if expect is not None and out is not None and expect.resolve() == out.resolve():
+        raise UserError(f"--out and --expect are both {out}", "two folders; --update writes the reference")
     if expect is not None and pace not in STEADY:
         raise UserError(f"--expect with --pace {pace}: results then depend on the clock", "compare with --pace step or max")
-    return pace
 
 
 def _packed(scene: Path | None, sets: tuple[str, ...], config_file: str | None) -> tuple[LightField, Path]:

@@ -29,7 +29,6 @@ from lfpipe.transport.context import Context, Input, empty_like
 from lfpipe.transport.ring import Stamp
 
 ROOM_BYTES = 128 << 20  # frames that wait for their encoding: seconds, so that a slow disk costs no frame
-NICE = 10  # what the live picture needs goes first
 
 
 class Store:
@@ -70,7 +69,9 @@ class Store:
         self._waiting.put((stamp, copy, now_ns()))
 
     def _run(self) -> None:
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
+        # Gives way to what wakes up for a live picture. A lower priority would be wrong: held back with the interpreter's lock
+        # in its hand, this thread would keep the other one from the ring.
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
         while (taken := self._waiting.get()) is not None:
             stamp, picture, t_taken_ns = taken
             if not self.failure:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,8 @@ class Stage:
     hang_s: float = 2.0
 
 
+FRAMES_BYTES = 16 << 20  # a recorder may be held up for as many frames as there are slots, less two
+
 STAGES = (
     Stage("capture", "lfpipe.capture.stage", _fed, writes=("frames",)),
     Stage("track", "lfpipe.track.stage", _tracked, reads=("frames",), writes=("eyes",), start_s=30.0),
@@ -54,8 +57,10 @@ STAGES = (
 
 def rings(config: Config) -> dict[str, RingSpec]:
     """What each ring holds in a session of this configuration."""
+    shape = (config.camera.height_px, config.camera.width_px, 3)
+    slots = min(max(FRAMES_BYTES // math.prod(shape), 4), 8)
     return {
-        "frames": RingSpec((config.camera.height_px, config.camera.width_px, 3), np.dtype("u1"), slots=4),
+        "frames": RingSpec(shape, np.dtype("u1"), slots),
         "eyes": RingSpec((), EYES, slots=8),
     }
 
