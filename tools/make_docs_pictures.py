@@ -1,0 +1,129 @@
+"""The pictures of README and docs, taken from a running demo: docs/anaglyph.png, view_grid.png, monitor.png, page.png.
+
+usage: python tools/make_docs_pictures.py [FOLDER]
+
+page.png needs chromium and chromedriver, and is left as it is without them.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+from rich.console import Console
+
+ROOT = Path(__file__).resolve().parents[1]
+LARGEST_BYTES = 300_000
+BACK, FORE, DIM = (18, 22, 27), (223, 229, 236), (139, 151, 166)
+INKS = {"green": (139, 226, 139), "yellow": (255, 196, 107), "cyan": (79, 214, 232), "red": (255, 107, 107)}
+COLUMNS, FONT_PX = 80, 17
+
+
+def save(path: Path, picture: NDArray[np.uint8]) -> None:
+    """A PNG of BGR, made smaller until it is small enough."""
+    while True:
+        cv2.imwrite(str(path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+        if path.stat().st_size < LARGEST_BYTES:
+            print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
+            return
+        picture = cv2.resize(picture, None, fx=0.9, fy=0.9, interpolation=cv2.INTER_AREA).astype(np.uint8)
+
+
+def terminal(text: object) -> NDArray[np.uint8]:
+    """A rich text as a terminal of COLUMNS shows it, BGR."""
+    console = Console(width=COLUMNS, color_system="truecolor", force_terminal=True, no_color=False)
+    lines = console.render_lines(text, pad=True)  # type: ignore[arg-type]
+    fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    plain, bold = (ImageFont.truetype(str(fonts / name), FONT_PX) for name in ("DejaVuSansMono.ttf", "DejaVuSansMono-Bold.ttf"))
+    cell, step = plain.getlength("x"), FONT_PX + 5
+    image = Image.new("RGB", (round(cell * COLUMNS) + 24, step * len(lines) + 20), BACK)
+    draw = ImageDraw.Draw(image)
+    for row, line in enumerate(lines):
+        column = 0
+        for segment in line:
+            style = segment.style
+            ink = INKS.get(style.color.name if style and style.color else "", DIM if style and style.dim else FORE)
+            for character in segment.text.rstrip("\n"):
+                place = (12 + column * cell, 10 + row * step)
+                draw.text(place, character, ink, bold if style and style.bold else plain)
+                column += 1
+    return cv2.cvtColor(np.asarray(image), cv2.COLOR_RGB2BGR).astype(np.uint8)
+
+
+def page(port: int, out: Path, profile: Path) -> None:
+    """The page in a browser, where there is one."""
+    sys.path.insert(0, str(ROOT))
+    from tests.web.browser import Browser, missing
+
+    if why := missing():
+        print(f"{out} left as it is: {why}")
+        return
+    with Browser(profile) as browser:
+        browser.open(f"http://127.0.0.1:{port}/")
+        time.sleep(12)
+        browser.screenshot(profile / "page.png")
+    picture = cv2.imread(str(profile / "page.png"))
+    assert picture is not None
+    save(out, picture.astype(np.uint8))
+
+
+def main() -> None:
+    out = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs"
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["XDG_RUNTIME_DIR"] = folder
+        for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+            os.environ.pop(name, None)
+        session = subprocess.Popen([sys.executable, "-m", "lfpipe", "up", "--demo", "--display", "none", "--session", "docs"])
+        try:
+            take(out, Path(folder))
+        finally:
+            session.send_signal(signal.SIGTERM)
+            session.wait()
+
+
+def take(out: Path, folder: Path) -> None:
+    from lfpipe.observe.attachment import Attachment
+    from lfpipe.observe.screen import Doing, Screen
+    from lfpipe.observe.web import Server
+
+    attachment, screen, shown = Attachment("docs"), Screen("docs"), None
+    started = time.monotonic()
+    while time.monotonic() - started < 25:
+        reading = attachment.read()
+        if reading is not None:
+            attachment.picture()  # while somebody asks, render tells where the eyes are
+            told = attachment.told()
+            shown = screen.draw(reading, Doing.of({**told, "options": {}}) if told else Doing(), COLUMNS)
+        time.sleep(0.25)
+    assert shown is not None, "the demo does not run"
+    save(out / "monitor.png", terminal(shown))
+    for name, jpeg in (("anaglyph", attachment.picture()), ("view_grid", attachment.camera())):
+        assert jpeg is not None
+        picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+        assert picture is not None
+        save(out / f"{name}.png", picture.astype(np.uint8))
+    attachment.close()
+    server = Server("docs", 0)
+    try:
+        import threading
+
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        page(int(server.server_address[1]), out / "page.png", folder)
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+if __name__ == "__main__":
+    main()
