@@ -1,6 +1,6 @@
 """Filters side by side: error on the screen against still jitter, and the numerical stability of the Kalman covariance.
 
-    uv run --group dev python profiling/eyes_filters.py SEQUENCE.avi [--extra-noise PX]
+    uv run python profiling/eyes_filters.py SEQUENCE.avi [--extra-noise PX]
 
 SEQUENCE.avi with its SEQUENCE.csv is made by tools/make_sequence.py. The landmark network measures every frame once; each
 filter then runs on the measurements, offline, as the live pipeline would run it: frames 4 ms old when tracked, refreshes at 60 Hz
@@ -15,26 +15,23 @@ uses explicit Euler.
 from __future__ import annotations
 
 import argparse
-import itertools
 import math
 import time
 from collections.abc import Callable
-from fractions import Fraction
 from pathlib import Path
 
 import cv2
 import numpy as np
-from eyes_displayed import Truth
 from numpy.typing import NDArray
 
+from lfpipe.bench.stiff import FORMS, cells
+from lfpipe.bench.truth import Truth
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
-from lfpipe.track.kalman import Covariance
 from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.smoothing import EyeFilter, Mean, weight
 
 TRACKED_NS, COMPOSE_NS, REFRESH_NS, STEP_NS = 4_000_000, 2_000_000, 16_666_667, 1_000_000
-Entry = tuple[float, float, float]
 
 
 def measurements(video: Path) -> list[NDArray[np.float64] | None]:
@@ -69,7 +66,7 @@ def on_screen(truth: Truth, measured: list[NDArray[np.float64] | None], one: Eye
     seen = truth.visible_ns[row] >= 0
     still = (truth.still_ns[row] >= 0) & (t - truth.still_ns[row] > 400_000_000)
     eyes_used = np.array(used)[now]
-    error = eyes_used - truth.eyes(t).reshape(-1, 2, 2)
+    error = eyes_used - truth.at(t)
     shaken = [eyes_used[still & (truth.still_ns[row] == start)] for start in np.unique(truth.still_ns[row][still])]
     spread = np.concatenate([part - part.mean(axis=0) for part in shaken])
     return float(np.sqrt(np.square(error[seen]).sum(axis=(1, 2)).mean() / 2)), float(
@@ -88,7 +85,7 @@ def update_us(one: EyeFilter) -> float:
 
 
 def filters_table(video: Path, extra_px: float) -> None:
-    truth, measured = Truth(video.with_suffix(".csv")), measurements(video)
+    truth, measured = Truth.read(video.with_suffix(".csv")), measurements(video)
     rng = np.random.default_rng(1)
     measured = [None if eyes is None else eyes + rng.normal(0, 1, (2, 2)) * extra_px for eyes in measured]
     base = on_screen(truth, measured, Mean(5), display=False)
@@ -102,54 +99,12 @@ def filters_table(video: Path, extra_px: float) -> None:
         print(f"{name:24}{error:10.3f}{error / base[0]:8.3f}{jitter:11.3f}{jitter / base[1]:8.3f}{update_us(make()):11.1f}")
 
 
-def standard(p: Entry, q: float, r: float, d: float) -> Entry:
-    a, b, c = p[0] + 2 * p[1] * d + p[2] * d * d + q * d**3 / 3, p[1] + p[2] * d + q * d * d / 2, p[2] + q * d
-    s = a + r
-    return a - a * a / s, b - a * b / s, c - b * b / s
-
-
-def joseph(p: Entry, q: float, r: float, d: float) -> Entry:
-    a, b, c = p[0] + 2 * p[1] * d + p[2] * d * d + q * d**3 / 3, p[1] + p[2] * d + q * d * d / 2, p[2] + q * d
-    k0, k1 = a / (a + r), b / (a + r)
-    m = 1 - k0
-    return m * m * a + k0 * k0 * r, m * (b - k1 * a) + k0 * k1 * r, c - 2 * k1 * b + k1 * k1 * a + k1 * k1 * r
-
-
 def stability_table() -> None:
-    noises, steps = (1e-12, 1e-6, 1.0, 1e6, 1e12), (1e-9, 1e-3, 1 / 30, 10.0, 1e6)
-    worst, broken = dict.fromkeys(("standard", "Joseph", "without subtraction"), 0.0), dict.fromkeys(("standard", "Joseph"), 0)
-    broken["without subtraction"] = 0
-    for q, r, d in itertools.product(noises, noises, steps):
-        exact: tuple[Fraction, Fraction, Fraction] = (Fraction(1), Fraction(0), Fraction(1))
-        forms: dict[str, Entry] = {"standard": (1.0, 0.0, 1.0), "Joseph": (1.0, 0.0, 1.0)}
-        ours, bad = Covariance(1.0, 0.0, 1.0, 1.0), set()
-        for step in range(60):
-            forms = {"standard": standard(forms["standard"], q, r, d), "Joseph": joseph(forms["Joseph"], q, r, d)}
-            ours = ours.ahead(d, q).measured(r)[0]
-            if step < 12:  # the digits of the rationals double with every step
-                exact = _exact(exact, Fraction(q), Fraction(r), Fraction(d))
-                for name, p in (*forms.items(), ("without subtraction", (ours.a, ours.b, ours.c))):
-                    worst[name] = max(
-                        worst[name],
-                        *(
-                            abs(float(Fraction(v) / t - 1)) if math.isfinite(v) else math.inf
-                            for v, t in zip(p, exact, strict=True)
-                        ),
-                    )
-            for name, (a, b, c) in (*forms.items(), ("without subtraction", (ours.a, ours.b, ours.c))):
-                if not (a >= 0 and c >= 0 and b * b <= a * c * (1 + 1e-12)):
-                    bad.add(name)
-        for name in bad:
-            broken[name] += 1
+    found = list(cells())
     print(f"\n{'covariance, 125 cells':24}{'worst relative error':>22}{'cells not semi-definite':>26}")
-    for name in worst:
-        print(f"{name:24}{worst[name]:22.1e}{broken[name]:26d}")
-
-
-def _exact(p: tuple[Fraction, Fraction, Fraction], q: Fraction, r: Fraction, d: Fraction) -> tuple[Fraction, Fraction, Fraction]:
-    a, b, c = p[0] + 2 * p[1] * d + p[2] * d * d + q * d**3 / 3, p[1] + p[2] * d + q * d * d / 2, p[2] + q * d
-    s = a + r
-    return a - a * a / s, b - a * b / s, c - b * b / s
+    for form in FORMS:
+        part = [cell for cell in found if cell.form == form]
+        print(f"{form:24}{max(cell.worst for cell in part):22.1e}{sum(not cell.definite for cell in part):26d}")
 
 
 def euler_table() -> None:

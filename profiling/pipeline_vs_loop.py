@@ -20,16 +20,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-TICK = os.sysconf("SC_CLK_TCK")
+from lfpipe.bench.sessions import cpu_s
+
 START_S = 4.0  # before the steady part
-
-
-def cpu_s(pids: list[int]) -> float:
-    total = 0.0
-    for pid in pids:
-        fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-        total += (int(fields[11]) + int(fields[12])) / TICK
-    return total
 
 
 def lfpipe(args: argparse.Namespace, folder: Path) -> dict[str, Any]:

@@ -11,43 +11,18 @@ import sys
 import time
 from pathlib import Path
 
-import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.bench.kept import kept, made
 from lfpipe.config import Scene
 from lfpipe.render.scoring import METHODS, choose_method, psnr_db
 from lfpipe.render.synthesis import Synthesiser
-from lfpipe.scene.disparity import estimate_disparity, quantised, scale_for
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import open_scene
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "lightfields"
-
-
-def kept(field: LightField, rows: list[int], cols: list[int], truth: bool = False) -> LightField:
-    """The kept views as a light field of their own, with disparities that know of no other view."""
-    views = np.ascontiguousarray(np.asarray(field.views)[:1, rows][:, :, cols])
-    if truth:
-        assert field.disparity is not None
-        step = np.float32(field.disparity_scale_px * (cols[1] - cols[0]))
-        disparity: NDArray[np.float32] | None = np.asarray(field.disparity)[0, rows][:, cols].astype(np.float32) * step
-    else:
-        disparity = estimate_disparity(views[0])
-    assert disparity is not None
-    low, high = (float(v) for v in np.percentile(disparity, (0.05, 99.95)))
-    unit = scale_for(low, high)
-    return attrs.evolve(
-        field,
-        views=views,
-        disparity=quantised(disparity, unit)[None],
-        disparity_scale_px=unit,
-        disparity_min_px=low,
-        disparity_max_px=high,
-        offsets=np.ascontiguousarray(field.offsets[rows][:, cols]) / np.float32(cols[1] - cols[0]),
-        present=np.ones((len(rows), len(cols)), bool),
-    )
 
 
 def left_out(field: LightField, places: list[int], truth: bool = False) -> None:
@@ -55,7 +30,7 @@ def left_out(field: LightField, places: list[int], truth: bool = False) -> None:
     part = kept(field, places, places, truth)
     step = places[1] - places[0]
     outs = [np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)]
-    whole, views = np.asarray(field.views), np.asarray(part.views)
+    whole = np.asarray(field.views)
     for method in METHODS:
         synthesiser = Synthesiser(part, method)
         found: dict[int, list[float]] = {}
@@ -64,9 +39,8 @@ def left_out(field: LightField, places: list[int], truth: bool = False) -> None:
                 continue
             outside = max(places[0] - row, row - places[-1], places[0] - col, col - places[-1], 0)
             position = ((row - places[0]) / step, (col - places[0]) / step)
-            sources = [lambda r, c, k=k: views[0, r, c, k] for k in range(field.channels)]
-            made = np.stack(synthesiser.render(position, 0, 0.0, sources, outs)).astype(np.float32)
-            found.setdefault(outside, []).append(psnr_db(float(np.mean((made - whole[0, row, col]) ** 2))))
+            wrong = made(part, synthesiser, position, outs) - whole[0, row, col]
+            found.setdefault(outside, []).append(psnr_db(float(np.mean(wrong**2))))
         scores = "   ".join(
             f"{'inside' if not out else f'{out} outside'} {np.mean(values):5.2f} (worst {min(values):5.2f})"
             for out, values in sorted(found.items())
@@ -101,8 +75,8 @@ def sweep(field: LightField, patch: tuple[slice, slice]) -> None:
         frames = []
         for col in cols:
             source = np.asarray(field.views)
-            made = synthesiser.render((float(row), float(col)), 0, 0.0, [lambda r, c, v=source: v[0, r, c, 1]], out)
-            frames.append(made[0].astype(np.float32))
+            drawn = synthesiser.render((float(row), float(col)), 0, 0.0, [lambda r, c, v=source: v[0, r, c, 1]], out)
+            frames.append(drawn[0].astype(np.float32))
         steps = np.array([np.abs(b - a).mean() for a, b in itertools.pairwise(frames)])
         moved = [_shift_px(views[middle], frame, patch, want) for frame, want in zip(frames, wanted, strict=True)]
         error = float(np.sqrt(np.mean((np.array(moved) - wanted) ** 2)))

@@ -18,6 +18,8 @@ import attrs
 import cv2
 import numpy as np
 
+from lfpipe.bench.kept import walk
+from lfpipe.bench.timing import times_ms
 from lfpipe.config import Render, Scene
 from lfpipe.render.compositor import Compositor
 from lfpipe.scene.lightfield import LightField
@@ -28,11 +30,7 @@ SCENE = Path(__file__).resolve().parents[2] / "shared" / "data" / "lightfields" 
 
 def timed(call: Callable[[], object], count: int = 300) -> tuple[float, float]:
     """(minimum, median) in ms."""
-    found = []
-    for _ in range(count):
-        start = time.perf_counter()
-        call()
-        found.append((time.perf_counter() - start) * 1e3)
+    found = times_ms(call, count)
     return min(found[5:]), statistics.median(found[5:])
 
 
@@ -47,19 +45,6 @@ def tiled(field: LightField, side: int) -> LightField:
         offsets=np.zeros((side, side, 2), np.float32),
         present=np.ones((side, side), bool),
     )
-
-
-def walk(field: LightField) -> Callable[[], tuple[tuple[float, float], tuple[float, float]]]:
-    """A viewer who drifts among the middle 3x3 views of the grid: viewpoints of the left and right eye, 1.4 views apart."""
-    middle = (field.rows - 1) / 2
-    phases = itertools.count()
-
-    def step() -> tuple[tuple[float, float], tuple[float, float]]:
-        t = next(phases) * 0.013
-        row, col = middle + 0.8 * np.sin(1.7 * t), middle + 0.3 * np.sin(t)
-        return (float(row), float(col - 0.7)), (float(row), float(col + 0.7))
-
-    return step
 
 
 def main() -> None:
