@@ -13,7 +13,6 @@ from typing import Protocol
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 import cv2
-import cv2.utils.logging as logging
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,12 +40,12 @@ class Recording(Protocol):
 @contextmanager
 def quiet_cv2() -> Iterator[None]:
     """OpenCV's warnings about files it cannot read are dropped: the error that follows says it in the user's words."""
-    before = logging.getLogLevel()
-    logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    before = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         yield
     finally:
-        logging.setLogLevel(before)
+        cv2.utils.logging.setLogLevel(before)
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:

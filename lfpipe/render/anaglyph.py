@@ -58,6 +58,7 @@ MATRICES: dict[str, tuple[tuple[Weights, Weights], tuple[Weights, Weights], tupl
 # Green light through the red glass, as a share of red light through it (simulated from measured spectra: Y .0135 / .0922).
 RED_GLASS_LEAK = 0.1464
 RED_CYAN = ("colour", "grey", "half-colour", "wimmer", "dubois")
+WIDE_LUT = int(cv2.__version__.split(".")[0]) >= 5  # cv2.LUT takes 16-bit indices
 SHARED_TOLERANCE = 0.015  # a cross row this close to a multiple of an own row takes the own plane
 
 
@@ -198,10 +199,18 @@ class Mixer:
             if pair is None or table is None:
                 channels.append(planes[own])
             else:
-                cv2.LUT(self._pairs[pair].view("<u2")[..., 0], table, scratch)
+                wide_lookup(self._pairs[pair].view("<u2")[..., 0], table, scratch)
                 channels.append(scratch)
         cv2.merge(channels[::-1], out)
         return out
+
+
+def wide_lookup(index: NDArray[np.uint16], table: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
+    """out = table[0][index]; table: (1, 65536). `cv2.LUT` takes 8 bits only before OpenCV 5, which plain pip cannot install."""
+    if WIDE_LUT:
+        cv2.LUT(index, table, out)
+    else:
+        np.take(table[0], index, out=out, mode="clip")
 
 
 class Baker:
@@ -227,7 +236,7 @@ class Baker:
             plus, minus = plus or weight > 0, minus or weight < 0
         if minus:
             cv2.subtract(self._plus, self._minus, self._plus)
-        cv2.LUT(self._plus, back, out)
+        wide_lookup(self._plus, back, out)
 
 
 @lru_cache(maxsize=64)

@@ -12,7 +12,6 @@ from pathlib import Path
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # its complaints go past Python; they are said here as notices
 
 import cv2
-import cv2.utils.logging as logging
 import numpy as np
 from numpy.typing import NDArray
 
@@ -107,12 +106,13 @@ class FileDisplay:
         self._thread.join()
 
     def _run(self) -> None:
-        before = logging.setLogLevel(logging.LOG_LEVEL_ERROR)  # a warning for every picture that a full disk does not take
+        # Without it there is a warning for every picture that a full disk does not take.
+        before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
         try:
             self._write_all()
         finally:
             self._writer.release()
-            logging.setLogLevel(before)
+            cv2.utils.logging.setLogLevel(before)
         if self.dropped and not self._lost.is_set():
             self._notices.put(f"{self._path}: {self.dropped} pictures are missing, they came faster than they could be written")
 

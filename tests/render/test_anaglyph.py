@@ -125,3 +125,16 @@ def test_light_makes_a_difference_only_where_eyes_are_summed() -> None:
     for name in GLASSES:
         same = np.array_equal(encode(left, right, recipe(name, "linear")), encode(left, right, recipe(name, "gamma")))
         assert same == (name not in CROSSED)
+
+
+def test_wide_tables_are_read_alike_with_any_opencv(monkeypatch: pytest.MonkeyPatch) -> None:
+    from lfpipe.render import anaglyph
+
+    rng = np.random.default_rng(5)
+    index = rng.integers(0, 65536, (37, 41), np.uint16)
+    table = rng.integers(0, 256, (1, 65536), np.uint8)
+    for wide in {anaglyph.WIDE_LUT, False}:
+        monkeypatch.setattr(anaglyph, "WIDE_LUT", wide)
+        out = np.zeros(index.shape, np.uint8)
+        anaglyph.wide_lookup(index, table, out)
+        np.testing.assert_array_equal(out, table[0][index])
