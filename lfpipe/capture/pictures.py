@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe import cv2_log
 from lfpipe.errors import UserError
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
@@ -40,12 +41,11 @@ class Recording(Protocol):
 @contextmanager
 def quiet_cv2() -> Iterator[None]:
     """OpenCV's warnings about files it cannot read are dropped: the error that follows says it in the user's words."""
-    before = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    before = cv2_log.set_log_level(cv2_log.SILENT)
     try:
         yield
     finally:
-        cv2.utils.logging.setLogLevel(before)
+        cv2_log.set_log_level(before)
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:

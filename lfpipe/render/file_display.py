@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe import cv2_log
 from lfpipe.errors import UserError
 from lfpipe.render.fit import fit_area, scale_into
 
@@ -107,12 +108,12 @@ class FileDisplay:
 
     def _run(self) -> None:
         # Without it there is a warning for every picture that a full disk does not take.
-        before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+        before = cv2_log.set_log_level(cv2_log.ERROR)
         try:
             self._write_all()
         finally:
             self._writer.release()
-            cv2.utils.logging.setLogLevel(before)
+            cv2_log.set_log_level(before)
         if self.dropped and not self._lost.is_set():
             self._notices.put(f"{self._path}: {self.dropped} pictures are missing, they came faster than they could be written")
 

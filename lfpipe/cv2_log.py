@@ -1,0 +1,21 @@
+"""How much OpenCV prints by itself, past Python, under the name that this OpenCV gives to it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+
+SILENT, ERROR = 0, 2  # cv::utils::logging::LogLevel
+
+
+def set_log_level(level: int) -> int:
+    """Sets the level for the whole process and returns the one before."""
+    utils: Any = cv2.utils
+    if hasattr(utils, "logging"):  # OpenCV 5
+        before: int = utils.logging.setLogLevel(level)
+        return before
+    older: Any = cv2
+    before = older.getLogLevel()
+    older.setLogLevel(level)
+    return before
