@@ -139,13 +139,12 @@ class Supervisor:
             cpus=self._cpus(process.stage.name),
         )
 
-    @staticmethod
-    def _cpus(name: str) -> tuple[int, ...]:
+    def _cpus(self, name: str) -> tuple[int, ...]:
         """On two cores tracking has one for itself, but for a recorder, whose work can wait; on more the operating system knows
         better, on one there is no choice.
         """
         cpus = sorted(os.sched_getaffinity(0))
-        if len(cpus) != 2:
+        if len(cpus) != 2 or self._lossless:
             return ()
         return (cpus[1],) if name in ("track", "record") else (cpus[0],)
 
