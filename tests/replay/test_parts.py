@@ -1,0 +1,116 @@
+"""Budgets, truth and the kept pictures, called as plain functions."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfpipe.errors import UserError
+from lfpipe.replay import keeper
+from lfpipe.replay.budgets import broken, read_budgets
+from lfpipe.replay.keeper import Keeper
+from lfpipe.replay.packets import read_index
+from lfpipe.replay.truth import Truth, read_truth
+from lfpipe.transport.ring import Stamp
+
+ROOT = Path(__file__).parents[2]
+REPORT: dict[str, Any] = {"rate_hz": 30.0, "latency": {"track": {"busy": {"p95_ms": 6.0}}, "render": {"busy": {"p95_ms": 3.0}}}}
+
+
+def _budgets(tmp_path: Path, text: str) -> Any:
+    path = tmp_path / "budgets.toml"
+    path.write_text(text)
+    return read_budgets(path)
+
+
+def test_a_broken_budget_names_stage_and_figure(tmp_path: Path) -> None:
+    track = "latency.track.busy.p95_ms"
+    found = _budgets(
+        tmp_path,
+        f'[[budget]]\nfigure = "{track}"\nmost = 5\nmachine = "any"\n[[budget]]\nfigure = "{track}"\nmost = 6\nmachine = "any"\n'
+        f'[[budget]]\nfigure = "{track}"\nmost = 1.9\nover = "latency.render.busy.p95_ms"\n'
+        '[[budget]]\nfigure = "rate_hz"\nleast = 0.9\nover = "reference"\n',
+    )
+    over = broken(found, REPORT, {"rate_hz": 40.0})
+    assert over == [
+        f"track: {track} is 6, 5 at most (on any)",
+        f"track: {track} is 2, 1.9 at most (x latency.render.busy.p95_ms)",
+        "run: rate_hz is 0.75, 0.9 at least (x reference)",
+    ]
+    with pytest.raises(UserError, match="needs a reference"):
+        broken(found, REPORT, None)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[[budget]]\nmost = 1\n", "entry 1: no figure"),
+        ('[[budget]]\nfigure = "a"\nmachine = "any"\n', "needs a number as most or least"),
+        ('[[budget]]\nfigure = "a"\nmost = true\nmachine = "any"\n', "needs a number as most or least"),
+        ('[[budget]]\nfigure = "a"\nmost = 1\n', "needs either over or machine"),
+        ('[[budget]]\nfigure = "a"\nmosst = 1\n', "unknown key 'mosst'"),
+        ("[budget]\n", "no .*budget.* entries"),
+        ("[[", "not TOML"),
+    ],
+)
+def test_a_wrong_budget_is_named(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(UserError, match=said):
+        _budgets(tmp_path, text)
+
+
+def test_the_projects_budgets_name_figures_that_a_report_holds() -> None:
+    report = json.loads((Path(__file__).parent / "reference" / "report.json").read_text())
+    assert isinstance(broken(read_budgets(ROOT / "profiling" / "budgets.toml"), report, None), list)
+
+
+def test_a_figure_that_is_not_there_is_said(tmp_path: Path) -> None:
+    found = _budgets(tmp_path, '[[budget]]\nfigure = "latency.trak"\nmost = 1\nmachine = "any"\n')
+    with pytest.raises(UserError, match=r"latency\.trak is no figure"):
+        broken(found, REPORT, None)
+
+
+@given(st.integers(0, 1_000_000_000), st.floats(-50, 50), st.floats(-50, 50))
+def test_truth_lies_on_the_line_between_frames(t_ns: int, x_px: float, y_px: float) -> None:
+    ends = np.array([[[0.0, 0.0], [10.0, 0.0]], [[x_px, y_px], [10.0 + x_px, y_px]]])
+    truth = Truth(np.array([0, 1_000_000_000]), ends, np.array([True, True]))
+    at = truth.at(t_ns)
+    assert at is not None and np.allclose(at, ends[0] + t_ns / 1e9 * (ends[1] - ends[0]), atol=1e-9)
+    assert truth.error_px(np.add(at, [3.0, 4.0]), t_ns) == pytest.approx(5.0)
+    assert truth.at(-1) is None and truth.at(1_000_000_001) is None
+
+
+def test_hidden_eyes_have_no_error() -> None:
+    truth = Truth(np.array([0, 10, 20]), np.zeros((3, 2, 2)), np.array([True, True, False]))
+    assert truth.at(5) is not None and truth.at(15) is None and truth.at(20) is None
+
+
+def test_a_wrong_truth_is_named(tmp_path: Path) -> None:
+    assert read_truth(tmp_path) is None
+    (tmp_path / "truth.csv").write_text("t_ns,left_x_px\n0,1\n")
+    with pytest.raises(UserError, match="not a table of true eyes"):
+        read_truth(tmp_path)
+
+
+def test_kept_pictures_of_two_runs_have_frames_in_common(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(keeper, "KEPT_BYTES", 20_000)
+    rng = np.random.default_rng(3)
+    kept = []
+    for run, size in enumerate((16, 24)):
+        folder = tmp_path / str(run)
+        folder.mkdir()
+        keeping = Keeper(folder, str(tmp_path), pictures=True)
+        eyes = np.zeros((2, 2))
+        for seq in range(64):
+            picture = rng.integers(0, 256, (size, size, 3), dtype=np.uint8)
+            keeping.keep(Stamp(seq + 1, seq, 0, seq, seq, seq, 0), eyes, eyes, seq, picture, composed=True)
+        keeping.close()
+        packets = read_index(folder / "pictures", complete=True)
+        assert sum(packet.bytes for packet in packets) <= 20_000 and (folder / "last.png").exists()
+        kept.append({packet.source_seq for packet in packets})
+    assert kept[1] < kept[0] and 0 in kept[1] and len(kept[1]) >= 4
