@@ -19,7 +19,7 @@ Say = Callable[[str, int, int], None]
 def measure(names: Sequence[str], inputs: Inputs, out: Path, say: Say) -> Results:
     """Measures the named subjects and writes out/results.json on the way. Returns everything in it.
 
-    Results of the same inputs, versions and commit that lie in out already are kept: a run broken off goes on, another subject is
+    Results of the same inputs, versions and source that lie in out already are kept: a run broken off goes on, another subject is
     added. Others are replaced. Raises UserError where out cannot be written.
     """
     cv2.setNumThreads(1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -77,9 +78,9 @@ def _about(results: Results) -> str:
 
 
 def _section(subject: Subject, found: SubjectResults, pictures: Path) -> str:
-    parts = [f'<h2 id="{subject.name}">{html.escape(subject.title)}</h2><p>{html.escape(subject.question)}</p>']
+    parts = [f'<h2 id="{subject.name}">{html.escape(subject.title)}</h2><p>{_prose(subject.question)}</p>']
     if subject.paper:
-        parts.append(f'<p class="soft">The paper: {html.escape(subject.paper)}.</p>')
+        parts.append(f'<p class="soft">The paper: {_prose(subject.paper)}.</p>')
     empty = empty_diagrams(subject, found)
     for diagram in subject.diagrams:
         if diagram.name not in empty:
@@ -89,6 +90,11 @@ def _section(subject: Subject, found: SubjectResults, pictures: Path) -> str:
     if found.measured:
         parts.append(_figures(subject, found))
     return "".join(parts)
+
+
+def _prose(text: str) -> str:
+    """Escaped, with what stands between backticks as code."""
+    return re.sub("`([^`]*)`", r"<code>\1</code>", html.escape(text))
 
 
 def _picture(light: str, dark: str, title: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.metadata
 import json
 import os
@@ -123,6 +124,14 @@ def _said(command: list[str]) -> str:
     return done.stdout.strip() if done.returncode == 0 else ""
 
 
+def _source() -> str:
+    """Hash of the package's own files: a changed build measures anew."""
+    digest = hashlib.blake2b(digest_size=8)
+    for path in sorted(Path(lfpipe.__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
 def _processor() -> str:
     try:
         text = Path("/proc/cpuinfo").read_text()
@@ -147,7 +156,7 @@ def about(inputs: Inputs) -> dict[str, Any]:
             "quick": inputs.quick,
             "scenes": [field.manifest.get("key", "") for _, field in inputs.fields],
             "sequence": [inputs.sequence.path.name, len(inputs.sequence.frames), inputs.sequence.truth is not None],
-            "commit": commit,
+            "source": _source(),
             "versions": versions,
         },
         "commit": commit + (" with changes" if changed else "") if commit else "not a git checkout",
@@ -172,14 +181,13 @@ def about(inputs: Inputs) -> dict[str, Any]:
 def empty_diagrams(subject: Subject, found: SubjectResults) -> dict[str, str]:
     """Diagrams that make no sense for the inputs: name -> why."""
     out = {}
-    reasons = "; ".join(f"{item.what}: {item.why}" for item in found.skipped)
     for diagram in subject.diagrams:
         keys = [diagram.x, diagram.y] if isinstance(diagram, Diagram) else [key for _, key in diagram.keys]
         figures = [subject.figure(key) for key in keys]
         some = [m for m in found.measured.values() if _in(diagram, m) and all(m.value(f) == m.value(f) for f in figures)]
         if not some:
             missing = ", ".join(f.label for f in figures[:2] if all(m.value(f) != m.value(f) for m in found.measured.values()))
-            out[diagram.name] = f"{diagram.title}: nothing measured of {missing or 'it'}" + (f" ({reasons})" if reasons else "")
+            out[diagram.name] = f'diagram "{diagram.title}": nothing measured of {missing or "it"}'
     return out
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -21,18 +22,17 @@ from lfpipe.scene.lightfield import LightField
 
 TICK = os.sysconf("SC_CLK_TCK")
 STEADY_S = 1.0  # after the first picture: every stage has started and found the face
-STATUS_HZ = 20.0
+STATUS_HZ, START_S = 20.0, 30.0
 
 
 @attrs.frozen
 class Ran:
-    """rows: of the trace. cpu_cores: of the whole tree over the steady part; NaN where that was shorter than 0.3 s.
-    first_s: from the start of the process to the first picture. said: its stdout."""
+    """rows: of the trace. cpu_cores: of the whole tree of processes, start-up left out. first_s: from the start of the process to
+    its first picture."""
 
     rows: list[dict[str, Any]]
     cpu_cores: float
     first_s: float
-    said: str
 
 
 def tree(pid: int) -> list[int]:
@@ -66,13 +66,36 @@ def lines(trace: Path) -> list[dict[str, Any]]:
 
 
 def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str], pace: str = "recorded") -> Ran:
-    """`lfpipe up` on a scene and a video, with no display. options: of the command line. Raises RuntimeError where it fails."""
+    """`lfpipe up` on a scene and a video, with no display, for so many seconds from its first picture on.
+
+    options: of the command line. Raises RuntimeError where it fails.
+    """
     with tempfile.TemporaryDirectory() as folder:
         trace = Path(folder, "trace.jsonl")
         command = [sys.executable, "-m", "lfpipe", "up", str(scene), "--camera", f"file:{video}?loop=1&pace={pace}"]
         command += ["--display", "none", "--trace", str(trace), "--session", f"bench{os.getpid()}x{time.monotonic_ns() % 10**6}"]
-        command += ["--duration", str(seconds), *options]
-        return _watched(command, trace, seconds)
+        began_ns = time.monotonic_ns()
+        process = subprocess.Popen([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        try:
+            while process.poll() is None and not (trace.exists() and trace.stat().st_size):
+                if time.monotonic_ns() - began_ns > START_S * 1e9:
+                    raise RuntimeError(f"no picture within {START_S:g} s")
+                time.sleep(1 / STATUS_HZ)
+            time.sleep(STEADY_S)
+            pids = tree(process.pid)
+            t0, cpu0 = time.monotonic(), cpu_s(pids)
+            time.sleep(max(seconds - STEADY_S, 0.5))
+            cpu_cores = (cpu_s(pids) - cpu0) / (time.monotonic() - t0)
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=30)
+        finally:
+            if process.poll() is None:
+                process.kill()
+                process.communicate()
+        if process.returncode:
+            raise RuntimeError(f"`lfpipe up` ended with {process.returncode}: {err.strip()[-300:]}")
+        rows = lines(trace)
+        return Ran(rows, cpu_cores, (rows[0]["t_presented_ns"] - began_ns) / 1e9)
 
 
 def run_loop(loop: Loop) -> Ran:
@@ -80,35 +103,17 @@ def run_loop(loop: Loop) -> Ran:
     with tempfile.TemporaryDirectory() as folder:
         trace = Path(folder, "trace.jsonl")
         given = json.dumps(attrs.asdict(attrs.evolve(loop, trace=trace)), default=str)
-        ran = _watched([sys.executable, "-m", "lfpipe.bench.paper_loop", given], trace, loop.seconds)
-        return attrs.evolve(ran, cpu_cores=json.loads(ran.said.splitlines()[-1])["cpu_cores"])
-
-
-def _watched(command: Sequence[str], trace: Path, seconds: float) -> Ran:
-    """Runs command; CPU is counted from STEADY_S after the first line of the trace until just before the end."""
-    began = time.monotonic()
-    environment = {**os.environ, "GLOG_minloglevel": "2", "TF_CPP_MIN_LOG_LEVEL": "3"}
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
-    cpu = float("nan")
-    try:
-        while process.poll() is None and not (trace.exists() and trace.stat().st_size):
-            time.sleep(1 / STATUS_HZ)
-        first = time.monotonic()
-        time.sleep(STEADY_S)
-        span = began + seconds - 0.3 - time.monotonic()
-        if process.poll() is None and span >= 0.3:
-            pids = tree(process.pid)
-            t0, cpu0 = time.monotonic(), cpu_s(pids)
-            time.sleep(span)
-            cpu = (cpu_s(pids) - cpu0) / (time.monotonic() - t0)
-        out, err = process.communicate(timeout=60 + seconds)
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.communicate()
-    if process.returncode:
-        raise RuntimeError(f"{command[2]} ended with {process.returncode}: {err.strip()[-300:]}")
-    return Ran(lines(trace), cpu, first - began, out)
+        began_ns = time.monotonic_ns()
+        done = subprocess.run(
+            [sys.executable, "-m", "lfpipe.bench.paper_loop", given], capture_output=True, text=True, check=False
+        )
+        if done.returncode:
+            raise RuntimeError(f"the loop ended with {done.returncode}: {done.stderr.strip()[-300:]}")
+        rows = lines(trace)
+        if not rows:
+            raise RuntimeError("the loop saw no face")
+        cores = json.loads(done.stdout.splitlines()[-1])["cpu_cores"]
+        return Ran(rows, cores, (rows[0]["t_presented_ns"] - began_ns) / 1e9)
 
 
 def write_views(field: LightField, folder: Path) -> Path:

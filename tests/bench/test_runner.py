@@ -11,7 +11,7 @@ import pytest
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Skipped, Subject
 from lfpipe.bench.report import write_report
-from lfpipe.bench.results import Results, SubjectResults, empty_diagrams, read
+from lfpipe.bench.results import Measured, Results, SubjectResults, empty_diagrams, read
 from lfpipe.bench.runner import run
 from tests.bench.made import inputs, wall
 
@@ -97,8 +97,11 @@ def test_a_run_broken_off_goes_on(tmp_path: Path) -> None:
 
 
 def test_a_diagram_without_its_figure_is_left_out_with_the_reason() -> None:
-    found = SubjectResults("made", skipped=[Skipped("error", "no truth")])
-    assert "no truth" in empty_diagrams(Made().subject, found)["made"]
+    only_timed = {"one": Measured("one", "", False, {}, {"time_ms": [1.0]})}
+    found = SubjectResults("made", only_timed)
+    assert empty_diagrams(Made().subject, found)["made"].endswith("nothing measured of error")
+    only_timed["one"].errors["error_px"] = [2.0]
+    assert empty_diagrams(Made().subject, found) == {}
 
 
 def test_report_stands_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
