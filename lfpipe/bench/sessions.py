@@ -65,14 +65,14 @@ def lines(trace: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
 
-def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str], pace: str = "recorded") -> Ran:
+def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str]) -> Ran:
     """`lfpipe up` on a scene and a video, with no display, for so many seconds from its first picture on.
 
     options: of the command line. Raises RuntimeError where it fails.
     """
     with tempfile.TemporaryDirectory() as folder:
         trace = Path(folder, "trace.jsonl")
-        command = [sys.executable, "-m", "lfpipe", "up", str(scene), "--camera", f"file:{video}?loop=1&pace={pace}"]
+        command = [sys.executable, "-m", "lfpipe", "up", str(scene), "--camera", f"file:{video}?loop=1"]
         command += ["--display", "none", "--trace", str(trace), "--session", f"bench{os.getpid()}x{time.monotonic_ns() % 10**6}"]
         began_ns = time.monotonic_ns()
         process = subprocess.Popen([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
