@@ -50,7 +50,10 @@ def run(spec: StageSpec, parent_pid: int) -> None:
     faulthandler.register(signal.SIGUSR1, stack)
     context = Context(spec)
 
-    def stop(_signum: int, _frame: FrameType | None) -> None:
+    terminated = []
+
+    def stop(signum: int, _frame: FrameType | None) -> None:
+        terminated.append(signum)
         context.stopping = True
 
     signal.signal(signal.SIGTERM, stop)
@@ -67,6 +70,8 @@ def run(spec: StageSpec, parent_pid: int) -> None:
         if os.getppid() == parent_pid:
             sys.excepthook(*sys.exc_info())
             code = 1
+    if terminated and code == 0:
+        code = 128 + signal.SIGTERM  # not the end of the work: who was told to stop by the supervisor is not asked for a code
     context.row["state"] = State.STOPPING
     context.close()
     if os.getppid() != parent_pid:
