@@ -24,7 +24,7 @@ def test_a_session_outlives_a_row_of_random_faults(world: World, scene: Path) ->
     segments = sorted(path.name for path in SHM_DIR.glob(f"lfpipe-*{world.name}*"))
     rng = random.Random(3)
     restarts = 0
-    faults = ["kill", "term", "stop", "monitor", "hog", "term", "kill", "watch and leave"]
+    faults = ["kill", "term", "stop", "term", "monitor", "hog", "kill", "watch and leave"]
     for i, fault in enumerate(faults):
         stage = ("capture", "track", "render")[i % 3] if i else rng.choice(["capture", "track", "render"])
         pid = world.monitor()["stages"][stage]["pid"]
