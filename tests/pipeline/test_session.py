@@ -85,9 +85,13 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Pa
     world.pictures(count + 5)
 
     ctl("recentre")
-    line = world.pictures(len(world.lines()) + 1)[-1]
-    middle = (line["view"]["left"][1] + line["view"]["right"][1]) / 2
-    assert abs(middle - 1) <= 0.5 and line["view"]["left"][0] == 1
+
+    def centred() -> bool:
+        line = world.lines()[-1]
+        middle = (line["view"]["left"][1] + line["view"]["right"][1]) / 2
+        return abs(middle - 1) <= 0.5 and line["view"]["left"][0] == 1
+
+    world.wait_for(centred, "view from the middle", 3)
 
     ctl("load", str(write_scene(tmp_path / "other", 1, 5)))
     world.pictures(len(world.lines()) + 5)
