@@ -63,10 +63,14 @@ class Input:
             self.reader.last_seq = min(self.reader.last_seq, int(self._taken[self._index]))
 
     def take(self, out: NDArray[Any], in_order: bool = False) -> ring.Stamp | None:
-        """The newest slot copied into out, or the next in order, when there is a new one. Slots missed count as drops."""
+        """The newest slot copied into out, when there is a new one; the next in order where that is asked for or nothing may
+        be lost. Slots missed count as drops.
+        """
         self.wake.drain()
-        stamp = self.reader.read_next(out) if in_order else self.reader.read(out)
+        stamp = self.reader.read_next(out) if in_order or self._credit else self.reader.read(out)
         if stamp is not None:
+            if self._credit and self.reader.published > stamp.seq:
+                self.wake.notify(stamp.seq)  # another one waits, and its wake has just been drained
             self._row["drops"] += stamp.skipped
             if not self._lock_step:
                 self.give_credit()
@@ -86,6 +90,7 @@ class Output:
         session, self._context = context.spec.session, context
         self._index = context.spec.ring_index(name)
         self.writer = ring.Writer(session.segment(name))
+        self._ahead = 0 if context.spec.lock_step else max(0, self.writer.slots - 4)  # slots that readers need not have taken yet
         readers = context.spec.consumers.get(name, [])
         self._wakes = [Wake(session.wake(name, reader)) for reader in readers]
         self._rows = [context.table.rows[reader] for reader in readers] if context.spec.lossless else []
@@ -96,8 +101,8 @@ class Output:
         return self.writer.begin()
 
     def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None) -> int:
-        """Publishes the slot of `begin`, wakes the readers. Where nothing may be lost, first waits until they took the last;
-        in lock-step, then until they are done with this one.
+        """Publishes the slot of `begin`, wakes the readers. Where nothing may be lost, first waits until they are no more than
+        a few slots behind; in lock-step, then until they are done with this one.
         """
         if self._rows:
             self._context.wait_for(self._all_taken, self.credits)
@@ -111,9 +116,9 @@ class Output:
     def _all_taken(self) -> bool:
         for credit in self.credits:
             credit.drain()
-        published = self.writer.published
+        wanted = self.writer.published - self._ahead
         gone = (State.NONE, State.DEAD)
-        return all(int(row["taken_seq"][self._index]) >= published or int(row["state"]) in gone for row in self._rows)
+        return all(int(row["taken_seq"][self._index]) >= wanted or int(row["state"]) in gone for row in self._rows)
 
 
 class Context:
