@@ -76,7 +76,7 @@ class Presenter:
         t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
         look = self._viewer.look(self._record, t_sensor_ns, target_ns + display_ns)
         key = self._viewer.key(look)
-        composed = key != self._key
+        composed = key != self._key or not refresh_ns  # the paper's way draws for every camera frame
         if composed:
             self.picture = self._viewer.compose(look)
             self._key = key

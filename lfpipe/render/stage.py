@@ -36,6 +36,8 @@ def main(context: Context) -> None:
     presenter = Presenter(context, viewer, display)
     keys = Keys(context, viewer, presenter, display)
     refresh = None if on_camera else Refresh(rate_hz, now_ns())
+    middle = ((field.rows - 1) / 2, (field.cols - 1) / 2)
+    viewer.compositor.compose(middle, middle)  # tables are built and pages touched before somebody waits for it
     context.ready()
     try:
         while context.wait(None if refresh is None else refresh.due_ns() - presenter.cost_ns - MARGIN_NS):

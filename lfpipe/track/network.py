@@ -56,6 +56,7 @@ class Network:
             )
         self._input = int(inputs[0]["index"])
         self._outputs = [by_size[size] for size in outputs]
+        self.run(np.zeros(input_shape, np.float32))  # the first run sets things up: not on the first frame's time
         self.name = f"{path.name} ({_version(path)}, sha256 {hashlib.sha256(content).hexdigest()[:8]})"
 
     def run(self, tensor: NDArray[np.float32]) -> list[NDArray[np.float32]]:
