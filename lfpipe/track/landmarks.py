@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 # The 16 points of each eyelid contour. The viewer's own left eye: at larger x in an unmirrored picture.
 LEFT_EYE = np.array([263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466])
 RIGHT_EYE = np.array([33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 159, 160, 161, 246])
+_BOTH_EYES = np.concatenate([LEFT_EYE, RIGHT_EYE])
 LEFT_IRIS, RIGHT_IRIS = 473, 468  # the centre points
 
 
@@ -21,7 +22,7 @@ def eye_centres(points: NDArray[np.floating]) -> NDArray[np.float64]:
     """
     if len(points) > RIGHT_IRIS:
         return points[[LEFT_IRIS, RIGHT_IRIS], :2].astype(np.float64)
-    return np.stack([points[LEFT_EYE, :2].mean(axis=0, dtype=np.float64), points[RIGHT_EYE, :2].mean(axis=0, dtype=np.float64)])
+    return np.asarray(points[_BOTH_EYES, :2].reshape(2, 16, 2).mean(axis=1, dtype=np.float64))
 
 
 def box(points: NDArray[np.floating]) -> tuple[float, float, float, float]:

@@ -17,7 +17,7 @@ from lfpipe.track.engines import make_engine
 from lfpipe.track.filters import make_filter
 from lfpipe.track.smoothing import MAX_STEP_NS
 from lfpipe.transport.clock import now_ns
-from lfpipe.transport.context import Context, empty_like
+from lfpipe.transport.context import Context
 
 
 def main(context: Context) -> None:
@@ -25,7 +25,6 @@ def main(context: Context) -> None:
     settings = context.config.track
     engine, smooth = make_engine(settings), make_filter(settings)
     frames, eyes = context.input("frames"), context.output("eyes")
-    image = empty_like(frames.reader)
     raw = position = np.zeros((2, 2))
     velocity = np.zeros((2, 2))
     epoch, generation, seen = -1, 0, False
@@ -41,11 +40,14 @@ def main(context: Context) -> None:
             if any(word == "recentre" for word, _ in context.commands()):
                 engine.reset()
                 seen = False
-            stamp = frames.take(image)
-            if stamp is None:
+            lent = frames.lend()
+            if lent is None:
                 continue
             t_taken_ns = now_ns()
+            stamp, image = lent
             face = engine.detect(image)
+            if not frames.whole(stamp):
+                continue  # the writer has lapped us: what was seen may be half of another frame
             if face is not None:
                 away_ns = stamp.t_sensor_ns - t_seen_ns
                 if stamp.epoch != epoch or away_ns >= MAX_STEP_NS or not same_place(box, face.box_px):

@@ -69,12 +69,29 @@ class Input:
         self.wake.drain()
         stamp = self.reader.read_next(out) if in_order or self._credit else self.reader.read(out)
         if stamp is not None:
-            if self._credit and self.reader.published > stamp.seq:
-                self.wake.notify(stamp.seq)  # another one waits, and its wake has just been drained
-            self._row["drops"] += stamp.skipped
-            if not self._lock_step:
-                self.give_credit()
+            self._took(stamp)
         return stamp
+
+    def lend(self) -> tuple[ring.Stamp, NDArray[Any]] | None:
+        """As `take`, but the slot itself, read-only; what is made of it counts only if it is still `whole` afterwards."""
+        self.wake.drain()
+        lent = self.reader.lend(in_order=self._credit is not None)
+        if lent is not None:
+            self._took(lent[0])
+        return lent
+
+    def whole(self, stamp: ring.Stamp) -> bool:
+        """Whether a lent slot was left alone until now; if not, it counts as a drop."""
+        left_alone = self.reader.whole(stamp)
+        self._row["drops"] += not left_alone
+        return left_alone
+
+    def _took(self, stamp: ring.Stamp) -> None:
+        if self._credit and self.reader.published > stamp.seq:
+            self.wake.notify(stamp.seq)  # another one waits, and its wake has just been drained
+        self._row["drops"] += stamp.skipped
+        if not self._lock_step:
+            self.give_credit()
 
     def give_credit(self) -> None:
         """Tells the writer that what was taken so far needs no more room; in lock-step, that all is done with it."""

@@ -194,19 +194,41 @@ class Reader(_Ring):
         """As `read`, but copies the slot after the last one read; or the oldest still there where the writer was too fast."""
         return self._read(out, in_order=True)
 
+    def lend(self, in_order: bool = False) -> tuple[Stamp, NDArray[Any]] | None:
+        """The slot itself instead of a copy, read-only: what is made of it counts only if `whole` says so afterwards."""
+        while (n := self._next(in_order)) is not None:
+            stamp = self._stamp(n)
+            if stamp is not None:
+                return stamp, self._payloads[(n - 1) % self.slots]
+        return None
+
+    def whole(self, stamp: Stamp) -> bool:
+        """Whether the slot of stamp, lent before, has not been touched by the writer since."""
+        _fence()  # SYNC: all that was read of the slot was read before the counter is looked at again
+        return self.published - stamp.seq <= self.slots - 2
+
     def _read(self, out: NDArray[Any], in_order: bool) -> Stamp | None:
-        while True:
-            p = self.published
-            if p == self.last_seq:
-                return None
-            _fence()  # SYNC: pairs with the writer's last fence: the counter first, then the slot it points to
-            n = max(self.last_seq + 1, p - self.slots + 2) if in_order else p
-            i = (n - 1) % self.slots
-            np.copyto(out, self._payloads[i])
-            seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns = self._heads[i][:6].tolist()
-            _fence()  # SYNC: the copy is complete before the counter is looked at again
-            if self.published - n <= self.slots - 2 and seq == n:
-                skipped = n - self.last_seq - 1
-                self.last_seq = n
-                return Stamp(seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, skipped)
+        while (n := self._next(in_order)) is not None:
+            np.copyto(out, self._payloads[(n - 1) % self.slots])
+            stamp = self._stamp(n)
+            if stamp is not None:
+                return stamp
+        return None
+
+    def _next(self, in_order: bool) -> int | None:
+        """Number of the slot to read, None when there is no new one."""
+        p = self.published
+        if p == self.last_seq:
+            return None
+        _fence()  # SYNC: pairs with the writer's last fence: the counter first, then the slot it points to
+        return max(self.last_seq + 1, p - self.slots + 2) if in_order else p
+
+    def _stamp(self, n: int) -> Stamp | None:
+        """Header of slot number n, which is now the last read; None when the writer may have touched it meanwhile."""
+        seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns = self._heads[(n - 1) % self.slots][:6].tolist()
+        _fence()  # SYNC: the copy is complete before the counter is looked at again
+        if self.published - n > self.slots - 2 or seq != n:
             self.retries += 1
+            return None
+        skipped, self.last_seq = n - self.last_seq - 1, n
+        return Stamp(seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, skipped)
