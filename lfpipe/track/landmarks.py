@@ -14,6 +14,8 @@ RIGHT_EYE = np.array([33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 1
 _BOTH_EYES = np.concatenate([LEFT_EYE, RIGHT_EYE])
 LEFT_IRIS, RIGHT_IRIS = 473, 468  # the centre points
 
+EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the face
+
 
 def eye_centres(points: NDArray[np.floating]) -> NDArray[np.float64]:
     """Eye centres as the mean of the 16 periocular points (what the paper uses); of the iris where the mesh is refined.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.track.engine import Face
-from lfpipe.track.landmarks import box, eye_centres
+from lfpipe.track.landmarks import EDGES, LEFT_EYE, LEFT_IRIS, RIGHT_EYE, RIGHT_IRIS, box
 from lfpipe.track.picture import as_bgr8
 from lfpipe.track.quiet import quiet_stderr
 
@@ -42,6 +42,7 @@ class MediapipeEngine:
                 "install mediapipe==0.10.21, the last version that carries it, or set track.engine=litert",
             ) from None
         self.model = f"FaceMesh{' with iris refinement' if refine else ''}, mediapipe {version}"
+        self._eyes = ((LEFT_IRIS,), (RIGHT_IRIS,)) if refine else (tuple(LEFT_EYE.tolist()), tuple(RIGHT_EYE.tolist()))
         self._noisy = True  # the graph logs while it starts, at its first picture and at its first face
         with quiet_stderr():
             self._mesh: Any = make(max_num_faces=1, refine_landmarks=refine)
@@ -56,8 +57,12 @@ class MediapipeEngine:
             return None
         self._noisy = False
         height_px, width_px = bgr.shape[:2]
-        points = np.array([(mark.x, mark.y) for mark in found[0].landmark]) * (width_px, height_px)
-        return Face(eye_centres(points), 1.0, box(points))
+        marks = found[0].landmark  # each access is a call into protobuf: all 468 would take 0.4 ms
+        eyes, edges = (
+            np.array([[(marks[j].x, marks[j].y) for j in part] for part in parts]) * (width_px, height_px)
+            for parts in (self._eyes, (EDGES,))
+        )
+        return Face(eyes.mean(axis=1), 1.0, box(edges[0]))
 
     def reset(self) -> None:
         with quiet_stderr():
