@@ -21,6 +21,7 @@ class Refresh:
         self._ticker = Ticker(rate_hz, t0_ns)
         self._period_ns = 1e9 / rate_hz
         self._camera_period_ns = 0.0
+        self._locked = False
         self._last: tuple[int, int] | None = None  # (source_seq, t_sensor_ns) of the eyes before
 
     @property
@@ -49,5 +50,9 @@ class Refresh:
         late_ns = (t_eyes_ns + slack_ns + lead_ns - self.due_ns()) % self._period_ns
         if late_ns > self._period_ns / 2:
             late_ns -= self._period_ns
+        if not self._locked:  # nothing is being watched yet: all the way at once
+            self._locked = True
+            self._ticker.shift(int(late_ns))
+            return
         largest_ns = LARGEST_STEP * self._period_ns
         self._ticker.shift(int(min(max(GAIN * late_ns, -largest_ns), largest_ns)))
