@@ -26,7 +26,7 @@ BEAT_NS = 100 * MS_NS  # the longest a stage may wait without showing that it li
 class StageSpec:
     """All that a stage's process is told at its start. Plain values, so that it can be sent to a spawned process.
 
-    consumers: ring -> stages that read it. others: the other stages of this session. lossless: no slot may be lost, writers wait
+    consumers: ring -> stages that read it. others: the other stages of the session. lossless: no slot may be lost, writers wait
     for readers (`pace=max`, replay). lock_step: besides, a frame has gone through every stage before the next one starts.
     """
 

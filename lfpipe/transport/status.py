@@ -21,7 +21,7 @@ RINGS = 8  # rings that a session may have
 
 
 class State(enum.IntEnum):
-    """Where a process is in its life. NONE: this session never needed it."""
+    """Where a process is in its life. NONE: the session never needed it."""
 
     NONE = 0
     STARTING = 1
