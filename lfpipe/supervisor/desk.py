@@ -175,7 +175,7 @@ class Desk:
         if not path and not running:
             raise UserError("nothing is recorded", "`lfpipe ctl record start OUT` starts a recording")
         if path and not self._supervisor.options["tracking"]:
-            raise UserError("this session has no camera: its scene is one view", "`lfpipe record OUT` records without a scene")
+            raise UserError("the session has no camera: its scene is one view", "`lfpipe record OUT` records without a scene")
         if path:
             from lfpipe.replay.sequence import check_out
 
