@@ -59,6 +59,8 @@ class StageProcess:
         self.process.close()
         self.process = None
         self.row["state"], self.row["dead_ns"] = State.DEAD, now_ns()
+        if code == 0:
+            self.row["taken_seq"] = 0  # its work was over: the next one begins anew and has missed nothing
         return int(code)
 
     def overdue(self) -> str:

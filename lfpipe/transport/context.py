@@ -28,6 +28,7 @@ class StageSpec:
 
     consumers: ring -> stages that read it. others: the other stages of the session. lossless: no slot may be lost, writers wait
     for readers (`pace=max`, replay). lock_step: besides, a frame has gone through every stage before the next one starts.
+    cpus: cores to run on, none for all. nice: niceness, None for the supervisor's.
     """
 
     name: str
@@ -41,6 +42,7 @@ class StageSpec:
     lossless: bool
     lock_step: bool = False
     cpus: tuple[int, ...] = ()
+    nice: int | None = None
 
     def ring_index(self, name: str) -> int:
         """Where a ring's credit lies in a status row."""
@@ -58,9 +60,11 @@ class Input:
         self._lock_step = context.spec.lock_step
         self._index = context.spec.ring_index(name)
         self._taken = self._row.record["taken_seq"].data
+        taken = int(self._taken[self._index])
         if context.spec.lossless:
             self._credit = Wake(session.credit(name, context.spec.name))
-            self.reader.last_seq = min(self.reader.last_seq, int(self._taken[self._index]))
+        if context.spec.lossless or taken:  # a process before this one died: what it left and what came since counts
+            self.reader.last_seq = min(self.reader.last_seq, taken)
 
     def take(self, out: NDArray[Any], in_order: bool = False) -> ring.Stamp | None:
         """The newest slot copied into out, when there is a new one; the next in order where that is asked for or nothing may
@@ -90,8 +94,15 @@ class Input:
         if self._credit and self.reader.published > stamp.seq:
             self.wake.notify(stamp.seq)  # another one waits, and its wake has just been drained
         self._row["drops"] += stamp.skipped
-        if not self._lock_step:
+        if self._credit is None:
+            self._taken[self._index] = stamp.seq - 1  # those are counted
+        elif not self._lock_step:
             self.give_credit()
+
+    def done(self) -> None:
+        """All that was taken is dealt with; what this process never deals with after it, its successor counts as dropped."""
+        if self._credit is None:
+            self._taken[self._index] = self.reader.last_seq
 
     def give_credit(self) -> None:
         """Tells the writer that what was taken so far needs no more room; in lock-step, that all is done with it."""
@@ -124,6 +135,7 @@ class Output:
         if self._rows:
             self._context.wait_for(self._all_taken, self.credits)
         seq = self.writer.publish(source_seq, t_sensor_ns, t_read_ns, epoch)
+        self._context.done()  # at once: a kill before this line counts as lost what has just been published
         for wake in self._wakes:
             wake.notify(seq)
         if self._context.spec.lock_step:
@@ -226,8 +238,9 @@ class Context:
         limit_ns = t_ns + BEAT_NS
         until_ns = limit_ns if until_ns is None else min(until_ns, limit_ns)
         self.row.beat()
+        self.done()  # a stage that waits is done with what it took
         for each in self._inputs if self.spec.lock_step else ():
-            each.give_credit()  # a stage that waits is done with what it took
+            each.give_credit()
         left_ms, rest = divmod(max(0, until_ns - t_ns), MS_NS)
         events = dict(self._poller.poll(left_ms))
         if self._ctl in events:
@@ -237,6 +250,11 @@ class Context:
             if left_ns > 0:
                 time.sleep(left_ns / 1e9)
         return not self.stopping
+
+    def done(self) -> None:
+        """All that was taken from the inputs is dealt with."""
+        for each in self._inputs:
+            each.done()
 
     def wait_for(self, condition: Callable[[], bool], credits: list[Wake]) -> None:
         """Waits until condition holds or the stop; woken by credits."""
