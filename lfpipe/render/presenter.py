@@ -103,6 +103,7 @@ class Presenter:
                     shown_ns = target_ns + display_ns
                     line |= self._keeper.keep(stamp, self._record["filtered_px"], look.eyes_px, shown_ns, self.picture, composed)
                 self._trace.write(line)
+                self._eyes.done()
                 self._outlets.line(line)
         self._tell_parallax()
 
