@@ -61,6 +61,7 @@ def message(reading: Reading | None, told: dict[str, Any]) -> dict[str, Any]:
         "stages": stages,
         "age": _times(reading.age),
         "age_now": reading.age_now_ms,
+        "horizon": _times(reading.horizon),
         "edges_ms": [round(float(edge), 3) for edge in EDGES_MS],
         "supervisor": {"cpu": round(reading.supervisor[0], 1), "rss": round(reading.supervisor[1], 1)},
         **told,

@@ -15,7 +15,7 @@ from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.status import State, Table, rate_hz
 
 WINDOW_S = 10.0
-KINDS = ("wait", "busy", "age")
+KINDS = ("wait", "busy", "age", "horizon")
 _TICK_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
@@ -54,7 +54,8 @@ class StageReading:
 @attrs.frozen(eq=False)
 class Reading:
     """A session now. age: of the picture when presented, over the last seconds; worst: since the reset; age_now_ms: since the
-    reading before, None where no picture was composed. supervisor: (CPU %, RSS in MB)."""
+    reading before, None where no picture was composed. horizon: how far ahead of the sensor's stamp the eyes are predicted.
+    supervisor: (CPU %, RSS in MB)."""
 
     uptime_s: float
     camera_hz: float
@@ -63,6 +64,7 @@ class Reading:
     stages: tuple[StageReading, ...]
     age: Times
     worst: Times
+    horizon: Times
     age_now_ms: float | None
     supervisor: tuple[float, float]
 
@@ -146,6 +148,7 @@ class Meter:
             stages=tuple(self._stage(name, row, now, then) for name, row in self._table.rows.items() if row["state"]),
             age=times(now.counts["render", "age"] - then.counts["render", "age"]),
             worst=times(self._since_zero(now, "render", "age")),
+            horizon=times(now.counts["render", "horizon"] - then.counts["render", "horizon"]),
             age_now_ms=age_now.p50_ms if age_now.n else None,
             supervisor=(self._cpu(now, then, self._supervisor_pid), rss_mb(self._supervisor_pid)),
         )

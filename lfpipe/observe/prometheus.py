@@ -69,7 +69,9 @@ class SessionCollector(Collector):
                 spent.add_metric([*key, part], *buckets(row[part]))
         age = HistogramMetricFamily("lfpipe_picture_age_seconds", "sensor to screen", labels=["session"])
         age.add_metric(session, *buckets(watch.rows["render"]["age"]))
-        yield from (rate, drops, restarts, cpu, memory, spent, age)
+        ahead = HistogramMetricFamily("lfpipe_horizon_seconds", "how far ahead the eyes are predicted", labels=["session"])
+        ahead.add_metric(session, *buckets(watch.rows["render"]["horizon"]))
+        yield from (rate, drops, restarts, cpu, memory, spent, age, ahead)
 
 
 def _one(family: Any, labels: list[str], value: float) -> Metric:

@@ -125,6 +125,9 @@ class Screen:
         out = Text("\nsensor to screen  ", "bold")
         out.append(f"p50 {age.p50_ms:.1f}  p95 {age.p95_ms:.1f}  p99 {age.p99_ms:.1f}  max {age.max_ms:.1f} ms", "")
         out.append(f"   worst {worst.max_ms:.1f} ms\n", "dim")
+        ahead = reading.horizon
+        out.append("eyes predicted by ", "bold")
+        out.append(f"p50 {ahead.p50_ms:.1f}  p95 {ahead.p95_ms:.1f} ms\n" if ahead.n else "nothing yet\n")
         known = [value for value in self._ages if value is not None]
         ends = f" {min(known):.1f}-{max(known):.1f} ms" if known else ""
         return out.append(sparkline(list(self._ages), width - 18), "cyan").append(f"{ends}\n", "dim")

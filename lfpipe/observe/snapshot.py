@@ -13,10 +13,11 @@ QUANTILES = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
 
 
 def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
-    """`{"session", "uptime_s", "camera_fps", "stages": {...}, "end_to_end": {...}}`, as `lfpipe monitor --once --json` prints it.
+    """`{"session", "uptime_s", "camera_fps", "stages": {...}, "end_to_end": {...}, "horizon": {...}}`, as
+    `lfpipe monitor --once --json` prints it.
 
     A stage's p50_ms.. are its busy time; wait and busy hold both in full. end_to_end: the age of a picture, from the
-    sensor's stamp to its presentation.
+    sensor's stamp to its presentation. horizon: how far ahead of the sensor's stamp the eyes are predicted, over all refreshes.
     """
     stages: dict[str, Any] = {}
     for name, row in table.rows.items():
@@ -36,11 +37,12 @@ def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
             "cpu_s": round(int(row["cpu_ns"]) / 1e9, 2),
             "face": bool(row["face"]),
         }
-    age = summary_ms(table.rows["render"]["age"])
+    age, horizon = (summary_ms(table.rows["render"][name]) for name in ("age", "horizon"))
     return {
         "session": session,
         "uptime_s": round((now_ns() - started_ns) / 1e9, 2),
         "camera_fps": stages["capture"]["fps"],
         "stages": stages,
         "end_to_end": {"n": age["n"], **{key: age[key] for key in QUANTILES}},
+        "horizon": {"n": horizon["n"], **{key: horizon[key] for key in QUANTILES}},
     }

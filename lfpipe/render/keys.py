@@ -72,11 +72,13 @@ class Keys:
 
     def _lines(self) -> list[str]:
         rows = self._context.table.rows
-        age, alpha = summary_ms(rows["render"]["age"]), self._viewer.parallax
+        age, horizon = (summary_ms(rows["render"][name]) for name in ("age", "horizon"))
+        alpha = self._viewer.parallax
         busy = {name: (summary_ms(row["busy"])["p50_ms"], int(row["drops"])) for name, row in rows.items() if row["state"]}
         return [
             f"camera {rate_hz(rows['capture']):5.1f} Hz   pictures {rate_hz(rows['render']):5.1f} Hz",
             f"sensor to screen p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
+            f"eyes predicted by p50 {horizon['p50_ms']:.1f} ms",
             *(f"{name} busy p50 {p50_ms:.2f} ms, dropped {drops}" for name, (p50_ms, drops) in busy.items()),
             f"{self._viewer.method}, alpha {alpha.alpha_px:.1f} px/view" if alpha else f"{self._viewer.method}, no face seen yet",
             f"{self._context.config.render.anaglyph}{', frozen' if self._context.paused else ''}",

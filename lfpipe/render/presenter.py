@@ -72,9 +72,9 @@ class Presenter:
         A picture that stays for a refresh is made for the middle of it: that is where the error over its time is least.
         """
         t_start_ns = now_ns()
-        display_ns = int(self._viewer.config.render.display_ms * 1e6) + refresh_ns // 2
+        seen_ns = target_ns + int(self._viewer.config.render.display_ms * 1e6) + refresh_ns // 2
         t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
-        look = self._viewer.look(self._record, t_sensor_ns, target_ns + display_ns)
+        look = self._viewer.look(self._record, t_sensor_ns, seen_ns)
         key = self._viewer.key(look)
         composed = key != self._key or not refresh_ns  # the paper's way draws for every camera frame
         if composed:
@@ -96,12 +96,13 @@ class Presenter:
         row["cpu_ns"] = time.process_time_ns()
         if stamp is not None and self._record is not None:
             row["face"] = int(self._record["face"])
+            if row["face"]:
+                row.horizon.add_ns(seen_ns - t_sensor_ns)
             self._outlets.look(look, bool(self._record["face"]))
             if self._trace.wanted or self._outlets.traced:
                 line = self._line(stamp, self._record, look, composed, t_start_ns, t_composed_ns, t_presented_ns)
                 if self._keeper is not None:
-                    shown_ns = target_ns + display_ns
-                    line |= self._keeper.keep(stamp, self._record["filtered_px"], look.eyes_px, shown_ns, self.picture, composed)
+                    line |= self._keeper.keep(stamp, self._record["filtered_px"], look.eyes_px, seen_ns, self.picture, composed)
                 self._trace.write(line)
                 self._eyes.done()
                 self._outlets.line(line)

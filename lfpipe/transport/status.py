@@ -54,6 +54,7 @@ ROW = np.dtype(
         ("wait", HISTOGRAM),  # from published by the stage before to taken by this one
         ("busy", HISTOGRAM),  # from taken to published
         ("age", HISTOGRAM),  # from the sensor to published: what the output's age is
+        ("horizon", HISTOGRAM),  # of render: from the sensor to the time that eyes are predicted to, at every refresh
     ]
 )
 PAGE_ROWS = 8
@@ -91,7 +92,7 @@ class Row:
         self.record = record
         self._int = {name: record[name].reshape(1).data for name in ROW.names or () if ROW[name] == np.dtype("<i8")}
         self._recent = record["recent_ns"].data
-        self.wait, self.busy, self.age = (Histogram(record[name]) for name in ("wait", "busy", "age"))
+        self.wait, self.busy, self.age, self.horizon = (Histogram(record[name]) for name in ("wait", "busy", "age", "horizon"))
 
     def __getitem__(self, name: str) -> int:
         return self._int[name][0]

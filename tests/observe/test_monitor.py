@@ -12,6 +12,7 @@ import pty
 import re
 import select
 import signal
+import statistics
 import struct
 import termios
 import time
@@ -78,6 +79,7 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
     assert max(len(line) for line in shown.splitlines()) <= 80
     second.until("running")
     terminal.until(r"face seen")
+    terminal.until(r"eyes predicted by p50 \d")
     terminal.press("w")
     terminal.until("nearest views")
     second.until("nearest views")
@@ -123,6 +125,16 @@ def test_coming_and_going_leaves_nothing_and_costs_no_frame(world: World, scene:
     assert (sorted(path.name for path in SHM_DIR.glob(f"*{world.name}*")), sorted(world.run_dir.rglob("*"))) == before
     state = world.monitor()
     assert all(stage["restarts"] == 0 for stage in state["stages"].values())
+
+
+def test_the_horizon_is_what_the_trace_says_and_grows_with_the_displays_own_delay(world: World, scene: Path) -> None:
+    world.up(scene, "--set=render.display_ms=100", "--set=render.rate_hz=60")
+    world.pictures(90)
+    horizon = world.monitor()["horizon"]
+    ages_ms = [(line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6 for line in world.lines() if line["face"]]
+    assert horizon["n"] >= 60 and abs(horizon["p50_ms"] - (statistics.median(ages_ms) + 100 + 1e3 / 120)) < 5
+    once = world.run("monitor", "--session", world.name, "--once", "--csv")
+    assert float(next(csv.DictReader(io.StringIO(once.stdout)))["horizon.p50_ms"]) > 100
 
 
 def test_streams_and_wrong_words(world: World, scene: Path) -> None:

@@ -143,7 +143,8 @@ events.onmessage = (event) => {
   if (!told.alive) { $("state").textContent = "no session; waiting for one"; return; }
   const minutes = Math.floor(told.uptime_s / 60), seconds = Math.floor(told.uptime_s % 60).toString().padStart(2, "0");
   $("state").textContent = `up ${minutes}:${seconds}, camera ${told.camera_hz.toFixed(1)} Hz, ${told.face ? "face seen" : "no face"}`
-    + `${told.paused ? ", paused" : ""}; sensor to screen p50 ${told.age.p50.toFixed(1)}, p99 ${told.age.p99.toFixed(1)} ms`;
+    + `${told.paused ? ", paused" : ""}; sensor to screen p50 ${told.age.p50.toFixed(1)}, p99 ${told.age.p99.toFixed(1)} ms, `
+    + `eyes predicted by ${told.horizon.p50.toFixed(1)} ms`;
   if (document.hidden) return;
   charts(told); table(told); show(told);
 };
