@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.pictures import fitted, quiet_cv2
+from lfpipe.capture.decode import fitted, retrieved_jpeg
+from lfpipe.capture.pictures import quiet_cv2
 from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2 import cameras, is_capture
@@ -112,6 +113,11 @@ def _busy(path: Path) -> UserError:
     return UserError(f"camera {path}: busy, or gives no picture", f"close the program that uses it: `fuser -v {path}` names it")
 
 
+def gives_jpegs(device: Device) -> bool:
+    """Whether device, configured, delivers JPEGs; it then hands them out as they are. Any later setting would undo that."""
+    return fourcc_text(device.get(cv2.CAP_PROP_FOURCC)) in ("MJPG", "JPEG") and device.set(cv2.CAP_PROP_CONVERT_RGB, 0)
+
+
 class CameraSource:
     """A camera. Frames are stamped by the kernel where its stamps are on the monotonic clock, else when they are taken."""
 
@@ -119,13 +125,14 @@ class CameraSource:
         """device: opened, not yet configured. Raises UserError where it gives no first frame."""
         self._path, self._device, self._seq = path, device, 0
         width_px, height_px, rate_hz, notes = configure(device, camera)
+        self._jpeg = gives_jpegs(device)
         if not any(device.grab() for _ in range(START_GRABS)):
             device.release()
             raise _busy(path)
         if sensor_stamp_ns(device.get(cv2.CAP_PROP_POS_MSEC), time.monotonic_ns()) is None:
             notes += ("the driver gives no usable time stamps: frames are stamped when they are taken",)
         self._own_size: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
-        self.info = SourceInfo(f"camera:{path}", width_px, height_px, rate_hz, live=True, notes=notes)
+        self.info = SourceInfo(f"camera:{path}", width_px, height_px, rate_hz, live=True, jpeg=self._jpeg, notes=notes)
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `Source.read`. Raises TimeoutError where the camera stalls, UserError where it is gone."""
@@ -138,16 +145,28 @@ class CameraSource:
                     raise UserError(f"camera {self._path}: gone, or taken by another program", "plug it in again")
                 raise TimeoutError(f"camera {self._path}: no frame for {(read_ns - began_ns) / 1e9:.1f} s")
             stamp_ns = sensor_stamp_ns(self._device.get(cv2.CAP_PROP_POS_MSEC), read_ns)
-            same = out.shape == self._own_size.shape
-            decoded, frame = self._device.retrieve(out if same else self._own_size)
-            if decoded:
-                fitted(np.asarray(frame, np.uint8), out)
+            whole, packet = self._retrieve(out)
+            if whole:
                 break
             if read_ns - began_ns > STALL_S * 1e9:  # a frame damaged on the cable is passed over, but not for ever
                 raise TimeoutError(f"camera {self._path}: nothing but damaged frames")
-        taken = Frame(self._seq, read_ns if stamp_ns is None else stamp_ns, read_ns)
+        taken = Frame(self._seq, read_ns if stamp_ns is None else stamp_ns, read_ns, packet)
         self._seq += 1
         return taken
+
+    def _retrieve(self, out: NDArray[np.uint8]) -> tuple[bool, NDArray[np.uint8] | None]:
+        """Puts the frame that was grabbed into out: whether it is whole, and the JPEG that it came as."""
+        if self._jpeg:
+            found = retrieved_jpeg(self._device)
+            if found is None:
+                return False, None
+            packet, picture = found
+            fitted(picture, out)
+            return True, packet if picture.shape == self._own_size.shape else None
+        whole, frame = self._device.retrieve(out if out.shape == self._own_size.shape else self._own_size)
+        if whole:
+            fitted(np.asarray(frame, np.uint8), out)
+        return whole, None
 
     def close(self) -> None:
         self._device.release()

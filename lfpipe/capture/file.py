@@ -34,12 +34,13 @@ class FileSource:
         self._seq = 0
         self._start_ns = 0
         width_px, height_px = self._recording.width_px, self._recording.height_px
+        jpeg = self._recording.packet is not None
         notes = []
         if (width_px, height_px) != (camera.width_px, camera.height_px):
             notes.append(f"frames of {width_px}x{height_px} are scaled to {camera.width_px}x{camera.height_px}")
         if spec.pace == "recorded" and own_hz == 0:
             notes.append(f"no frame rate of its own: played at camera.rate_hz = {rate_hz:g} Hz")
-        self.info = SourceInfo(f"file:{spec.path}", width_px, height_px, rate_hz, live=False, notes=tuple(notes))
+        self.info = SourceInfo(f"file:{spec.path}", width_px, height_px, rate_hz, live=False, jpeg=jpeg, notes=tuple(notes))
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `Source.read`; never sleeps, and returns None at the end of a file that is not looped."""
@@ -62,7 +63,7 @@ class FileSource:
             due_ns = self._start_ns + self._stamps.due_ns(stamp_ns)
         else:
             due_ns = self._start_ns + self._even.due_ns(self._seq)
-        frame = Frame(self._seq, due_ns, 0)
+        frame = Frame(self._seq, due_ns, 0, self._recording.packet)
         self._seq += 1
         return frame
 

@@ -1,4 +1,4 @@
-"""The two kinds of recording that a file source plays: a video, and pictures in the order of their names."""
+"""The kinds of recording that a file source plays: a video, and pictures in the order of their names."""
 
 from __future__ import annotations
 
@@ -17,17 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import cv2_log
+from lfpipe.capture.decode import fitted, is_jpeg, picture_of
+from lfpipe.capture.motion_jpeg import MotionJpeg
 from lfpipe.errors import UserError
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
 
 
 class Recording(Protocol):
-    """Frames one after the other, as often as wanted. rate_hz is 0 where the recording has none of its own."""
+    """Frames one after the other, as often as wanted. rate_hz is 0 where the recording has none of its own. packet: the JPEG
+    of the last frame, uint8 (n,), None where it was none of this size.
+    """
 
     width_px: int
     height_px: int
     rate_hz: float
+    packet: NDArray[np.uint8] | None
 
     def next(self, out: NDArray[np.uint8]) -> int | None:
         """Decodes the next frame into out (height, width, 3) BGR, scaled where needed; its stamp in ns, or None at the end."""
@@ -54,17 +59,10 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
     return [(1, int(part), "") if index % 2 else (0, 0, part) for index, part in enumerate(parts)]
 
 
-def fitted(frame: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
-    """Puts frame into out, scaled where sizes differ; nothing to do where the decoder wrote into out already."""
-    if frame.shape == out.shape:
-        if frame.ctypes.data != out.ctypes.data:
-            np.copyto(out, frame)
-    else:
-        cv2.resize(frame, (out.shape[1], out.shape[0]), dst=out, interpolation=cv2.INTER_LINEAR)
-
-
 class Video:
     """A video through OpenCV's FFmpeg."""
+
+    packet: NDArray[np.uint8] | None = None
 
     def __init__(self, path: Path) -> None:
         """Raises UserError where path is no video that can be decoded."""
@@ -109,12 +107,17 @@ class Video:
         self._capture.release()
 
 
-def _load(path: Path) -> NDArray[np.uint8]:
+def _load(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """The bytes of a file, uint8 (n,), and the picture they hold."""
+    try:
+        data = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise UserError(f"{path}: not a picture that can be read: {error.strerror}", "write it anew") from None
     with quiet_cv2():
-        frame = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if frame is None or frame.ndim != 3:
+        picture = picture_of(data)
+    if picture is None:
         raise UserError(f"{path}: not a picture that can be read", "take it out of the folder, or write it anew")
-    return np.asarray(frame, np.uint8)
+    return data, picture
 
 
 class Pictures:
@@ -126,13 +129,17 @@ class Pictures:
         """Raises UserError where the first of them cannot be decoded."""
         self._paths = paths
         self._index = 0
-        first = _load(paths[0])
+        data, first = _load(paths[0])
         self.height_px, self.width_px = first.shape[:2]
+        self.packet: NDArray[np.uint8] | None = data if is_jpeg(data) else None
 
     def next(self, out: NDArray[np.uint8]) -> int | None:
         if self._index == len(self._paths):
             return None
-        fitted(_load(self._paths[self._index]), out)
+        data, picture = _load(self._paths[self._index])
+        own_size = picture.shape[:2] == (self.height_px, self.width_px)
+        self.packet = data if own_size and is_jpeg(data) else None
+        fitted(picture, out)
         self._index += 1
         return 0
 
@@ -141,6 +148,14 @@ class Pictures:
 
     def close(self) -> None:
         pass
+
+
+def _video(path: Path) -> Recording:
+    with quiet_cv2():
+        try:
+            return MotionJpeg(cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1]), path)
+        except ValueError:
+            return Video(path)
 
 
 def open_recording(path: Path) -> Recording:
@@ -158,7 +173,7 @@ def open_recording(path: Path) -> Recording:
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}", "check its permissions") from None
     if names is None:
-        return Pictures([path]) if path.suffix.lower() in SUFFIXES else Video(path)
+        return Pictures([path]) if path.suffix.lower() in SUFFIXES else _video(path)
     pictures = [name for name in names if Path(name).suffix.lower() in SUFFIXES and not name.startswith(".")]
     if not pictures:
         kinds = ", ".join(sorted(SUFFIXES))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.pictures import fitted
+from lfpipe.capture.decode import fitted
 from lfpipe.capture.schedule import EvenSchedule
 from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.capture.spec import FileSpec
@@ -37,7 +37,8 @@ class SequenceSource:
             notes.append(f"frames of {width_px}x{height_px} are scaled to {camera.width_px}x{camera.height_px}")
         if not self._sequence.complete:
             notes.append(f"{spec.path} was cut off: {len(self._sequence.packets)} whole frames")
-        self.info = SourceInfo(f"file:{spec.path}", width_px, height_px, rate_hz, live=False, notes=tuple(notes))
+        jpeg = all(packet.codec == "jpeg" for packet in self._sequence.packets)
+        self.info = SourceInfo(f"file:{spec.path}", width_px, height_px, rate_hz, live=False, jpeg=jpeg, notes=tuple(notes))
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `Source.read`; never sleeps, and returns None at the end of a sequence that is not looped."""
@@ -55,7 +56,8 @@ class SequenceSource:
             self._start_ns = time.monotonic_ns()
         after_ns = self._round_ns + packets[index].t_sensor_ns - packets[0].t_sensor_ns
         due_ns = self._start_ns + (self._even.due_ns(self._seq) if self._even else after_ns)
-        frame = Frame(self._seq, due_ns, t_read_ns if self._spec.pace == "max" else 0)
+        packet = np.frombuffer(data, np.uint8) if packets[index].codec == "jpeg" else None
+        frame = Frame(self._seq, due_ns, t_read_ns if self._spec.pace == "max" else 0, packet)
         self._seq += 1
         return frame
 

@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 
 @attrs.frozen
 class SourceInfo:
-    """What a source turned out to be after opening. rate_hz is what it will deliver; live: a device, not a recording."""
+    """What a source turned out to be after opening. width_px, height_px: its own size. rate_hz is what it will deliver; live: a
+    device, not a recording.
+    """
 
     name: str
     width_px: int
     height_px: int
     rate_hz: float
     live: bool
+    jpeg: bool = False  # its frames come as JPEGs, each with its `Frame.packet`
     notes: tuple[str, ...] = ()  # what a person should know once: scaled frames, another rate than asked, ...
 
 
@@ -26,12 +29,14 @@ class Frame:
     """Stamps of a frame that `read` wrote. t_sensor_ns: kernel stamp, or the scheduled time of a file.
 
     t_read_ns: when the frame left the driver or, of a recording that is played without a pace, the disk; 0 for any other
-    recording, whose frame is due at t_sensor_ns and not before.
+    recording, whose frame is due at t_sensor_ns and not before. packet: the JPEG that it was decoded from, uint8 (n,), where it
+    came as one of the source's own size.
     """
 
     source_seq: int
     t_sensor_ns: int
     t_read_ns: int
+    packet: NDArray[np.uint8] | None = attrs.field(default=None, eq=False, repr=False)
 
 
 class Source(Protocol):

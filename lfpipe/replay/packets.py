@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.capture.decode import picture_of
 from lfpipe.errors import UserError
 
 PACKETS, INDEX = "frames.bin", "frames.jsonl"
@@ -62,7 +63,7 @@ def decoded(packet: Packet, data: bytes, width_px: int, height_px: int) -> NDArr
         size = height_px * width_px * 3
         picture = np.frombuffer(data, np.uint8).reshape(height_px, width_px, 3) if len(data) == size else None
     else:
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        picture = picture_of(np.frombuffer(data, np.uint8))
     if not wrong and (picture is None or picture.shape != (height_px, width_px, 3)):
         wrong = f"no {packet.codec} picture of {width_px}x{height_px}"
     if wrong:

@@ -1,0 +1,45 @@
+"""From an encoded picture to a slot. JPEGs of every source are decoded here: a recording of them replays to the same bits."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
+
+
+class Retrieves(Protocol):
+    """What is used of cv2.VideoCapture here."""
+
+    def retrieve(self) -> tuple[bool, Any]: ...
+
+
+def is_jpeg(data: NDArray[np.uint8]) -> bool:
+    """Whether data, uint8 (n,), begins as a JPEG does."""
+    return data[: len(JPEG_START)].tobytes() == JPEG_START
+
+
+def picture_of(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+    """The picture, uint8 (height, width, 3) BGR, of an encoded one, uint8 (n,), turned as that says; None where there is none."""
+    found = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    return None if found is None else np.asarray(found, np.uint8)
+
+
+def retrieved_jpeg(device: Retrieves) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+    """(packet, picture) of the frame that device, told not to decode, has grabbed; None where it is no whole JPEG."""
+    taken, data = device.retrieve()
+    packet = np.asarray(data, np.uint8).reshape(-1) if taken else np.empty(0, np.uint8)
+    picture = picture_of(packet) if is_jpeg(packet) else None
+    return None if picture is None else (packet, picture)
+
+
+def fitted(frame: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
+    """Puts frame into out, scaled where sizes differ; nothing to do where the decoder wrote into out already."""
+    if frame.shape == out.shape:
+        if frame.ctypes.data != out.ctypes.data:
+            np.copyto(out, frame)
+    else:
+        cv2.resize(frame, (out.shape[1], out.shape[0]), dst=out, interpolation=cv2.INTER_LINEAR)
