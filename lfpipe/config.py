@@ -86,6 +86,13 @@ class Scene:
 
 
 @attrs.frozen
+class Governor:
+    quality: Annotated[Literal["auto", "fixed"], Opt("auto: where the machine is too slow, quality is lowered level by level, and raised when there is room; fixed: never", live=True)] = "auto"
+    affinity: Annotated[str, Opt("cores of each stage, as in track=1,render=0+2; auto: on two cores tracking has one for itself; none: as the system will")] = "auto"
+    nice: Annotated[str, Opt("niceness of each stage, as in render=0,track=5; empty: as this process's")] = ""
+
+
+@attrs.frozen
 class Control:
     bind: Annotated[str, Opt("address of the control socket; ipc: a socket file in the run directory")] = "ipc"
 
@@ -104,6 +111,7 @@ class Config:
     render: Render = Render()
     screen: Screen = Screen()
     scene: Scene = Scene()
+    governor: Governor = Governor()
     control: Control = Control()
     replay: Replay = Replay()
 

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Render
+from lfpipe.quality import drawn_with
 from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, Recipe, recipe
+from lfpipe.render.blocks import near_array
 from lfpipe.render.planes import PlaneStore
 from lfpipe.render.synthesis import Position, Synthesiser
 from lfpipe.scene.lightfield import LightField
@@ -40,8 +42,7 @@ class Compositor:
     """
 
     def __init__(self, field: LightField, render: Render) -> None:
-        wanted = field.method if render.method == "auto" else render.method
-        self.method = "nearest" if wanted in ("warp", "warp2") and field.disparity is None else wanted
+        self.method = drawn_with(render.method, field.method, field.disparity is not None)
         self._field, self._render = field, render
         height, width = field.height_px, field.width_px
         glasses = render.anaglyph in MATRICES
@@ -54,7 +55,7 @@ class Compositor:
         self._planes = [[wanted_planes[k] for k in places] for places in self._places]
         self._outs = [[np.empty((height, width), np.uint8) for _ in places] for places in self._places]
         self._made: list[NDArray[np.uint8]] = [plane for outs in self._outs for plane in outs]
-        self._picture = np.zeros((height, width, 3), np.uint8)
+        self._picture = near_array((height, width, 3))
         self._whole = np.empty((height, width, 3), np.uint8) if render.anaglyph in ("side-by-side", "row-interleaved") else None
         extent = max(abs(edge - render.zero_plane_px) for edge in (field.disparity_min_px, field.disparity_max_px))
         self._quantum = _quantum(self.method, extent)

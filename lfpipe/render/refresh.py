@@ -28,6 +28,11 @@ class Refresh:
     def period_ns(self) -> int:
         return int(self._period_ns)
 
+    @property
+    def missed(self) -> int:
+        """Refreshes that passed while a picture was being made."""
+        return self._ticker.missed
+
     def due_ns(self) -> int:
         """When the next picture is to be on the screen."""
         return self._ticker.due_ns()

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import cv2
 
+from lfpipe.quality import lowered
 from lfpipe.render.keys import Keys
 from lfpipe.render.open_display import open_display
 from lfpipe.render.presenter import Presenter
@@ -26,27 +27,30 @@ MARGIN_NS = MS_NS  # composing begins this much earlier than it should need
 
 def main(context: Context) -> None:
     """Runs the stage until the stop."""
-    config, options = context.config, context.options
+    config, options = lowered(context.config, context.options), context.options
     field = open_pack(Path(options["pack"]))
     viewer = Viewer(field, config)
     lossless = context.spec.lossless  # then pictures are a function of the frames and of nothing else, no clock either
     on_camera = (lossless or config.render.clock == "camera") and options["tracking"]
-    rate_hz = float(options["source_hz"]) if on_camera else config.render.rate_hz
-    display = open_display(options["display"], (field.width_px, field.height_px), f"lfpipe: {field.name}", rate_hz)
+    full_hz = float(options["source_hz"]) if on_camera else context.config.render.rate_hz
+    display = open_display(options["display"], (field.width_px, field.height_px), f"lfpipe: {field.name}", full_hz)
     presenter = Presenter(context, viewer, display)
     keys = Keys(context, viewer, presenter, display)
-    refresh = None if on_camera else Refresh(rate_hz, now_ns())
+    refresh = None if on_camera else Refresh(config.render.rate_hz, now_ns())
     middle = ((field.rows - 1) / 2, (field.cols - 1) / 2)
     viewer.compositor.compose(middle, middle)  # tables are built and pages touched before somebody waits for it
     context.ready()
     try:
         while context.wait(None if refresh is None else refresh.due_ns() - presenter.cost_ns - MARGIN_NS):
-            if context.options["pack"] != options["pack"] or context.config != config:
+            before, config = config, lowered(context.config, context.options)
+            if context.options["pack"] != options["pack"] or config != before:
                 if context.options["pack"] != options["pack"]:
                     field = open_pack(Path(context.options["pack"]))
-                config, options = context.config, context.options
+                options = context.options
                 viewer.set(field, config)
                 presenter.redraw()
+                if refresh is not None and config.render.rate_hz != before.render.rate_hz:
+                    refresh = Refresh(config.render.rate_hz, now_ns())
             presenter.follow(context.options)
             context.applied()
             if any(word == "recentre" for word, _ in context.commands()):
@@ -64,7 +68,9 @@ def main(context: Context) -> None:
             elif now_ns() >= refresh.due_ns() - lead_ns:
                 if not context.paused:
                     presenter.show(refresh.due_ns(), refresh.period_ns)
+                missed = refresh.missed
                 refresh.advance(now_ns())
+                context.row["missed"] += refresh.missed - missed
     finally:
         if options["still"] and presenter.picture is not None:
             cv2.imwrite(options["still"], presenter.picture)

@@ -36,7 +36,9 @@ CAUSES = {  # in the order of the pipeline: what comes first caused what follows
     "method": "another way of making views was chosen (render.method, the scene's scores)",
     "picture": "views are equal: the drawing changed (anaglyph coefficients, synthesis, or the scene's pictures and their order)",
 }
-OF_NO_EFFECT = ("control.", "camera.source", "camera.format", "scene.cache_dir", "render.clock", "render.rate_hz", "observe.")
+OF_NO_EFFECT = (
+    "control.", "camera.source", "camera.format", "scene.cache_dir", "render.clock", "render.rate_hz", "governor.", "observe.",
+)
 
 
 @attrs.frozen

@@ -13,6 +13,7 @@ from types import FrameType
 
 from lfpipe.errors import UserError
 from lfpipe.supervisor import rundir
+from lfpipe.supervisor.placement import settle
 from lfpipe.transport.context import Context, StageSpec
 from lfpipe.transport.status import State
 
@@ -42,8 +43,6 @@ def run(spec: StageSpec, parent_pid: int) -> None:
         return  # it died before the line above
     _prctl(PR_SET_TIMERSLACK, 1)  # sleeps end on time, not up to 50 us after
     Path("/proc/self/comm").write_text(f"lfpipe-{spec.name}"[:15])
-    if spec.cpus:
-        os.sched_setaffinity(0, spec.cpus)
     run_dir = spec.session.run_dir
     stack = stack_file(run_dir, spec.name).open("w")
     faulthandler.enable(stack)
@@ -59,6 +58,7 @@ def run(spec: StageSpec, parent_pid: int) -> None:
     signal.signal(signal.SIGTERM, stop)
     code = 0
     try:
+        settle(spec.cpus, spec.nice)
         import cv2
 
         cv2.setNumThreads(1)  # a core each is the plan; a thread pool per process would break it

@@ -22,8 +22,9 @@ from lfpipe import config as config_module
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.observe.snapshot import snapshot
-from lfpipe.supervisor import child, rundir
+from lfpipe.supervisor import child, placement, rundir
 from lfpipe.supervisor.desk import Desk
+from lfpipe.supervisor.levels import Levels, why
 from lfpipe.supervisor.loan import PictureLoan
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.supervisor.process import MAX_FAILURES, WINDOW_S, StageProcess
@@ -40,7 +41,10 @@ DRAIN_S = 2.0  # how long the stages may take for what is under way when the sou
 
 
 class Supervisor:
-    """A session. options: what stages need to know besides the configuration, plain values (`up.options`)."""
+    """A session. options: what stages need to know besides the configuration, plain values (`up.options`).
+
+    Raises UserError where a stage is to run on a core that is not there, or with a niceness that is none.
+    """
 
     def __init__(
         self,
@@ -59,6 +63,11 @@ class Supervisor:
         self._segments: list[SharedMemory] = []
         self._draining_ns = 0
         self.loan = PictureLoan(session)
+        names = [stage.name for stage in STAGES]
+        where = "none" if lossless and config.governor.affinity == "auto" else config.governor.affinity
+        self._cpus = placement.cores(where, names, os.sched_getaffinity(0))
+        self._nice = placement.niceness(config.governor.nice, names)
+        self.levels = Levels(config, options, lossless, lambda name: self._cpus.get(name, ()))
 
     def run(self, duration_s: float | None = None) -> Outcome:
         """Runs the session to its end: a command, a signal, duration_s (from when all stages are ready), the end of the
@@ -106,6 +115,7 @@ class Supervisor:
                 wake.make(self.session.wake(name, reader))
                 wake.make(self.session.credit(name, reader))
         self.table = status.Table(self.session.segment("status"), writable=True)
+        self._write_level()
         self.processes = {s.name: StageProcess(s, self.session, self.table.rows[s.name]) for s in STAGES}
         self.started_ns = now_ns()
         about = {"session": self.session.name, "started_ns": self.started_ns, "started": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
@@ -136,17 +146,9 @@ class Supervisor:
             others=tuple(s.name for s in STAGES if s is not process.stage and s.needed(self.options)),
             lossless=self._lossless,
             lock_step=self._lock_step,
-            cpus=self._cpus(process.stage.name),
+            cpus=self._cpus.get(process.stage.name, ()),
+            nice=self._nice.get(process.stage.name),
         )
-
-    def _cpus(self, name: str) -> tuple[int, ...]:
-        """On two cores tracking has one for itself, but for a recorder, whose work can wait; on more the operating system knows
-        better, on one there is no choice.
-        """
-        cpus = sorted(os.sched_getaffinity(0))
-        if len(cpus) != 2 or self._lossless:
-            return ()
-        return (cpus[1],) if name in ("track", "record") else (cpus[0],)
 
     def _loop(self, duration_s: float | None) -> None:
         end_ns: int | None = None
@@ -163,6 +165,7 @@ class Supervisor:
             poller.poll(TICK_MS if end_ns is None else max(0, min(TICK_MS, (end_ns - now_ns()) // MS_NS + 1)))
             self._desk.serve()
             self._judge()
+            self._govern()
             if self.loan.overdue():
                 self.loan.end()
                 self.change(options={**self.options, "pictures": ""})
@@ -170,6 +173,23 @@ class Supervisor:
                 self.outcome = self.outcome or Outcome("interrupted")
             elif end_ns is not None and now_ns() >= end_ns:
                 self.outcome = self.outcome or Outcome("the time asked for is over")
+
+    def _govern(self) -> None:
+        """One level of quality down or up, where the load asks for it."""
+        step = self.levels.sample(self.table.rows, now_ns())
+        if step is None:
+            return
+        level, lowest, reason = self.levels.now, self.levels.lowest, why(step)
+        self.change()
+        self._desk.publish("level", level=level.number, lowest=lowest, words=level.words, stage=step.stage, why=reason)
+        way = "lowered" if step.stage else "back"
+        self._tell(f"quality {way} to {level.words} (level {level.number} of {lowest}): {reason}")
+
+    def _write_level(self) -> None:
+        """For monitors, which read the table."""
+        shown = self.table.session
+        shown["level"], shown["lowest"] = self.levels.now.number, self.levels.lowest
+        shown["words"] = self.levels.now.words.encode()
 
     def _all_ready(self) -> bool:
         return all(int(p.row["ready_ns"]) > 0 for p in self.processes.values() if p.stage.needed(self.options))
@@ -254,6 +274,9 @@ class Supervisor:
         self.config = self.config if config is None else config
         self.options = self.options if options is None else options
         self.paused = self.paused if paused is None else paused
+        self.levels.follow(self.config, self.options)
+        self.options = {**self.options, "level": self.levels.now.option()}
+        self._write_level()
         self.rev += 1
         for name in self.processes:
             self._desk.send(name, self.snapshot())

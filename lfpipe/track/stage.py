@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 
+from lfpipe.quality import tracked_every
 from lfpipe.track.choice import same_place
 from lfpipe.track.engines import make_engine
 from lfpipe.track.filters import make_filter
@@ -45,6 +46,10 @@ def main(context: Context) -> None:
                 continue
             t_taken_ns = now_ns()
             stamp, image = lent
+            if stamp.source_seq % tracked_every(context.options):
+                context.row["left_out"] += 1  # at a lowered quality; nothing is measured, so nothing is published
+                context.row["source_seq"] = stamp.source_seq
+                continue
             face = engine.detect(image)
             if not frames.whole(stamp):
                 continue  # the writer has lapped us: what was seen may be half of another frame

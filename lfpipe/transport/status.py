@@ -46,6 +46,8 @@ ROW = np.dtype(
         ("taken_seq", "<i8", (RINGS,)),  # last taken of each ring, by `StageSpec.ring_index`: the credit of lossless running
         ("epoch", "<i8"),
         ("drops", "<i8"),  # inputs this stage never saw, or could not use in time
+        ("left_out", "<i8"),  # inputs it was told to leave out, at a lowered quality
+        ("missed", "<i8"),  # of render: refreshes of the display that passed without it
         ("config_rev", "<i8"),  # revision of the configuration it works by
         ("busy_ns", "<i8"),
         ("cpu_ns", "<i8"),
@@ -59,22 +61,26 @@ ROW = np.dtype(
 )
 PAGE_ROWS = 8
 
+# Of the session as a whole, by the supervisor: the level of quality in force, 0 for full, the number of the lowest, and in words.
+SESSION = np.dtype([("level", "<i8"), ("lowest", "<i8"), ("words", "S96")])
+
 
 def create(name: str, rows: list[str]) -> SharedMemory:
     """An empty table with one named row per process; at most PAGE_ROWS. The caller keeps and unlinks the segment."""
-    memory = segment.create(name, ROW.itemsize * PAGE_ROWS)
+    memory = segment.create(name, ROW.itemsize * PAGE_ROWS + SESSION.itemsize)
     table = np.frombuffer(segment.buffer(memory), ROW, PAGE_ROWS)
     table["name"][: len(rows)] = [row.encode() for row in rows]
     return memory
 
 
 class Table:
-    """The table as attached by anybody. rows: name -> record of dtype ROW, shape ()."""
+    """The table as attached by anybody. rows: name -> record of dtype ROW, shape (). session: record of dtype SESSION."""
 
     def __init__(self, name: str, writable: bool = False) -> None:
         self._memory = segment.attach(name)
-        buffer = segment.buffer(self._memory)
-        table: NDArray[np.void] = np.frombuffer(buffer if writable else buffer.toreadonly(), ROW, PAGE_ROWS)
+        buffer = segment.buffer(self._memory) if writable else segment.buffer(self._memory).toreadonly()
+        table: NDArray[np.void] = np.frombuffer(buffer, ROW, PAGE_ROWS)
+        self.session: NDArray[np.void] = np.frombuffer(buffer, SESSION, 1, table.nbytes).reshape(())
         self.rows: dict[str, NDArray[np.void]] = {
             bytes(table[i]["name"]).decode(): table[i : i + 1].reshape(()) for i in range(PAGE_ROWS) if table[i]["name"]
         }
@@ -82,6 +88,7 @@ class Table:
     def close(self) -> None:
         """Drops the views, then the mapping."""
         self.rows.clear()
+        del self.session
         self._memory.close()
 
 

@@ -1,0 +1,137 @@
+"""When to lower the quality and when to raise it: a decision on measured load alone, with no process, clock or file in it.
+
+A stage lags where it misses more than a tenth of what was due, or works nearly all the time; it has room where it misses nothing
+and works little. Half a second of lag takes one level, five seconds of room give one back. A level that is given back and
+lost again at once is tried less and less often.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import attrs
+
+LAG_S, ROOM_S = 0.5, 5.0
+LONGEST_S = 300.0  # the least often that a higher level is tried
+LATE_SHARE = 0.1  # of the outputs due; a camera frame or two in half a second is the scheduler, not lag
+FULL_SHARE, ROOM_SHARE = 0.9, 0.6  # of the time spent working: more is lag, less is room
+FORGET = 0.5  # s of lag that one second without makes up for
+HICCUP_S = 0.25  # the most that one sample counts for: a process that was stopped or starved once does not lag
+SPOILT = 5.0  # s of room that one second without takes away
+SILENT_S = 1.0  # of a stage that has made nothing for so long nobody knows whether it has room
+GAP_S = 1.0  # between two samples: the machine slept, or the supervisor did
+
+
+@attrs.frozen
+class Load:
+    """A stage's work since the sample before. done: outputs made. missed: outputs that were due and were never made."""
+
+    done: int
+    missed: int
+    busy_ns: int
+
+
+@attrs.frozen
+class Step:
+    """A change of level by one. stage: which lagged, "" on the way up. load: what it did while it lagged, over span_s."""
+
+    level: int
+    stage: str = ""
+    load: Load = Load(0, 0, 0)
+    span_s: float = 0.0
+
+
+@attrs.define
+class _Stage:
+    lag_s: float = 0.0
+    since_s: float = 0.0  # since it last made or missed something
+    busy_ns: int = 0  # of the same time
+    done: int = 0  # these three: while it has lagged
+    missed: int = 0
+    spent_ns: int = 0
+    span_s: float = 0.0
+
+    def take(self, load: Load, dt_s: float) -> bool | None:
+        """Counts a sample; whether there was room, None where nobody knows."""
+        self.since_s += dt_s
+        self.busy_ns += load.busy_ns
+        due = load.done + load.missed
+        if not due:
+            return None if self.since_s > SILENT_S else True
+        span_s, busy_ns = self.since_s, self.busy_ns
+        self.since_s, self.busy_ns = 0.0, 0
+        share = busy_ns / 1e9 / span_s
+        if load.missed > LATE_SHARE * due or share > FULL_SHARE:
+            self.lag_s += min(span_s, HICCUP_S)
+        else:
+            self.lag_s = max(0.0, self.lag_s - FORGET * span_s)
+        if self.lag_s:
+            self.done, self.missed, self.spent_ns = self.done + load.done, self.missed + load.missed, self.spent_ns + busy_ns
+            self.span_s += span_s
+        else:
+            self.done = self.missed = self.spent_ns = 0
+            self.span_s = 0.0
+        return load.missed == 0 and share < ROOM_SHARE
+
+
+class Governor:
+    """The level of a session. relieves: for each level from 1 on, the stages that it gives relief.
+
+    The other parameters are those of the module, for tests that cannot wait.
+    """
+
+    def __init__(
+        self, relieves: Sequence[frozenset[str]], lag_s: float = LAG_S, room_s: float = ROOM_S, longest_s: float = LONGEST_S
+    ) -> None:
+        self.level = 0
+        self._relieves, self._lag_s, self._least_s, self._longest_s = tuple(relieves), lag_s, room_s, longest_s
+        self._hold_s = room_s  # how much room a step up needs
+        self._raised_ns: int | None = None
+        self._t_ns: int | None = None
+        self._room_s = 0.0
+        self._stages: dict[str, _Stage] = {}
+
+    def forget(self) -> None:
+        """Nothing before the next sample says anything about the load: a stage starts, the machine was asleep, ..."""
+        self._t_ns, self._room_s = None, 0.0
+        self._stages.clear()
+
+    def update(self, t_ns: int, loads: Mapping[str, Load]) -> Step | None:
+        """Takes what every stage did since the last sample; the step that follows, if one does."""
+        last_ns, self._t_ns = self._t_ns, t_ns
+        dt_s = 0.0 if last_ns is None else (t_ns - last_ns) / 1e9
+        if last_ns is None or dt_s > GAP_S:
+            self.forget()
+            self._t_ns = t_ns
+            return None
+        rooms = [self._stages.setdefault(name, _Stage()).take(load, dt_s) for name, load in loads.items()]
+        if False in rooms:
+            self._room_s = max(0.0, self._room_s - SPOILT * dt_s)
+        elif rooms and None not in rooms:
+            self._room_s += dt_s
+        if self.level < len(self._relieves):
+            lagging = [name for name in self._relieves[self.level] if name in self._stages]
+            worst = max(lagging, key=lambda name: self._stages[name].lag_s, default="")
+            if worst and self._stages[worst].lag_s >= self._lag_s:
+                return self._down(t_ns, worst)
+        if self.level and self._room_s >= self._hold_s:
+            return self._up(t_ns)
+        return None
+
+    def _down(self, t_ns: int, name: str) -> Step:
+        stage = self._stages[name]
+        failed = self._raised_ns is not None and (t_ns - self._raised_ns) / 1e9 < 2 * self._hold_s
+        self._hold_s = min(2 * self._hold_s, self._longest_s) if failed else self._least_s
+        self._raised_ns = None
+        self.level += 1
+        step = Step(self.level, name, Load(stage.done, stage.missed, stage.spent_ns), stage.span_s)
+        self._stages.clear()
+        self._room_s = 0.0
+        return step
+
+    def _up(self, t_ns: int) -> Step:
+        self.level -= 1
+        self._raised_ns = t_ns
+        self._stages.clear()
+        self._room_s = 0.0
+        return Step(self.level)

@@ -1,0 +1,85 @@
+"""Which cores a stage runs on, and how it gives way to others: `governor.affinity` and `governor.nice` in words."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+
+from lfpipe.errors import UserError
+
+LOWEST, HIGHEST = -20, 19  # niceness, as the kernel has it
+
+
+def _pairs(key: str, text: str, names: Iterable[str], example: str) -> dict[str, str]:
+    """`a=1,b=2` as a map. Raises UserError for anything else, and for a name that is none of names."""
+    known, found = list(names), {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        name, sign, value = part.partition("=")
+        if not sign or name.strip() not in known:
+            raise UserError(f"{key}: {part!r} is not STAGE=VALUE with a stage of {', '.join(known)}", f"for example {example}")
+        found[name.strip()] = value.strip()
+    return found
+
+
+def cores(text: str, names: Iterable[str], allowed: Iterable[int]) -> dict[str, tuple[int, ...]]:
+    """stage -> cores, from `governor.affinity`; a stage that is not in it runs where the operating system will.
+
+    auto: on two cores tracking has one for itself but for a recorder, whose work can wait; with more the operating system
+    knows better, with one there is no choice. Raises UserError for a wrong text and for a core that is not allowed.
+    """
+    usable = sorted(allowed)
+    if text == "auto":
+        if len(usable) != 2:
+            return {}
+        return {name: (usable[1],) if name in ("track", "record") else (usable[0],) for name in names}
+    if text == "none":
+        return {}
+    example = f"track={usable[-1]},render={usable[0]}, or {usable[0]}+{usable[-1]} for either; auto; none"
+    found: dict[str, tuple[int, ...]] = {}
+    for name, value in _pairs("governor.affinity", text, names, example).items():
+        parts = value.split("+")
+        if not all(part.isdecimal() for part in parts):
+            raise UserError(f"governor.affinity: {name}={value}: no core, nor cores joined by +", f"for example {example}")
+        found[name] = tuple(sorted({int(part) for part in parts}))
+        if missing := set(found[name]) - set(usable):
+            remedy = f"this process may use {', '.join(map(str, usable))}"
+            raise UserError(f"governor.affinity: {name}={value}: core {min(missing)} is not to be had here", remedy)
+    return found
+
+
+def niceness(text: str, names: Iterable[str]) -> dict[str, int]:
+    """stage -> niceness, from `governor.nice`. Raises UserError for a wrong text."""
+    example = "render=0,track=5"
+    found: dict[str, int] = {}
+    for name, value in _pairs("governor.nice", text, names, example).items():
+        try:
+            found[name] = int(value)
+        except ValueError:
+            raise UserError(f"governor.nice: {name}={value}: no whole number", f"for example {example}") from None
+        if not LOWEST <= found[name] <= HIGHEST:
+            raise UserError(f"governor.nice: {name}={value}: out of range: {LOWEST} to {HIGHEST}", f"for example {example}")
+    return found
+
+
+def settle(where: tuple[int, ...], nice: int | None) -> None:
+    """Moves the calling process there. Raises UserError where it may not have that niceness."""
+    if where:
+        os.sched_setaffinity(0, where)
+    if nice is not None:
+        try:
+            os.setpriority(os.PRIO_PROCESS, 0, nice)
+        except PermissionError:
+            remedy = "a higher number, or a higher limit (`ulimit -e`; `nice` in limits.conf)"
+            raise UserError(f"governor.nice: {nice} is not allowed to you", remedy) from None
+
+
+def found(pid: int) -> tuple[list[int], int]:
+    """Cores that a process may run on, and its niceness; ([], 0) where it is gone."""
+    if pid <= 0:
+        return [], 0
+    try:
+        return sorted(os.sched_getaffinity(pid)), os.getpriority(os.PRIO_PROCESS, pid)
+    except OSError:
+        return [], 0
+
+
