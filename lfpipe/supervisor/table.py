@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import attrs
 import numpy as np
 
+from lfpipe.capture.packets import packet_dtype
 from lfpipe.config import Config
 from lfpipe.eyes import EYES
 from lfpipe.transport.ring import RingSpec
@@ -55,12 +56,15 @@ STAGES = (
 )
 
 
+def _frame_ring(config: Config) -> RingSpec:
+    shape = (config.camera.height_px, config.camera.width_px, 3)
+    return RingSpec(shape, np.dtype("u1"), slots=min(max(FRAMES_BYTES // math.prod(shape), 4), 8))
+
+
 def rings(config: Config) -> dict[str, RingSpec]:
     """What each ring holds in a session of this configuration."""
-    shape = (config.camera.height_px, config.camera.width_px, 3)
-    slots = min(max(FRAMES_BYTES // math.prod(shape), 4), 8)
     return {
-        "frames": RingSpec(shape, np.dtype("u1"), slots),
+        "frames": _frame_ring(config),
         "eyes": RingSpec((), EYES, slots=8),
     }
 
@@ -71,6 +75,14 @@ def picture_ring(options: dict[str, Any]) -> RingSpec:
 
     field = open_pack(Path(options["pack"]))
     return RingSpec((field.height_px, field.width_px, 3), np.dtype("u1"), slots=3)
+
+
+def packet_ring(config: Config, jpeg_px: Sequence[int]) -> RingSpec:
+    """What the ring of a source's JPEGs of width, height jpeg_px holds: any that is no larger than its picture. A packet stays
+    for longer than the frame that was made of it, which is published after it.
+    """
+    width_px, height_px = jpeg_px
+    return RingSpec((), packet_dtype(width_px * height_px * 3), slots=_frame_ring(config).slots + 2)
 
 
 def consumers() -> dict[str, list[str]]:

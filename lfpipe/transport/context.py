@@ -76,10 +76,10 @@ class Input:
             self._took(stamp)
         return stamp
 
-    def lend(self) -> tuple[ring.Stamp, NDArray[Any]] | None:
+    def lend(self, in_order: bool = False) -> tuple[ring.Stamp, NDArray[Any]] | None:
         """As `take`, but the slot itself, read-only; what is made of it counts only if it is still `whole` afterwards."""
         self.wake.drain()
-        lent = self.reader.lend(in_order=self._credit is not None)
+        lent = self.reader.lend(in_order or self._credit is not None)
         if lent is not None:
             self._took(lent[0])
         return lent
@@ -98,6 +98,10 @@ class Input:
             self._taken[self._index] = stamp.seq - 1  # those are counted
         elif not self._lock_step:
             self.give_credit()
+
+    def skip(self) -> None:
+        """What was published until now is none of this process's business."""
+        self.reader.last_seq = self.reader.published
 
     def done(self) -> None:
         """All that was taken is dealt with; what this process never deals with after it, its successor counts as dropped."""

@@ -1,0 +1,73 @@
+"""The ring "packets": the JPEGs that frames came as, from capture to the recorder, while a recording runs and not else.
+
+A slot holds one packet, as long as it may be, and the frame's stamps: (epoch, source_seq) tell which frame was decoded from it.
+It is published before the frame.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.transport import ring
+from lfpipe.transport.ring import Stamp
+from lfpipe.transport.session import Session
+
+
+def packet_dtype(most_bytes: int) -> np.dtype[Any]:
+    """One slot: a packet of up to most_bytes."""
+    return np.dtype([("bytes", "<i8"), ("data", "u1", (most_bytes,))])
+
+
+class PacketOutput:
+    """The writing end; which ring it is, if any, follows the session's options."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._part, self._ring = "", None  # type: tuple[str, ring.Writer | None]
+
+    def follow(self, options: dict[str, Any]) -> None:
+        """Opens and closes what options ask for; costs nothing while that stays the same."""
+        part = options.get("packets", "")
+        if part == self._part:
+            return
+        if self._ring is not None:
+            self._ring.close()
+        self._part, self._ring = part, None
+        if part:
+            try:
+                self._ring = ring.Writer(self._session.segment(part))
+            except FileNotFoundError:
+                return  # taken back before it was used
+
+    def publish(self, packet: NDArray[np.uint8] | None, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int) -> None:
+        """Publishes packet, uint8 (n,), where somebody records and there is one that fits. epoch: of the frame."""
+        if self._ring is None or packet is None:
+            return
+        slot = self._ring.begin()
+        if packet.size <= slot["data"].size:
+            slot["bytes"][...] = packet.size
+            slot["data"][: packet.size] = packet
+            self._ring.publish(source_seq, t_sensor_ns, t_read_ns, epoch)
+
+
+class PacketInput:
+    """The reading end. Raises FileNotFoundError where the ring has been taken back."""
+
+    def __init__(self, session: Session, part: str) -> None:
+        self._ring = ring.Reader(session.segment(part))
+        self._ring.last_seq = 0  # the packet of the first frame that we shall see may be there already
+        self._at = (-1, -1)
+        self._data: bytes | None = None
+
+    def of(self, stamp: Stamp) -> bytes | None:
+        """The packet of the frame with that stamp; frames are asked for in order. None where there was none, or it is gone."""
+        wanted = (stamp.epoch, stamp.source_seq)
+        while self._at < wanted and (lent := self._ring.lend(in_order=True)) is not None:
+            found, slot = lent
+            self._at = (found.epoch, found.source_seq)
+            data = slot["data"][: int(slot["bytes"])].tobytes() if self._at >= wanted else None
+            self._data = data if self._ring.whole(found) else None
+        return self._data if self._at == wanted else None
