@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import attrs
+
 from lfpipe import config
-from lfpipe.capture.source import Source
+from lfpipe.capture.source import Source, SourceInfo
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
 from lfpipe.capture.v4l2 import cameras
 from lfpipe.errors import UserError
@@ -47,8 +51,36 @@ def open_source(text: str, camera: config.Camera) -> Source:
     return open_camera(spec, camera)
 
 
-def check_source(text: str, camera: config.Camera) -> tuple[str, float]:
-    """text, made definite (the first camera found by its path, anything else as it stands), and its rate in Hz.
+def open_lasting(text: str, camera: config.Camera) -> Source:
+    """As `open_source`, but a device that cannot be opened, or is lost later, is tried again for ever: see `LastingCamera`."""
+    spec = resolve(text)
+    if not isinstance(spec, CameraSpec):
+        return open_source(text, camera)
+    from lfpipe.capture import camera as device
+    from lfpipe.capture.lasting import LastingCamera
+
+    info = SourceInfo(f"camera:{spec.path}", camera.width_px, camera.height_px, camera.rate_hz, live=True)
+    return LastingCamera(info, lambda: device.open_camera(spec, camera))
+
+
+@attrs.frozen
+class Checked:
+    """A source that was open a moment ago. text: what to open, definite. jpeg_px: width and height of the JPEGs that it
+    delivers, None where it delivers none.
+    """
+
+    text: str
+    rate_hz: float
+    jpeg_px: tuple[int, int] | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What a session's options say of it."""
+        return {"source": self.text, "source_hz": self.rate_hz, "jpeg_px": list(self.jpeg_px or ())}
+
+
+def check_source(text: str, camera: config.Camera) -> Checked:
+    """text, made definite (the first camera found by its path, anything else as it stands), and what it delivers.
 
     It is opened, its first frame is decoded or taken, and it is closed again. Raises UserError as `open_source` does.
     """
@@ -56,4 +88,5 @@ def check_source(text: str, camera: config.Camera) -> tuple[str, float]:
     definite = f"camera:{spec.path}" if isinstance(spec, CameraSpec) else text
     source = open_source(definite, camera)
     source.close()
-    return definite, source.info.rate_hz
+    info = source.info
+    return Checked(definite, info.rate_hz, (info.width_px, info.height_px) if info.jpeg else None)

@@ -1,29 +1,66 @@
 """Capture: frames of a camera, a file or the demo into the ring.
 
 Reads: the source named by option "source".
-Writes: ring "frames", one slot per frame, decoded in place.
+Writes: ring "frames", one slot per frame, decoded in place; while a recording runs, ring "packets", the JPEGs they came as.
 Commands: stop; pause and resume by configuration (frames go on being taken and are thrown away).
-Emits: source (what was opened), stalled (a device gave nothing for a second).
+Emits: source (what was opened), camera (lost and found), notice (the same for people).
+State: READY, not RUNNING, while there is no camera to take frames of.
 """
 
 from __future__ import annotations
 
 import time
 
-from lfpipe.capture.open_source import open_source
-from lfpipe.transport.clock import now_ns
+from lfpipe.capture.lasting import CameraLost
+from lfpipe.capture.open_source import open_lasting
+from lfpipe.capture.packets import PacketOutput
+from lfpipe.capture.source import SourceInfo
+from lfpipe.transport.clock import SECOND_NS, SleepWatch, now_ns
 from lfpipe.transport.context import Context
+from lfpipe.transport.status import State
 
 LATE_PERIODS = 2  # as many frames as a camera's driver would have kept for us
+MOVE_NS = SECOND_NS  # a recording that is so late has not been played for a while: it goes on where it stood
+
+
+class _Outage:
+    """Tells when the camera is lost and when it is back."""
+
+    def __init__(self, context: Context) -> None:
+        self._context, self._since_ns = context, 0
+
+    def begin(self, name: str, why: str) -> None:
+        """No frames from now on."""
+        self._since_ns = now_ns()
+        self._context.row["state"] = State.READY
+        self._context.emit("camera", name=name, lost=True, why=why)
+        self._context.emit("notice", text=f"{why}; camera lost, trying again")
+
+    def end(self, info: SourceInfo) -> bool:
+        """A frame has come: True where there was an outage."""
+        if not self._since_ns:
+            return False
+        away_s, self._since_ns = (now_ns() - self._since_ns) / 1e9, 0
+        self._context.row["state"] = State.RUNNING
+        self._context.emit("camera", name=info.name, lost=False, away_s=away_s)
+        self._context.emit("notice", text=f"{info.name} is back after {away_s:.1f} s")
+        _tell(self._context, info)
+        return True
+
+
+def _tell(context: Context, info: SourceInfo) -> None:
+    context.emit("source", name=info.name, rate_hz=info.rate_hz, live=info.live, notes=list(info.notes))
 
 
 def main(context: Context) -> None:
     """Runs the stage until the stop or the end of the source."""
-    frames = context.output("frames")
-    source = open_source(context.options["source"], context.config.camera)
+    frames, packets = context.output("frames"), PacketOutput(context.spec.session)
+    source = open_lasting(context.options["source"], context.config.camera)
     info = source.info
-    context.emit("source", name=info.name, rate_hz=info.rate_hz, live=info.live, notes=list(info.notes))
+    _tell(context, info)
     late_ns = int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.lossless else 0
+    moved_ns = 0  # how much later than its own schedule a recording plays
+    outage, sleeps = _Outage(context), SleepWatch()
     context.ready()
     try:
         if not info.live and not context.wait_for_others():
@@ -33,28 +70,37 @@ def main(context: Context) -> None:
             t_begin_ns = now_ns()
             try:
                 frame = source.read(frames.begin())
-            except TimeoutError as error:
-                context.emit("stalled", why=str(error))
+            except CameraLost as lost:
+                outage.begin(info.name, str(lost))
+                continue
+            except TimeoutError:
                 continue
             if frame is None:
                 return
-            busy_ns, t_read_ns = now_ns() - t_begin_ns, frame.t_read_ns
+            if outage.end(source.info) or sleeps.woke():
+                frames.writer.new_epoch()  # the viewer may be anywhere by now: what was before says nothing
+            busy_ns, t_read_ns, t_sensor_ns = now_ns() - t_begin_ns, frame.t_read_ns, frame.t_sensor_ns + moved_ns
             if not t_read_ns:
-                while now_ns() < frame.t_sensor_ns:
-                    if not context.wait(frame.t_sensor_ns):
+                while now_ns() < t_sensor_ns:
+                    if not context.wait(t_sensor_ns):
                         return
                 t_read_ns = now_ns()
-                if late_ns and t_read_ns - frame.t_sensor_ns > late_ns:
+                if late_ns and t_read_ns - t_sensor_ns > MOVE_NS:
+                    moved_ns += t_read_ns - t_sensor_ns
+                    t_sensor_ns = t_read_ns
+                if late_ns and t_read_ns - t_sensor_ns > late_ns:
                     context.row["drops"] += 1  # by now a camera would have overwritten it
                     continue
             else:
                 busy_ns = now_ns() - t_read_ns
             if context.paused:
                 continue
-            frames.publish(frame.source_seq, frame.t_sensor_ns, t_read_ns)
+            packets.follow(context.options)
+            packets.publish(frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch)
+            frames.publish(frame.source_seq, t_sensor_ns, t_read_ns)
             t_ns = now_ns()
             context.row.tick(frame.source_seq)
-            context.row.measure(t_read_ns - frame.t_sensor_ns, busy_ns, t_ns - frame.t_sensor_ns)
+            context.row.measure(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
             context.row["cpu_ns"] = time.process_time_ns()
     finally:
         source.close()

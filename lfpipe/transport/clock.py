@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 now_ns = time.monotonic_ns
 
 SECOND_NS = 1_000_000_000
 MS_NS = 1_000_000
+SLEPT_NS = SECOND_NS // 2  # as long as a gap in which filters forget
 
 
 def sleep_until(t_ns: int) -> None:
@@ -15,6 +17,26 @@ def sleep_until(t_ns: int) -> None:
     wait_ns = t_ns - now_ns()
     if wait_ns > 0:
         time.sleep(wait_ns / 1e9)
+
+
+def asleep_ns() -> int:
+    """How long the machine has been suspended since it started: the monotonic clock stands still then."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - now_ns()
+
+
+class SleepWatch:
+    """Notices that the machine was suspended. asleep: as `asleep_ns`."""
+
+    def __init__(self, asleep: Callable[[], int] = asleep_ns) -> None:
+        self._asleep, self._known_ns = asleep, asleep()
+
+    def woke(self) -> bool:
+        """Whether the machine was suspended for SLEPT_NS or more since the last call that said so."""
+        slept_ns = self._asleep()
+        if slept_ns - self._known_ns < SLEPT_NS:
+            return False
+        self._known_ns = slept_ns
+        return True
 
 
 class Ticker:

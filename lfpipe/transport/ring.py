@@ -2,7 +2,7 @@
 
     page 0   0  magic "LFRING1\\0"      8  slots      16  slot stride      24  payload bytes      32  description bytes
            128  published: slots ever published, alone on its cache line
-           192  epoch: 0 for the ring's first writer, one more for each that follows
+           192  epoch: 0 for the ring's first writer, one more for each that follows and for each gap that one tells
            256  description: JSON of shape and dtype, so that a reader needs no configuration
     slot i   0  seq | source_seq | epoch | t_sensor_ns | t_read_ns | t_publish_ns | 0 | 0        (8 x int64)
             64  payload
@@ -138,7 +138,7 @@ class _Ring:
 
     @property
     def epoch(self) -> int:
-        """Number of the present writer, 0 for the first."""
+        """Number of the present run: 0 for the first writer's, one more for each that follows and each `new_epoch`."""
         return int(self._epoch[0])
 
     def close(self) -> None:
@@ -154,6 +154,10 @@ class Writer(_Ring):
 
     def __init__(self, name: str) -> None:
         super().__init__(name, writable=True)
+        self.new_epoch()
+
+    def new_epoch(self) -> None:
+        """What is published from now on has nothing to do with what was before: readers reset what they remember."""
         self._epoch[0] += 1
 
     def begin(self) -> NDArray[Any]:
