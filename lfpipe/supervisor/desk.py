@@ -1,4 +1,8 @@
-"""The supervisor's front desk: takes commands over ctl, answers them, passes telemetry from bus on to tap."""
+"""The supervisor's front desk: takes commands over ctl, answers them, passes telemetry from bus on to tap.
+
+Whoever may speak to it may also shout: it takes so many messages in so much time and lets the rest wait in their senders,
+in turn, so that neither a frame nor another client waits for a flood.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,8 @@ import contextlib
 import json
 import subprocess
 import sys
+from collections import deque
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +24,21 @@ from lfpipe.observe.snapshot import snapshot
 from lfpipe.observe.trace import check_trace
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.transport import control
-from lfpipe.transport.clock import now_ns
+from lfpipe.transport.clock import MS_NS, now_ns
 
 if TYPE_CHECKING:
     from lfpipe.supervisor.supervisor import Supervisor
 
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the output pictures
 APPLY_S = 1.0  # how long an answer to `set` waits for the stages to work by it
+APPLY_LOOK_MS = 4  # how often it is looked at meanwhile
+SLICE, SLICE_NS = 32, 20 * MS_NS  # messages of one socket in so much time: 15 % of a core at the most
+QUEUE = 64  # messages that wait on either side, per client
+
+
+def _usable(path: str, empty: bool = False) -> bool:
+    """Whether a path means the same to the supervisor as to who sent it."""
+    return (empty and not path) or (path.startswith("/") and "\0" not in path)
 
 
 @attrs.define
@@ -41,20 +55,43 @@ class _Loading:
     process: subprocess.Popen[str]
 
 
+@attrs.define
+class _Intake:
+    """What comes in by one socket, SLICE messages in SLICE_NS. ZeroMQ takes one of each client in turn."""
+
+    socket: zmq.Socket[bytes]
+    _left: int = SLICE
+    _until_ns: int = 0
+
+    def messages(self) -> Iterator[list[bytes]]:
+        """Those that are there and may be taken now."""
+        if now_ns() >= self._until_ns:
+            self._left, self._until_ns = SLICE, now_ns() + SLICE_NS
+        while self._left and self.socket.poll(0):
+            self._left -= 1
+            yield self.socket.recv_multipart()
+
+    def rest_ns(self) -> int:
+        """How long it will take no more."""
+        return 0 if self._left else max(0, self._until_ns - now_ns())
+
+
 class Desk:
     """Three sockets, bound in the run directory; nothing here waits."""
 
     def __init__(self, ctx: zmq.Context[zmq.Socket[bytes]], supervisor: Supervisor) -> None:
         self._supervisor = supervisor
-        self._applying: list[_Applying] = []
+        self._applying: deque[_Applying] = deque()  # by revision, so by time as well
         self._loading: list[_Loading] = []
         run_dir = supervisor.session.run_dir
         self._ctl, self._bus, self._tap = (ctx.socket(kind) for kind in (zmq.ROUTER, zmq.PULL, zmq.XPUB))
         self._ctl.setsockopt(zmq.ROUTER_HANDOVER, 1)  # a restarted stage comes back under its old name
         for socket, name in ((self._ctl, "ctl"), (self._bus, "bus"), (self._tap, "tap")):
-            socket.setsockopt(zmq.MAXMSGSIZE, 16 * control.MAX_BYTES)  # beyond MAX_BYTES an answer says so, beyond this none
+            socket.setsockopt(zmq.MAXMSGSIZE, 2 * control.MAX_BYTES)  # beyond MAX_BYTES an answer says so, beyond this none
+            socket.set_hwm(QUEUE)
             socket.bind(control.address(run_dir, name))
-        self.sockets = [self._ctl, self._bus]
+        self._intakes = [_Intake(self._ctl), _Intake(self._bus)]
+        self._news: dict[str, dict[str, Any]] | None = None  # while messages are taken: only the last configuration counts
 
     def close(self) -> None:
         """Ends what is under way; the answer to it is an error."""
@@ -64,32 +101,47 @@ class Desk:
         for socket in (self._ctl, self._bus, self._tap):
             socket.close()
 
+    @property
+    def sockets(self) -> list[zmq.Socket[bytes]]:
+        """Those worth waking for now."""
+        return [intake.socket for intake in self._intakes if not intake.rest_ns()]
+
+    def wait_ms(self, most_ms: int) -> int:
+        """How long the supervisor may sleep, most_ms at the most, where none of `sockets` wakes it."""
+        rests = [intake.rest_ns() // MS_NS + 1 for intake in self._intakes if intake.rest_ns()]
+        return min([most_ms, *rests, *([APPLY_LOOK_MS] if self._applying else [])])
+
     def send(self, stage: str, message: dict[str, Any]) -> None:
         """To one stage; lost if it is not connected (it says hello when it is)."""
+        if self._news is not None and message["cmd"] == "config":
+            self._news[stage] = message
+            return
         self._ctl.send_multipart([stage.encode(), control.encode(message)], zmq.NOBLOCK)
 
     def publish(self, topic: str, **values: Any) -> None:
         """To whoever listens on the tap."""
         self._tap.send(control.encode({"topic": topic, "t_ns": now_ns(), **values}), zmq.NOBLOCK)
 
-    def serve(self, most: int = 64) -> None:
-        """Takes what has arrived, at most so many messages, so that a flood cannot keep the supervisor from its children."""
-        for _ in range(most):
-            if not self._ctl.poll(0):
-                break
-            parts = self._ctl.recv_multipart()
+    def serve(self) -> None:
+        """Takes what has arrived, as far as its time goes."""
+        ctl, bus = self._intakes
+        self._news = {}
+        for parts in ctl.messages():
             if len(parts) != 2:
                 self._answer(parts[0], {"ok": False, "error": f"{len(parts) - 1} parts, one is spoken here"})
                 continue
             self._take(*parts)
-        for _ in range(most):
-            if not self._bus.poll(0):
-                break
-            data = self._bus.recv()
-            self._tap.send(data, zmq.NOBLOCK)
+        for (data,) in (parts for parts in bus.messages() if len(parts) == 1):
             with contextlib.suppress(control.BadMessage):
-                self._supervisor.hear(control.decode(data))
+                message = control.decode(data)
+                self._tap.send(data, zmq.NOBLOCK)
+                self._supervisor.hear(message)
+        while self._tap.poll(0):
+            self._tap.recv()  # who subscribes and leaves is told to us, and would be kept
         self._finish()
+        news, self._news = self._news, None
+        for stage, message in news.items():
+            self.send(stage, message)
 
     def _take(self, client: bytes, data: bytes) -> None:
         try:
@@ -153,8 +205,8 @@ class Desk:
     def _trace(self, client: bytes, message: dict[str, Any]) -> None:
         """Starts a timeline into the file `path`, or ends the one that runs where path is empty."""
         path, running = message.get("path"), self._supervisor.options.get("timeline", "")
-        if not isinstance(path, str) or "\0" in path:
-            raise control.BadMessage("trace needs a path, an empty one to stop")
+        if not isinstance(path, str) or not _usable(path, empty=True):
+            raise control.BadMessage("trace needs an absolute path, an empty one to stop")
         if path and running:
             raise UserError(f"a trace runs already, into {running}", "`lfpipe trace stop` ends it")
         if not path and not running:
@@ -168,8 +220,8 @@ class Desk:
         """Starts to record the camera into the folder `path`, or ends the recording where path is empty."""
         path, eyes = message.get("path"), message.get("eyes", False)
         running = self._supervisor.options.get("record", "")
-        if not isinstance(path, str) or "\0" in path or not isinstance(eyes, bool):
-            raise control.BadMessage("record needs a path, an empty one to stop")
+        if not isinstance(path, str) or not _usable(path, empty=True) or not isinstance(eyes, bool):
+            raise control.BadMessage("record needs an absolute path, an empty one to stop")
         if path and running:
             raise UserError(f"a recording runs already, into {running}", "`lfpipe ctl record stop` ends it")
         if not path and not running:
@@ -190,8 +242,10 @@ class Desk:
     def _load(self, client: bytes, message: dict[str, Any]) -> None:
         """Packing may take long, and the supervisor must not: a process of its own checks and packs the scene."""
         scene = message.get("scene")
-        if not isinstance(scene, str) or not scene or "\0" in scene:
-            raise control.BadMessage("load needs the path of a scene")
+        if not isinstance(scene, str) or not _usable(scene):
+            raise control.BadMessage("load needs the absolute path of a scene")
+        if self._loading:
+            raise UserError("another scene is being loaded", "wait until it shows, then load this one")
         sets = [f"--set=scene.{k}={json.dumps(v)}" for k, v in config_module.to_dict(self._supervisor.config)["scene"].items()]
         command = [sys.executable, "-m", "lfpipe", "scene", "pack", "--json", *sets, "--", scene]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -211,8 +265,10 @@ class Desk:
             packed = json.loads(out)
             options = {**self._supervisor.options, "pack": packed["pack"], "tracking": packed["needs_tracking"]}
             self._apply(loading.client, self._supervisor.change(options=options), {"pack": packed["pack"]})
-        for waiting in list(self._applying):
+        while self._applying:
+            waiting = self._applying[0]
             done = self._supervisor.applied(waiting.rev)
-            if done or now_ns() > waiting.until_ns:
-                self._applying.remove(waiting)
-                self._answer(waiting.client, {**waiting.answer, "applied": done})
+            if not done and now_ns() <= waiting.until_ns:
+                return
+            self._applying.popleft()
+            self._answer(waiting.client, {**waiting.answer, "applied": done})

@@ -20,7 +20,7 @@ from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
 
 WINDOW_S, MAX_FAILURES = 60.0, 5
-FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.2, 5.0
+FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0
 
 
 class StageProcess:

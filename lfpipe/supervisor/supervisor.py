@@ -162,7 +162,8 @@ class Supervisor:
             for process in self.processes.values():
                 if process.process is not None:
                     poller.register(process.process.sentinel, zmq.POLLIN)
-            poller.poll(TICK_MS if end_ns is None else max(0, min(TICK_MS, (end_ns - now_ns()) // MS_NS + 1)))
+            tick_ms = self._desk.wait_ms(TICK_MS)
+            poller.poll(tick_ms if end_ns is None else max(0, min(tick_ms, (end_ns - now_ns()) // MS_NS + 1)))
             self._desk.serve()
             self._judge()
             self._govern()

@@ -7,38 +7,13 @@ import random
 from pathlib import Path
 from typing import Any
 
-import msgpack
 import zmq
 
 from lfpipe.transport import control
+from tests.faults.hostile import hostile
 from tests.world import World
 
-WORDS = ["config", "SET", "", "stop\0", 7, None, ["stop"], {"stop": 1}]
-
-
-def hostile(rng: random.Random) -> bytes:
-    """Random bytes, valid msgpack of another shape, commands with wrong contents, too much, too deep, cut short."""
-    kind = rng.randrange(7)
-    if kind == 0:
-        return rng.randbytes(rng.randrange(200))
-    if kind == 1:
-        others = [None, 5, "stop", [1, 2], {"cmd": "stop"}, {"v": 99, "cmd": "stop"}, {1: 2}]
-        return bytes(msgpack.packb(rng.choice(others)))
-    if kind == 2:
-        return control.encode({"cmd": rng.choice(WORDS), "set": {"render.alpha_px": 3}})
-    if kind == 3:
-        keys = [{"": 1}, {"render.alpha_px": "x"}, {"a.b.c": 1}, {"render": 5}, {"camera.width_px": 32}]
-        sets: list[Any] = [None, 5, "x", [], {}, *keys]
-        return control.encode({"cmd": "set", "set": rng.choice(sets)})
-    if kind == 4:
-        return control.encode({"cmd": "load", "scene": rng.choice([None, 5, "", "a\0b", ["x"]])})
-    if kind == 5:
-        deep: Any = "stop"
-        for _ in range(rng.randrange(10, 600)):
-            deep = [deep]
-        return bytes(msgpack.packb({"v": 1, "cmd": deep})) if rng.random() < 0.5 else b"\x91" * rng.randrange(60_000)
-    whole = control.encode({"cmd": "stop", "why": "x" * rng.randrange(100)})
-    return whole[: rng.randrange(len(whole) - 1)]
+MESSAGES = 8000  # profiling/control_fuzz.py sends 10^5
 
 
 def test_hostile_messages_change_nothing_and_cost_no_frame(world: World, scene: Path) -> None:
@@ -51,7 +26,7 @@ def test_hostile_messages_change_nothing_and_cost_no_frame(world: World, scene: 
     answers = 0
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
         socket.connect(control.address(run_dir, "ctl"))
-        for i in range(3000):
+        for i in range(MESSAGES):
             socket.send(hostile(rng))
             if i % 20 == 19:  # as fast as it answers: a flood that fills the socket is another test
                 while answers <= i and socket.poll(2000):
@@ -61,7 +36,7 @@ def test_hostile_messages_change_nothing_and_cost_no_frame(world: World, scene: 
         assert socket.poll(2000) and control.decode(socket.recv())["ok"] is False
         socket.send(control.encode({"cmd": "status", "why": "x" * (control.MAX_BYTES + 1)}))
         assert socket.poll(2000) and "bytes" in control.decode(socket.recv())["error"]
-    assert answers == 3000, "every message is answered"
+    assert answers == MESSAGES, "every message is answered"
     after = world.monitor()
     assert _config(world) == config
     for name, stage in after["stages"].items():

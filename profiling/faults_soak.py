@@ -1,0 +1,47 @@
+"""Hundreds of random faults into one session: how soon pictures come again, torn pictures, drops against the books, leaks.
+
+    uv run python profiling/faults_soak.py [--faults 500] [--seed 1] [--rate 30]
+
+Kills, terminations and stops of any stage, the supervisor stopped, the source stalled, monitors killed, slow readers, CPU hogs
+on both cores, garbage on the control socket. No stage dies more than three times a minute: five times end a session, by design.
+500 faults take about 20 minutes. Prints progress, then Markdown tables; exit code 1 where something promised was not kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # the tests run the same faults, fewer of them
+
+from tests.faults.soak import Soak
+from tests.world import World
+
+RECOVERY_S = 2.0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--faults", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--rate", type=float, default=30.0)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="lfsoak") as folder:
+        world = World(Path(folder))
+        os.environ["XDG_RUNTIME_DIR"] = str(world.run_dir)
+        try:
+            outcome = Soak(world, args.seed, args.rate).run(args.faults, lambda text: print(text, file=sys.stderr, flush=True))
+        finally:
+            world.end()
+        left = world.left()
+    print(outcome.table())
+    broken = outcome.broken(RECOVERY_S) + [f"left behind: {name}" for name in left]
+    print("\n" + ("\n".join(broken) or "all kept"))
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
