@@ -70,10 +70,10 @@ class Plane:
     eye: int
     weights: Weights
     linear: bool
+    channel: int | None = attrs.field(init=False, eq=False)  # the stored one that already is this plane; None: it must be baked
 
-    @property
-    def channel(self) -> int | None:
-        """The stored channel that already is this plane, or None where it must be baked."""
+    @channel.default
+    def _channel(self) -> int | None:
         return self.weights.index(1.0) if sorted(self.weights) == [0.0, 0.0, 1.0] else None
 
 

@@ -52,7 +52,8 @@ class Compositor:
         self._synthesiser = Synthesiser(field, self.method)
         wanted_planes = self._recipe.planes
         self._places = [[k for k, plane in enumerate(wanted_planes) if plane.eye == eye] for eye in (0, 1)]
-        self._planes = [[wanted_planes[k] for k in places] for places in self._places]
+        self._sources = [[partial(self._source, wanted_planes[k]) for k in places] for places in self._places]
+        self._frame = 0
         self._outs = [[np.empty((height, width), np.uint8) for _ in places] for places in self._places]
         self._made: list[NDArray[np.uint8]] = [plane for outs in self._outs for plane in outs]
         self._picture = near_array((height, width, 3))
@@ -87,29 +88,28 @@ class Compositor:
     def compose(self, left: Position, right: Position, frame: int = 0) -> NDArray[np.uint8]:
         """The picture for the two viewpoints: uint8 (height, width, 3) BGR, valid until the next call."""
         eyes = self._eyes(left, right)
-        frame %= self._field.frames
-        if self._render.anaglyph in MATRICES or self._whole is None:
-            self._draw(eyes, frame, self._picture)
+        self._frame = frame % self._field.frames
+        if self._whole is None:
+            self._draw(eyes, self._picture)
         elif self._render.anaglyph == "row-interleaved":
             for eye, position in enumerate(eyes):
-                self._draw((position, position), frame, self._whole)
+                self._draw((position, position), self._whole)
                 self._picture[eye::2] = self._whole[eye::2]
         else:
             height, width = self._picture.shape[:2]
             for position, x0, x1 in ((eyes[0], 0, width // 2), (eyes[1], width // 2, width)):
                 if x1 > x0:
-                    self._draw((position, position), frame, self._whole)
+                    self._draw((position, position), self._whole)
                     self._picture[:, x0:x1] = cv2.resize(self._whole, (x1 - x0, height), interpolation=cv2.INTER_AREA)
         return self._picture
 
-    def _draw(self, eyes: tuple[Position, Position], frame: int, out: NDArray[np.uint8]) -> None:
-        for position, places, planes, outs in zip(eyes, self._places, self._planes, self._outs, strict=True):
+    def _draw(self, eyes: tuple[Position, Position], out: NDArray[np.uint8]) -> None:
+        for position, places, sources, outs in zip(eyes, self._places, self._sources, self._outs, strict=True):
             if places:
-                sources = [partial(self._source, frame, plane) for plane in planes]
-                drawn = self._synthesiser.render(position, frame, self._render.zero_plane_px, sources, outs)
+                drawn = self._synthesiser.render(position, self._frame, self._render.zero_plane_px, sources, outs)
                 for k, made in zip(places, drawn, strict=True):
                     self._made[k] = made
         self._mixer.mix(self._made, out)
 
-    def _source(self, frame: int, plane: Plane, row: int, col: int) -> NDArray[np.uint8]:
-        return self._store.get(frame, row, col, plane)
+    def _source(self, plane: Plane, row: int, col: int) -> NDArray[np.uint8]:
+        return self._store.get(self._frame, row, col, plane)

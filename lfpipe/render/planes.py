@@ -25,11 +25,11 @@ class PlaneStore:
 
     def get(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
         """uint8 (height, width), not to be written to. It stays valid for at least the seven calls that follow."""
+        channel = 0 if self._grey else plane.channel  # weights sum to 1: every plane of a grey view is the view
+        if channel is not None:
+            stored: NDArray[np.uint8] = self._views[frame, row, col, channel]
+            return stored
         view: NDArray[np.uint8] = self._views[frame, row, col]
-        if self._grey:
-            return np.asarray(view[0], np.uint8)  # weights sum to 1: every plane of a grey view is the view
-        if plane.channel is not None:
-            return np.asarray(view[plane.channel], np.uint8)
         place = (frame, row, col, plane)
         found = self._baked.get(place)
         if found is not None:
