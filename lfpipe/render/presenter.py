@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lfpipe.eyes import EYES
 from lfpipe.observe.trace import TraceFile
+from lfpipe.quality import number
 from lfpipe.render.display import Display
 from lfpipe.render.outlets import Outlets
 from lfpipe.render.viewer import Look, Viewer
@@ -136,6 +137,7 @@ class Presenter:
             "eyes_used": sides(look.eyes_px.tolist()),
             "view": sides((look.left, look.right)),
             "method": self._viewer.method,
+            "level": number(self._context.options),
             "composed": composed,
         }
 

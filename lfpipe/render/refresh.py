@@ -18,6 +18,7 @@ class Refresh:
     """The display's clock, rate_hz, first due at t0_ns."""
 
     def __init__(self, rate_hz: float, t0_ns: int) -> None:
+        self.rate_hz = rate_hz
         self._ticker = Ticker(rate_hz, t0_ns)
         self._period_ns = 1e9 / rate_hz
         self._camera_period_ns = 0.0

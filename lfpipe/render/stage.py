@@ -27,12 +27,13 @@ MARGIN_NS = MS_NS  # composing begins this much earlier than it should need
 
 def main(context: Context) -> None:
     """Runs the stage until the stop."""
-    config, options = lowered(context.config, context.options), context.options
+    asked, options = context.config, context.options
+    config = lowered(asked, options)
     field = open_pack(Path(options["pack"]))
     viewer = Viewer(field, config)
     lossless = context.spec.lossless  # then pictures are a function of the frames and of nothing else, no clock either
     on_camera = (lossless or config.render.clock == "camera") and options["tracking"]
-    full_hz = float(options["source_hz"]) if on_camera else context.config.render.rate_hz
+    full_hz = float(options["source_hz"]) if on_camera else asked.render.rate_hz
     display = open_display(options["display"], (field.width_px, field.height_px), f"lfpipe: {field.name}", full_hz)
     presenter = Presenter(context, viewer, display)
     keys = Keys(context, viewer, presenter, display)
@@ -42,15 +43,19 @@ def main(context: Context) -> None:
     context.ready()
     try:
         while context.wait(None if refresh is None else refresh.due_ns() - presenter.cost_ns - MARGIN_NS):
-            before, config = config, lowered(context.config, context.options)
-            if context.options["pack"] != options["pack"] or config != before:
+            if context.options["pack"] != options["pack"] or context.config != asked:
                 if context.options["pack"] != options["pack"]:
                     field = open_pack(Path(context.options["pack"]))
-                options = context.options
+                asked, options = context.config, context.options
+                config = lowered(asked, options)
                 viewer.set(field, config)
                 presenter.redraw()
-                if refresh is not None and config.render.rate_hz != before.render.rate_hz:
-                    refresh = Refresh(config.render.rate_hz, now_ns())
+            elif (now := lowered(asked, context.options)) != config:
+                config = now
+                viewer.redraw_by(config)
+                presenter.redraw()
+            if refresh is not None and refresh.rate_hz != config.render.rate_hz:
+                refresh = Refresh(config.render.rate_hz, now_ns())
             presenter.follow(context.options)
             context.applied()
             if any(word == "recentre" for word, _ in context.commands()):

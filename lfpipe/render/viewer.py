@@ -51,6 +51,12 @@ class Viewer:
         self.parallax = None
         self._mapper: Mapper | None = None
 
+    def redraw_by(self, config: Config) -> None:
+        """Takes a configuration that differs in render.method and render.rate_hz alone: what lies where stays as it is."""
+        self.config, self.compositor = config, Compositor(self.field, config.render)
+        if self._mapper is not None:
+            self._mapper.snap = self.method == "nearest"
+
     @property
     def method(self) -> str:
         return self.compositor.method

@@ -53,7 +53,7 @@ class Mapper:
         self.rows, self.cols = rows, cols
         self.alpha_px = alpha_px
         self.centre_px: tuple[float, float] = (0.0, 0.0)
-        self._render, self._snap = render, snap
+        self._render, self.snap = render, snap
         self._held: list[float | None] = [None, None, None]  # row, left col, right col
         centre = np.asarray(centre_px, dtype=np.float64).reshape(2)
         self.centre_px = (float(centre[0]), float(centre[1]))
@@ -91,7 +91,7 @@ class Mapper:
             soft_clamp(c0 + self._steps(cx - left_u), self.cols, reach),
             soft_clamp(c0 + self._steps(cx - right_u), self.cols, reach),
         ]
-        if self._snap:
+        if self.snap:
             counts = (self.rows, self.cols, self.cols)
             found = [
                 min(max(snapped(value, held), 0.0), count - 1.0)
