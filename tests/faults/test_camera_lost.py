@@ -1,0 +1,200 @@
+"""A camera that stalls, hangs in its driver, is unplugged and comes back: the session lives, and tells."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zmq
+
+from lfpipe import config
+from lfpipe.capture.lasting import BACKOFF_S, CameraLost, LastingCamera
+from lfpipe.capture.source import Frame, SourceInfo
+from lfpipe.errors import UserError
+from lfpipe.transport import control
+from lfpipe.transport.session import Session
+from lfpipe.transport.status import State, Table
+from tests.faults.scripted_camera import open_scripted
+from tests.world import World
+
+CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
+
+
+class Told:
+    """What comes over the tap."""
+
+    def __init__(self, world: World) -> None:
+        self._ctx = control.context()
+        self._tap = self._ctx.socket(zmq.SUB)
+        self._tap.setsockopt(zmq.SUBSCRIBE, b"")
+        self._tap.connect(control.address(next(world.run_dir.glob("lfpipe-*")), "tap"))
+        self.messages: list[dict[str, Any]] = []
+
+    def of(self, topic: str) -> list[dict[str, Any]]:
+        while self._tap.poll(0):
+            self.messages.append(control.decode(self._tap.recv()))
+        return [message for message in self.messages if message["topic"] == topic]
+
+    def close(self) -> None:
+        self._tap.close()
+        self._ctx.term()
+
+
+Row = tuple[str, int, int]  # state, pid, restarts
+
+
+def _rows(world: World) -> dict[str, Row]:
+    table = Table(Session(world.name).segment("status"))
+    try:
+        found = {name: (State(int(r["state"])).name, int(r["pid"]), int(r["restarts"])) for name, r in table.rows.items()}
+    finally:
+        table.close()
+    return found
+
+
+def test_one_session_outlives_all_that_happens_to_its_camera(world: World, scene: Path, tmp_path: Path) -> None:
+    node = tmp_path / "video0"
+    node.write_text("frames")
+    world.module = "tests.faults.scripted_camera"
+    process = world.up(scene, *CAMERA, camera=f"camera:{node}")
+    world.pictures(10)
+    before = _rows(world)
+    told = Told(world)
+    pid = before["capture"][1]
+    for outage, word in enumerate(("stall", "hang", ""), 1):
+        if word:
+            node.write_text(word)
+        else:
+            node.unlink()
+        world.wait_for(lambda: _rows(world)["capture"] == ("READY", pid, 0), f"word of the {word or 'unplugged'} camera", 10)
+        time.sleep(2.2 if word == "hang" else 0.5)  # longer than a stage may be silent
+        assert _rows(world)["capture"] == ("READY", pid, 0), "beats go on"
+        count = len(world.lines())
+        node.write_text("frames")
+        assert world.pictures(count + 3)[-1]["epoch"] == outage, "downstream must forget what was before"
+        world.wait_for(lambda n=outage: len(told.of("camera")) == 2 * n, "word on the tap", 5)
+        assert _rows(world)["capture"] == ("RUNNING", pid, 0)
+    lost, back = told.of("camera")[-2:]
+    assert lost["lost"] and not back["lost"] and back["away_s"] > 0.4
+    world.wait_for(lambda: "is back after" in told.of("notice")[-1]["text"], "last notice", 5)
+    said = [message["text"] for message in told.of("notice")]
+    assert sum("camera lost, trying again" in text for text in said) == sum("is back after" in text for text in said) == 3
+    seqs = [line["source_seq"] for line in world.lines()]
+    assert seqs == sorted(set(seqs)), "the camera's count goes on"
+
+    node.unlink()  # unplugged while its process dies, too: a new process waits for it as the old one did
+    os.kill(pid, signal.SIGKILL)
+    world.wait_for(lambda: _rows(world)["capture"][0::2] == ("READY", 1), "waiting capture", 10)
+    count = len(world.lines())
+    node.write_text("frames")
+    world.pictures(count + 3)
+    assert all(_rows(world)[name] == before[name] for name in ("track", "render"))
+    node.write_text("stall")
+    world.wait_for(lambda: _rows(world)["capture"][0] == "READY", "stall", 10)
+    told.close()
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=10)
+    assert process.returncode == 0 and "Traceback" not in err and "camera lost, trying again" in err, err
+
+
+def test_a_camera_that_is_not_there_at_the_start_is_a_mistake(world: World, scene: Path, tmp_path: Path) -> None:
+    world.module = "tests.faults.scripted_camera"
+    process = world.up(scene, camera=f"camera:{tmp_path / 'video0'}")
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 2 and "no such device" in err and "Traceback" not in err
+
+
+class Made:
+    """A camera that opens, reads and fails as told."""
+
+    def __init__(self, steps: list[Any], size: tuple[int, int] = (4, 4)) -> None:
+        self.info = SourceInfo("camera:made", 4, 4, 30.0, live=True)
+        self.steps, self.seq, self.closed = steps, 0, False
+
+    def read(self, out: np.ndarray) -> Frame | None:
+        step = self.steps.pop(0)
+        if isinstance(step, Exception):
+            raise step
+        time.sleep(step)
+        out[:] = self.seq + 1
+        self.seq += 1
+        return Frame(self.seq - 1, self.seq, self.seq)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def _read(camera: LastingCamera, out: np.ndarray, limit_s: float = 3.0) -> tuple[Frame, list[Exception]]:
+    """The next frame and what was raised before it."""
+    raised: list[Exception] = []
+    end = time.monotonic() + limit_s
+    while time.monotonic() < end:
+        try:
+            frame = camera.read(out)
+            assert frame is not None
+            return frame, raised
+        except TimeoutError as error:
+            raised.append(error)
+    raise AssertionError(f"no frame: {raised}")
+
+
+def test_frames_count_on_over_connections_and_the_loss_is_told_once() -> None:
+    opened: list[Made] = []
+    scripts: list[Any] = [[0, 0, UserError("gone")], UserError("no such device"), [0, 0, TimeoutError("stalled"), 0]]
+
+    def open_() -> Made:
+        script = scripts.pop(0)
+        if isinstance(script, Exception):
+            raise script
+        opened.append(Made(script))
+        return opened[-1]
+
+    camera = LastingCamera(SourceInfo("?", 1, 1, 1.0, live=True), open_)
+    assert camera.info.name == "camera:made"
+    out = np.zeros((4, 4), np.uint8)
+    assert [_read(camera, out)[0].source_seq for _ in range(2)] == [0, 1]
+    start = time.monotonic()
+    frame, raised = _read(camera, out)
+    assert frame.source_seq == 2 and (out == 1).all()
+    assert [str(error) for error in raised if isinstance(error, CameraLost)] == ["gone"], "told once, with the first reason"
+    assert time.monotonic() - start >= BACKOFF_S + 2 * BACKOFF_S, "each attempt waits twice as long as the one before"
+    assert opened[0].closed and not opened[1].closed
+    camera.close()
+    assert opened[1].closed
+
+
+def test_what_is_no_fault_of_the_camera_is_not_hidden() -> None:
+    def open_() -> Made:
+        return Made([ZeroDivisionError("a mistake of ours")])
+
+    camera = LastingCamera(SourceInfo("?", 1, 1, 1.0, live=True), open_)
+    with pytest.raises(ZeroDivisionError):
+        _read(camera, np.zeros((4, 4), np.uint8))
+
+
+def test_a_slow_frame_keeps_nobody_waiting(tmp_path: Path) -> None:
+    node = tmp_path / "video0"
+    node.write_text("frames")
+    from lfpipe.capture.spec import CameraSpec
+
+    camera = LastingCamera(SourceInfo("?", 1, 1, 1.0, live=True), lambda: open_scripted(CameraSpec(node), config.Camera()))
+    out = np.zeros((480, 640, 3), np.uint8)
+    _read(camera, out)
+    node.write_text("hang")
+    longest = 0.0
+    for _ in range(5):
+        start = time.monotonic()
+        with pytest.raises(TimeoutError):
+            while True:
+                camera.read(out)
+                start = time.monotonic()
+        longest = max(longest, time.monotonic() - start)
+    node.write_text("frames")
+    assert longest < 1.0, "a stage that reads must be able to beat"
+    assert _read(camera, out)[0].source_seq > 0
+    camera.close()
