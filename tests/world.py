@@ -39,7 +39,8 @@ class World:
         self.run_dir.mkdir(mode=0o700)
         clean = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "LFPIPE_SESSION")}
         names = {"XDG_RUNTIME_DIR": "run", "XDG_CACHE_HOME": "cache", "XDG_CONFIG_HOME": "settings"}
-        self.env = {**clean, **{key: str(root / name) for key, name in names.items()}, "PYTHONPATH": str(Path(__file__).parents[1])}
+        own = {key: str(root / name) for key, name in names.items()} | {"PYTHONPATH": str(Path(__file__).parents[1])}
+        self.env = {**clean, **own}
         self.name = f"t{os.getpid()}x{time.monotonic_ns() % 10**9}"
         self.trace = root / "trace.jsonl"
         self._running: list[subprocess.Popen[str]] = []

@@ -21,7 +21,6 @@ from lfpipe.errors import UserError
 from lfpipe.supervisor import table
 from lfpipe.transport.context import Context
 
-
 ANSWERS = {
     cv2.CAP_PROP_FRAME_WIDTH: 640.0,
     cv2.CAP_PROP_FRAME_HEIGHT: 480.0,
