@@ -33,9 +33,8 @@ class PacketOutput:
         part = options.get("packets", "")
         if part == self._part:
             return
-        if self._ring is not None:
-            self._ring.close()
-        self._part, self._ring = part, None
+        self.close()
+        self._part = part
         if part:
             try:
                 self._ring = ring.Writer(self._session.segment(part))
@@ -51,6 +50,12 @@ class PacketOutput:
             slot["bytes"][...] = packet.size
             slot["data"][: packet.size] = packet
             self._ring.publish(source_seq, t_sensor_ns, t_read_ns, epoch)
+
+    def close(self) -> None:
+        """Unmaps the ring."""
+        if self._ring is not None:
+            self._ring.close()
+        self._ring = None
 
 
 class PacketInput:
@@ -71,3 +76,7 @@ class PacketInput:
             data = slot["data"][: int(slot["bytes"])].tobytes() if self._at >= wanted else None
             self._data = data if self._ring.whole(found) else None
         return self._data if self._at == wanted else None
+
+    def close(self) -> None:
+        """Unmaps the ring."""
+        self._ring.close()

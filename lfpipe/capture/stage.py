@@ -103,4 +103,5 @@ def main(context: Context) -> None:
             context.row.measure(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
             context.row["cpu_ns"] = time.process_time_ns()
     finally:
+        packets.close()
         source.close()

@@ -18,6 +18,7 @@ from lfpipe.supervisor import rundir
 from lfpipe.transport.session import Session, default_name
 
 if TYPE_CHECKING:
+    from lfpipe.capture.open_source import Checked
     from lfpipe.scene.lightfield import LightField
 
 DEMO_S = 10.0  # of the demo where nobody can see it
@@ -90,31 +91,30 @@ def prepare(wish: Wish) -> Prepared:
     if unseen:
         out.mkdir(exist_ok=True)
         say(f"no screen here: the demo runs {wish.duration_s or DEMO_S:g} s into {out}/")
-    camera, camera_hz = _checked(wish, config, display)
+    camera = _checked(wish, config, display)
     field, pack = _packed(wish, config)
     plan = make_plan(field, config)
     still = out / "demo.png" if unseen else None
     options = {
         "pack": str(pack),
-        "source": camera,
-        "source_hz": camera_hz,
+        **camera.options,
         "display": display,
         "trace": str(wish.trace.resolve()) if wish.trace else "",
         "still": str(still.resolve()) if still else "",
         "tracking": plan.needs_tracking,
     }
     say(f"scene   {field.name}: {field.rows}x{field.cols} views of {field.width_px}x{field.height_px}, {plan.method}")
-    say(f"camera  {camera if plan.needs_tracking else 'none: one view needs no eyes'}")
+    say(f"camera  {camera.text if plan.needs_tracking else 'none: one view needs no eyes'}")
     say(f"picture {config.render.anaglyph}, {config.render.clock} clock, to {display}")
     duration_s = wish.duration_s or (DEMO_S if unseen else None)
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
     files = tuple(path for path in (video, still, wish.trace) if path is not None)
-    return Prepared(config, options, "pace=max" in camera, duration_s, files)
+    return Prepared(config, options, "pace=max" in camera.text, duration_s, files)
 
 
-def _checked(wish: Wish, config: Config, display: str) -> tuple[str, float]:
-    """The source of frames, made definite, and its rate in Hz; every mistake of the wish in one UserError."""
-    from lfpipe.capture.open_source import check_source
+def _checked(wish: Wish, config: Config, display: str) -> Checked:
+    """The source of frames; every mistake of the wish in one UserError."""
+    from lfpipe.capture.open_source import Checked, check_source
     from lfpipe.observe.trace import check_trace
     from lfpipe.render.open_display import check_display
 
@@ -135,7 +135,7 @@ def _checked(wish: Wish, config: Config, display: str) -> tuple[str, float]:
         single = rows * cols == 1
     elif not wish.demo:
         errors.append(UserError("no SCENE given", "a folder of views, or --demo for a made one"))
-    found = ("", 0.0) if single else attempt(lambda: check_source(camera, config.camera))
+    found = Checked("", 0.0) if single else attempt(lambda: check_source(camera, config.camera))
     attempt(lambda: check_display(display))
     if wish.trace is not None:
         trace = wish.trace
@@ -144,8 +144,8 @@ def _checked(wish: Wish, config: Config, display: str) -> tuple[str, float]:
         raise UserError("\nerror: ".join(map(str, errors)))
     if errors:
         raise errors[0]
-    definite, rate_hz = found
-    return definite, rate_hz
+    assert isinstance(found, Checked)
+    return found
 
 
 def _grid(scene: Path, config: Config) -> tuple[int, int]:

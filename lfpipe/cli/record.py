@@ -30,12 +30,11 @@ def record(
     from lfpipe.transport.session import Session
 
     config = config_module.load(config_file, sets)
-    source, rate_hz = check_source(camera or config.camera.source, config.camera)
+    source = check_source(camera or config.camera.source, config.camera)
     check_out(out)
     options = {
         "pack": "",
-        "source": source,
-        "source_hz": rate_hz,
+        **source.options,
         "display": "none",
         "trace": "",
         "still": "",
@@ -48,7 +47,7 @@ def record(
     def say(text: str) -> None:
         click.echo(text, err=True)
 
-    lossless = "pace=max" in source
+    lossless = "pace=max" in source.text
     outcome = Supervisor(Session(f"record.{os.getpid()}"), config, options, lossless, tell=say).run(duration_s)
     if outcome.user_error:
         raise UserError(outcome.failure or outcome.reason, outcome.remedy)

@@ -1,6 +1,7 @@
 """Record: every frame, and what was tracked in it, to a folder on disk.
 
-Reads: ring "frames", every slot in order; ring "eyes" likewise where option "record_eyes" is set.
+Reads: ring "frames", every slot in order; the ring of option "packets", the JPEGs they came as, where the source gives them; ring
+"eyes", in order too where option "record_eyes" is set.
 Writes: the sequence in the folder of option "record".
 Commands: stop. Asks: record (to end itself, where the disk is full).
 Emits: notice (a recording ended, frames that were lost).
@@ -21,11 +22,12 @@ from numpy.typing import NDArray
 
 from lfpipe.config import to_dict
 from lfpipe.eyes import EYES as EYES_TYPE
+from lfpipe.replay.incoming import Incoming
 from lfpipe.replay.packets import PacketWriter, encoded
-from lfpipe.replay.sequence import EYES, begin_manifest, end_manifest
+from lfpipe.replay.sequence import EYES, MANIFEST, begin_manifest, end_manifest
 from lfpipe.replay.versions import versions
 from lfpipe.transport.clock import MS_NS, now_ns
-from lfpipe.transport.context import Context, Input, empty_like
+from lfpipe.transport.context import Context, Input
 from lfpipe.transport.ring import Stamp
 
 ROOM_BYTES = 128 << 20  # frames that wait for their encoding: seconds, so that a slow disk costs no frame
@@ -34,13 +36,13 @@ ROOM_BYTES = 128 << 20  # frames that wait for their encoding: seconds, so that 
 class Store:
     """Encodes and appends in a thread of its own, so that the ring is emptied whatever the disk does.
 
-    PNG while there is time; a frame that finds a quarter of the room taken goes to disk as it is.
+    A packet as it is; a picture as PNG while there is time, and as it stands where it finds a quarter of the room taken.
     """
 
     def __init__(self, context: Context, folder: Path, shape: tuple[int, ...]) -> None:
-        self._context, self._writer = context, PacketWriter(folder)
+        self._context, self._writer, self._shape = context, PacketWriter(folder), shape
         self._room = max(8, ROOM_BYTES // int(np.prod(shape)))
-        self._waiting: queue.SimpleQueue[tuple[Stamp, NDArray[np.uint8], int] | None] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[tuple[Stamp, NDArray[np.uint8] | bytes, int] | None] = queue.SimpleQueue()
         self._spare: list[NDArray[np.uint8]] = []
         self._last_ns, self._hurry = 0, False
         self.failure = ""
@@ -62,28 +64,31 @@ class Store:
         """Whether another frame has no room now."""
         return self._waiting.qsize() >= self._room
 
-    def put(self, stamp: Stamp, picture: NDArray[np.uint8]) -> None:
-        """Takes a copy of picture."""
-        copy = self._spare.pop() if self._spare else np.empty_like(picture)
-        np.copyto(copy, picture)
-        self._waiting.put((stamp, copy, now_ns()))
+    def spare(self) -> NDArray[np.uint8]:
+        """An array for a picture, of which `put` takes possession."""
+        return self._spare.pop() if self._spare else np.empty(self._shape, np.uint8)
+
+    def put(self, stamp: Stamp, frame: NDArray[np.uint8] | bytes) -> None:
+        """frame: a picture in an array of `spare`, or its JPEG."""
+        self._waiting.put((stamp, frame, now_ns()))
 
     def _run(self) -> None:
         # Gives way to what wakes up for a live picture. A lower priority would be wrong: held back with the interpreter's lock
         # in its hand, this thread would keep the other one from the ring.
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
         while (taken := self._waiting.get()) is not None:
-            stamp, picture, t_taken_ns = taken
             if not self.failure:
-                self._store(stamp, picture, t_taken_ns)
-            self._spare.append(picture)
+                self._store(*taken)
+            if not isinstance(taken[1], bytes):
+                self._spare.append(taken[1])
 
-    def _store(self, stamp: Stamp, picture: NDArray[np.uint8], t_taken_ns: int) -> None:
+    def _store(self, stamp: Stamp, frame: NDArray[np.uint8] | bytes, t_taken_ns: int) -> None:
         row = self._context.row
         if stamp.t_sensor_ns <= self._last_ns:
             row["drops"] += 1  # a driver that repeats a stamp repeats a frame; a sequence with it could not be replayed
             return
-        codec, data = encoded(picture, fast=self._hurry or self._waiting.qsize() > self._room // 4)
+        hurry = self._hurry or self._waiting.qsize() > self._room // 4
+        codec, data = ("jpeg", frame) if isinstance(frame, bytes) else encoded(frame, fast=hurry)
         try:
             self._writer.append(data, codec, stamp.source_seq, stamp.epoch, stamp.t_sensor_ns, stamp.t_read_ns)
         except OSError as error:
@@ -107,7 +112,10 @@ class Store:
 class EyesLog:
     """One line of JSON per eyes record; without a path they are taken and not written, so that no writer waits for us."""
 
-    def __init__(self, source: Input, path: Path | None) -> None:
+    def __init__(self, source: Input, path: Path | None, anew: bool) -> None:
+        """anew: records published until now are not to be had."""
+        if anew:
+            source.skip()
         self._source, self._file = source, path.open("a", buffering=1) if path else None
         self._record = np.empty((), EYES_TYPE)
 
@@ -128,21 +136,20 @@ class EyesLog:
 def main(context: Context) -> None:
     """Runs the stage until the stop."""
     folder = Path(context.options["record"])
-    frames = context.input("frames")
-    eyes = EyesLog(context.input("eyes"), folder / EYES if context.options.get("record_eyes") else None)
-    image = empty_like(frames.reader)
-    height_px, width_px = image.shape[:2]
+    anew = not (folder / MANIFEST).exists()
+    frames, lost_before = Incoming(context, anew), int(context.row["drops"]) if anew else 0
+    eyes = EyesLog(context.input("eyes"), folder / EYES if context.options.get("record_eyes") else None, anew)
     source, rate_hz = str(context.options["source"]), float(context.options["source_hz"])
     more = {"versions": versions(), "config": to_dict(context.config)}
-    manifest = begin_manifest(folder, source, width_px, height_px, rate_hz, **more)
-    store = Store(context, folder, image.shape)
+    manifest = begin_manifest(folder, source, frames.width_px, frames.height_px, rate_hz, **more)
+    store = Store(context, folder, frames.shape)
     told = False
     context.ready()
     context.applied()
     try:
         while context.wait():
-            while not store.full and (stamp := frames.take(image, in_order=True)) is not None:
-                store.put(stamp, image)
+            while not store.full and (taken := frames.take(store.spare)) is not None:
+                store.put(*taken)
             context.applied()
             context.row["cpu_ns"] = time.process_time_ns()
             try:
@@ -157,8 +164,10 @@ def main(context: Context) -> None:
                 context.request("record", path="")
     finally:
         store.close()
+        frames.close()
         eyes.close()
-        lost = f", {context.row['drops']} lost" if context.row["drops"] else ""
+        missed = int(context.row["drops"]) - lost_before
+        lost = f", {missed} lost" if missed else ""
         try:
             end_manifest(folder, manifest, store.count, store.checksums)
             text = f"recorded {store.count} frames to {folder}{lost}"

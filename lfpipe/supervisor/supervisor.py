@@ -25,7 +25,7 @@ from lfpipe.observe.snapshot import snapshot
 from lfpipe.supervisor import child, placement, rundir
 from lfpipe.supervisor.desk import Desk
 from lfpipe.supervisor.levels import Levels, why
-from lfpipe.supervisor.loan import PictureLoan
+from lfpipe.supervisor.loan import PacketLoan, PictureLoan
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.supervisor.process import MAX_FAILURES, WINDOW_S, StageProcess
 from lfpipe.supervisor.table import STAGES, consumers, picture_ring, rings
@@ -62,7 +62,7 @@ class Supervisor:
         self._signals = 0
         self._segments: list[SharedMemory] = []
         self._draining_ns = 0
-        self.loan = PictureLoan(session)
+        self.loan, self._packets = PictureLoan(session), PacketLoan(session)
         names = [stage.name for stage in STAGES]
         where = "none" if lossless and config.governor.affinity == "auto" else config.governor.affinity
         self._cpus = placement.cores(where, names, os.sched_getaffinity(0))
@@ -107,6 +107,7 @@ class Supervisor:
             self._segments.append(status.create(self.session.segment("status"), names))
             for name, spec in rings(self.config).items():
                 self._segments.append(ring.create(self.session.segment(name), spec))
+            self.options = self._packets.follow(self.config, self.options)
         except UserError:
             self._unlink()
             raise
@@ -123,6 +124,7 @@ class Supervisor:
 
     def _unlink(self) -> None:
         self.loan.end()
+        self._packets.end()
         for memory in self._segments:
             with contextlib.suppress(FileNotFoundError):
                 memory.unlink()
@@ -271,9 +273,12 @@ class Supervisor:
                 self._tell(text)
 
     def change(self, config: Config | None = None, options: dict[str, Any] | None = None, paused: bool | None = None) -> int:
-        """Takes a checked change as a whole and tells every stage; returns its revision."""
+        """Takes a checked change as a whole and tells every stage; returns its revision.
+
+        Raises UserError, and changes nothing, where there is no memory for the ring of a recording.
+        """
+        self.options = self._packets.follow(self.config, self.options if options is None else options)
         self.config = self.config if config is None else config
-        self.options = self.options if options is None else options
         self.paused = self.paused if paused is None else paused
         self.levels.follow(self.config, self.options)
         self.options = {**self.options, "level": self.levels.now.option()}

@@ -1,0 +1,54 @@
+"""The frames of a live session as a recorder wants them: in order, each as the JPEG that it came as, where there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.capture.packets import PacketInput
+from lfpipe.transport.context import Context
+from lfpipe.transport.ring import Stamp
+
+
+class Incoming:
+    """width_px, height_px: of the frames as they will be stored, which is the source's own size where it delivers JPEGs."""
+
+    def __init__(self, context: Context, anew: bool) -> None:
+        """anew: what was published until now is not to be had, nor counted as lost."""
+        self._row, self._frames = context.row, context.input("frames")
+        if anew:
+            self._frames.skip()
+        part = context.options.get("packets", "")
+        self.shape: tuple[int, ...] = self._frames.reader.shape
+        self.height_px, self.width_px = self.shape[:2]
+        self._packets, self._begun = None, not anew  # type: tuple[PacketInput | None, bool]
+        if part:
+            try:
+                self._packets = PacketInput(context.spec.session, part)
+            except FileNotFoundError:
+                return  # stopped before it began
+            self.width_px, self.height_px = context.options["jpeg_px"]
+
+    def take(self, spare: Callable[[], NDArray[np.uint8]]) -> tuple[Stamp, NDArray[np.uint8] | bytes] | None:
+        """The next frame: its JPEG, or else its picture, copied into an array of `shape` that spare gives; None for none yet."""
+        while (lent := self._frames.lend(in_order=True)) is not None:
+            stamp, slot = lent
+            packet = self._packets.of(stamp) if self._packets else None
+            if packet is not None:
+                self._begun = True
+                return stamp, packet
+            if self.shape[:2] != (self.height_px, self.width_px):
+                self._row["drops"] += self._begun  # scaled, it would be no frame of this recording
+                continue
+            picture = spare()
+            np.copyto(picture, slot)
+            if self._frames.whole(stamp):
+                return stamp, picture
+        return None
+
+    def close(self) -> None:
+        """Unmaps the packets."""
+        if self._packets is not None:
+            self._packets.close()
