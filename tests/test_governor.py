@@ -1,0 +1,244 @@
+"""The governor's logic under loads of any shape, and the ladder, cores and niceness it is given."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import attrs
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfpipe.config import Config, Render
+from lfpipe.config import Governor as GovernorConfig
+from lfpipe.errors import UserError
+from lfpipe.quality import METHODS, drawn_with, ladder, lowered, number, tracked_every
+from lfpipe.supervisor import placement
+from lfpipe.supervisor.governor import GAP_S, Governor, Load, Step
+from lfpipe.transport.clock import SECOND_NS
+
+DT_NS = SECOND_NS // 10
+ALL = frozenset(("capture", "track", "render"))
+EASY = {"capture": Load(3, 0, 3_000_000), "track": Load(3, 0, 6_000_000), "render": Load(6, 0, 12_000_000)}
+TIGHT = {**EASY, "render": Load(6, 0, 75_000_000)}  # neither lag nor room
+LATE = {**EASY, "render": Load(3, 3, 60_000_000)}
+FULL = {**EASY, "render": Load(6, 0, 97_000_000)}
+LOST = {**EASY, "track": Load(2, 1, 60_000_000)}
+Loads = dict[str, Load]
+LAGS = (LATE, FULL, LOST)
+
+
+class Run:
+    """A governor fed every DT_NS; steps: (time in s, step)."""
+
+    def __init__(self, levels: int = 5, **times_s: float) -> None:
+        self.governor = Governor([ALL] * levels, **times_s)
+        self.t_ns = 0
+        self.steps: list[tuple[float, Step]] = []
+        self.governor.update(0, EASY)
+
+    def feed(self, loads: Loads, dt_ns: int = DT_NS) -> Step | None:
+        self.t_ns += dt_ns
+        step = self.governor.update(self.t_ns, loads)
+        if step is not None:
+            self.steps.append((self.t_ns / 1e9, step))
+        return step
+
+    def feed_for(self, loads: Loads, seconds: float) -> None:
+        for _ in range(round(seconds * SECOND_NS / DT_NS)):
+            self.feed(loads)
+
+    @property
+    def rises(self) -> list[float]:
+        return [t_s for t_s, step in self.steps if not step.stage]
+
+
+spells = st.lists(st.tuples(st.sampled_from((EASY, TIGHT, LATE, FULL, LOST)), st.floats(0.1, 15)), max_size=25)
+
+
+@settings(max_examples=40)
+@given(spells)
+def test_one_level_at_a_time_down_after_half_a_second_of_lag_and_up_after_five_of_room(load: list[tuple[Loads, float]]) -> None:
+    run = Run()
+    before, lag_s, room_s = 0, 0.0, 0.0
+    for loads, seconds in load:
+        for _ in range(round(seconds * SECOND_NS / DT_NS)):
+            lag_s += 0.1 * (loads in LAGS)
+            room_s += 0.1 * (loads is EASY)
+            step = run.feed(loads)
+            assert run.governor.level == before if step is None else abs(step.level - before) == 1
+            if step is not None:
+                assert lag_s > 0.5 - 1e-6 if step.level > before else room_s > 5 - 1e-6
+                assert (step.stage in ALL) == (step.level > before)
+                before, lag_s, room_s = step.level, 0.0, 0.0
+            assert 0 <= run.governor.level <= 5
+
+
+@pytest.mark.parametrize("lag", LAGS, ids=["late", "full", "lost"])
+def test_lag_that_lasts_takes_every_level_and_room_that_lasts_gives_all_back(lag: Loads) -> None:
+    run = Run()
+    run.feed_for(lag, 5 * 0.5 + 0.6)
+    assert run.governor.level == 5
+    run.feed_for(EASY, 5 * 5.0 + 0.6)
+    assert run.governor.level == 0 and len(run.steps) == 10
+
+
+@pytest.mark.parametrize("long", [1, 2, 4])
+def test_a_hiccup_is_no_lag(long: int) -> None:
+    run = Run()
+    for _ in range(50):
+        run.feed_for(LATE, 0.1 * long)
+        run.feed_for(EASY, 0.3 * long)
+    assert run.steps == []
+
+
+def test_a_process_that_was_stopped_for_long_and_goes_on_has_not_lagged() -> None:
+    run = Run()
+    for _ in range(15):
+        run.feed({**EASY, "render": Load(0, 0, 0)})
+    run.feed({**EASY, "render": Load(6, 90, 5_000_000)})
+    run.feed_for(EASY, 2)
+    assert run.steps == []
+
+
+def test_pictures_that_take_a_second_each_are_lag() -> None:
+    run = Run()
+    for _ in range(4):
+        for _ in range(9):
+            run.feed({**EASY, "render": Load(0, 0, 0)})
+        run.feed({**EASY, "render": Load(1, 59, SECOND_NS)})
+    assert run.governor.level >= 1 and run.steps[0][1].stage == "render"
+
+
+def test_an_idle_stage_is_no_room() -> None:
+    run = Run()
+    run.feed_for(LATE, 0.6)
+    run.feed_for({**EASY, "render": Load(0, 0, 0)}, 60)
+    assert run.governor.level == 1
+
+
+@settings(max_examples=20)
+@given(st.floats(GAP_S + 0.01, 3600))
+def test_a_gap_in_time_says_nothing(gap_s: float) -> None:
+    run = Run()
+    run.feed_for(LATE, 0.6)
+    run.feed_for(EASY, 4.8)
+    run.feed(EASY, int(gap_s * 1e9))
+    run.feed_for(EASY, 4.8)
+    assert run.governor.level == 1
+    run.feed(LATE, int(gap_s * 1e9))
+    run.feed_for(LATE, 0.4)
+    assert run.governor.level == 1
+
+
+def test_a_level_that_cannot_be_kept_is_tried_less_and_less_often() -> None:
+    run = Run(levels=1)
+    for _ in range(20_000):  # 2000 s: the machine is fast enough for level 1 and never for level 0
+        run.feed(EASY if run.governor.level else LATE)
+    gaps = [b - a for a, b in pairwise(run.rises)]
+    assert len(run.rises) <= 12
+    assert all(later > min(1.8 * gap, 299) for gap, later in pairwise(gaps))
+    assert max(gaps) < 302, "and yet tried"
+
+
+@settings(max_examples=20)
+@given(st.floats(0.6, 60), st.floats(0.6, 60))
+def test_load_that_comes_and_goes_moves_no_level_up_more_often_than_the_hold(on_s: float, off_s: float) -> None:
+    run = Run(levels=1)
+    while run.t_ns < 600 * SECOND_NS:
+        run.feed_for(LATE, on_s)
+        run.feed_for(EASY, off_s)
+    rises = run.rises
+    assert all(b - a > 5.5 - 1e-6 for a, b in pairwise(rises))
+    if on_s + off_s < 10:  # each try fails within twice the hold
+        assert len(rises) <= 8
+
+
+def test_what_a_stage_did_while_it_lagged_is_told() -> None:
+    run = Run()
+    run.feed_for(EASY, 1)
+    run.feed_for(LATE, 0.5)
+    (_, step), = run.steps
+    assert step == Step(1, "render", Load(15, 15, 300_000_000), pytest.approx(0.5))
+
+
+def test_a_stage_on_a_core_of_its_own_is_not_helped_by_the_others() -> None:
+    governor = Governor([frozenset(("capture", "render")), frozenset(("track",))])
+    steps = [governor.update(i * DT_NS, LOST) for i in range(100)]
+    assert steps == [None] * 100
+
+
+def _scene(folder: Path, method: str, disparity: str) -> dict[str, object]:
+    folder.mkdir(exist_ok=True)
+    (folder / "manifest.json").write_text(json.dumps({"method": method, "disparity": {"source": disparity}}))
+    return {"pack": str(folder), "tracking": True}
+
+
+@pytest.mark.parametrize(
+    ("asked", "scene", "disparity", "wanted"),
+    [
+        ("warp2", "warp", "estimated", ["warp2", "warp", "blend", "nearest"]),
+        ("auto", "warp", "estimated", ["warp", "blend", "nearest"]),
+        ("auto", "nearest", "none", ["nearest"]),
+        ("warp2", "nearest", "none", ["nearest"]),
+        ("blend", "warp2", "estimated", ["blend", "nearest"]),
+    ],
+)
+def test_the_ladder_begins_at_what_is_asked_for_and_goes_no_higher(
+    tmp_path: Path, asked: str, scene: str, disparity: str, wanted: list[str]
+) -> None:
+    config = Config(render=Render(method=asked))  # type: ignore[arg-type]
+    levels = ladder(config, _scene(tmp_path, scene, disparity))
+    assert [level.number for level in levels] == list(range(len(levels)))
+    assert list(dict.fromkeys(level.method for level in levels)) == wanted
+    assert [(level.method, level.rate_hz, level.every) for level in levels[-2:]] == [("nearest", 30.0, 1), ("nearest", 30.0, 2)]
+    assert len({level.words for level in levels}) == len(levels) and levels[0].words == "full"
+    assert wanted[0] == drawn_with(asked, scene, disparity != "none") and wanted[0] in METHODS
+
+
+def test_no_level_slows_the_camera_clock_and_none_is_there_where_nothing_is_shown(tmp_path: Path) -> None:
+    options = _scene(tmp_path, "warp", "estimated")
+    paper = Config(render=Render(clock="camera", method="nearest"))
+    assert len(ladder(paper, options)) == 1
+    assert {level.every for level in ladder(Config(render=Render(clock="camera")), options)} == {1}
+    assert len(ladder(Config(), {"render": False, "tracking": False})) == 1
+    assert [level.rate_hz for level in ladder(Config(render=Render(method="nearest", rate_hz=120)), options)] == [120, 60, 30, 30]
+
+
+def test_a_level_reaches_the_stages_and_leaves_the_configuration_alone(tmp_path: Path) -> None:
+    config, options = Config(), _scene(tmp_path, "warp", "estimated")
+    for level in ladder(config, options):
+        told = {**options, "level": json.loads(json.dumps(level.option()))}
+        work = lowered(config, told)
+        assert (number(told), tracked_every(told)) == (level.number, level.every)
+        assert work == config if not level.number else (work.render.method, work.render.rate_hz) == (level.method, level.rate_hz)
+        assert attrs.evolve(work, render=config.render) == config
+    assert lowered(config, options) is config and number(options) == 0 and tracked_every(options) == 1
+
+
+NAMES = ("capture", "track", "render", "record")
+
+
+def test_two_cores_give_tracking_one_of_its_own_and_more_or_fewer_leave_it_to_the_system() -> None:
+    assert placement.cores("auto", NAMES, {4, 6}) == {"capture": (4,), "track": (6,), "render": (4,), "record": (6,)}
+    assert placement.cores("auto", NAMES, {0}) == placement.cores("auto", NAMES, range(8)) == {}
+    assert placement.cores("none", NAMES, {0, 1}) == {}
+    assert placement.cores("track=1, render=2+0", NAMES, range(4)) == {"track": (1,), "render": (0, 2)}
+    assert placement.niceness("track=5,render=-3", NAMES) == {"track": 5, "render": -3}
+    assert placement.niceness(GovernorConfig().nice, NAMES) == {}
+
+
+@pytest.mark.parametrize("text", ["track", "trakc=1", "track=x", "track=", "track=1+", "track=7", "track=-1", "track=1;render=0"])
+def test_wrong_cores_are_named_with_a_remedy(text: str) -> None:
+    with pytest.raises(UserError, match="affinity") as error:
+        placement.cores(text, NAMES, {0, 1})
+    assert error.value.remedy
+
+
+@pytest.mark.parametrize("text", ["track", "track=x", "track=20", "track=-21", "me=1", "track=1.5"])
+def test_wrong_niceness_is_named_with_a_remedy(text: str) -> None:
+    with pytest.raises(UserError, match="nice") as error:
+        placement.niceness(text, NAMES)
+    assert error.value.remedy
