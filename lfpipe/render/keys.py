@@ -18,13 +18,14 @@ from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.histogram import summary_ms
-from lfpipe.transport.status import rate_hz
+from lfpipe.transport.status import State, rate_hz
 
 ALPHA_STEP = 1.1
 DEPTH_STEP_PX = 0.1
 INSET_PX = 120
 MODES = get_args(get_args(get_type_hints(Render, include_extras=True)["anaglyph"])[0])
 OVERLAY_NS = SECOND_NS // 2
+LOST = "camera lost, trying again"
 
 
 class Keys:
@@ -33,7 +34,7 @@ class Keys:
     def __init__(self, context: Context, viewer: Viewer, presenter: Presenter, display: Display) -> None:
         self._context, self._viewer, self._presenter, self._display = context, viewer, presenter, display
         self._overlay_due_ns = 0
-        self._overlay = False
+        self._overlay = self._lost = False
 
     def serve(self) -> None:
         """Carries out what was pressed since the last call, and keeps the overlay fresh."""
@@ -47,7 +48,7 @@ class Keys:
                 self._screenshot()
             elif event == "overlay":
                 self._overlay, self._overlay_due_ns = not self._overlay, 0
-                self._display.overlay([])
+                self._display.overlay([LOST] if self._lost else [])
             elif event == "freeze":
                 self._context.request("resume" if self._context.paused else "pause")
             elif event == "mode":
@@ -60,9 +61,13 @@ class Keys:
                 step = ALPHA_STEP if event == "alpha+" else 1 / ALPHA_STEP
                 self._context.request("set", set={"render.alpha_px": round(self._viewer.parallax.alpha_px * step, 3)})
         self.pass_on_notices()
+        lost = bool(self._context.table.rows["capture"]["state"] == State.READY)  # it has no camera to take frames of
+        if lost != self._lost:
+            self._lost, self._overlay_due_ns = lost, 0
+            self._display.overlay([LOST] if lost else [])
         if self._overlay and now_ns() >= self._overlay_due_ns:
             self._overlay_due_ns = now_ns() + OVERLAY_NS
-            self._display.overlay(self._lines(), self._map())
+            self._display.overlay([*([LOST] if lost else []), *self._lines()], self._map())
             self._presenter.redraw()
 
     def pass_on_notices(self) -> None:

@@ -21,6 +21,7 @@ from lfpipe.transport.session import Session
 from lfpipe.transport.status import State, Table
 from tests.faults.scripted_camera import open_scripted
 from tests.world import World
+from tests.xvfb_screen import Screen
 
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 
@@ -100,6 +101,30 @@ def test_one_session_outlives_all_that_happens_to_its_camera(world: World, scene
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=10)
     assert process.returncode == 0 and "Traceback" not in err and "camera lost, trying again" in err, err
+
+
+def test_the_last_picture_stays_on_the_screen_with_a_notice(world: World, scene: Path, screen: Screen, tmp_path: Path) -> None:
+    node = tmp_path / "video0"
+    node.write_text("frames")
+    world.module = "tests.faults.scripted_camera"
+    world.env["DISPLAY"] = screen.name
+    fixed = ("--camera", f"camera:{node}", "--trace", world.trace, "--session", world.name, "--display", "window")
+    world.start("up", scene, *fixed, *CAMERA, "--set", "render.anaglyph=colour", "--set", "render.light=gamma")
+    world.pictures(5)
+
+    def letters() -> bool:
+        return bool((screen.picture() == 255).all(axis=-1).any())
+
+    world.wait_for(lambda: not letters(), "window without a word", 15)
+    node.unlink()
+    world.wait_for(letters, "notice on the screen", 10)
+    last = world.lines()[-1]["view"]
+    shown = screen.shown()[-20:, -20:].reshape(-1, 3)
+    (left_row, left_col), (right_row, right_col) = last["left"], last["right"]
+    wanted = [8 * right_row + 5, 8 * right_col + 5, 8 * (3 * left_row + left_col) + 5]
+    assert (shown == wanted).all(), "the last picture stays"
+    node.write_text("frames")
+    world.wait_for(lambda: not letters(), "window without the notice", 15)
 
 
 def test_a_camera_that_is_not_there_at_the_start_is_a_mistake(world: World, scene: Path, tmp_path: Path) -> None:
