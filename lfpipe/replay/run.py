@@ -39,7 +39,8 @@ def replay_config(sequence: Sequence, file: str | None, sets: tuple[str, ...]) -
     named = {config_module.parse_set(text)[0] for text in sets}
     recorded = sequence.manifest.get("config", {}).get("camera", {})
     camera = {f"camera.{key}": recorded[key] for key in ("focal_px", "fov_deg") if key in recorded}
-    camera |= {"camera.width_px": sequence.width_px, "camera.height_px": sequence.height_px}
+    size = {"width_px": sequence.width_px, "height_px": sequence.height_px}
+    camera |= {f"camera.{key}": recorded.get(key, own) for key, own in size.items()}  # its JPEGs may have been scaled
     camera["camera.rate_hz"] = min(max(sequence.measured_hz, 0.1), 1000.0)
     return config_module.updated(config, {key: value for key, value in camera.items() if key not in named})
 
