@@ -8,6 +8,7 @@ import importlib
 import os
 import signal
 import sys
+import traceback
 from pathlib import Path
 from types import FrameType
 
@@ -31,7 +32,7 @@ def error_file(run_dir: Path, stage: str) -> Path:
 
 
 def stack_file(run_dir: Path, stage: str) -> Path:
-    """Where a hung stage's stack goes, on SIGUSR1."""
+    """Where the last stack of a stage goes: of a hung one, on SIGUSR1, of one that fails, and of one that crashes."""
     return run_dir / f"stack.{stage}"
 
 
@@ -68,6 +69,8 @@ def run(spec: StageSpec, parent_pid: int) -> None:
         code = EXIT_USER
     except Exception:
         if os.getppid() == parent_pid:
+            traceback.print_exc(file=stack)
+            stack.flush()
             sys.excepthook(*sys.exc_info())
             code = 1
     if terminated and code == 0:

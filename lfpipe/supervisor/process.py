@@ -21,6 +21,8 @@ from lfpipe.transport.status import State
 
 WINDOW_S, MAX_FAILURES = 60.0, 5
 FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0
+ASLEEP_S = 1.0  # a supervisor that has not judged for so long was stopped or starved, and most likely the stages with it
+MAX_STACK = 4000  # characters of it that are told
 
 
 class StageProcess:
@@ -32,6 +34,7 @@ class StageProcess:
         self.next_start_ns = 0
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
         self.wanted = False
+        self._judged_ns = self._excused_ns = now_ns()
 
     @property
     def alive(self) -> bool:
@@ -64,24 +67,31 @@ class StageProcess:
         return int(code)
 
     def overdue(self) -> str:
-        """Why the process must be taken for hung, or nothing."""
+        """Why the process must be taken for hung, or nothing. Ask often: after ASLEEP_S without a question all that the stage may
+        have missed until now is forgiven, for it had as little chance to beat as its judge to ask.
+        """
         t_ns = now_ns()
+        if t_ns - self._judged_ns > ASLEEP_S * 1e9:
+            self._excused_ns = t_ns
+        self._judged_ns = t_ns
         if self.process is None or self.row["state"] == State.STOPPING:
             return ""
         if not self.row["ready_ns"]:
-            waited_s = (t_ns - int(self.row["started_ns"])) / 1e9
+            waited_s = (t_ns - max(int(self.row["started_ns"]), self._excused_ns)) / 1e9
             return f"not ready {waited_s:.0f} s after its start" if waited_s > self.stage.start_s else ""
-        silent_s = (t_ns - int(self.row["beat_ns"])) / 1e9
+        silent_s = (t_ns - max(int(self.row["beat_ns"]), self._excused_ns)) / 1e9
         return f"no beat for {silent_s:.1f} s" if silent_s > self.stage.hang_s else ""
 
-    def last_stack(self) -> str:
+    def ask_stack(self) -> str:
         """What the process does now, as faulthandler sees it."""
-        if self.process is None or self.process.pid is None:
-            return ""
-        path = child.stack_file(self._session.run_dir, self.stage.name)
-        os.kill(self.process.pid, signal.SIGUSR1)
+        self.signal(signal.SIGUSR1)
         time.sleep(0.05)
-        return path.read_text() if path.exists() else ""
+        return self.last_stack()
+
+    def last_stack(self) -> str:
+        """What the process was asked for, or left when it died of an error; empty where it was killed."""
+        path = child.stack_file(self._session.run_dir, self.stage.name)
+        return path.read_text(errors="replace")[-MAX_STACK:].rstrip() if path.exists() else ""
 
     def failed(self) -> bool:
         """Counts a failure and sets the next start; True when there were too many of them."""

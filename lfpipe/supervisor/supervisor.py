@@ -209,7 +209,7 @@ class Supervisor:
         for process in self.processes.values():
             name = process.stage.name
             if why := process.overdue():
-                stack = process.last_stack()
+                stack = process.ask_stack()
                 process.signal(signal.SIGKILL)
                 self._tell(f"{name}: {why}, killed\n{stack}".rstrip())
             code = process.reap()
@@ -233,12 +233,14 @@ class Supervisor:
         phase = "RUNNING" if row["ready_ns"] else "STARTING"
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         said = f": {died_of[0]}" if died_of else ""
-        self._desk.publish("failed", stage=name, code=code, phase=phase)
+        last = int(row["source_seq"])
+        self._desk.publish("failed", stage=name, code=code, phase=phase, source_seq=last)
         if process.failed():
+            stack = process.last_stack()
             self.outcome = Outcome(
                 f"{name} failed {MAX_FAILURES} times in {WINDOW_S:.0f} s",
                 f"{name} failed {MAX_FAILURES} times in {WINDOW_S:.0f} s, last in {phase} with {how}{said}, "
-                f"after source_seq {int(row['source_seq'])}",
+                f"after source_seq {last}" + (f"; its last stack:\n{stack}" if stack else "; it left no stack"),
                 "the lines above say what it died of; `lfpipe doctor` checks the machine",
             )
         else:
