@@ -1,0 +1,100 @@
+"""JPEGs of a source go to disk as they are: what is recorded is byte for byte what the camera or the file gave."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from lfpipe.replay.packets import INDEX, PACKETS
+from lfpipe.replay.sequence import Sequence, checksum, open_sequence
+from lfpipe.transport.segment import SHM_DIR
+from tests.world import World
+
+SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")
+
+
+def _packets(video: Path) -> list[bytes]:
+    """The packets of a video as FFmpeg takes it apart."""
+    capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
+    assert capture.set(cv2.CAP_PROP_FORMAT, -1)
+    found = []
+    while capture.grab():
+        found.append(capture.retrieve()[1].tobytes())
+    return found
+
+
+def _same(sequence: Sequence, given: list[bytes]) -> bool:
+    return all(sequence.data(p.seq) == given[p.source_seq % len(given)] and p.codec == "jpeg" for p in sequence.packets)
+
+
+def test_motion_jpeg_from_a_file(world: World, short: Path) -> None:
+    played, video, out = open_sequence(short), world.root / "v.avi", world.root / "rec"
+    writer = cv2.VideoWriter(str(video), cv2.CAP_OPENCV_MJPEG, cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (320, 240))
+    for packet in played.packets:
+        writer.write(played.frame(packet.seq))
+    writer.release()
+    done = world.run("record", out, "--camera", f"file:{video}?loop=0&pace=max", *SMALL)
+    assert done.returncode == 0 and "recorded 60 frames" in done.stderr, done.stderr
+    recorded, given = open_sequence(out), _packets(video)
+    assert len(given) == len(recorded.packets) == 60 and _same(recorded, given)
+    assert (out / PACKETS).read_bytes() == b"".join(given)
+    assert recorded.manifest["checksums"] == {name: checksum(out / name) for name in (PACKETS, INDEX)}
+
+
+def test_jpegs_of_another_size_stay_and_replay_as_they_were_tracked(world: World, short: Path, blocks: Path) -> None:
+    folder, out = world.root / "jpegs", world.root / "rec"
+    folder.mkdir()
+    given = []
+    for number, frame in ((k, open_sequence(short).frame(k)) for k in range(12)):
+        big = cv2.resize(frame, (400, 300), interpolation=cv2.INTER_CUBIC)
+        given.append(cv2.imencode(".jpg", big, [cv2.IMWRITE_JPEG_QUALITY, 85 + number % 10])[1].tobytes())
+        (folder / f"{number}.jpg").write_bytes(given[-1])
+    done = world.run("record", out, "--camera", f"file:{folder}?loop=0&pace=30", "--with-eyes", *SMALL)
+    assert done.returncode == 0, done.stderr
+    recorded = open_sequence(out)
+    assert (recorded.width_px, recorded.height_px) == (400, 300) and len(recorded.packets) > 3 and _same(recorded, given)
+    runs = []
+    for name in ("one", "two"):
+        done = world.run("replay", out, "--scene", blocks, "--out", world.root / name)
+        assert done.returncode == 0, done.stderr
+        runs.append(json.loads((world.root / name / "report.json").read_text()))
+    assert runs[0]["digests"] == runs[1]["digests"]
+    assert runs[0]["config"]["camera"]["width_px"] == 320, "the size that was tracked, not that of the JPEGs"
+    tracked = {line["source_seq"]: line for line in map(json.loads, (out / "eyes.jsonl").read_text().splitlines())}
+    for line in map(json.loads, (world.root / "one" / "trace.jsonl").read_text().splitlines()):
+        then = tracked.get(recorded.packets[line["source_seq"]].source_seq)
+        if then is not None and then["face"] and line["face"]:  # not to the bit: the region looked at depends on frames before
+            assert np.abs(np.subtract(then["raw_px"], [line["eyes_raw"]["left"], line["eyes_raw"]["right"]])).max() < 1.0
+
+
+def test_a_live_session_lends_the_ring_only_while_it_records(world: World, short: Path, blocks: Path) -> None:
+    given = [open_sequence(short).data(k) for k in range(60)]
+
+    def rings() -> list[str]:
+        return [path.name for path in SHM_DIR.glob(f"*{world.name}-packets*")]
+
+    def recorder() -> dict[str, Any]:
+        return world.monitor()["stages"]["record"]
+
+    world.up(blocks, *SMALL, camera=f"file:{short}?loop=1&pace=60")
+    world.pictures(3)
+    assert rings() == []
+    missed = []
+    for number in range(2):
+        out = world.root / f"rec{number}"
+        assert world.run("ctl", "--session", world.name, "record", "start", out).returncode == 0
+        assert len(rings()) == 1
+        world.wait_for(lambda out=out: (out / INDEX).exists() and (out / INDEX).read_text().count("\n") > 20, "frames")
+        assert world.run("ctl", "--session", world.name, "record", "stop").returncode == 0
+        assert rings() == []
+        world.wait_for(lambda out=out: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
+        assert _same(open_sequence(out), given)
+        world.wait_for(lambda: recorder()["state"] == "DEAD", "end of the recorder")
+        missed.append(recorder()["dropped"])
+        if number == 0:
+            world.pictures(len(world.lines()) + 120)  # so many frames pass without a recording
+    assert missed[1] - missed[0] < 30, "frames between two recordings are not lost"
