@@ -1,0 +1,171 @@
+"""SIGSTOP and SIGCONT of each process and of all of them, as a suspended machine, a debugger or a starved host do it."""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import lfpipe
+from lfpipe.supervisor.process import ASLEEP_S, StageProcess
+from lfpipe.supervisor.table import STAGES
+from lfpipe.transport.clock import SLEPT_NS, SleepWatch
+from lfpipe.transport.session import Session
+from lfpipe.transport.status import State, Table
+from tests.world import World
+
+CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
+RATE_HZ = 30
+BACK_S = 1.0  # promised
+
+
+def _rows(world: World) -> dict[str, dict[str, int]]:
+    table = Table(Session(world.name).segment("status"))
+    try:
+        names = ("state", "pid", "restarts", "drops", "seq", "source_seq")
+        return {stage: {name: int(row[name]) for name in names} for stage, row in table.rows.items() if row["state"]}
+    finally:
+        table.close()
+
+
+def back_to_rate_s(lines: list[dict[str, Any]], t_ns: int, rate_hz: float = RATE_HZ, span_s: float = 0.5) -> float:
+    """From t_ns to the first picture from which on span_s go by at nine tenths of the rate and more; inf where there is none."""
+    shown = [line["t_presented_ns"] for line in lines if line["t_presented_ns"] >= t_ns]
+    needed = int(0.9 * rate_hz * span_s)
+    for first, last in zip(shown, shown[needed:], strict=False):
+        if last - first <= span_s * 1e9:
+            return (first - t_ns) / 1e9
+    return float("inf")
+
+
+def burst(lines: list[dict[str, Any]], t_ns: int) -> int:
+    """The most pictures in any 100 ms after t_ns."""
+    shown = [line["t_presented_ns"] for line in lines if line["t_presented_ns"] >= t_ns]
+    return max(sum(t <= other < t + 100_000_000 for other in shown) for t in shown)
+
+
+def _stopped(world: World, pids: list[int], for_s: float) -> tuple[int, int]:
+    """Stops and continues processes; the times."""
+    t_stop_ns = time.monotonic_ns()
+    for pid in pids:
+        os.kill(pid, signal.SIGSTOP)
+    time.sleep(for_s)
+    t_go_ns = time.monotonic_ns()
+    for pid in pids:
+        os.kill(pid, signal.SIGCONT)
+    return t_stop_ns, t_go_ns
+
+
+@pytest.mark.parametrize("clock", ["camera", "display"])
+def test_stopped_and_continued_each_process_and_all_are_back_at_rate(world: World, scene: Path, clip: Path, clock: str) -> None:
+    source = f"file:{clip}?loop=1&pace={RATE_HZ}"
+    sets = ("--set", f"render.clock={clock}", "--set", f"render.rate_hz={RATE_HZ}", "--set", "render.method=nearest")
+    supervisor = world.up(scene, *sets, camera=source, start_new_session=True)
+    world.pictures(30)
+    before = _rows(world)
+    pids = {name: [row["pid"]] for name, row in before.items()} | {"supervisor": [supervisor.pid]}
+    pids["all"] = [supervisor.pid, *(row["pid"] for row in before.values())]
+    long_s, short_s = STAGES[0].hang_s + 0.4, 1.2  # longer and shorter than a stage may be silent
+    plan = [("all", long_s), ("render", short_s)]
+    if clock == "camera":
+        plan += [("supervisor", long_s), ("capture", short_s), ("track", short_s)]
+    for name, for_s in plan:
+        t_stop_ns, t_go_ns = _stopped(world, pids[name], for_s)
+        end = time.monotonic() + 6
+        while (taken_s := back_to_rate_s(world.lines(), t_go_ns)) == float("inf") and time.monotonic() < end:
+            time.sleep(0.1)
+        assert taken_s <= BACK_S, f"{name}: back at rate after {taken_s:.2f} s"
+        lines = world.lines()
+        assert burst(lines, t_go_ns) <= 0.1 * RATE_HZ * 2 + 1, f"{name}: missed time is skipped, not made up for"
+        if name == "supervisor":
+            during = [t for line in lines if t_stop_ns < (t := line["t_presented_ns"]) < t_go_ns]
+            assert len(during) >= 0.9 * RATE_HZ * for_s, "pictures need no supervisor"
+        print(f"{clock} clock, {name} stopped for {for_s} s: back at rate after {1000 * taken_s:.0f} ms")
+    after = _rows(world)
+    assert {name: (row["pid"], row["restarts"]) for name, row in after.items()} == {
+        name: (row["pid"], 0) for name, row in before.items()
+    }, "nobody was taken for hung"
+    world.run("ctl", "--session", world.name, "stop")
+    supervisor.wait(10)
+
+
+def test_a_recording_that_stood_still_goes_on_where_it_stood_and_every_frame_is_accounted_for(
+    world: World, scene: Path, clip: Path
+) -> None:
+    world.up(scene, *CAMERA, camera=f"file:{clip}?loop=1&pace={RATE_HZ}")
+    world.pictures(20)
+    capture = _rows(world)["capture"]["pid"]
+    for for_s in (0.5, 1.6):
+        _stopped(world, [capture], for_s)
+        time.sleep(1.0)
+    os.kill(capture, signal.SIGSTOP)  # so that the books do not change while they are read
+    time.sleep(0.3)
+    rows = _rows(world)
+    assert rows["capture"]["seq"] + rows["capture"]["drops"] in (
+        rows["capture"]["source_seq"] + 1,
+        rows["capture"]["source_seq"] + 2,
+    )
+    lines = world.lines()
+    stamps = [(line["source_seq"], line["t_sensor_ns"]) for line in lines]
+    skipped = [(b[0] - a[0] - 1, (b[1] - a[1]) / 1e9) for a, b in itertools.pairwise(stamps)]
+    short = [(n, s) for n, s in skipped if 0.35 < s < 1.0]
+    long = [(n, s) for n, s in skipped if s > 1.3]
+    assert len(long) == 1 and long[0][0] <= 2, "after a long gap the schedule is moved: no frame is passed over"
+    assert len(short) == 1 and short[0][0] >= 8, "a short one costs the frames that a camera would have lost"
+    os.kill(capture, signal.SIGCONT)
+
+
+def test_a_judge_that_slept_forgives_and_one_that_did_not_does_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    t_ns = 10**12
+    monkeypatch.setattr("lfpipe.supervisor.process.now_ns", lambda: t_ns)
+    row = {"state": State.RUNNING, "ready_ns": t_ns, "started_ns": t_ns, "beat_ns": t_ns}
+    stage = STAGES[0]
+    judged = StageProcess(stage, Session("x"), row)  # type: ignore[arg-type]
+    judged.process = object()  # type: ignore[assignment]  # overdue asks no more than whether there is one
+    for _ in range(int(10 * stage.hang_s)):
+        t_ns += 100_000_000
+        assert not judged.overdue()
+    t_ns += 100_000_000
+    assert "no beat" in judged.overdue(), "a hung stage is found while its judge is awake"
+    row["beat_ns"] = t_ns
+    t_ns += int(3600e9)
+    assert not judged.overdue() and ASLEEP_S < 3600, "both slept"
+    for _ in range(int(10 * stage.hang_s)):
+        t_ns += 100_000_000
+        assert not judged.overdue()
+    t_ns += 100_000_000
+    assert "no beat" in judged.overdue(), "forgiven once, not for ever"
+    row["ready_ns"] = 0
+    t_ns += int(3600e9)
+    assert not judged.overdue(), "nor is a start that was interrupted too slow"
+
+
+def test_a_sleep_of_the_machine_is_noticed_once() -> None:
+    asleep_ns = 5_000_000_000
+    watch = SleepWatch(lambda: asleep_ns)
+    assert not watch.woke()
+    asleep_ns += SLEPT_NS - 1
+    assert not watch.woke(), "the clocks are not read at the same moment"
+    asleep_ns += 1
+    assert watch.woke() and not watch.woke()
+    assert not SleepWatch().woke(), "this machine has not slept in between"
+
+
+def test_no_process_of_a_session_reads_the_wall_clock_after_its_start() -> None:
+    """So that a step of it changes nothing: it appears where files are named and dated, and nowhere else."""
+    wall = {"time", "time_ns", "now", "utcnow", "today", "gmtime", "localtime"}
+    root = Path(lfpipe.__file__).parent
+    found = []
+    for room in ("capture", "track", "render", "transport", "supervisor", "replay"):
+        for path in sorted((root / room).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text())):
+                named = isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+                if named and node.value.id in ("time", "datetime") and node.attr in wall:
+                    found.append(f"{path.name}: {node.value.id}.{node.attr}")
+    assert not found
