@@ -6,11 +6,12 @@ refresh younger than one composed just before: the phase creeps there, by so lit
 
 from __future__ import annotations
 
-from lfpipe.transport.clock import MS_NS, Ticker
+from lfpipe.transport.clock import MS_NS, SECOND_NS, Ticker
 
 SLACK = 0.2  # of a period, 3 ms at the most: how late eyes may come and still be in time
 GAIN = 0.05
 LARGEST_STEP = 0.01  # of a period
+LONGEST_NS = SECOND_NS // 2  # from frame to frame; beyond, the camera or the machine stood still
 NEAR_RATIO = 0.01  # how near to a whole number the ratio of the two rates must be
 
 
@@ -45,7 +46,8 @@ class Refresh:
     def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int, lead_ns: int) -> None:
         """New eyes, of that frame, came at t_eyes_ns; a picture takes lead_ns from its start to the screen."""
         last, self._last = self._last, (source_seq, t_sensor_ns)
-        if last is None or source_seq <= last[0]:
+        if last is None or source_seq <= last[0] or t_sensor_ns - last[1] > LONGEST_NS:
+            self._locked = False  # the first frame, or the first after a gap: its phase is another one
             return
         period_ns = (t_sensor_ns - last[1]) / (source_seq - last[0])
         self._camera_period_ns += (period_ns - self._camera_period_ns) * (GAIN if self._camera_period_ns else 1.0)

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import lfpipe
+from lfpipe.render.refresh import Refresh
 from lfpipe.supervisor.process import ASLEEP_S, StageProcess
 from lfpipe.supervisor.table import STAGES
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
@@ -119,6 +120,24 @@ def test_a_recording_that_stood_still_goes_on_where_it_stood_and_every_frame_is_
     assert len(long) == 1 and long[0][0] <= 2, "after a long gap the schedule is moved: no frame is passed over"
     assert len(short) == 1 and short[0][0] >= 8, "a short one costs the frames that a camera would have lost"
     os.kill(capture, signal.SIGCONT)
+
+
+@pytest.mark.parametrize("gap_s", [3.0, 3600.0])
+def test_after_a_gap_the_display_finds_the_cameras_new_phase_at_once(gap_s: float) -> None:
+    t_ns, period_ns, refresh_ns = 10**12, 10**9 // 30, 10**9 / 60
+    refresh = Refresh(60.0, t_ns)
+    for seq in range(100):
+        t_ns += period_ns
+        refresh.advance(t_ns)
+        refresh.heard(seq, t_ns, t_ns, 0)
+    settled_ns = (refresh.due_ns() - t_ns) % refresh_ns
+    t_ns += int(gap_s * 1e9) + 7_000_000  # neither a whole number of refreshes nor of frames
+    for seq in range(100, 103):
+        t_ns += period_ns
+        refresh.advance(t_ns)
+        refresh.heard(seq, t_ns, t_ns, 0)
+    off_ns = abs((refresh.due_ns() - t_ns) % refresh_ns - settled_ns)
+    assert min(off_ns, refresh_ns - off_ns) < 0.02 * refresh_ns
 
 
 def test_a_judge_that_slept_forgives_and_one_that_did_not_does_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
