@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from lfpipe.observe.snapshot import placed
+
 COLUMNS = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
 
 
@@ -26,6 +28,9 @@ def latency_table(state: dict[str, Any]) -> None:
         table.add_row(*head, *times, str(stage["dropped"]), str(stage["restarts"]))
     console = Console(width=None if Console().is_terminal else 140)
     console.print(table)
+    console.print(f"quality: {state['level_words']} (level {state['level']} of {state['lowest_level']})")
+    running = {name: stage for name, stage in state["stages"].items() if stage["cpus"]}
+    console.print(f"cores: {', '.join(placed(name, stage['cpus'], stage['nice']) for name, stage in running.items())}")
     age = state["end_to_end"]
     console.print(
         f"picture's age when presented, sensor to screen: p50 {age['p50_ms']:.2f}, p95 {age['p95_ms']:.2f}, "

@@ -12,6 +12,7 @@ import numpy as np
 from lfpipe.errors import UserError
 from lfpipe.observe.attachment import Attachment
 from lfpipe.observe.meter import Counts, Reading, Times
+from lfpipe.observe.snapshot import spans
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 
@@ -49,6 +50,8 @@ def message(reading: Reading | None, told: dict[str, Any]) -> dict[str, Any]:
             "restarts": stage.restarts,
             "cpu": round(stage.cpu_percent, 1),
             "rss": round(stage.rss_mb, 1),
+            "cpus": spans(stage.cpus),
+            "nice": stage.nice,
             "hist": binned(stage.busy_counts),
         }
         for stage in reading.stages
@@ -58,6 +61,9 @@ def message(reading: Reading | None, told: dict[str, Any]) -> dict[str, Any]:
         "uptime_s": round(reading.uptime_s, 2),
         "camera_hz": round(reading.camera_hz, 2),
         "face": reading.face,
+        "level": reading.level,
+        "lowest_level": reading.lowest_level,
+        "level_words": reading.level_words,
         "stages": stages,
         "age": _times(reading.age),
         "age_now": reading.age_now_ms,

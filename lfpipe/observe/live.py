@@ -13,6 +13,7 @@ from lfpipe.errors import UserError
 from lfpipe.observe.keyboard import Keyboard
 from lfpipe.observe.remote import Remote
 from lfpipe.observe.screen import Doing, Screen
+from lfpipe.observe.snapshot import spans
 from lfpipe.observe.watch import Follower, Watch
 from lfpipe.supervisor.rundir import find
 
@@ -33,9 +34,11 @@ def run(name: str, once: bool, form: str) -> None:
 
 def flat(state: dict[str, Any]) -> dict[str, Any]:
     """A snapshot as one row: numbers under names with dots, without the maps in full."""
-    row: dict[str, Any] = {key: state[key] for key in ("session", "uptime_s", "camera_fps")}
+    row: dict[str, Any] = {key: state[key] for key in ("session", "uptime_s", "camera_fps", "level", "level_words")}
     for part, values in (*state["stages"].items(), *((name, state[name]) for name in ("end_to_end", "horizon"))):
-        row.update({f"{part}.{key}": value for key, value in values.items() if not isinstance(value, dict)})
+        for key, value in values.items():
+            if not isinstance(value, dict):
+                row[f"{part}.{key}"] = spans(value) if isinstance(value, list) else value
     return row
 
 

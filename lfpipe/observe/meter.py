@@ -10,6 +10,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.observe.snapshot import quality, scheduling
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.status import State, Table, rate_hz
@@ -35,7 +36,8 @@ class Times:
 
 @attrs.frozen(eq=False)
 class StageReading:
-    """A stage now. wait, busy: of the last seconds. busy_counts: histogram since the last reset, on MIDDLES_US."""
+    """A stage now. wait, busy: of the last seconds. busy_counts: histogram since the last reset, on MIDDLES_US. cpus: cores that
+    it may run on."""
 
     name: str
     state: str
@@ -45,6 +47,8 @@ class StageReading:
     restarts: int
     cpu_percent: float
     rss_mb: float
+    cpus: tuple[int, ...]
+    nice: int
     wait: Times
     busy: Times
     worst: Times
@@ -55,12 +59,15 @@ class StageReading:
 class Reading:
     """A session now. age: of the picture when presented, over the last seconds; worst: since the reset; age_now_ms: since the
     reading before, None where no picture was composed. horizon: how far ahead of the sensor's stamp the eyes are predicted.
-    supervisor: (CPU %, RSS in MB)."""
+    level: of quality, 0 for full, with the last there is and what it takes away in words. supervisor: (CPU %, RSS in MB)."""
 
     uptime_s: float
     camera_hz: float
     face: bool
     config_rev: int
+    level: int
+    lowest_level: int
+    level_words: str
     stages: tuple[StageReading, ...]
     age: Times
     worst: Times
@@ -145,6 +152,7 @@ class Meter:
             camera_hz=rate_hz(self._table.rows["capture"]),
             face=bool(self._table.rows["track"]["face"]),
             config_rev=int(render["config_rev"]),
+            **quality(self._table),
             stages=tuple(self._stage(name, row, now, then) for name, row in self._table.rows.items() if row["state"]),
             age=times(now.counts["render", "age"] - then.counts["render", "age"]),
             worst=times(self._since_zero(now, "render", "age")),
@@ -166,6 +174,7 @@ class Meter:
     def _stage(self, name: str, row: NDArray[np.void], now: _Moment, then: _Moment) -> StageReading:
         pid, dropped = int(row["pid"]), now.drops[name]
         busy_counts = self._since_zero(now, name, "busy")
+        cores, nice = scheduling(pid)
         return StageReading(
             name=name,
             state=State(int(row["state"])).name,
@@ -175,6 +184,8 @@ class Meter:
             restarts=int(row["restarts"]),
             cpu_percent=self._cpu(now, then, pid),
             rss_mb=rss_mb(pid),
+            cpus=tuple(cores),
+            nice=nice,
             wait=times(now.counts[name, "wait"] - then.counts[name, "wait"]),
             busy=times(now.counts[name, "busy"] - then.counts[name, "busy"]),
             worst=times(busy_counts),

@@ -51,11 +51,16 @@ class SessionCollector(Collector):
             return
         yield _one(GaugeMetricFamily("lfpipe_camera_hz", "frames a second", labels=["session"]), session, reading.camera_hz)
         yield _one(GaugeMetricFamily("lfpipe_face", "1 while a face is seen", labels=["session"]), session, reading.face)
+        level = GaugeMetricFamily("lfpipe_quality_level", "levels of quality taken away, 0 for none", labels=["session"])
+        yield _one(level, session, reading.level)
         labels = ["session", "stage"]
         rate = GaugeMetricFamily("lfpipe_stage_hz", "outputs a second", labels=labels)
         drops = CounterMetricFamily("lfpipe_stage_dropped", "inputs never used", labels=labels)
         restarts = CounterMetricFamily("lfpipe_stage_restarts", "starts after the first", labels=labels)
         cpu = GaugeMetricFamily("lfpipe_stage_cpu_ratio", "share of a core, last 10 s", labels=labels)
+        nice = GaugeMetricFamily("lfpipe_stage_nice", "niceness", labels=labels)
+        cores = GaugeMetricFamily("lfpipe_stage_cores", "cores that it may run on", labels=labels)
+        left_out = CounterMetricFamily("lfpipe_stage_left_out", "inputs left out at a lowered quality", labels=labels)
         memory = GaugeMetricFamily("lfpipe_stage_rss_bytes", "resident memory, shared pages included", labels=labels)
         spent = HistogramMetricFamily("lfpipe_stage_seconds", "time of one output", labels=[*labels, "part"])
         for stage in reading.stages:
@@ -65,13 +70,16 @@ class SessionCollector(Collector):
             restarts.add_metric(key, stage.restarts)
             cpu.add_metric(key, stage.cpu_percent / 100)
             memory.add_metric(key, stage.rss_mb * 1e6)
+            nice.add_metric(key, stage.nice)
+            cores.add_metric(key, len(stage.cpus))
+            left_out.add_metric(key, int(row["left_out"]))
             for part in ("wait", "busy"):
                 spent.add_metric([*key, part], *buckets(row[part]))
         age = HistogramMetricFamily("lfpipe_picture_age_seconds", "sensor to screen", labels=["session"])
         age.add_metric(session, *buckets(watch.rows["render"]["age"]))
         ahead = HistogramMetricFamily("lfpipe_horizon_seconds", "how far ahead the eyes are predicted", labels=["session"])
         ahead.add_metric(session, *buckets(watch.rows["render"]["horizon"]))
-        yield from (rate, drops, restarts, cpu, memory, spent, age, ahead)
+        yield from (rate, drops, left_out, restarts, cpu, nice, cores, memory, spent, age, ahead)
 
 
 def _one(family: Any, labels: list[str], value: float) -> Metric:

@@ -9,6 +9,7 @@ import attrs
 from rich.text import Text
 
 from lfpipe.observe.meter import Reading, StageReading
+from lfpipe.observe.snapshot import placed
 
 SPARKS = "▁▂▃▄▅▆▇█"
 EIGHTHS = " ▏▎▍▌▋▊▉█"
@@ -118,6 +119,12 @@ class Screen:
         if doing.method:
             traced = f", tracing to {doing.trace}" if doing.trace else ""
             head.append(f"{doing.method} views, {doing.anaglyph} anaglyph, alpha {doing.alpha}{traced}\n", "dim")
+        cores = ", ".join(placed(stage.name, stage.cpus, stage.nice) for stage in reading.stages if stage.cpus)
+        head.append(f"cores {cores}; ", "dim")
+        if reading.level:
+            head.append(f"lowered to level {reading.level} of {reading.lowest_level}:\n{reading.level_words}\n", "bold yellow")
+        else:
+            head.append("full quality\n", "dim")
         return head.append("\n")
 
     def _age(self, reading: Reading, width: int) -> Text:

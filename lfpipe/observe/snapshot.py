@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable
 from typing import Any
 
 from lfpipe.transport.clock import now_ns
@@ -12,17 +14,53 @@ CORE = ("capture", "track", "render")  # always told of; a stage that few sessio
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
 
 
+def scheduling(pid: int) -> tuple[list[int], int]:
+    """Cores that a process may run on, and its niceness; ([], 0) where it is gone."""
+    try:
+        return (sorted(os.sched_getaffinity(pid)), os.getpriority(os.PRIO_PROCESS, pid)) if pid > 0 else ([], 0)
+    except OSError:
+        return [], 0
+
+
+def spans(cpus: Iterable[int]) -> str:
+    """Cores in short: `0-3 6`."""
+    found: list[list[int]] = []
+    for core in sorted(cpus):
+        if found and core == found[-1][1] + 1:
+            found[-1][1] = core
+        else:
+            found.append([core, core])
+    return " ".join(f"{first}-{last}" if last > first else f"{first}" for first, last in found)
+
+
+def placed(name: str, cpus: Iterable[int], nice: int) -> str:
+    """Where a process runs, for a person: `track 1`, `render 0-3 nice 5`."""
+    return f"{name} {spans(cpus)}{f' nice {nice}' if nice else ''}"
+
+
+def quality(table: Table) -> dict[str, Any]:
+    """`{"level", "lowest_level", "level_words"}`: 0 for full quality, the last one's number, what is taken away. Read while it
+    changes, the words may be those of another level.
+    """
+    now = table.session
+    words = now["words"].item().decode(errors="replace")
+    return {"level": int(now["level"]), "lowest_level": int(now["lowest"]), "level_words": words}
+
+
 def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
-    """`{"session", "uptime_s", "camera_fps", "stages": {...}, "end_to_end": {...}, "horizon": {...}}`, as
+    """`{"session", "uptime_s", "camera_fps", "level", "stages": {...}, "end_to_end": {...}, "horizon": {...}}`, as
     `lfpipe monitor --once --json` prints it.
 
     A stage's p50_ms.. are its busy time; wait and busy hold both in full. end_to_end: the age of a picture, from the
     sensor's stamp to its presentation. horizon: how far ahead of the sensor's stamp the eyes are predicted, over all refreshes.
+    level: see `quality`; left_out: inputs that a stage was told not to use by it; missed: refreshes of the display. cpus, nice:
+    as the kernel has them now.
     """
     stages: dict[str, Any] = {}
     for name, row in table.rows.items():
         if name not in CORE and row["state"] == State.NONE:
             continue
+        cores, nice = scheduling(int(row["pid"]))
         wait, busy = summary_ms(row["wait"]), summary_ms(row["busy"])
         stages[name] = {
             "state": State(int(row["state"])).name,
@@ -32,16 +70,21 @@ def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
             "wait": wait,
             "busy": busy,
             "dropped": int(row["drops"]),
+            "left_out": int(row["left_out"]),
+            "missed": int(row["missed"]),
             "restarts": int(row["restarts"]),
             "count": int(row["seq"]),
             "cpu_s": round(int(row["cpu_ns"]) / 1e9, 2),
             "face": bool(row["face"]),
+            "cpus": cores,
+            "nice": nice,
         }
     age, horizon = (summary_ms(table.rows["render"][name]) for name in ("age", "horizon"))
     return {
         "session": session,
         "uptime_s": round((now_ns() - started_ns) / 1e9, 2),
         "camera_fps": stages["capture"]["fps"],
+        **quality(table),
         "stages": stages,
         "end_to_end": {"n": age["n"], **{key: age[key] for key in QUANTILES}},
         "horizon": {"n": horizon["n"], **{key: horizon[key] for key in QUANTILES}},

@@ -88,7 +88,13 @@ class Keys:
             f"{self._viewer.method}, alpha {alpha.alpha_px:.1f} px/view" if alpha else f"{self._viewer.method}, no face seen yet",
             f"{self._context.config.render.anaglyph}{', frozen' if self._context.paused else ''}",
             self._depth(),
+            *self._lowered(),
         ]
+
+    def _lowered(self) -> list[str]:
+        """What the governor has taken away."""
+        level = self._context.options.get("level")
+        return [f"quality lowered, level {level['number']}: {level['words']}"] if level else []
 
     def _map(self) -> NDArray[np.uint8] | None:
         """The grid of views with the eyes in it; the left eye's dot is filled."""

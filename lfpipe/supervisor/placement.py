@@ -71,15 +71,3 @@ def settle(where: tuple[int, ...], nice: int | None) -> None:
         except PermissionError:
             remedy = "a higher number, or a higher limit (`ulimit -e`; `nice` in limits.conf)"
             raise UserError(f"governor.nice: {nice} is not allowed to you", remedy) from None
-
-
-def found(pid: int) -> tuple[list[int], int]:
-    """Cores that a process may run on, and its niceness; ([], 0) where it is gone."""
-    if pid <= 0:
-        return [], 0
-    try:
-        return sorted(os.sched_getaffinity(pid)), os.getpriority(os.PRIO_PROCESS, pid)
-    except OSError:
-        return [], 0
-
-

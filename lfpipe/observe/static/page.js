@@ -59,7 +59,7 @@ function charts(told) {
 function table(told) {
   const cells = (stage) => [[stage.name], [stage.state.toLowerCase(), stage.state !== "RUNNING"], [stage.hz.toFixed(1)], [stage.wait.p50.toFixed(2)],
     [stage.busy.p50.toFixed(2)], [stage.busy.p95.toFixed(2)], [stage.busy.p99.toFixed(2)], [stage.worst.toFixed(2)],
-    [stage.dropped, stage.dropped > 0], [stage.restarts, stage.restarts > 0], [stage.cpu.toFixed(0)], [stage.rss.toFixed(0)]];
+    [stage.dropped, stage.dropped > 0], [stage.restarts, stage.restarts > 0], [stage.cpu.toFixed(0)], [stage.cpus], [stage.nice], [stage.rss.toFixed(0)]];
   $("stages").replaceChildren(...told.stages.map((stage) => {
     const row = document.createElement("tr");
     for (const [text, bad] of cells(stage)) {
@@ -143,7 +143,8 @@ events.onmessage = (event) => {
   if (!told.alive) { $("state").textContent = "no session; waiting for one"; return; }
   const minutes = Math.floor(told.uptime_s / 60), seconds = Math.floor(told.uptime_s % 60).toString().padStart(2, "0");
   $("state").textContent = `up ${minutes}:${seconds}, camera ${told.camera_hz.toFixed(1)} Hz, ${told.face ? "face seen" : "no face"}`
-    + `${told.paused ? ", paused" : ""}; sensor to screen p50 ${told.age.p50.toFixed(1)}, p99 ${told.age.p99.toFixed(1)} ms, `
+    + `${told.paused ? ", paused" : ""}`
+    + `${told.level ? `, quality lowered to ${told.level_words} (${told.level} of ${told.lowest_level})` : ""}; sensor to screen p50 ${told.age.p50.toFixed(1)}, p99 ${told.age.p99.toFixed(1)} ms, `
     + `eyes predicted by ${told.horizon.p50.toFixed(1)} ms`;
   if (document.hidden) return;
   charts(told); table(told); show(told);
