@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Skipped, Subject
-from lfpipe.bench.timing import reference_ms, times_ms
+from lfpipe.bench.timing import times_ms
 from lfpipe.render.anaglyph import MATRICES, Mixer, decoded, encode, encoded, recipe
 from lfpipe.render.colour_metric import GREEN_MAGENTA, RED_CYAN, fused_error, ghost, rivalry
 from lfpipe.scene.lightfield import LightField
@@ -92,13 +92,12 @@ def _prepare(views: list[NDArray[np.uint8]], name: str, light: str, share: float
         return found
 
     def turn() -> dict[str, float]:
-        reference = reference_ms()
         copy = float(np.median(times_ms(mixing.copy, TURN_PICTURES)))
         times = np.array(times_ms(mixing.mix, TURN_PICTURES)) / (SIDE_PX * SIDE_PX / 1e6)
         copy_mp = copy / (SIDE_PX * SIDE_PX / 1e6)
         middle = float(np.median(times))
         told = {"time_ms_mp": middle, "time_p95_ms_mp": float(np.percentile(times, 95)), "copy_ms_mp": copy_mp}
-        return told | {"copies": middle / copy_mp, "reference_ms": reference}
+        return told | {"copies": middle / copy_mp}
 
     return Prepared(errors, turn)
 

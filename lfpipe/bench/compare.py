@@ -1,28 +1,34 @@
-"""What differs between two runs beyond noise: paired samples, the median ratio and a bootstrap interval of it."""
+"""What differs between two builds or two runs beyond noise: paired ratios, a test against a least effect, an interval to read."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import Literal
 
 import attrs
 import numpy as np
 
 from lfpipe.bench.model import Figure
-from lfpipe.bench.numbers import bootstrap_interval
+from lfpipe.bench.numbers import above, bootstrap_interval
 from lfpipe.bench.results import Measured, Results
 from lfpipe.bench.subjects import SUBJECTS
+from lfpipe.bench.timing import REFERENCE
 from lfpipe.errors import UserError
 
-LEVEL = 0.99  # of the interval of one figure; that it must also clear WORTH is what keeps chance out
-WORTH = {"time": 1.03, "error": 1.01}  # ratio below which a difference is not worth a word
-LEAST_PAIRS = 6
-REFERENCE = "reference_ms"
+Kind = Literal["time", "apart", "error"]
+# Ratio up to which a difference is not worth a word, and none is called whatever the number of samples. apart: times of runs that
+# were not taken in turns; what a process is lucky with in its memory lasts as long as it lives, by some percent.
+WORTH: dict[Kind, float] = {"time": 1.03, "apart": 1.10, "error": 1.01}
+CHANCE = 0.05  # that anything is called in a whole comparison where every true ratio lies at its limit of WORTH
+SETTLED = 0.05  # chance at which a difference is ruled out
+FAR = 1e9  # the ratio to an error of 0
 
 
 @attrs.frozen
 class Difference:
-    """One figure of one candidate in two runs. ratio: median of B over A, with its interval. called: beyond noise."""
+    """One figure of one candidate in two runs. ratio: median of B over A, with its 95 % interval by bootstrap. called: beyond
+    noise. settled: called, or any difference worth a word ruled out; otherwise the samples were too few or too noisy to tell."""
 
     subject: str
     candidate: str
@@ -32,45 +38,53 @@ class Difference:
     high: float
     called: bool
     worse: bool
+    settled: bool
 
     def __str__(self) -> str:
-        word = "worse" if self.worse else "better"
+        word = ("worse" if self.worse else "better") if self.called else "same" if self.settled else "unsure"
         what = f"{self.subject}: {self.candidate}: {self.figure}"
         return f"{word:7}{what}: x {self.ratio:.3f} (interval {self.low:.3f} to {self.high:.3f})"
 
 
 @attrs.frozen
 class Paired:
-    """Ratios B over A of one figure, in groups: samples of one group share what a repetition would draw anew."""
+    """Ratios B over A of one figure, each of samples taken under equal conditions. exact: both builds repeat their samples to the
+    last bit and the one ratio is that of the figure itself, so no chance is in it."""
 
     subject: str
     candidate: str
     figure: Figure
-    kind: str  # a key of WORTH
-    groups: list[list[float]]
+    kind: Kind
+    ratios: list[float]
+    exact: bool = False
 
 
-def judge(pairs: Sequence[Paired]) -> list[Difference]:
-    """Calls what lies beyond noise: the interval of the median ratio is wholly on one side of 1, by WORTH at least."""
-    found = []
-    for pair in pairs:
-        ratios = [ratio for group in pair.groups for ratio in group]
-        middle = float(np.median(ratios))
-        if min(ratios) == max(ratios):
-            low = high = middle
-        else:
-            low, high = bootstrap_interval(pair.groups, LEVEL)
-        worth = WORTH[pair.kind]
-        enough = len(ratios) >= LEAST_PAIRS
-        called = enough and (low > worth or high < 1 / worth)
-        worse = (middle > 1) != pair.figure.more_is_better
-        found.append(Difference(pair.subject, pair.candidate, pair.figure.label, middle, low, high, called, called and worse))
-    return found
+def judge(pairs: Sequence[Paired], looks: int = 1) -> list[Difference]:
+    """Calls what lies beyond noise: that the ratio lies beyond WORTH is as good as sure, over all figures together.
+
+    looks: how often the same samples are judged while they grow. Each look and figure has an equal part of CHANCE (Bonferroni).
+    """
+    part = CHANCE / max(1, 2 * looks * sum(not pair.exact for pair in pairs))
+    return [_judged(pair, part) for pair in pairs]
+
+
+def _judged(pair: Paired, part: float) -> Difference:
+    middle, limit = float(np.median(pair.ratios)), math.log(WORTH[pair.kind])
+    if pair.exact:
+        low = high = middle
+        called, settled = abs(math.log(middle)) > limit, True
+    else:
+        logs = np.log(pair.ratios)
+        low, high = bootstrap_interval(pair.ratios)
+        called = min(above((logs - limit).tolist()), above((-logs - limit).tolist())) <= part
+        settled = called or max(above((limit - logs).tolist()), above((limit + logs).tolist())) <= SETTLED
+    worse = called and (middle > 1) != pair.figure.more_is_better
+    return Difference(pair.subject, pair.candidate, pair.figure.label, middle, low, high, called, worse, settled)
 
 
 def compare_results(a: Results, b: Results) -> list[Difference]:
-    """Two runs that were not taken in turns. Times are taken over the machine's own (`timing.reference_ms`) where both runs
-    have it; for builds on a machine that others use too, `builds.compare_builds` is the sharper tool.
+    """Two runs that were not taken in turns: times over the machine's own at that turn, and only large differences are told.
+    For builds `builds.compare_builds` is the sharper tool.
 
     Raises UserError where the two measured different things.
     """
@@ -86,29 +100,39 @@ def compare_results(a: Results, b: Results) -> list[Difference]:
     return judge(pairs)
 
 
+def timed(figure: Figure) -> bool:
+    """Whether a figure that turns give is compared: the 95th percentile of a turn is noise for the greater part."""
+    return "p95" not in figure.key
+
+
 def paired(subject: str, a: Measured, b: Measured) -> Iterator[Paired]:
     """Every figure that both hold, sample by sample."""
     for figure in SUBJECTS[subject].figures:
         if figure.key in a.errors and figure.key in b.errors:
             ratios = error_ratios(a.errors[figure.key], b.errors[figure.key])
             if ratios:
-                yield Paired(subject, a.name, figure, "error", [[ratio] for ratio in ratios])
-        elif figure.key in a.turns and figure.key in b.turns and "p95" not in figure.key:
-            yield Paired(subject, a.name, figure, "time", time_ratios(a.turns, b.turns, figure.key))
+                yield Paired(subject, a.name, figure, "error", ratios)
+        elif figure.key in a.turns and figure.key in b.turns and timed(figure):
+            yield Paired(subject, a.name, figure, "apart", time_ratios(a.turns, b.turns, figure.key))
 
 
 def error_ratios(a: Sequence[float], b: Sequence[float]) -> list[float]:
     """B over A for each sample; where A is 0 so must B be, or it is far worse. Empty where the two hold different samples."""
-    if len(a) != len(b):
-        return []
-    return [y / x if x else (1.0 if y == x else 1e9) for x, y in zip(a, b, strict=True)]
+    return [ratio(x, y) for x, y in zip(a, b, strict=True)] if len(a) == len(b) else []
 
 
-def time_ratios(a: dict[str, list[float]], b: dict[str, list[float]], key: str) -> list[list[float]]:
+def ratio(x: float, y: float) -> float:
+    """y over x: 1 where they are equal, FAR or its inverse where one of them is 0."""
+    if x == y:
+        return 1.0
+    return min(max(abs(y / x), 1 / FAR), FAR) if x else FAR
+
+
+def time_ratios(a: dict[str, list[float]], b: dict[str, list[float]], key: str) -> list[float]:
     """B over A for each turn, each over the machine's own time at that turn."""
     steady = [_steady(turns, key) for turns in (a, b)]
     count = min(map(len, steady))
-    return [[y / x] for x, y in zip(steady[0][:count], steady[1][:count], strict=True) if x > 0 and math.isfinite(y)]
+    return [ratio(x, y) for x, y in zip(steady[0][:count], steady[1][:count], strict=True)]
 
 
 def _steady(turns: dict[str, list[float]], key: str) -> list[float]:

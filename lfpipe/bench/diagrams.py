@@ -12,6 +12,7 @@ import attrs
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
+from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from lfpipe.bench.model import Diagram, Profile, Subject
@@ -84,9 +85,9 @@ def draw(subject: Subject, found: SubjectResults, diagram: Diagram | Profile, dr
     with mpl.rc_context(style):
         canvas = Canvas(figsize=SIZE_IN, dpi=DPI, layout="constrained")
         axes = canvas.add_subplot()
-        told: list[Point] = []
+        told, shown = list[Point](), list[Point]()
         if isinstance(diagram, Diagram):
-            told = _work_precision(axes, subject, found, diagram, dress)
+            told, shown = _work_precision(axes, subject, found, diagram, dress)
         else:
             _profile(axes, subject, found, diagram, dress)
         axes.set_title(diagram.title, loc="left", fontsize=12, fontweight="bold", color=dress.ink)
@@ -98,12 +99,14 @@ def draw(subject: Subject, found: SubjectResults, diagram: Diagram | Profile, dr
         canvas.legend(handles, labels, loc="outside right upper", frameon=False, fontsize=9, labelcolor=dress.ink)
         canvas.draw_without_rendering()  # the places of points in px are known from here on
         canvas.set_layout_engine("none")
-        _label(axes, told, dress)
+        _label(axes, told, shown, dress)
         return canvas
 
 
-def _work_precision(axes: Axes, subject: Subject, found: SubjectResults, diagram: Diagram, dress: Dress) -> list[Point]:
-    """Draws it; returns the points whose knobs should be written beside them, the most telling first."""
+def _work_precision(
+    axes: Axes, subject: Subject, found: SubjectResults, diagram: Diagram, dress: Dress
+) -> tuple[list[Point], list[Point]]:
+    """Draws it; returns the points whose knobs should be written beside them, the most telling first, and all points."""
     shown = points(subject, found, diagram)
     curves: dict[str, list[Point]] = {}
     for point in shown:
@@ -116,7 +119,11 @@ def _work_precision(axes: Axes, subject: Subject, found: SubjectResults, diagram
             axes.errorbar(
                 xs, ys, xerr=[[0.0] * len(xs), whiskers], fmt="none", ecolor=colour, elinewidth=0.9, capsize=2, alpha=0.6
             )
-        axes.plot(xs, ys, marker=marker, color=colour, linewidth=1.4, markersize=6, label=name, alpha=0.95)
+        lines = list(dict.fromkeys(p.one.line for p in of))
+        for line in lines:
+            part = [(p.x, p.y) for p in of if p.one.line == line]
+            label = name if line == lines[0] else None
+            axes.plot(*zip(*part, strict=True), marker=marker, color=colour, linewidth=1.4, markersize=6, label=label, alpha=0.95)
     front = [shown[i] for i in pareto([(p.x, p.y) for p in shown])]
     xs, ys = [p.x for p in front], [p.y for p in front]
     axes.step(xs, ys, where="post", color=dress.front, linewidth=1.0, linestyle=(0, (1, 2)), zorder=1)
@@ -142,28 +149,31 @@ def _work_precision(axes: Axes, subject: Subject, found: SubjectResults, diagram
         axis.set_major_formatter(FuncFormatter(lambda value, _: short(value)))
         axis.set_minor_formatter(NullFormatter())
         axis.set_label_text(subject.figure(key).axis)
-    return [*paper, *(p for p in front if not p.one.paper)]
+    return [*paper, *(p for p in front if not p.one.paper)], shown
 
 
-def _label(axes: Axes, wanted: list[Point], dress: Dress) -> None:
+def _label(axes: Axes, wanted: list[Point], shown: list[Point], dress: Dress) -> None:
     """Knobs beside points (names of curves where those have one knob only), each in the first of a few places where it meets no
-    other label; left out where none is free."""
+    other label and no point; left out where none is free."""
     several = len({point.one.knob for point in wanted}) > 1
     taken: list[tuple[float, float, float, float]] = []
+    points_px = [axes.transData.transform((p.x, p.y)) for p in shown]
     spots = [axes.transData.transform((p.x, p.y)) for p in wanted]
     left, bottom, right, top = (float(v) for v in axes.get_window_extent().extents)
     for point, (x, y) in zip(wanted, spots, strict=True):
         text = point.one.knob if several else point.one.curve
         width, height = 5.9 * len(text), 13.0
-        for dx, dy in ((9, 7), (9, -18), (-9 - width, 7), (-9 - width, -18), (9, 22), (9, -33), (-width / 2, 26)):
+        sides = [(9, y) for y in (7, -18, 22, -33)], [(-9 - width, y) for y in (7, -18, 22, -33)]
+        for dx, dy in (*sides[0][:2], *sides[1][:2], *sides[0][2:], *sides[1][2:], (-width / 2, 26), (-width / 2, -39)):
             box = (x + dx, y + dy, x + dx + width, y + dy + height)
             free = all(box[2] < b[0] or b[2] < box[0] or box[3] < b[1] or b[3] < box[1] for b in taken)
-            free &= not any(box[0] - 4 < sx < box[2] + 4 and box[1] - 4 < sy < box[3] + 4 for sx, sy in spots)
+            free &= not any(box[0] - 5 < sx < box[2] + 5 and box[1] - 5 < sy < box[3] + 5 for sx, sy in points_px)
             if free and box[0] >= left and box[2] <= right + 20 and box[1] >= bottom and box[3] <= top + 10:
                 taken.append(box)
                 scale = 72 / DPI
+                halo = [Stroke(linewidth=2.6, foreground=dress.paper), Normal()]  # lines end where a letter begins
                 axes.annotate(text, (point.x, point.y), (dx * scale, dy * scale), textcoords="offset points", fontsize=8,
-                              color=dress.ink, zorder=6)  # fmt: skip
+                              color=dress.ink, zorder=7, path_effects=halo)  # fmt: skip
                 break
 
 

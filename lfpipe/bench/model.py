@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Literal
 
 import attrs
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from lfpipe.bench.inputs import Inputs
 
 State = Literal["", "ok", "degraded", "failed"]
+Turn = Mapping[str, float | list[float]]
 
 
 @attrs.frozen
@@ -45,22 +46,24 @@ class Prepared:
     """A candidate ready to be measured.
 
     errors: samples of each figure, measured once; the k-th sample of two builds is of the same frame, view or second. turn: one
-    timed turn, a sample of each figure; None where nothing is to be timed.
+    timed turn, a sample of each figure, or those of its parts where a turn is long; None where nothing is to be timed.
     """
 
     errors: Callable[[], dict[str, list[float]]]
-    turn: Callable[[], dict[str, float]] | None = None
+    turn: Callable[[], Turn] | None = None
     close: Callable[[], None] = lambda: None
 
 
 @attrs.frozen(eq=False)
 class Candidate:
-    """One point: the `curve` it lies on, the `knob` that moves it along; together its name. paper: what the paper does."""
+    """One point: the `curve` it lies on, the `knob` that moves it along; together its name. paper: what the paper does. line: the
+    points of a curve that are joined, where its knob is more than one thing."""
 
     curve: str
     knob: str
     prepare: Callable[[], Prepared]
     paper: bool = False
+    line: str = ""
 
     @property
     def name(self) -> str:

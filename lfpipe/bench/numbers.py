@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,24 +30,30 @@ def noise(samples: Sequence[float]) -> float:
     return (high - low) / abs(middle) if (middle := float(np.median(samples)) if len(samples) else 0.0) else math.inf
 
 
-def bootstrap_interval(groups: Sequence[Sequence[float]], level: float, draws: int = 4000, seed: int = 1) -> tuple[float, float]:
-    """Interval of the median of all values when groups are drawn with replacement, and within each its values.
-
-    What shares a process or a second of motion is one group: samples in it are not independent.
-    """
-    rng = np.random.default_rng(seed)
-    arrays = [np.asarray(group, np.float64) for group in groups]
-    count, longest = len(arrays), max(len(group) for group in arrays)
-    if longest == 1:
-        flat: NDArray[np.float64] = np.concatenate(arrays)
-        medians = np.median(flat[rng.integers(0, count, (draws, count))], axis=1)
-    else:
-        medians = np.empty(draws)
-        for k in range(draws):
-            chosen = [arrays[i] for i in rng.integers(0, count, count)]
-            medians[k] = np.median(np.concatenate([group[rng.integers(0, len(group), len(group))] for group in chosen]))
-    low, high = np.quantile(medians, [(1 - level) / 2, (1 + level) / 2])
+def bootstrap_interval(values: Sequence[float], level: float = 0.95, draws: int = 2000, seed: int = 1) -> tuple[float, float]:
+    """Percentile interval of the median of values drawn anew with replacement (Efron 1979)."""
+    flat: NDArray[np.float64] = np.asarray(values, np.float64)
+    drawn = np.random.default_rng(seed).integers(0, len(flat), (draws, len(flat)))
+    low, high = np.quantile(np.median(flat[drawn], axis=1), [(1 - level) / 2, (1 + level) / 2])
     return float(low), float(high)
+
+
+@lru_cache(maxsize=64)
+def _rank_sums(n: int) -> NDArray[np.float64]:
+    """Chance of each sum of a random half of the ranks 1..n."""
+    chance = np.ones(1)
+    for rank in range(1, n + 1):
+        chance = np.concatenate([chance, np.zeros(rank)]) / 2 + np.concatenate([np.zeros(rank), chance]) / 2
+    return chance
+
+
+def above(values: Sequence[float]) -> float:
+    """How likely values (n,) lie as high as this by chance where they are spread evenly around 0: Wilcoxon's signed ranks (1945),
+    exact, one-sided. Small: their middle is above 0. Nothing need be normally distributed; an outlier counts by its rank."""
+    flat = np.asarray(values, np.float64)
+    ranks = np.empty(len(flat))
+    ranks[np.argsort(np.abs(flat), kind="stable")] = np.arange(1, len(flat) + 1)
+    return float(_rank_sums(len(flat))[int(ranks[flat > 0].sum()) :].sum())
 
 
 def pareto(points: Sequence[tuple[float, float]]) -> list[int]:

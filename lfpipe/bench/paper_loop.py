@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from lfpipe.track.landmarks import LEFT_EYE, RIGHT_EYE
 
 WARM_UP = 10  # frames not counted
+KEPT = 600  # frames held in memory
 
 
 @attrs.frozen
@@ -43,22 +44,25 @@ class Loop:
     trace: Path | None = None
 
 
-def frames(video: Path, decode: bool, size: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
-    """BGR frames for ever; decoded as they are asked for, or all before the first."""
+def frames(video: Path, decode: bool, size: tuple[int, int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Places in the video and BGR frames, over and over; decoded as they are asked for, or the first KEPT before the first."""
     capture = cv2.VideoCapture(str(video))
 
-    def one_pass() -> Iterator[NDArray[np.uint8]]:
+    def one_pass() -> Iterator[tuple[int, NDArray[np.uint8]]]:
         capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
-        while (found := capture.read())[0]:
+        for place in itertools.count():
+            found = capture.read()
+            if not found[0]:
+                return
             frame = found[1] if found[1].shape[1::-1] == size else cv2.resize(found[1], size)
-            yield np.asarray(frame, np.uint8)
+            yield place, np.asarray(frame, np.uint8)
 
     if decode:
         while True:
             yield from one_pass()
-    kept = list(itertools.islice(one_pass(), 600))
-    for frame in itertools.cycle(kept):
-        yield frame.copy()
+    kept = list(itertools.islice(one_pass(), KEPT))
+    for place, frame in itertools.cycle(kept):
+        yield place, frame.copy()
 
 
 def quantiles_ms(values_s: list[float]) -> dict[str, float]:
@@ -90,7 +94,7 @@ def run(loop: Loop) -> dict[str, Any]:
             if loop.pace_hz:
                 time.sleep(max(0.0, start + i / loop.pace_hz - time.perf_counter()))
         t_sensor_ns = time.monotonic_ns()
-        frame = next(source)
+        place, frame = next(source)
         t_read_ns = time.monotonic_ns()
         result = mesh.process(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
         if result.multi_face_landmarks:
@@ -117,7 +121,7 @@ def run(loop: Loop) -> dict[str, Any]:
             eyes_of = {"eyes_raw": recent[-1], "eyes_used": eyes, "view": np.stack([rows, cols], axis=1)}
             pairs = {name: {"left": pair[0].tolist(), "right": pair[1].tolist()} for name, pair in eyes_of.items()}
             stamps = {"t_sensor_ns": t_sensor_ns, "t_read_ns": t_read_ns, "t_presented_ns": t_done_ns}
-            lines.append(json.dumps({"source_seq": i + WARM_UP, **stamps, **pairs}))
+            lines.append(json.dumps({"source_seq": place, "cpu_ns": time.process_time_ns(), **stamps, **pairs}))
     wall = time.perf_counter() - start
     if loop.trace:
         loop.trace.write_text("\n".join(lines) + "\n")

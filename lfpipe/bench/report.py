@@ -69,8 +69,9 @@ def _about(results: Results) -> str:
     }
     body = "".join(f"<tr><th>{key}</th><td>{value}</td></tr>" for key, value in rows.items())
     how = (
-        "Times are medians of turns taken in a shuffled order between methods, after a turn to warm up; ± is half the 95 %"
-        " interval of the median, where there are turns enough for one. Whiskers end at the 95th percentile."
+        "Times are medians of turns taken in a shuffled order between methods, after a turn to warm up, until the 95 % interval"
+        " of the median is narrower than 5 % or the time is up; ± is half that interval (of whole sessions: over their half"
+        " seconds), and where turns are too few for one their number is told. Whiskers end at the 95th percentile."
         " Both axes are logarithmic; down and left is better. Rings: no other point is better in both. Red star: what the"
         " paper does."
     )
@@ -127,12 +128,19 @@ def fronts(subject: Subject, found: SubjectResults) -> set[str]:
 
 
 def number(one: Measured, figure: Figure) -> str:
-    """The figure of a candidate as text, with half its interval where it was timed."""
+    """The figure of a candidate as text; where it was timed with half its interval, or with the number of runs that are too few
+    for one and the least and the largest of them."""
     value = one.value(figure)
     if not math.isfinite(value):
         return ""
-    spread = one.noise(figure.key) / 2 if figure.key in one.turns else math.inf
-    return short(value) + (f" ± {100 * spread:.0f} %" if math.isfinite(spread) else "")
+    if figure.key not in one.turns:
+        return short(value)
+    spread, turns = one.noise(figure.key) / 2, one.turns[figure.key]
+    if math.isfinite(spread):
+        return f"{short(value)} ± {100 * spread:.0f} %"
+    return f"{short(value)} (" + (
+        "1 run)" if len(turns) == 1 else f"{len(turns)} runs, {short(min(turns))} to {short(max(turns))})"
+    )
 
 
 def _used(subject: Subject, found: SubjectResults) -> list[Figure]:

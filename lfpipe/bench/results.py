@@ -18,7 +18,7 @@ import attrs
 import lfpipe
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.model import Cell, Diagram, Figure, Profile, Skipped, Subject, Table
-from lfpipe.bench.numbers import noise
+from lfpipe.bench.numbers import FEWEST, noise
 from lfpipe.errors import UserError
 
 FORMAT = 1
@@ -27,13 +27,16 @@ PACKAGES = ("numpy", "opencv-contrib-python-headless", "mediapipe", "ai-edge-lit
 
 @attrs.define
 class Measured:
-    """One candidate: samples of each figure, from the one measurement (errors) and from timed turns."""
+    """One candidate: samples of each figure, from the one measurement (errors) and from timed turns; parts: samples within turns
+    that are long."""
 
     curve: str
     knob: str
     paper: bool
     errors: dict[str, list[float]] = attrs.Factory(dict)
     turns: dict[str, list[float]] = attrs.Factory(dict)
+    parts: dict[str, list[float]] = attrs.Factory(dict)
+    line: str = ""
 
     @property
     def name(self) -> str:
@@ -44,8 +47,10 @@ class Measured:
         return figure.of(self.errors.get(figure.key) or self.turns.get(figure.key) or [])
 
     def noise(self, key: str) -> float:
-        """Width of the 95 % interval of the median of a timed figure, over the median."""
-        return noise(self.turns.get(key, []))
+        """Width of the 95 % interval of the median of a timed figure, over the median: of its turns, or of their parts where
+        the turns are too few. Infinite where both are."""
+        turns = self.turns.get(key, [])
+        return noise(turns if len(turns) >= FEWEST else self.parts.get(key, []))
 
 
 @attrs.define

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import random
+import statistics
 import time
 from collections.abc import Callable
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.model import Candidate, Prepared, Skipped, Subject, Table
+from lfpipe.bench.model import Candidate, Prepared, Skipped, Subject, Table, Turn
 from lfpipe.bench.results import Measured, SubjectResults
+from lfpipe.bench.timing import REFERENCE, reference_ms
 
 NARROW = 0.05  # width of the 95 % interval of the median over the median
 Say = Callable[[str, int, int], None]
@@ -53,7 +55,9 @@ def _errors(
             if candidate.name not in found.measured:
                 errors = prepared.errors()
                 _finite(errors)
-                found.measured[candidate.name] = Measured(candidate.curve, candidate.knob, candidate.paper, errors)
+                found.measured[candidate.name] = Measured(
+                    candidate.curve, candidate.knob, candidate.paper, errors, line=candidate.line
+                )
                 save()
             ready[candidate.name] = prepared
         except Exception as error:  # whatever a method throws is reported, and the others go on
@@ -88,21 +92,25 @@ def _turns(
 
 def _turn(
     name: str,
-    turn: Callable[[], dict[str, float]],
+    turn: Callable[[], Turn],
     found: SubjectResults,
-    timed: dict[str, Callable[[], dict[str, float]]],
+    timed: dict[str, Callable[[], Turn]],
     keep: bool,
 ) -> None:
     try:
-        told = turn()
-        _finite({key: [value] for key, value in told.items()})
+        reference = reference_ms()
+        told = {key: value if isinstance(value, list) else [value] for key, value in turn().items()} | {REFERENCE: [reference]}
+        _finite(told)
     except Exception as error:  # as above
         _omit(found, name, error)
         timed.pop(name)
         return
     if keep:
-        for key, value in told.items():
-            found.measured[name].turns.setdefault(key, []).append(value)
+        one = found.measured[name]
+        for key, samples in told.items():
+            one.turns.setdefault(key, []).append(statistics.median(samples))
+            if len(samples) > 1:
+                one.parts.setdefault(key, []).extend(samples)
 
 
 def _count(found: SubjectResults, name: str) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -20,18 +21,18 @@ from lfpipe.bench.anaglyph import view_bgr
 from lfpipe.bench.paper_loop import Loop
 from lfpipe.scene.lightfield import LightField
 
-TICK = os.sysconf("SC_CLK_TCK")
 STEADY_S = 1.0  # after the first picture: every stage has started and found the face
 STATUS_HZ, START_S = 20.0, 30.0
+PART_S = 0.5  # of a run: what differs from part to part is its noise
 
 
 @attrs.frozen
 class Ran:
-    """rows: of the trace. cpu_cores: of the whole tree of processes, start-up left out. first_s: from the start of the process to
-    its first picture."""
+    """rows: of the trace. cpu_ms_s: CPU of the whole tree of processes in each PART_S, in ms per second, start-up left out.
+    first_s: from the start of the process to its first picture."""
 
     rows: list[dict[str, Any]]
-    cpu_cores: float
+    cpu_ms_s: list[float]
     first_s: float
 
 
@@ -47,22 +48,46 @@ def tree(pid: int) -> list[int]:
     return found
 
 
-def cpu_s(pids: Sequence[int]) -> float:
-    """CPU time that the processes have used so far; one that has ended counts nothing."""
-    total = 0.0
+def cpu_ns(pids: Sequence[int]) -> int:
+    """CPU time that the threads of the processes have used so far; one that has ended counts nothing."""
+    total = 0
     for pid in pids:
-        try:
-            fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-        except OSError:
-            continue
-        total += (int(fields[11]) + int(fields[12])) / TICK
+        for task in Path(f"/proc/{pid}/task").glob("*/schedstat"):
+            try:
+                total += int(task.read_text().split()[0])
+            except OSError:  # it ended meanwhile
+                continue
     return total
+
+
+def cpu_parts(pids: Sequence[int], seconds: float) -> list[float]:
+    """CPU of the processes in ms per second, in each PART_S of the coming seconds."""
+    end = time.monotonic() + seconds
+    marks = [(time.monotonic_ns(), cpu_ns(pids))]
+    while time.monotonic() + PART_S <= end:
+        time.sleep(PART_S)
+        marks.append((time.monotonic_ns(), cpu_ns(pids)))
+    time.sleep(max(0.0, end - time.monotonic()))
+    return [1e3 * (used1 - used0) / (t1 - t0) for (t0, used0), (t1, used1) in itertools.pairwise(marks)]
 
 
 def lines(trace: Path) -> list[dict[str, Any]]:
     """What a trace holds so far, without a line that is just being written."""
     text = trace.read_text() if trace.exists() else ""
     return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+
+
+def parts(rows: Sequence[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    """Rows of a trace by the PART_S in which they were shown; a last part that is not full is left out."""
+    if not rows:
+        return []
+    last = rows[-1]["t_presented_ns"]
+    found: dict[int, list[dict[str, Any]]] = {}
+    for row in rows:
+        part = int((row["t_presented_ns"] - rows[0]["t_presented_ns"]) / (PART_S * 1e9))
+        if rows[0]["t_presented_ns"] + (part + 1) * PART_S * 1e9 <= last:
+            found.setdefault(part, []).append(row)
+    return list(found.values())
 
 
 def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str]) -> Ran:
@@ -82,10 +107,7 @@ def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str]
                     raise RuntimeError(f"no picture within {START_S:g} s")
                 time.sleep(1 / STATUS_HZ)
             time.sleep(STEADY_S)
-            pids = tree(process.pid)
-            t0, cpu0 = time.monotonic(), cpu_s(pids)
-            time.sleep(max(seconds - STEADY_S, 0.5))
-            cpu_cores = (cpu_s(pids) - cpu0) / (time.monotonic() - t0)
+            cpu = cpu_parts(tree(process.pid), max(seconds - STEADY_S, 2 * PART_S))
             process.send_signal(signal.SIGINT)
             _, err = process.communicate(timeout=30)
         finally:
@@ -95,7 +117,7 @@ def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str]
         if process.returncode:
             raise RuntimeError(f"`lfpipe up` ended with {process.returncode}: {err.strip()[-300:]}")
         rows = lines(trace)
-        return Ran(rows, cpu_cores, (rows[0]["t_presented_ns"] - began_ns) / 1e9)
+        return Ran(rows, cpu, (rows[0]["t_presented_ns"] - began_ns) / 1e9)
 
 
 def run_loop(loop: Loop) -> Ran:
@@ -112,8 +134,12 @@ def run_loop(loop: Loop) -> Ran:
         rows = lines(trace)
         if not rows:
             raise RuntimeError("the loop saw no face")
-        cores = json.loads(done.stdout.splitlines()[-1])["cpu_cores"]
-        return Ran(rows, cores, (rows[0]["t_presented_ns"] - began_ns) / 1e9)
+        steady = [row for row in rows if row["t_presented_ns"] > rows[0]["t_presented_ns"] + STEADY_S * 1e9]
+        ends = [part[-1] for part in parts(steady)]
+        cpu = [
+            1e3 * (b["cpu_ns"] - a["cpu_ns"]) / (b["t_presented_ns"] - a["t_presented_ns"]) for a, b in itertools.pairwise(ends)
+        ]
+        return Ran(rows, cpu, (rows[0]["t_presented_ns"] - began_ns) / 1e9)
 
 
 def write_views(field: LightField, folder: Path) -> Path:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+REFERENCE = "reference_ms"  # the key of it among the samples of a turn
 _PLANE = np.random.default_rng(0).integers(0, 256, (256, 256), np.uint8)
 _OUT = np.empty_like(_PLANE)
 _Y, _X = (np.ascontiguousarray(a, np.float32) + np.float32(0.3) for a in np.mgrid[0:256, 0:256])

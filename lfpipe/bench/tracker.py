@@ -18,8 +18,8 @@ from lfpipe.track.engine import Engine
 from lfpipe.track.engines import make_engine
 
 ENGINES = ("litert", "mediapipe")
-KNOBS = ((640, 1), (320, 1), (640, 2), (160, 1), (640, 3))  # input width in px, every n-th frame
-QUICK_KNOBS = 3
+WIDTHS_PX, EVERY = (640, 320, 160), (1, 2, 3)  # of the input; of every n-th frame
+QUICK = ((640, 1), (320, 1), (640, 2))
 TURN_FRAMES = 12
 LAGS_MS = np.arange(-40.0, 201.0, 1.0)
 
@@ -76,7 +76,7 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
     if truth is None:
         yield Skipped("error of tracking", f"{inputs.sequence.path.name} has no truth beside it; times are measured all the same")
     height_px, width_px = inputs.sequence.frames.shape[1:3]
-    offered = KNOBS[:QUICK_KNOBS] if inputs.quick else KNOBS
+    offered = QUICK if inputs.quick else tuple((width, every) for every in EVERY for width in WIDTHS_PX)
     knobs = [knob for knob in offered if knob[0] <= width_px] or [(width_px, 1)]
     if len(knobs) < len(offered):
         yield Skipped(f"input wider than {width_px} px", "frames of the sequence are smaller")
@@ -88,7 +88,7 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
                 paper = name == "mediapipe" and not refine and (width, every) == knobs[0]
                 curve = name + (" with irises" if refine else "")
                 track = Track(engine="mediapipe" if name == "mediapipe" else "litert", refine=refine)
-                yield Candidate(curve, knob, partial(_prepare, inputs, track, size, every), paper)
+                yield Candidate(curve, knob, partial(_prepare, inputs, track, size, every), paper, f"one in {every}")
 
 
 def _prepare(inputs: Inputs, track: Track, size: tuple[int, int], every: int) -> Prepared:

@@ -41,7 +41,7 @@ def test_a_build_measures_itself(tmp_path: Path, clip: Path) -> None:
     build = Build(Path(__file__).parents[2], (tmp_path, scene, clip))
     try:
         name = "nearest, every 2nd view"
-        assert build.ask(prepare="synthesis", candidates=[name])["names"] == [name]
+        assert build.ask(prepare="synthesis", curves=["nearest"])["names"] == [name]
         assert build.ask(errors=name)["psnr_db"]
         assert build.ask(turn=name)["time_ms"] > 0
         assert "failed" in build.ask(turn="nothing of that name")

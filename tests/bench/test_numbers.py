@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
+from scipy.stats import wilcoxon
 
 from lfpipe.bench.inputs import HEAD
-from lfpipe.bench.numbers import FEWEST, bootstrap_interval, median_interval, noise, pareto
+from lfpipe.bench.numbers import FEWEST, above, bootstrap_interval, median_interval, noise, pareto
 from lfpipe.bench.truth import Truth
 from lfpipe.errors import UserError
 
@@ -32,13 +33,23 @@ def test_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
     assert noise([2.0] * 8) == 0.0 and noise([2.0] * 3) == math.inf
 
 
-def test_interval_narrows_with_samples_and_groups_widen_it() -> None:
-    rng = np.random.default_rng(2)
-    values = rng.normal(1.0, 0.1, 64)
-    few, many = (bootstrap_interval([[v] for v in values[:n]], 0.99) for n in (8, 64))
+def test_bootstrap_interval_narrows_with_samples() -> None:
+    values = np.random.default_rng(2).normal(1.0, 0.1, 64).tolist()
+    few, many = bootstrap_interval(values[:8]), bootstrap_interval(values)
+    assert few[0] < many[0] < np.median(values) < many[1] < few[1]
     assert few[1] - few[0] > 1.5 * (many[1] - many[0])
-    together = bootstrap_interval([[v] * 8 for v in values[:8]], 0.99)  # eight times the same eight: no more is known
-    assert together[1] - together[0] > 1.5 * (many[1] - many[0])
+
+
+@given(st.lists(st.floats(-10, 10).filter(lambda v: abs(v) > 1e-6), min_size=1, max_size=30, unique_by=abs))
+def test_signed_ranks_are_those_of_the_books(values: list[float]) -> None:
+    assert above(values) == pytest.approx(wilcoxon(values, alternative="greater", method="exact").pvalue, abs=1e-9)
+
+
+def test_signed_ranks_err_as_seldom_as_they_say() -> None:
+    rng = np.random.default_rng(8)
+    wrong = sum(above(rng.standard_cauchy(25).tolist()) <= 0.05 for _ in range(1000))  # outliers without end
+    assert 25 < wrong < 75
+    assert above([1.0] * 12) == 0.5**12 and above([-1.0] * 12) == 1.0
 
 
 @given(st.lists(st.tuples(COORDINATE, COORDINATE), min_size=1, max_size=30))
