@@ -40,11 +40,15 @@ def prepared(scene: config.Scene) -> Path:
     try:
         for part in ("scenes", "locks", "index"):
             (root / part).mkdir(parents=True, exist_ok=True)
-        if not os.access(root / "scenes", os.W_OK):
-            raise PermissionError(13, "no permission to write")
+            if not os.access(root / part, os.W_OK):
+                raise PermissionError(13, f"no permission to write to {part}")
     except OSError as error:
-        raise UserError(f"cache directory {root}: {error.strerror}", "name another with --set scene.cache_dir=DIR") from None
+        raise _unwritten(root, error) from None
     return root
+
+
+def _unwritten(root: Path, error: OSError) -> UserError:
+    return UserError(f"cache directory {root}: {error.strerror}", "name another with --set scene.cache_dir=DIR")
 
 
 def _said(scene: config.Scene) -> str:
@@ -95,10 +99,14 @@ def find_pack(path: str | os.PathLike[str], scene: config.Scene) -> Path | None:
 
 
 def remember(root: Path, mark: str, key: str) -> None:
-    """Note that the path of this stamp has that pack."""
+    """Note that the path of this stamp has that pack. Raises UserError where there is no room for it."""
     new = root / "index" / f".{mark}.{os.getpid()}"
-    new.write_text(key)
-    new.replace(root / "index" / mark)
+    try:
+        new.write_text(key)
+        new.replace(root / "index" / mark)
+    except OSError as error:
+        new.unlink(missing_ok=True)
+        raise _unwritten(root, error) from None
 
 
 @contextlib.contextmanager

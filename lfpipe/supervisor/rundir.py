@@ -6,8 +6,12 @@ import contextlib
 import fcntl
 import os
 import shutil
+import stat
 import time
+from collections.abc import Iterator
 from pathlib import Path
+
+import zmq
 
 from lfpipe.errors import UserError
 from lfpipe.transport import segment
@@ -19,12 +23,30 @@ def _own(path: Path) -> None:
     try:
         path.mkdir(mode=0o700)
     except FileExistsError:
-        found = path.lstat()
-        if path.is_symlink() or not path.is_dir() or found.st_uid != os.getuid():
+        if not _ours(path):
             raise UserError(f"{path} is not a directory of yours", "remove it, or another --session name") from None
         path.chmod(0o700)
     except OSError as error:
         raise UserError(f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory you may write to") from None
+
+
+def _ours(path: Path) -> bool:
+    """Whether path is a directory of this user's; in /tmp anybody may make one under our name, to be spoken to in our stead."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
+
+
+@contextlib.contextmanager
+def filled(session: Session) -> Iterator[None]:
+    """What the system refuses while a session's files are made is said as a UserError: a full disk, a quota, ..."""
+    try:
+        yield
+    except (OSError, zmq.ZMQError) as error:
+        remedy = "make room there, or set XDG_RUNTIME_DIR to another directory"
+        raise UserError(f"{session.run_dir}: {error.strerror}", remedy) from None
 
 
 def _lock(path: Path) -> int | None:
@@ -88,7 +110,7 @@ def sweep() -> list[str]:
     """Removes what sessions of this user left that no longer live; returns their names."""
     swept = []
     for path in base_dir().glob(f"{PREFIX}*"):
-        if path.is_symlink() or not path.is_dir() or path.stat().st_uid != os.getuid():
+        if not _ours(path):
             continue
         try:
             session = Session(path.name.removeprefix(PREFIX))
@@ -105,7 +127,12 @@ def running() -> list[str]:
     """Names of this user's living sessions."""
     names = []
     for path in base_dir().glob(f"{PREFIX}*/lock"):
-        fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        if not _ours(path.parent):
+            continue
+        try:
+            fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        except FileNotFoundError:
+            continue  # it has just ended
         try:
             fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -20,9 +20,13 @@ _attach_lock = threading.Lock()
 def create(name: str, size_bytes: int) -> SharedMemory:
     """A new segment whose pages exist: a full /dev/shm is an error here and never a SIGBUS at the first write later.
 
-    Raises UserError with the sizes where there is no room.
+    Raises UserError with the sizes where there is no room, and where none can be made at all.
     """
-    memory = SharedMemory(name=name, create=True, size=size_bytes)
+    try:
+        memory = SharedMemory(name=name, create=True, size=size_bytes)
+    except OSError as error:
+        remedy = f"a tmpfs at {SHM_DIR} that you may write to: docker run --shm-size=128m, or mount one there"
+        raise UserError(f"{SHM_DIR}: no shared memory can be made: {error.strerror}", remedy) from None
     try:
         os.posix_fallocate(memory._fd, 0, size_bytes)  # type: ignore[attr-defined]
     except OSError as error:
