@@ -22,7 +22,7 @@ from lfpipe import config as config_module
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.observe.snapshot import snapshot
-from lfpipe.supervisor import child, placement, rundir
+from lfpipe.supervisor import child, limits, placement, rundir
 from lfpipe.supervisor.desk import Desk
 from lfpipe.supervisor.levels import Levels, why
 from lfpipe.supervisor.loan import PacketLoan, PictureLoan
@@ -75,13 +75,17 @@ class Supervisor:
 
         Raises UserError before any process starts when the session cannot be (name taken, /dev/shm too small, ...).
         """
-        rundir.sweep()
-        lock = rundir.acquire(self.session)
+        limits.allow_files()
+        with rundir.filled(self.session):
+            rundir.sweep()
+            lock = rundir.acquire(self.session)
         before = {signum: signal.signal(signum, self._signalled) for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
         try:
-            self._build()
+            with rundir.filled(self.session):
+                self._build()
             with control.context() as ctx:
-                self._desk = Desk(ctx, self)
+                with rundir.filled(self.session):
+                    self._desk = Desk(ctx, self)
                 self._loop(duration_s)
                 assert self.outcome is not None
                 self.outcome.final = snapshot(self.session.name, self.table, self.started_ns)
