@@ -89,7 +89,10 @@ def prepare(wish: Wish) -> Prepared:
     out = Path("lfpipe-demo")
     display = wish.display or (f"file:{out / 'demo.mkv'}" if unseen else "window")
     if unseen:
-        out.mkdir(exist_ok=True)
+        try:
+            out.mkdir(exist_ok=True)
+        except OSError as error:
+            raise UserError(f"{out}/: {error.strerror}", "run the demo in a directory that you may write to, or --display none") from None
         say(f"no screen here: the demo runs {wish.duration_s or DEMO_S:g} s into {out}/")
     camera = _checked(wish, config, display)
     field, pack = _packed(wish, config)
