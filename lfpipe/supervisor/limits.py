@@ -1,4 +1,4 @@
-"""What the system lets a process have, seen to before a session is built: some libraries end the process where it is too little."""
+"""What the system lets a process have, seen to before a session is built: some libraries abort where it is too little."""
 
 from __future__ import annotations
 
