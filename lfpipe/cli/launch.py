@@ -92,7 +92,8 @@ def prepare(wish: Wish) -> Prepared:
         try:
             out.mkdir(exist_ok=True)
         except OSError as error:
-            raise UserError(f"{out}/: {error.strerror}", "run the demo in a directory that you may write to, or --display none") from None
+            remedy = "run the demo in a directory that you may write to, or with --display none"
+            raise UserError(f"{out}/: {error.strerror}", remedy) from None
         say(f"no screen here: the demo runs {wish.duration_s or DEMO_S:g} s into {out}/")
     camera = _checked(wish, config, display)
     field, pack = _packed(wish, config)
