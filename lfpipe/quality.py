@@ -8,6 +8,7 @@ force is sent to the stages as option "level", a map of plain values; the config
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ import attrs
 from lfpipe.config import Config
 
 METHODS = ("warp2", "warp", "blend", "nearest")  # each cheaper than the one before
+WARPS = ("warp", "warp2")
+NO_SCORES: Mapping[str, float] = {}
 LEAST_HZ = 25.0  # a display refreshed more slowly flickers with every movement of the head
 
 
@@ -37,10 +40,19 @@ class Level:
         return attrs.asdict(self) if self.number else {}
 
 
-def drawn_with(wanted: str, scene_method: str, has_disparity: bool) -> str:
-    """What render.method = wanted comes to in a scene: `auto` is the scene's own, and nothing is warped without disparity."""
+def drawn_with(wanted: str, scene_method: str, has_disparity: bool, scores: Mapping[str, float] = NO_SCORES) -> str:
+    """What render.method = wanted comes to in a scene: `auto` is the scene's own, and nothing is warped without disparity.
+
+    scores: PSNR in dB of each method where views of the scene were left out. A scene of noisy views and little depth is met
+    best by a cross-fade, which averages the noise; a warp that does worse there is not drawn, whoever asks for it.
+    """
     method = scene_method if wanted == "auto" else wanted
-    return "nearest" if method in ("warp", "warp2") and not has_disparity else method
+    if method not in WARPS:
+        return method
+    if not has_disparity:
+        return "nearest"
+    worse = scene_method not in WARPS and scores.get(scene_method, -math.inf) > scores.get(method, math.inf)
+    return scene_method if worse else method
 
 
 def ladder(config: Config, options: Mapping[str, Any]) -> tuple[Level, ...]:
@@ -50,7 +62,8 @@ def ladder(config: Config, options: Mapping[str, Any]) -> tuple[Level, ...]:
     """
     try:
         manifest = json.loads((Path(options["pack"]) / "manifest.json").read_bytes())
-        method = drawn_with(config.render.method, manifest["method"], manifest["disparity"]["source"] != "none")
+        has_disparity = manifest["disparity"]["source"] != "none"
+        method = drawn_with(config.render.method, manifest["method"], has_disparity, manifest.get("scores", NO_SCORES))
     except (KeyError, OSError, ValueError):  # render says what is wrong with it
         return (Level(0, "", config.render.method, config.render.rate_hz, 1, "full"),)
     steps: list[tuple[str, str, Any]] = [("render", "method", name) for name in METHODS[METHODS.index(method) + 1 :]]

@@ -204,6 +204,7 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
     import numpy as np
 
     from lfpipe.errors import UserError
+    from lfpipe.quality import NO_SCORES, drawn_with
     from lfpipe.render.synthesis import Synthesiser
     from lfpipe.scene.look import require_place
 
@@ -212,9 +213,9 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
     require_place(field, row, col)
     if frame >= field.frames:
         raise UserError(f"--frame {frame}: the scene has {field.frames} frames", f"--frame 0 to {field.frames - 1}")
-    used = field.method if method == "auto" else method
-    if used in ("warp", "warp2") and field.disparity is None:
-        raise UserError(f"--method {used}: {field.name} has no disparity", "--method nearest or blend")
+    if method in ("warp", "warp2") and field.disparity is None:
+        raise UserError(f"--method {method}: {field.name} has no disparity", "--method nearest or blend")
+    used = drawn_with(method, field.method, field.disparity is not None, field.manifest.get("scores", NO_SCORES))
     outs = [np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)]
 
     def plane(channel: int) -> Callable[[int, int], NDArray[np.uint8]]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Render
-from lfpipe.quality import drawn_with
+from lfpipe.quality import NO_SCORES, drawn_with
 from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, Recipe, recipe
 from lfpipe.render.blocks import near_array
 from lfpipe.render.planes import PlaneStore
@@ -42,7 +42,8 @@ class Compositor:
     """
 
     def __init__(self, field: LightField, render: Render) -> None:
-        self.method = drawn_with(render.method, field.method, field.disparity is not None)
+        scores = field.manifest.get("scores", NO_SCORES)
+        self.method = drawn_with(render.method, field.method, field.disparity is not None, scores)
         self._field, self._render = field, render
         height, width = field.height_px, field.width_px
         glasses = render.anaglyph in MATRICES

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from lfpipe.config import Config
+from lfpipe.quality import drawn_with
 from lfpipe.scene.lightfield import LightField
 
 FLAT_PX = 0.5  # px per view: less is not worth a warp
@@ -123,7 +124,8 @@ def make_plan(field: LightField, config: Config, measure: bool = False) -> Plan:
 
     extent = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
     asked = config.render.method
-    method = field.method if asked == "auto" else asked
+    scores = {k: v for k, v in field.manifest.get("scores", {}).items() if isinstance(v, int | float)}
+    method = drawn_with(asked, field.method, True, scores)
     why = ""
     if views == 1:
         method, why = "nearest", "there is one view"
@@ -132,9 +134,8 @@ def make_plan(field: LightField, config: Config, measure: bool = False) -> Plan:
     elif asked == "auto" and method in ("warp", "warp2") and extent < FLAT_PX:
         method, why = "nearest", f"the scene is flat: at most {extent:.2f} px per view"
     elif method not in ("warp", "warp2"):
-        scores = {k: v for k, v in field.manifest.get("scores", {}).items() if isinstance(v, int | float)}
         told = ", ".join(f"{name} {value:.1f} dB" for name, value in scores.items())
-        why = "render.method" if asked != "auto" else f"left-out views are met as well without ({told})" if told else "flat scene"
+        why = "render.method" if asked == method else f"left-out views are met as well without ({told})" if told else "flat scene"
     needs_warp = method in ("warp", "warp2")
 
     planes: tuple[tuple[int, ...], tuple[int, ...]] = ((0,), (0,))

@@ -110,6 +110,22 @@ def test_auto_is_the_scenes_method_and_without_depth_nothing_is_warped() -> None
     assert Compositor(rendered.field(3, 3, depth=False), render(method="warp2")).method == "nearest"
 
 
+@pytest.mark.parametrize(
+    ("scene", "asked", "drawn"),
+    [
+        ("blend", "warp", "blend"),  # below the scene's own method, which is no warp
+        ("blend", "warp2", "warp2"),  # dearer, but no worse
+        ("warp2", "warp", "warp"),  # the scene deserves a warp: whoever asks for a cheaper one has it
+        ("nearest", "warp", "warp"),
+        ("blend", "nearest", "nearest"),
+    ],
+)
+def test_a_warp_that_left_out_views_have_shown_to_be_worse_is_not_drawn(scene: str, asked: str, drawn: str) -> None:
+    scores = {"nearest": 33.3, "blend": 37.5, "warp": 35.6, "warp2": 37.6}
+    field = attrs.evolve(rendered.field(3, 3, method=scene), manifest={"scores": scores})
+    assert Compositor(field, render(method=asked)).method == drawn
+
+
 @pytest.mark.parametrize("anaglyph", OUTPUTS)
 def test_a_grey_light_field_gives_what_its_colours_would(anaglyph: str) -> None:
     colour = rendered.field(3, 3)
