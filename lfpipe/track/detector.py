@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.track.network import Network, model_file
-from lfpipe.track.roi import Roi, as_tensor
+from lfpipe.track.roi import Roi, Warp, as_tensor, warp
 
 SIZE_PX = 128
 MIN_SCORE = 0.5
@@ -65,7 +65,8 @@ def suppressed(rows: NDArray[np.floating], scores: NDArray[np.floating]) -> list
 class Detector:
     """Finds faces of about a tenth of the picture's width and more. Raises UserError where the network is missing or wrong."""
 
-    def __init__(self) -> None:
+    def __init__(self, warp: Warp = warp) -> None:
+        self._warp = warp
         path = model_file("modules/face_detection/face_detection_short_range.tflite")
         self._network = Network(path, (1, SIZE_PX, SIZE_PX, 3), (896 * 16, 896))
         self._anchors = anchors()
@@ -75,7 +76,7 @@ class Detector:
         """Faces in uint8 (height, width, 3) BGR, surest first."""
         height_px, width_px = image.shape[:2]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), 0.0)
-        crop = whole.crop(image, SIZE_PX, cv2.BORDER_CONSTANT)
+        crop = whole.crop(image, SIZE_PX, cv2.BORDER_CONSTANT, self._warp)
         regressors, logits = self._network.run(as_tensor(crop, -1.0, 1.0))
         scores = 1 / (1 + np.exp(-np.clip(logits, -80, 80)))  # float32 holds exp(88)
         keep = np.flatnonzero(scores >= MIN_SCORE)

@@ -6,9 +6,10 @@ from lfpipe.config import Track
 from lfpipe.track.engine import Engine
 
 
-def make_engine(track: Track) -> Engine:
+def make_engine(track: Track, portable: bool = False) -> Engine:
     """The engine that track names, ready. Each imports its own libraries, and only when chosen.
 
+    portable: see `LitertEngine`; MediaPipe's graph has an OpenCV of its own in it.
     Raises UserError where its libraries or models are missing or of another version.
     """
     if track.engine == "mediapipe":
@@ -17,4 +18,4 @@ def make_engine(track: Track) -> Engine:
         return MediapipeEngine(track.refine)
     from lfpipe.track.litert_engine import LitertEngine
 
-    return LitertEngine(track.refine)
+    return LitertEngine(track.refine, portable)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.track.network import Network, model_file
-from lfpipe.track.roi import Roi, around, as_tensor
+from lfpipe.track.roi import Roi, Warp, around, as_tensor, warp
 
 SIZE_PX = 64
 _SCALE = 2.3  # of the crop over the distance between the eye's corners
@@ -17,7 +17,8 @@ _CORNERS = ((362, 263), (33, 133))  # inner and outer of the viewer's left eye, 
 class Irises:
     """Raises UserError where the network is missing or of another version."""
 
-    def __init__(self) -> None:
+    def __init__(self, warp: Warp = warp) -> None:
+        self._warp = warp
         self._network = Network(model_file("modules/iris_landmark/iris_landmark.tflite"), (1, SIZE_PX, SIZE_PX, 3), (15,))
         self.model = self._network.name
 
@@ -28,7 +29,7 @@ class Irises:
             middle, reach = (points[start] + points[end]) / 2, np.abs(points[end] - points[start]).max() / 2
             corners = (*(middle - reach), *(middle + reach))
             roi: Roi = around(corners, points[start], points[end], _SCALE)
-            crop = roi.crop(image, SIZE_PX, cv2.BORDER_REPLICATE)
+            crop = roi.crop(image, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
             # the network knows right eyes only: the left one is shown to it in a mirror
             crop = crop if eye else np.ascontiguousarray(crop[:, ::-1])
             centre = self._network.run(as_tensor(crop, 0.0, 1.0))[0][:2].astype(np.float64)

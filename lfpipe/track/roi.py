@@ -6,13 +6,34 @@ Proportions follow the face graphs that the networks were trained for (MediaPipe
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+# (image (h, w, 4), affine (2, 3) from crop px to image px, size_px, border) -> crop, uint8 (size_px, size_px, 4)
+Warp = Callable[[NDArray[np.uint8], NDArray[np.float64], int, int], NDArray[np.uint8]]
+
 SCALE = 1.5  # the region over the face, so that the face of the next picture is still inside
+
+
+def warp(image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int) -> NDArray[np.uint8]:
+    """OpenCV's own way: OpenCV 5 interpolates between pixels exactly, OpenCV 4 at places rounded to 1/32 px."""
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(image, matrix, (size_px, size_px), flags=flags, borderMode=border), np.uint8)
+
+
+def portable_warp(image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int) -> NDArray[np.uint8]:
+    """At places rounded to 1/32 px, to the same bits in every OpenCV from 4.10 on; 0.14 ms slower than `warp` for 192x192."""
+    steps = np.arange(size_px)
+    along_px, down_px = matrix[:, 0, None] * steps, matrix[:, 1, None] * steps + matrix[:, 2, None]
+    along, down = (np.rint(1024 * part).astype(np.int32) for part in (along_px, down_px))
+    x, y = (along[:, None, :] + (down + 16)[:, :, None]) >> 5  # (row, column), in 1/32 px
+    whole, rest = np.empty((size_px, size_px, 2), np.int16), ((y & 31) * 32 + (x & 31)).astype(np.uint16)
+    whole[..., 0], whole[..., 1] = x >> 5, y >> 5
+    return np.asarray(cv2.remap(image, whole, rest, cv2.INTER_LINEAR, borderMode=border), np.uint8)
 
 
 @attrs.frozen
@@ -31,7 +52,7 @@ class Roi:
         half = size_px / 2
         return np.array([[c, -s, self.x_px - half * (c - s)], [s, c, self.y_px - half * (s + c)]])
 
-    def crop(self, image: NDArray[np.uint8], size_px: int, border: int) -> NDArray[np.uint8]:
+    def crop(self, image: NDArray[np.uint8], size_px: int, border: int, warp: Warp = warp) -> NDArray[np.uint8]:
         """The region as uint8 BGRA (size_px, size_px, 4). border: cv2.BORDER_*, what lies outside of the picture.
 
         Four channels are warped in 0.4 of the time of three, to the same values.
@@ -45,8 +66,7 @@ class Roi:
             x0, y0, x1, y1 = 0, 0, width, height
         part = cv2.cvtColor(image[y0:y1, x0:x1], cv2.COLOR_BGR2BGRA)
         matrix[:, 2] -= x0, y0
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        return np.asarray(cv2.warpAffine(part, matrix, (size_px, size_px), flags=flags, borderMode=border), np.uint8)
+        return warp(np.asarray(part, np.uint8), matrix, size_px, border)
 
     def to_picture(self, points: NDArray[np.floating], size_px: int) -> NDArray[np.float64]:
         """points (n, 2) in crop px -> picture px."""
