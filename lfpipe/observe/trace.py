@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
+from lfpipe.line_file import LineFile
 
 
 def check_trace(path: Path) -> None:
@@ -20,33 +20,38 @@ def check_trace(path: Path) -> None:
 
 
 class TraceFile:
-    """Appends lines with one write each, so that a reader or a restart never meets half a line of ours.
-
-    A full disk ends the trace, not the session: `lost` is called once with the reason.
+    """Lines of JSON in a file, each whole. Neither a full disk nor a path that is gone ends the session: the trace ends, and
+    `lost` is called once with the reason.
     """
 
     def __init__(self, path: Path | None, lost: Callable[[str], None]) -> None:
-        self._lost = lost
-        self._fd = -1 if path is None else os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        self._path, self._lost = path, lost
+        self._file: LineFile | None = None
+        if path is not None:
+            try:
+                self._file = LineFile(path)
+            except OSError as error:  # another process of this stage could open it; its directory may be gone since
+                self._end(error)
 
     @property
     def wanted(self) -> bool:
-        return self._fd >= 0
+        return self._file is not None
 
     def write(self, record: dict[str, Any]) -> None:
         """One line; keys as in the contract of design and README."""
-        if self._fd < 0:
+        if self._file is None:
             return
-        line = json.dumps(record, allow_nan=False).encode() + b"\n"
         try:
-            if os.write(self._fd, line) != len(line):
-                raise OSError(28, "no space left on the device")
+            self._file.append(json.dumps(record, allow_nan=False).encode() + b"\n")
         except OSError as error:
-            self.close()
-            self._lost(f"trace: {error.strerror}")
+            self._end(error)
+
+    def _end(self, error: OSError) -> None:
+        self.close()
+        self._lost(f"trace {self._path}: {error.strerror}; it ends here")
 
     def close(self) -> None:
         """Ends the trace."""
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
+        if self._file is not None:
+            self._file.close()
+            self._file = None

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import to_dict
 from lfpipe.eyes import EYES as EYES_TYPE
+from lfpipe.line_file import LineFile
 from lfpipe.replay.incoming import Incoming
 from lfpipe.replay.packets import PacketWriter, encoded
 from lfpipe.replay.sequence import EYES, MANIFEST, begin_manifest, end_manifest
@@ -113,10 +114,10 @@ class EyesLog:
     """One line of JSON per eyes record; without a path they are taken and not written, so that no writer waits for us."""
 
     def __init__(self, source: Input, path: Path | None, anew: bool) -> None:
-        """anew: records published until now are not to be had."""
+        """anew: records published until now are not to be had. Raises OSError where path cannot be written."""
         if anew:
             source.skip()
-        self._source, self._file = source, path.open("a", buffering=1) if path else None
+        self._source, self._file = source, LineFile(path) if path else None
         self._record = np.empty((), EYES_TYPE)
 
     def serve(self) -> None:
@@ -126,7 +127,7 @@ class EyesLog:
                 continue
             line: dict[str, Any] = {"source_seq": stamp.source_seq, "epoch": stamp.epoch, "t_sensor_ns": stamp.t_sensor_ns}
             line |= {name: self._record[name].tolist() for name in EYES_TYPE.names or ()}
-            self._file.write(json.dumps(line) + "\n")
+            self._file.append(json.dumps(line).encode() + b"\n")
 
     def close(self) -> None:
         if self._file is not None:
@@ -138,11 +139,16 @@ def main(context: Context) -> None:
     folder = Path(context.options["record"])
     anew = not (folder / MANIFEST).exists()
     frames, lost_before = Incoming(context, anew), int(context.row["drops"]) if anew else 0
-    eyes = EyesLog(context.input("eyes"), folder / EYES if context.options.get("record_eyes") else None, anew)
     source, rate_hz = str(context.options["source"]), float(context.options["source_hz"])
     more = {"versions": versions(), "config": to_dict(context.config)}
-    manifest = begin_manifest(folder, source, frames.width_px, frames.height_px, rate_hz, **more)
-    store = Store(context, folder, frames.shape)
+    try:
+        eyes = EyesLog(context.input("eyes"), folder / EYES if context.options.get("record_eyes") else None, anew)
+        manifest = begin_manifest(folder, source, frames.width_px, frames.height_px, rate_hz, **more)
+        store = Store(context, folder, frames.shape)
+    except OSError as error:
+        frames.close()
+        _refused(context, folder, error)
+        return
     told = False
     context.ready()
     context.applied()
@@ -160,7 +166,8 @@ def main(context: Context) -> None:
                 time.sleep(MS_NS / 1e9)  # the ring wakes us again and again, and there is nowhere to put its frames
             if store.failure and not told:
                 told = True
-                context.emit("notice", text=f"recording {folder}: {store.failure}; it ends with its frame {store.count - 1}")
+                ends = f"it ends with its frame {store.count - 1}" if store.count else "it ends before its first frame"
+                context.emit("notice", text=f"recording {folder}: {store.failure}; {ends}")
                 context.request("record", path="")
     finally:
         store.close()
@@ -174,3 +181,13 @@ def main(context: Context) -> None:
         except OSError as error:
             text = f"recorded {store.count} frames to {folder}{lost}; not completed: {error.strerror}"
         context.emit("notice", text=text)
+
+
+def _refused(context: Context, folder: Path, error: OSError) -> None:
+    """Nothing can be written from the start: tells, asks for its own end, and waits for it."""
+    context.ready()
+    context.emit("notice", text=f"recording {folder}: {error.strerror}; nothing is recorded")
+    context.request("record", path="")
+    context.applied()
+    while context.wait():
+        context.applied()

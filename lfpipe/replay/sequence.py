@@ -49,7 +49,10 @@ def check_out(path: Path) -> None:
 
 
 def begin_manifest(path: Path, source: str, width_px: int, height_px: int, rate_hz: float, **more: Any) -> dict[str, Any]:
-    """Writes the manifest of a sequence that is still to be recorded, and returns it. more: versions, config."""
+    """Writes the manifest of a sequence that is still to be recorded, and returns it. more: versions, config.
+
+    Raises OSError where there is no room.
+    """
     created = time.strftime("%Y-%m-%dT%H:%M:%S%z")
     about = {"source": source, "width_px": width_px, "height_px": height_px, "rate_hz": rate_hz}
     manifest = {"format": FORMAT, "version": VERSION, "created": created, **about, **more, "complete": False}
@@ -68,8 +71,12 @@ def end_manifest(path: Path, manifest: dict[str, Any], frames: int, checksums: d
 
 def _write_manifest(path: Path, manifest: dict[str, Any]) -> None:
     new = path / (MANIFEST + ".new")
-    new.write_text(json.dumps(manifest, indent=1) + "\n")
-    new.replace(path / MANIFEST)
+    try:
+        new.write_text(json.dumps(manifest, indent=1) + "\n")
+        new.replace(path / MANIFEST)
+    except OSError:
+        new.unlink(missing_ok=True)
+        raise
 
 
 @attrs.frozen(eq=False)

@@ -1,0 +1,33 @@
+"""A file that grows by whole lines: neither a full disk nor the death of its writer leaves half a line in it."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+from pathlib import Path
+
+LONGEST_LINE = 1 << 16  # bytes; how far back the last line's end is looked for
+
+
+class LineFile:
+    """Appends lines with one write each. Half a line that a killed writer may have left is cut off."""
+
+    def __init__(self, path: Path) -> None:
+        """Makes the file where there is none. Raises OSError."""
+        self._fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+        size = os.fstat(self._fd).st_size
+        tail = os.pread(self._fd, min(size, LONGEST_LINE), max(0, size - LONGEST_LINE)) if size else b""
+        if tail and not tail.endswith(b"\n"):
+            os.ftruncate(self._fd, size - len(tail) + tail.rfind(b"\n") + 1)
+
+    def append(self, line: bytes) -> None:
+        """Adds line, which ends with a newline. Raises OSError where it does not fit; the file then ends with the one before."""
+        written = os.write(self._fd, line)
+        if written != len(line):
+            with contextlib.suppress(OSError):  # a device, which keeps nothing
+                os.ftruncate(self._fd, os.fstat(self._fd).st_size - written)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def close(self) -> None:
+        os.close(self._fd)
