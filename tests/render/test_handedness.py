@@ -1,0 +1,215 @@
+"""From pixels to pixels: a scene with known depth, photographed from known places, written in every layout, packed, and seen
+through the glasses. What is near must stand to the right for the left eye, and a viewer who moves must see it from there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lfpipe.config import Render, Scene
+from lfpipe.render.compositor import Compositor
+from lfpipe.render.viewpoint import Mapper, soft_clamp
+from lfpipe.scene import layouts
+from lfpipe.scene.pack import open_scene
+from tests.scene import made
+
+Grid = NDArray[np.uint8]  # (rows, cols, height, width, 3), top left camera first
+
+FOCAL_PX, FOCUS_MM, BASELINE_MM = 500.0, 1000.0, 10.0
+HEIGHT, WIDTH = 96, 128
+RADIUS_PX = 13.0
+EYES_PX, STEP_PX = 60.0, 30.0  # between the eyes, and per view: they look from two views apart
+
+
+def depth_mm(disparity_px: float) -> float:
+    """Where a thing stands that moves so many px to the left when the camera moves a baseline to the right."""
+    return 1 / (disparity_px / (BASELINE_MM * FOCAL_PX) + 1 / FOCUS_MM)
+
+
+@lru_cache(maxsize=4)
+def photographs(rows: int, cols: int, near_px: float = 2.0, far_px: float = -1.0) -> Grid:
+    """What cameras BASELINE_MM apart see, all aimed at the same rectangle FOCUS_MM away: a textured wall with a black disc on it
+    and before it a bright disc. Rays are cast through each pixel; nothing here knows what a disparity map is."""
+    out = np.empty((rows, cols, HEIGHT, WIDTH, 3), np.uint8)
+    v, u = (np.mgrid[0:HEIGHT, 0:WIDTH] - np.array([HEIGHT / 2, WIDTH / 2])[:, None, None]).astype(float)
+    wall, front = (made.texture(2 * HEIGHT, 2 * WIDTH, seed).astype(float) for seed in (1, 3))
+
+    def texels(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        low, size = np.array([HEIGHT, WIDTH]), np.array([2 * HEIGHT, 2 * WIDTH])
+        i, j = (np.rint(value + at).clip(0, n - 1).astype(np.intp) for value, at, n in zip((y, x), low, size, strict=True))
+        return i, j
+
+    for row in range(rows):
+        for col in range(cols):
+            right_mm, down_mm = (col - (cols - 1) / 2) * BASELINE_MM, (row - (rows - 1) / 2) * BASELINE_MM
+
+            def meets(at_mm: float, right: float = right_mm, down: float = down_mm) -> list[NDArray[np.float64]]:
+                """Where the ray of each pixel meets the plane at_mm away, in px of that plane as the middle camera sees it."""
+                aimed = (u * FOCUS_MM / FOCAL_PX, v * FOCUS_MM / FOCAL_PX)
+                return [(c + (a - c) * at_mm / FOCUS_MM) * FOCAL_PX / at_mm for a, c in zip(aimed, (right, down), strict=True)]
+
+            x, y = meets(depth_mm(far_px))
+            view = 45 + 0.3 * wall[texels(x, y)]
+            view[np.hypot(x + 34, y + 14) < RADIUS_PX] = 8
+            x, y = meets(depth_mm(near_px))
+            inside = np.hypot(x - 18, y - 6) < RADIUS_PX
+            view[inside] = (170 + 0.3 * front[texels(x, y)])[inside]
+            out[row, col] = np.rint(view)
+    out.setflags(write=False)
+    return out
+
+
+def truth(near_px: float = 2.0, far_px: float = -1.0) -> NDArray[np.float32]:
+    """Disparity of the middle view."""
+    v, u = np.mgrid[0:HEIGHT, 0:WIDTH] - np.array([HEIGHT / 2, WIDTH / 2])[:, None, None]
+    return np.where(np.hypot(u - 18, v - 6) < RADIUS_PX, near_px, far_px).astype(np.float32)
+
+
+def hci(folder: Path, grid: Grid) -> Path:
+    (folder / "parameters.cfg").write_text("[extrinsics]\nnum_cams_x = 5\nnum_cams_y = 5\n")
+    return made.write_grid(folder, grid, "input_Cam{n:03d}.png")
+
+
+def hci_old(folder: Path, grid: Grid) -> Path:
+    with h5py.File(folder / "lf.h5", "w") as file:
+        file["LF"] = grid[:, ::-1]
+        file["GT_DEPTH"] = np.broadcast_to((0.5 * 20 / (truth() + 3)).astype(np.float32), (5, 5, HEIGHT, WIDTH))
+        file.attrs.update({"dH": 0.5, "focalLength": 20.0, "shift": 3.0, "hRes": HEIGHT})
+    return folder
+
+
+def hci_text(folder: Path, grid: Grid) -> Path:
+    values = {"xRes": WIDTH, "yRes": HEIGHT, "hRes": 5, "vRes": 5, "dH": 0.5, "shift": 3, "focalLength": 20}
+    (folder / "attributes.dat").write_text("".join(f"{value:e} //{name}\n" for name, value in values.items()))
+    (folder / "depth.bin").write_bytes((10 / (truth() + 3)).astype("<f4").tobytes())
+    made.write_grid(folder / "lf", grid, "{r:02d}_{c:02d}.png")
+    return folder
+
+
+def stanford(folder: Path, grid: Grid) -> Path:
+    for row in range(5):
+        for col in range(5):  # shot from the right to the left and upwards: the coordinates say so
+            name = f"out_{row:02d}_{col:02d}_{-300 - 8.5 * row:.4f}_{1100 - 8.6 * col:.4f}_.png"
+            made.write(folder / name, grid[4 - row, 4 - col])
+    return folder
+
+
+def jpeg_pleno(folder: Path, grid: Grid) -> Path:
+    for row in range(7):
+        for col in range(7):
+            inside = 1 <= row <= 5 and 1 <= col <= 5
+            view = grid[row - 1, col - 1].astype(np.uint16) * 4 if inside else np.zeros(grid.shape[2:], np.uint16)
+            made.write_ppm(folder / f"{row:03d}_{col:03d}.ppm", view, 1023)
+    return folder
+
+
+def mat(folder: Path, grid: Grid) -> Path:
+    with h5py.File(folder / "scene.mat", "w", userblock_size=512) as file:
+        file["LF"] = grid.transpose(4, 3, 2, 1, 0)
+    with (folder / "scene.mat").open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
+    return folder
+
+
+def eslf(folder: Path, grid: Grid) -> Path:
+    whole = np.zeros((14, 14, *grid.shape[2:]), np.uint8)
+    whole[2:12, 2:12] = grid
+    made.write(folder / "IMG_0001.png", whole.transpose(2, 0, 3, 1, 4).reshape(HEIGHT * 14, WIDTH * 14, 3))
+    return folder
+
+
+def mosaic(folder: Path, grid: Grid) -> Path:
+    made.write(folder / "toys.png", made.mosaic(grid))
+    return folder
+
+
+def mosaic_video(folder: Path, grid: Grid) -> Path:
+    for frame in range(2):
+        made.write(folder / f"frame_{frame:04d}.png", np.clip(made.mosaic(grid).astype(int) + frame, 0, 255).astype(np.uint8))
+    return folder
+
+
+def quilt(folder: Path, grid: Grid) -> Path:
+    tiles = grid[0].reshape(3, 4, *grid.shape[2:])[::-1]
+    made.write(folder / "shop_qs4x3a1.33.png", made.mosaic(tiles))
+    return folder
+
+
+def rows_cols(folder: Path, grid: Grid) -> Path:
+    return made.write_grid(folder, grid, "view_{r:02d}_{c:02d}.png")
+
+
+def numbered(folder: Path, grid: Grid) -> Path:
+    return made.write_grid(folder, grid, "im_{n:03d}.png")
+
+
+def picture(folder: Path, grid: Grid) -> Path:
+    made.write(folder / "photo.png", grid[0, 0])
+    return folder
+
+
+# layout: (how it is written, rows, columns, disparity of what is near and of the wall in px per view)
+LAYOUTS: dict[str, tuple[Callable[[Path, Grid], Path], int, int, float, float]] = {
+    "hci": (hci, 5, 5, 2.0, -1.0),
+    "hci-old": (hci_old, 5, 5, 2.0, -1.0),
+    "hci-text": (hci_text, 5, 5, 2.0, -1.0),
+    "stanford": (stanford, 5, 5, 2.0, -1.0),
+    "jpeg-pleno": (jpeg_pleno, 5, 5, 2.0, -1.0),
+    "mat": (mat, 5, 5, 2.0, -1.0),
+    "eslf": (eslf, 10, 10, 1.0, -0.6),
+    "mosaic": (mosaic, 5, 5, 2.0, -1.0),
+    "mosaic-video": (mosaic_video, 5, 5, 2.0, -1.0),
+    "quilt": (quilt, 1, 12, 2.0, -1.0),
+    "rows-cols": (rows_cols, 5, 5, 2.0, -1.0),
+    "numbered": (numbered, 5, 5, 2.0, -1.0),
+    "picture": (picture, 1, 1, 2.0, -1.0),
+}
+
+
+def place(plane: NDArray[np.uint8], bright: bool) -> NDArray[np.float64]:
+    """(x, y) of the bright disc, or of the black one, in one eye's plane of the picture."""
+    y, x = np.nonzero(plane > 145 if bright else plane < 26)
+    assert len(x) > 300, "the disc is in the picture"
+    return np.array([x.mean(), y.mean()])
+
+
+def test_every_layout_is_here() -> None:
+    assert set(LAYOUTS) == set(layouts.layouts())
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(layout: str, tmp_path: Path) -> None:
+    write, rows, cols, near_px, far_px = LAYOUTS[layout]
+    folder = tmp_path / layout
+    folder.mkdir()
+    field = open_scene(write(folder, photographs(rows, cols, near_px, far_px)), Scene(cache_dir=str(tmp_path / "cache")))
+    assert (field.manifest["layout"], field.rows, field.cols) == (layout, rows, cols)
+    for method in ("nearest", "auto"):
+        how = Render(method=method, anaglyph="colour")
+        compositor = Compositor(field, how)
+
+        def seen(
+            right_px: float, up_px: float, bright: bool, how: Render = how, compositor: Compositor = compositor
+        ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            """Where the disc stands for the left eye and for the right one. The camera's picture shows the viewer unmirrored:
+            their left eye at larger x, a step to their right as one to the left, and upwards is to smaller y."""
+            eyes = [[320 + EYES_PX / 2 - right_px, 240 - up_px], [320 - EYES_PX / 2 - right_px, 240 - up_px]]
+            mapper = Mapper(rows, cols, how, STEP_PX, (320.0, 240.0), snap=compositor.method == "nearest")
+            drawn = compositor.compose(*mapper.views(eyes))
+            return place(drawn[..., 2], bright), place(drawn[..., 1], bright)  # red glass left, cyan right
+
+        close = 0.3 * near_px
+        for bright, disparity_px in ((True, near_px), (False, far_px)):
+            left, right = seen(0, 0, bright)
+            moved_right, moved_up = seen(STEP_PX, 0, bright)[0], seen(0, STEP_PX, bright)[0]
+            step_px = disparity_px if cols > 1 else 0.0
+            rise_px = disparity_px if rows > 1 else 0.0
+            assert left - right == pytest.approx([2 * step_px, 0], abs=close), f"{method}: near is crossed, far is not"
+            assert moved_right - left == pytest.approx([-step_px, 0], abs=close), f"{method}: seen from further right"
+            assert moved_up - left == pytest.approx([0, rise_px], abs=close), f"{method}: seen from higher up"
