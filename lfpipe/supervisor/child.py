@@ -20,6 +20,7 @@ from lfpipe.transport.status import State
 
 PR_SET_PDEATHSIG, PR_SET_TIMERSLACK = 1, 29
 EXIT_USER = 2  # a mistake of the user's: starting again cannot help
+EXIT_TERMINATED = 128 + signal.SIGTERM
 
 
 def _prctl(option: int, value: int) -> None:
@@ -74,7 +75,7 @@ def run(spec: StageSpec, parent_pid: int) -> None:
             sys.excepthook(*sys.exc_info())
             code = 1
     if terminated and code == 0:
-        code = 128 + signal.SIGTERM  # not the end of the work: who was told to stop by the supervisor is not asked for a code
+        code = EXIT_TERMINATED  # not the end of the work: who was told to stop by the supervisor is not asked for a code
     context.row["state"] = State.STOPPING
     context.close()
     if os.getppid() != parent_pid:
