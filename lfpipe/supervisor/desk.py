@@ -254,6 +254,11 @@ class Desk:
     def _apply(self, client: bytes, rev: int, answer: dict[str, Any]) -> None:
         self._applying.append(_Applying(client, {"ok": True, **answer}, rev, now_ns() + int(APPLY_S * 1e9)))
 
+    def refuse(self, why: str) -> None:
+        """Answers all who wait for a change to be applied that it was taken back."""
+        while self._applying:
+            self._answer(self._applying.popleft().client, {"ok": False, "error": why})
+
     def _finish(self) -> None:
         for loading in [each for each in self._loading if each.process.poll() is not None]:
             self._loading.remove(loading)
