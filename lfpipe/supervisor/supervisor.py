@@ -29,6 +29,7 @@ from lfpipe.supervisor.loan import PacketLoan, PictureLoan
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.supervisor.process import MAX_FAILURES, WINDOW_S, StageProcess
 from lfpipe.supervisor.table import STAGES, consumers, picture_ring, rings
+from lfpipe.supervisor.trial import Trial
 from lfpipe.transport import control, ring, status, wake
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import StageSpec
@@ -62,6 +63,7 @@ class Supervisor:
         self._signals = 0
         self._segments: list[SharedMemory] = []
         self._draining_ns = 0
+        self._trial = Trial(config, options)
         self.loan, self._packets = PictureLoan(session), PacketLoan(session)
         names = [stage.name for stage in STAGES]
         where = "none" if lossless and config.governor.affinity == "auto" else config.governor.affinity
@@ -172,6 +174,7 @@ class Supervisor:
             poller.poll(tick_ms if end_ns is None else max(0, min(tick_ms, (end_ns - now_ns()) // MS_NS + 1)))
             self._desk.serve()
             self._judge()
+            self._trial.watch(self.config, self.options, self.applied(self.rev), now_ns())
             self._govern()
             if self.loan.overdue():
                 self.loan.end()
@@ -231,6 +234,10 @@ class Supervisor:
     def _failed(self, process: StageProcess, code: int) -> None:
         name, row = process.stage.name, process.row
         died_of = process.died_of() if code == child.EXIT_USER else None
+        back = self._trial.verdict(self.config, self.options, code, int(row["config_rev"]) >= self.rev)
+        if back is not None:
+            self._take_back(name, f"{died_of[0]} ({died_of[1]})" if died_of else f"{name} does not work by it", *back)
+            return
         if died_of and not row["ready_ns"]:
             self.outcome = Outcome(f"{name} could not start", died_of[0], died_of[1], user_error=True)
             return
@@ -249,6 +256,13 @@ class Supervisor:
             )
         else:
             self._tell(f"{name} ended with {how} in {phase}{said}; restarting")
+
+    def _take_back(self, name: str, why: str, config: Config, options: dict[str, Any]) -> None:
+        """Ends the trial of a change. What it cost a stage is no failure: nobody may end a session by `ctl set`."""
+        self.change(config=config, options=options)
+        self._desk.refuse(why)
+        self._desk.publish("refused", stage=name, why=why)
+        self._tell(f"the last change is taken back: {why}")
 
     def _drained(self) -> bool:
         last = int(self.table.rows["capture"]["source_seq"])
