@@ -19,6 +19,7 @@ import attrs
 import zmq
 
 from lfpipe import config as config_module
+from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.observe.snapshot import snapshot
 from lfpipe.observe.trace import check_trace
@@ -177,6 +178,7 @@ class Desk:
         if not isinstance(sets, dict) or not sets:
             raise control.BadMessage("set needs a map of keys and values")
         config = config_module.updated(self._supervisor.config, sets, live_only=True)
+        self._check(config, self._supervisor.options)
         self._apply(client, self._supervisor.change(config=config), {"set": sets})
 
     def _pause(self, client: bytes, _: dict[str, Any]) -> None:
@@ -254,6 +256,13 @@ class Desk:
     def _apply(self, client: bytes, rev: int, answer: dict[str, Any]) -> None:
         self._applying.append(_Applying(client, {"ok": True, **answer}, rev, now_ns() + int(APPLY_S * 1e9)))
 
+    @staticmethod
+    def _check(config: Config, options: dict[str, Any]) -> None:
+        if options["pack"]:
+            from lfpipe.render.check import check_together
+
+            check_together(config, Path(options["pack"]))
+
     def refuse(self, why: str) -> None:
         """Answers all who wait for a change to be applied that it was taken back."""
         while self._applying:
@@ -269,6 +278,11 @@ class Desk:
                 continue
             packed = json.loads(out)
             options = {**self._supervisor.options, "pack": packed["pack"], "tracking": packed["needs_tracking"]}
+            try:
+                self._check(self._supervisor.config, options)
+            except UserError as error:
+                self._answer(loading.client, {"ok": False, "error": error.message, "remedy": error.remedy})
+                continue
             self._apply(loading.client, self._supervisor.change(options=options), {"pack": packed["pack"]})
         while self._applying:
             waiting = self._applying[0]
