@@ -80,6 +80,7 @@ def up(wish: Wish) -> int:
 
 def prepare(wish: Wish) -> Prepared:
     """Checks the wish as a whole, packs the scene where that is still to be done, and prints what was chosen."""
+    from lfpipe.render.check import check_together
     from lfpipe.render.open_display import has_display
     from lfpipe.scene.plan import make_plan
 
@@ -97,6 +98,7 @@ def prepare(wish: Wish) -> Prepared:
         say(f"no screen here: the demo runs {wish.duration_s or DEMO_S:g} s into {out}/")
     camera = _checked(wish, config, display)
     field, pack = _packed(wish, config)
+    check_together(config, pack)
     plan = make_plan(field, config)
     still = out / "demo.png" if unseen else None
     options = {
