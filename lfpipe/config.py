@@ -94,7 +94,8 @@ class Governor:
 
 @attrs.frozen
 class Control:
-    bind: Annotated[str, Opt("address of the control socket; ipc: a socket file in the run directory")] = "ipc"
+    bind: Annotated[str, Opt("where commands are taken besides the run directory: ipc for nowhere, or tcp://HOST:PORT, for clients whose keys are known")] = "ipc"
+    keys: Annotated[str, Opt("folder of the keys (`lfpipe keys new`); empty: the user's")] = ""
 
 
 @attrs.frozen

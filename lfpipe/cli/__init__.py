@@ -15,6 +15,7 @@ from lfpipe.cli.cameras import cameras
 from lfpipe.cli.config import config
 from lfpipe.cli.ctl import ctl
 from lfpipe.cli.doctor import doctor
+from lfpipe.cli.keys import keys
 from lfpipe.cli.monitor import monitor
 from lfpipe.cli.record import record
 from lfpipe.cli.replay import replay
@@ -57,7 +58,7 @@ def completion(shell: str) -> None:
     click.echo(made(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").source())
 
 
-for command in (up, monitor, ctl, scene, config, doctor, trace, cameras, calibrate, bench, record, sequence, replay):
+for command in (up, monitor, ctl, scene, config, doctor, trace, cameras, calibrate, bench, record, sequence, replay, keys):
     cli.add_command(command)
 
 

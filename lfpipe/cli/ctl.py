@@ -7,11 +7,25 @@ import json
 from pathlib import Path
 from typing import Any
 
+import attrs
 import click
 
 from lfpipe.cli.options import with_session
 
 LOAD_S = 600.0  # a scene that must be packed first takes its time
+
+
+VALUED = ("--session", "--connect", "--keys")
+
+
+@attrs.frozen
+class Target:
+    """Which session, and how the answer is to look. connect: its address on the network, empty for one of this machine."""
+
+    session_name: str | None
+    as_json: bool
+    connect: str
+    keys: str
 
 
 class Leading(click.Group):
@@ -23,31 +37,44 @@ class Leading(click.Group):
         back: list[str] = []
         words = iter(args[:end])
         for word in words:
-            if word == "--session":
+            if word in VALUED:
                 front += [word, *itertools.islice(words, 1)]
             else:
-                (front if word == "--json" or word.startswith("--session=") else back).append(word)
+                (front if word == "--json" or word.partition("=")[0] in VALUED else back).append(word)
         return super().parse_args(ctx, [*front, *back, *args[end:]])
 
 
 @click.group(cls=Leading)
 @with_session
 @click.option("--json", "as_json", is_flag=True, help="Answers as JSON.")
+@click.option("--connect", default="", metavar="ADDRESS", help="tcp://HOST:PORT of a session whose control.bind is that.")
+@click.option("--keys", default="", metavar="DIR", help="Keys for --connect; your own where none is named.")
 @click.pass_context
-def ctl(context: click.Context, session_name: str | None, as_json: bool) -> None:
+def ctl(context: click.Context, session_name: str | None, as_json: bool, connect: str, keys: str) -> None:
     """Ask and command a running session; a change shows in the next picture."""
-    context.obj = (session_name, as_json)
+    if connect and session_name:
+        raise click.UsageError("--session names one of this machine, --connect one of the network")
+    if keys and not connect:
+        raise click.UsageError("--keys belongs to --connect")
+    context.obj = Target(session_name, as_json, connect, keys)
 
 
-def _send(obj: tuple[str | None, bool], message: dict[str, Any], timeout_s: float = 3.0) -> None:
+def _ask(target: Target, message: dict[str, Any], timeout_s: float) -> dict[str, Any]:
+    if target.connect:
+        from lfpipe.transport import curve
+
+        return curve.request(target.connect, curve.folder(target.keys), message, timeout_s)
     from lfpipe.supervisor.rundir import find
     from lfpipe.transport import control
     from lfpipe.transport.session import default_name
 
-    name, as_json = obj
-    answer = control.request(find(name or default_name()).run_dir, message, timeout_s)
+    return control.request(find(target.session_name or default_name()).run_dir, message, timeout_s)
+
+
+def _send(target: Target, message: dict[str, Any], timeout_s: float = 3.0) -> None:
+    answer = _ask(target, message, timeout_s)
     answer = {key: value for key, value in answer.items() if key != "v"}
-    if as_json:
+    if target.as_json:
         click.echo(json.dumps(answer))
     elif message["cmd"] == "status":
         from lfpipe.cli.report import latency_table
@@ -61,26 +88,26 @@ def _send(obj: tuple[str | None, bool], message: dict[str, Any], timeout_s: floa
 @ctl.command("set")
 @click.argument("sets", nargs=-1, required=True, metavar="KEY=VALUE...")
 @click.pass_obj
-def set_keys(obj: tuple[str | None, bool], sets: tuple[str, ...]) -> None:
+def set_keys(target: Target, sets: tuple[str, ...]) -> None:
     """Change keys of the configuration, all or none."""
     from lfpipe.config import parse_set
 
-    _send(obj, {"cmd": "set", "set": dict(parse_set(text) for text in sets)})
+    _send(target, {"cmd": "set", "set": dict(parse_set(text) for text in sets)})
 
 
 @ctl.command()
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.pass_obj
-def load(obj: tuple[str | None, bool], scene: Path) -> None:
-    """Show another light field; it is packed first where that is still to be done."""
-    _send(obj, {"cmd": "load", "scene": str(scene.resolve())}, LOAD_S)
+def load(target: Target, scene: Path) -> None:
+    """Show another light field; it is packed first where that is still to be done. With --connect, one of that machine."""
+    _send(target, {"cmd": "load", "scene": str(scene if target.connect else scene.resolve())}, LOAD_S)
 
 
 def _plain(word: str, text: str) -> None:
     @ctl.command(word, help=text)
     @click.pass_obj
-    def command(obj: tuple[str | None, bool]) -> None:
-        _send(obj, {"cmd": word})
+    def command(target: Target) -> None:
+        _send(target, {"cmd": word})
 
 
 _plain("status", "State and latency of every stage.")
@@ -99,13 +126,13 @@ def record() -> None:
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--with-eyes", is_flag=True, help="Store what is tracked beside the frames.")
 @click.pass_obj
-def start(obj: tuple[str | None, bool], out: Path, with_eyes: bool) -> None:
+def start(target: Target, out: Path, with_eyes: bool) -> None:
     """Record to the new folder OUT, until `stop` or the end of the session."""
-    _send(obj, {"cmd": "record", "path": str(out.resolve()), "eyes": with_eyes})
+    _send(target, {"cmd": "record", "path": str(out.resolve()), "eyes": with_eyes})
 
 
 @record.command("stop")
 @click.pass_obj
-def stop_record(obj: tuple[str | None, bool]) -> None:
+def stop_record(target: Target) -> None:
     """End the recording."""
-    _send(obj, {"cmd": "record", "path": ""})
+    _send(target, {"cmd": "record", "path": ""})

@@ -123,6 +123,7 @@ def _checked(wish: Wish, config: Config, display: str) -> Checked:
     from lfpipe.capture.open_source import Checked, check_source
     from lfpipe.observe.trace import check_trace
     from lfpipe.render.open_display import check_display
+    from lfpipe.transport import curve
 
     camera = wish.camera or config.camera.source or ("demo" if wish.demo else "")
     errors: list[UserError] = []
@@ -143,6 +144,7 @@ def _checked(wish: Wish, config: Config, display: str) -> Checked:
         errors.append(UserError("no SCENE given", "a folder of views, or --demo for a made one"))
     found = Checked("", 0.0) if single else attempt(lambda: check_source(camera, config.camera))
     attempt(lambda: check_display(display))
+    attempt(lambda: curve.check_bind(config.control.bind, curve.folder(config.control.keys)))
     if wish.trace is not None:
         trace = wish.trace
         attempt(lambda: check_trace(trace))

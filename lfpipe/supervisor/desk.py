@@ -1,8 +1,4 @@
-"""The supervisor's front desk: takes commands over ctl, answers them, passes telemetry from bus on to tap.
-
-Whoever may speak to it may also shout: it takes so many messages in so much time and lets the rest wait in their senders,
-in turn, so that neither a frame nor another client waits for a flood.
-"""
+"""The supervisor's front desk: takes commands, over ctl and from the network, answers them, passes telemetry on to tap."""
 
 from __future__ import annotations
 
@@ -11,7 +7,6 @@ import json
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +18,9 @@ from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.observe.snapshot import snapshot
 from lfpipe.observe.trace import check_trace
+from lfpipe.supervisor.intake import Intake
 from lfpipe.supervisor.outcome import Outcome
-from lfpipe.transport import control
+from lfpipe.transport import control, curve
 from lfpipe.transport.clock import MS_NS, now_ns
 
 if TYPE_CHECKING:
@@ -33,8 +29,7 @@ if TYPE_CHECKING:
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the output pictures
 APPLY_S = 1.0  # how long an answer to `set` waits for the stages to work by it
 APPLY_LOOK_MS = 4  # how often it is looked at meanwhile
-SLICE, SLICE_NS = 32, 20 * MS_NS  # messages of one socket in so much time: 15 % of a core at the most
-QUEUE = 64  # messages that wait on either side, per client
+LOCAL = ("pictures", "trace", "record")  # they speak of memory and files of this machine: not for who drives from another
 
 
 def _usable(path: str, empty: bool = False) -> bool:
@@ -42,9 +37,17 @@ def _usable(path: str, empty: bool = False) -> bool:
     return (empty and not path) or (path.startswith("/") and "\0" not in path)
 
 
+@attrs.frozen
+class _Client:
+    """Who asked, and where the answer goes."""
+
+    socket: zmq.Socket[bytes]
+    identity: bytes
+
+
 @attrs.define
 class _Applying:
-    client: bytes
+    client: _Client
     answer: dict[str, Any]
     rev: int
     until_ns: int
@@ -52,33 +55,15 @@ class _Applying:
 
 @attrs.define
 class _Loading:
-    client: bytes
+    client: _Client
     process: subprocess.Popen[str]
 
 
-@attrs.define
-class _Intake:
-    """What comes in by one socket, SLICE messages in SLICE_NS. ZeroMQ takes one of each client in turn."""
-
-    socket: zmq.Socket[bytes]
-    _left: int = SLICE
-    _until_ns: int = 0
-
-    def messages(self) -> Iterator[list[bytes]]:
-        """Those that are there and may be taken now."""
-        if now_ns() >= self._until_ns:
-            self._left, self._until_ns = SLICE, now_ns() + SLICE_NS
-        while self._left and self.socket.poll(0):
-            self._left -= 1
-            yield self.socket.recv_multipart()
-
-    def rest_ns(self) -> int:
-        """How long it will take no more."""
-        return 0 if self._left else max(0, self._until_ns - now_ns())
-
-
 class Desk:
-    """Three sockets, bound in the run directory; nothing here waits."""
+    """Three sockets, bound in the run directory, and one on the network where control.bind says so; nothing here waits.
+
+    Raises UserError where that cannot be.
+    """
 
     def __init__(self, ctx: zmq.Context[zmq.Socket[bytes]], supervisor: Supervisor) -> None:
         self._supervisor = supervisor
@@ -88,10 +73,17 @@ class Desk:
         self._ctl, self._bus, self._tap = (ctx.socket(kind) for kind in (zmq.ROUTER, zmq.PULL, zmq.XPUB))
         self._ctl.setsockopt(zmq.ROUTER_HANDOVER, 1)  # a restarted stage comes back under its old name
         for socket, name in ((self._ctl, "ctl"), (self._bus, "bus"), (self._tap, "tap")):
-            socket.setsockopt(zmq.MAXMSGSIZE, 2 * control.MAX_BYTES)  # beyond MAX_BYTES an answer says so, beyond this none
-            socket.set_hwm(QUEUE)
+            control.limit(socket)
             socket.bind(control.address(run_dir, name))
-        self._intakes = [_Intake(self._ctl), _Intake(self._bus)]
+            (run_dir / name).chmod(0o600)
+        settings = supervisor.config.control
+        self._door = curve.Door(settings.bind, curve.folder(settings.keys)) if settings.bind != "ipc" else None
+        self._commands, self._told = [Intake(self._ctl)], Intake(self._bus)
+        self._asked: list[Intake] = []
+        if self._door is not None:
+            self._commands.append(Intake(self._door.ctl))
+            self._asked.append(Intake(self._door.bell))
+        self._intakes = [*self._commands, self._told, *self._asked]
         self._news: dict[str, dict[str, Any]] | None = None  # while messages are taken: only the last configuration counts
 
     def close(self) -> None:
@@ -101,6 +93,8 @@ class Desk:
             loading.process.wait()
         for socket in (self._ctl, self._bus, self._tap):
             socket.close()
+        if self._door is not None:
+            self._door.close()
 
     @property
     def sockets(self) -> list[zmq.Socket[bytes]]:
@@ -125,18 +119,18 @@ class Desk:
 
     def serve(self) -> None:
         """Takes what has arrived, as far as its time goes."""
-        ctl, bus = self._intakes
         self._news = {}
-        for parts in ctl.messages():
-            if len(parts) != 2:
-                self._answer(parts[0], {"ok": False, "error": f"{len(parts) - 1} parts, one is spoken here"})
-                continue
-            self._take(*parts)
-        for (data,) in (parts for parts in bus.messages() if len(parts) == 1):
+        for intake in self._commands:
+            for identity, *parts in intake.messages():
+                self._take(_Client(intake.socket, identity), parts)
+        for (data,) in (parts for parts in self._told.messages() if len(parts) == 1):
             with contextlib.suppress(control.BadMessage):
                 message = control.decode(data)
                 self._tap.send(data, zmq.NOBLOCK)
                 self._supervisor.hear(message)
+        for question in (parts for intake in self._asked for parts in intake.messages()):
+            assert self._door is not None
+            self._door.answer(question)
         while self._tap.poll(0):
             self._tap.recv()  # who subscribes and leaves is told to us, and would be kept
         self._finish()
@@ -144,12 +138,16 @@ class Desk:
         for stage, message in news.items():
             self.send(stage, message)
 
-    def _take(self, client: bytes, data: bytes) -> None:
+    def _take(self, client: _Client, parts: list[bytes]) -> None:
         try:
-            message = control.decode(data)
+            if len(parts) != 1:
+                raise control.BadMessage(f"{len(parts)} parts, one is spoken here")
+            message = control.decode(parts[0])
             word = message.get("cmd")
             if word not in control.COMMANDS:
                 raise control.BadMessage(f"unknown command {word!r}, there are {', '.join(control.COMMANDS)}")
+            if word in LOCAL and client.socket is not self._ctl:
+                raise UserError(f"{word} is not taken from the network", "do it on the machine that runs the session")
             answer = getattr(self, f"_{word}")(client, message)
         except control.BadMessage as error:
             answer = {"ok": False, "error": str(error)}
@@ -158,13 +156,13 @@ class Desk:
         if answer is not None:
             self._answer(client, answer)
 
-    def _answer(self, client: bytes, message: dict[str, Any]) -> None:
-        self._ctl.send_multipart([client, control.encode({"rev": self._supervisor.rev, **message})], zmq.NOBLOCK)
+    def _answer(self, client: _Client, message: dict[str, Any]) -> None:
+        client.socket.send_multipart([client.identity, control.encode({"rev": self._supervisor.rev, **message})], zmq.NOBLOCK)
 
-    def _hello(self, client: bytes, _: dict[str, Any]) -> dict[str, Any]:
+    def _hello(self, client: _Client, _: dict[str, Any]) -> dict[str, Any]:
         return {"ok": True, **self._supervisor.snapshot()}
 
-    def _status(self, client: bytes, _: dict[str, Any]) -> dict[str, Any]:
+    def _status(self, client: _Client, _: dict[str, Any]) -> dict[str, Any]:
         supervisor = self._supervisor
         return {
             "ok": True,
@@ -173,7 +171,7 @@ class Desk:
             **snapshot(supervisor.session.name, supervisor.table, supervisor.started_ns),
         }
 
-    def _set(self, client: bytes, message: dict[str, Any]) -> None:
+    def _set(self, client: _Client, message: dict[str, Any]) -> None:
         sets = message.get("set")
         if not isinstance(sets, dict) or not sets:
             raise control.BadMessage("set needs a map of keys and values")
@@ -181,18 +179,18 @@ class Desk:
         self._check(config, self._supervisor.options)
         self._apply(client, self._supervisor.change(config=config), {"set": sets})
 
-    def _pause(self, client: bytes, _: dict[str, Any]) -> None:
+    def _pause(self, client: _Client, _: dict[str, Any]) -> None:
         self._apply(client, self._supervisor.change(paused=True), {"paused": True})
 
-    def _resume(self, client: bytes, _: dict[str, Any]) -> None:
+    def _resume(self, client: _Client, _: dict[str, Any]) -> None:
         self._apply(client, self._supervisor.change(paused=False), {"paused": False})
 
-    def _recentre(self, client: bytes, _: dict[str, Any]) -> dict[str, Any]:
+    def _recentre(self, client: _Client, _: dict[str, Any]) -> dict[str, Any]:
         for name in self._supervisor.processes:
             self.send(name, {"cmd": "recentre"})
         return {"ok": True}
 
-    def _pictures(self, client: bytes, message: dict[str, Any]) -> dict[str, Any] | None:
+    def _pictures(self, client: _Client, message: dict[str, Any]) -> dict[str, Any] | None:
         """The ring of output pictures, for lease_s; who goes on looking asks again in time."""
         lease_s = message.get("lease_s", LEASE_S)
         if isinstance(lease_s, bool) or not isinstance(lease_s, int | float) or not 0 < lease_s <= MAX_LEASE_S:
@@ -204,7 +202,7 @@ class Desk:
         self._apply(client, self._supervisor.rev, answer)
         return None
 
-    def _trace(self, client: bytes, message: dict[str, Any]) -> None:
+    def _trace(self, client: _Client, message: dict[str, Any]) -> None:
         """Starts a timeline into the file `path`, or ends the one that runs where path is empty."""
         path, running = message.get("path"), self._supervisor.options.get("timeline", "")
         if not isinstance(path, str) or not _usable(path, empty=True):
@@ -218,7 +216,7 @@ class Desk:
         rev = self._supervisor.change(options={**self._supervisor.options, "timeline": path})
         self._apply(client, rev, {"path": path or running})
 
-    def _record(self, client: bytes, message: dict[str, Any]) -> None:
+    def _record(self, client: _Client, message: dict[str, Any]) -> None:
         """Starts to record the camera into the folder `path`, or ends the recording where path is empty."""
         path, eyes = message.get("path"), message.get("eyes", False)
         running = self._supervisor.options.get("record", "")
@@ -237,11 +235,11 @@ class Desk:
         options = {**self._supervisor.options, "record": path, "record_eyes": eyes}
         self._apply(client, self._supervisor.change(options=options), {"path": path or running})
 
-    def _stop(self, client: bytes, _: dict[str, Any]) -> dict[str, Any]:
+    def _stop(self, client: _Client, _: dict[str, Any]) -> dict[str, Any]:
         self._supervisor.outcome = Outcome("stopped by command")
         return {"ok": True}
 
-    def _load(self, client: bytes, message: dict[str, Any]) -> None:
+    def _load(self, client: _Client, message: dict[str, Any]) -> None:
         """Packing may take long, and the supervisor must not: a process of its own checks and packs the scene."""
         scene = message.get("scene")
         if not isinstance(scene, str) or not _usable(scene):
@@ -253,7 +251,7 @@ class Desk:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self._loading.append(_Loading(client, process))
 
-    def _apply(self, client: bytes, rev: int, answer: dict[str, Any]) -> None:
+    def _apply(self, client: _Client, rev: int, answer: dict[str, Any]) -> None:
         self._applying.append(_Applying(client, {"ok": True, **answer}, rev, now_ns() + int(APPLY_S * 1e9)))
 
     @staticmethod

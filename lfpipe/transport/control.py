@@ -20,6 +20,7 @@ from lfpipe.errors import UserError
 VERSION = 1
 MAX_BYTES = 64 * 1024
 MAX_DEPTH = 8
+QUEUE = 64  # messages that wait on either side of a socket, per client
 COMMANDS = ("hello", "status", "set", "pause", "resume", "recentre", "load", "pictures", "trace", "record", "stop")
 
 
@@ -50,7 +51,7 @@ def decode(data: bytes) -> dict[str, Any]:
         raise BadMessage(f"not msgpack: {type(error).__name__}") from None
     if not isinstance(message, dict) or not _depth(message):
         raise BadMessage(f"not a map of plain values at most {MAX_DEPTH} deep")
-    if message.get("v") != VERSION:
+    if message.get("v") != VERSION or message["v"] is True:
         raise BadMessage(f"version {message.get('v')!r}, {VERSION} is spoken here")
     return message
 
@@ -60,6 +61,12 @@ def context() -> zmq.Context[zmq.Socket[bytes]]:
     made: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     made.linger = 0
     return made
+
+
+def limit(socket: zmq.Socket[bytes]) -> None:
+    """Bounds what a socket that anybody may talk to holds: beyond MAX_BYTES an answer says so, beyond twice that none."""
+    socket.setsockopt(zmq.MAXMSGSIZE, 2 * MAX_BYTES)
+    socket.set_hwm(QUEUE)
 
 
 def address(run_dir: Path, name: str) -> str:
@@ -80,10 +87,16 @@ def request(run_dir: Path, message: dict[str, Any], timeout_s: float = 2.0) -> d
     """
     with context() as ctx, ctx.socket(zmq.DEALER) as socket:
         socket.connect(address(run_dir, "ctl"))
-        socket.send(encode(message))
-        if not socket.poll(int(timeout_s * 1000)):
-            raise UserError(f"the session did not answer within {timeout_s:g} s", "`lfpipe monitor --once` shows whether it runs")
-        answer = decode(socket.recv())
+        remedy = "`lfpipe monitor --once` shows whether it runs"
+        return exchange(socket, message, timeout_s, f"the session did not answer within {timeout_s:g} s", remedy)
+
+
+def exchange(socket: zmq.Socket[bytes], message: dict[str, Any], timeout_s: float, silence: str, remedy: str) -> dict[str, Any]:
+    """One command and its answer, over a socket that is connected. Raises UserError, with silence and remedy where none comes."""
+    socket.send(encode(message))
+    if not socket.poll(int(timeout_s * 1000)):
+        raise UserError(silence, remedy)
+    answer = decode(socket.recv())
     if not answer.get("ok"):
         raise UserError(str(answer.get("error", "refused")), str(answer.get("remedy", "")))
     return answer

@@ -17,8 +17,8 @@ FIELDS = {  # command -> field -> contents that it must refuse
     ),
     "load": ("scene", [None, 5, "", "a\0b", ["x"], "relative/scene", "../..", "x" * 5000]),
     "pictures": ("lease_s", [0, -1, 1e9, True, "x", None, float("nan"), float("inf"), [1]]),
-    "trace": ("path", [None, 5, "a\0b", ["x"], "relative.json", "", "/nowhere/at/all.json"]),
-    "record": ("path", [None, 5, "a\0b", ["x"], "relative", "", "/proc/nowhere"]),
+    "trace": ("path", [None, 5, "a\0b", ["x"], "relative.json", "", "/dev/null/x.json"]),
+    "record": ("path", [None, 5, "a\0b", ["x"], "relative", "", "/dev/null/x"]),
 }
 
 

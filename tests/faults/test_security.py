@@ -1,0 +1,299 @@
+"""Nobody but the user who started a session gets at it, or those whose keys they know."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import socket as sockets
+import stat
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+
+from lfpipe.errors import UserError
+from lfpipe.supervisor import rundir
+from lfpipe.transport import control, curve
+from lfpipe.transport.segment import SHM_DIR
+from lfpipe.transport.session import Session
+from tests.world import World
+
+FORBIDDEN = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
+QUEUES = {"Queue", "SimpleQueue", "JoinableQueue", "Manager", "Pipe", "Lock", "Event", "Condition", "Value"}
+
+
+def test_no_module_unpickles_or_shares_a_lock() -> None:
+    """Pickle runs what it is sent; a queue or lock of multiprocessing is lost with a process that is killed holding it."""
+    root = Path(rundir.__file__).parents[1]
+    for path in root.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names: set[str] = set()
+            if isinstance(node, ast.Import):
+                names = {alias.name.split(".")[0] for alias in node.names} & FORBIDDEN
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                top = node.module.split(".")[0]
+                wanted = {alias.name for alias in node.names}
+                names = ({top} & FORBIDDEN) | (wanted & QUEUES if top == "multiprocessing" else set())
+            elif (
+                isinstance(node, ast.Attribute)
+                and isinstance(node.value, ast.Name)
+                and node.value.id in ("multiprocessing", "mp")
+            ):
+                names = {node.attr} & QUEUES
+            elif isinstance(node, ast.keyword) and node.arg == "allow_pickle":
+                names = {"allow_pickle"} if not (isinstance(node.value, ast.Constant) and node.value.value is False) else set()
+            assert not names, f"{path.relative_to(root)}: {names}"
+
+
+def test_every_file_and_segment_of_a_session_is_the_users_alone(world: World, scene: Path) -> None:
+    world.up(scene, preexec_fn=lambda: os.umask(0))  # whatever the user's shell allows to others
+    world.pictures(5)
+    with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
+        run_dir = next(world.run_dir.glob("lfpipe-*"))
+        socket.connect(control.address(run_dir, "ctl"))
+        socket.send(control.encode({"cmd": "pictures", "lease_s": 30}))
+        assert socket.poll(5000) and control.decode(socket.recv())["ok"]
+    assert stat.S_IMODE(run_dir.stat().st_mode) == 0o700
+    found = list(run_dir.iterdir())
+    kinds = [stat.S_IFMT(path.stat().st_mode) for path in found]
+    assert {stat.S_IFSOCK, stat.S_IFIFO, stat.S_IFREG} <= set(kinds)
+    segments = list(SHM_DIR.glob(f"lfpipe-*{world.name}*"))
+    assert len(segments) >= 4, "status, frames, eyes, pictures"
+    doors = [
+        path for path in (*found, *segments) if not (path.is_file() and path.parent == run_dir)
+    ]  # the directory guards its files
+    assert not [str(path) for path in doors if stat.S_IMODE(path.stat().st_mode) != 0o600]
+    assert all(path.stat().st_uid == os.getuid() for path in (run_dir, *found, *segments))
+
+
+@pytest.mark.parametrize("kind", ["link", "file"])
+def test_a_run_directory_that_is_another_thing_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    session = Session("mine")
+    if kind == "link":
+        (tmp_path / "elsewhere").mkdir()
+        session.run_dir.symlink_to(tmp_path / "elsewhere")
+    else:
+        session.run_dir.write_text("")
+    with pytest.raises(UserError, match="not a directory of yours"):
+        rundir.acquire(session)
+    assert not rundir.sweep() and rundir.running() == []
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a directory away")
+def test_a_run_directory_of_another_user_is_refused_and_left_alone(world: World, scene: Path) -> None:
+    theirs = world.run_dir / f"lfpipe-{os.getuid()}-{world.name}"
+    theirs.mkdir(mode=0o777)
+    (theirs / "lock").write_text("")
+    os.chown(theirs, 65534, 65534)
+    done = world.run("up", scene, "--camera", "demo", "--display", "none", "--session", world.name)
+    assert done.returncode == 2 and "is not a directory of yours" in done.stderr and "Traceback" not in done.stderr
+    assert (theirs / "lock").exists() and stat.S_IMODE(theirs.stat().st_mode) == 0o777 - (0o777 & _umask())
+    for words in (("monitor", "--once"), ("ctl", "stop")):
+        done = world.run(*words, "--session", world.name)
+        assert done.returncode == 2 and "Traceback" not in done.stderr
+
+
+def _umask() -> int:
+    before = os.umask(0)
+    os.umask(before)
+    return before
+
+
+def _free_port() -> int:
+    with sockets.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def test_a_network_address_without_keys_is_refused_before_anything_starts(world: World, scene: Path) -> None:
+    def refused(bind: str, said: str) -> None:
+        done = world.run(
+            "up", scene, "--camera", "demo", "--display", "none", "--session", world.name, "--set", f"control.bind={bind}"
+        )
+        assert done.returncode == 2 and said in done.stderr and "Traceback" not in done.stderr, done.stderr
+        assert not world.left()
+
+    refused(f"tcp://127.0.0.1:{_free_port()}", "`lfpipe keys new` makes them")
+    made = world.run("keys", "new")
+    assert made.returncode == 0
+    again = world.run("keys", "new")
+    assert again.returncode == 2 and "is there already" in again.stderr
+    secrets = [Path(line) for line in made.stdout.splitlines() if line.endswith(".secret")]
+    assert len(secrets) == 2 and all(stat.S_IMODE(path.stat().st_mode) == 0o600 for path in secrets)
+    with sockets.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        refused(f"tcp://127.0.0.1:{taken.getsockname()[1]}", "in use")
+
+
+def test_addresses_and_keys_are_checked(tmp_path: Path) -> None:
+    folder = tmp_path / "keys"
+    address = f"tcp://127.0.0.1:{_free_port()}"
+    made = curve.make_keys(folder)
+    assert len(made) == 5 and set(curve.allowed(folder)) == {"client"}
+    for bind in (address, "tcp://*:5555", "tcp://[::1]:5555", "tcp://some.host:1"):
+        assert curve.check_bind(bind, folder) == bind
+    assert curve.check_bind("ipc", tmp_path / "nothing") == ""
+
+    def refused(bind: str, said: str) -> None:
+        with pytest.raises(UserError) as error:
+            curve.Door(bind, folder)
+        assert said in str(error.value)
+
+    for bind in (
+        "http://x",
+        "tcp://127.0.0.1",
+        "tcp://:5000",
+        "tcp://127.0.0.1:99999",
+        "tcp://h:0",
+        "ipc:///tmp/x",
+        "inproc://x",
+        "",
+    ):
+        refused(bind, "is no address")
+    refused("tcp://192.0.2.1:5000", "address of this machine")
+    (folder / "server.secret").chmod(0o644)
+    refused(address, "not yours alone")
+    (folder / "server.secret").chmod(0o600)
+    (folder / "client.secret").chmod(0o640)
+    with pytest.raises(UserError, match="not yours alone"):
+        curve.request(address, folder, {"cmd": "status"})
+    (folder / "clients" / "client.public").write_text("not a key")
+    refused(address, "not a key")
+    (folder / "clients" / "client.public").unlink()
+    refused(address, "lets nobody in")
+    (folder / "server.public").unlink()
+    refused(address, "needs keys")
+
+
+def test_only_known_keys_drive_over_the_network(world: World, scene: Path, tmp_path: Path) -> None:
+    keys, strangers = tmp_path / "keys", tmp_path / "strangers"
+    curve.make_keys(keys)
+    curve.make_keys(strangers)
+    half = tmp_path / "half"  # a stranger who knows the session's public key, as anybody may
+    half.mkdir()
+    for name in ("client.secret", "client.public"):
+        (half / name).write_bytes((strangers / name).read_bytes())
+        (half / name).chmod(0o600)
+    (half / "server.public").write_bytes((keys / "server.public").read_bytes())
+    address = f"tcp://127.0.0.1:{_free_port()}"
+    world.up(scene, "--set", f"control.bind={address}", "--set", f"control.keys={keys}")
+    world.pictures(10)
+
+    def ctl(*words: str, folder: Path = keys) -> subprocess.CompletedProcess[str]:
+        return world.run("ctl", "--connect", address, "--keys", folder, *words)
+
+    done = ctl("status", "--json")
+    assert done.returncode == 0, done.stderr
+    config = json.loads(done.stdout)["config"]
+    for folder in (strangers, half):
+        done = ctl("set", "render.alpha_px=3", folder=folder)
+        assert done.returncode == 2 and "did not answer" in done.stderr
+    assert not _answers_plain(address)
+    assert json.loads(ctl("status", "--json").stdout)["config"] == config, "strangers changed something"
+    assert ctl("set", "render.alpha_px=3").returncode == 0
+    assert json.loads(ctl("status", "--json").stdout)["config"]["render"]["alpha_px"] == 3.0
+    for words in (("record", "start", str(tmp_path / "film")),):
+        done = ctl(*words)
+        assert done.returncode == 2 and "not taken from the network" in done.stderr
+    with pytest.raises(UserError, match="not taken from the network"):
+        curve.request(address, keys, {"cmd": "trace", "path": str(tmp_path / "t.json")})
+    with pytest.raises(UserError, match="absolute path"):
+        curve.request(address, keys, {"cmd": "load", "scene": "grid"})
+    (keys / "clients" / "client.public").unlink()
+    assert ctl("stop").returncode == 2, "a client that was let in and is no longer"
+    world.pictures(len(world.lines()) + 5)
+    local = world.run("ctl", "--session", world.name, "stop")
+    assert local.returncode == 0, local.stderr
+    world.wait_for(lambda: not world.left(), "clean end")
+
+
+def _answers_plain(address: str) -> bool:
+    """Whether a client without keys gets any answer, or a plain TCP client a single byte beyond the greeting."""
+    with control.context() as ctx, ctx.socket(zmq.DEALER) as plain:
+        plain.connect(address)
+        for word in ("hello", "status", "stop"):
+            plain.send(control.encode({"cmd": word}))
+        return bool(plain.poll(1000))
+
+
+BAD_SCENES: list[tuple[Any, str]] = [
+    ("views", "absolute path"),
+    ("../views", "absolute path"),
+    ("", "absolute path"),
+    ("/nowhere/at/all", "no such"),
+    ("/a\0b", "absolute path"),
+    ("/" + "x" * 5000, ""),
+    (["/"], "absolute path"),
+    (None, "absolute path"),
+    ("/dev/null", ""),
+    ("/proc/self/mem", ""),
+    ("--help", "absolute path"),
+]
+
+
+def test_paths_over_ctl_are_checked_as_on_the_command_line(world: World, scene: Path, tmp_path: Path) -> None:
+    world.up(scene, "--set", "render.clock=camera")
+    world.pictures(5)
+    run_dir = next(world.run_dir.glob("lfpipe-*"))
+    before = control.request(run_dir, {"cmd": "hello"})
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    (closed / "view_00_00.png").write_bytes(b"not a picture")
+    for path, said in [*BAD_SCENES, (str(closed), "")]:
+        with pytest.raises(UserError) as refused:
+            control.request(run_dir, {"cmd": "load", "scene": path}, 30)
+        assert said in refused.value.message.lower() and "Traceback" not in refused.value.message, (path, refused.value.message)
+    typed = world.run("up", closed, "--camera", "demo", "--display", "none", "--session", "other")
+    assert typed.returncode == 2 and refused.value.message.splitlines()[0] in typed.stderr, (
+        "the same words as on the command line"
+    )
+    for word in ("trace", "record"):
+        for path in ("relative", "../x", "a\0b", 5, None, "/dev/null/x"):
+            with pytest.raises(UserError):
+                control.request(run_dir, {"cmd": word, "path": path})
+    after = control.request(run_dir, {"cmd": "hello"})
+    assert (after["options"], after["config"]) == (before["options"], before["config"])
+    world.pictures(len(world.lines()) + 5)
+
+
+@pytest.mark.skipif(os.getuid() == 0, reason="root may read everything")
+def test_a_scene_that_may_not_be_read_is_refused_over_ctl(world: World, scene: Path, tmp_path: Path) -> None:
+    world.up(scene)
+    world.pictures(5)
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o000)
+    with pytest.raises(UserError, match="ermission"):
+        control.request(next(world.run_dir.glob("lfpipe-*")), {"cmd": "load", "scene": str(closed)}, 30)
+
+
+def test_one_scene_is_loaded_at_a_time(world: World, scene: Path) -> None:
+    """Each load is a process: a flood of them may not become a flood of processes."""
+    supervisor = world.up(scene)
+    world.pictures(5)
+    run_dir = next(world.run_dir.glob("lfpipe-*"))
+    with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
+        socket.connect(control.address(run_dir, "ctl"))
+        for _ in range(30):
+            socket.send(control.encode({"cmd": "load", "scene": str(scene)}))
+        answers = []
+        while len(answers) < 30 and socket.poll(20000):
+            answers.append(control.decode(socket.recv()))
+            children = Path(f"/proc/{supervisor.pid}/task/{supervisor.pid}/children").read_text().split()
+            assert len(children) <= 5, "three stages, the tracker of shared memory, one loader"
+    assert sum(answer["ok"] for answer in answers) >= 1 and len(answers) == 30
+    assert any("another scene is being loaded" in answer.get("error", "") for answer in answers)
+
+
+def test_the_command_line_says_what_excludes_what() -> None:
+    for words, said in (
+        (("--keys", "x", "status"), "--connect"),
+        (("--connect", "tcp://h:1", "--session", "a", "status"), "--session"),
+    ):
+        done = subprocess.run([sys.executable, "-m", "lfpipe", "ctl", *words], capture_output=True, text=True, timeout=30)
+        assert done.returncode == 2 and said in done.stderr
