@@ -71,7 +71,8 @@ class Render:
 
 @attrs.frozen
 class Screen:
-    width_mm: Annotated[float, Opt("width of the picture on the screen", "mm", 10, 20000, live=True)] = 530.0
+    monitor: Annotated[int | str, Opt("monitor for the window and for the full screen: its number or a part of its name, as `lfpipe doctor` lists them; empty: wherever the window is")] = ""
+    width_mm: Annotated[float | Literal["auto"], Opt("width of the picture on the screen; auto: as the monitor tells its size, 530 where it does not", "mm", 10, 20000, live=True)] = "auto"
     distance_mm: Annotated[float | Literal["auto"], Opt("viewer to screen; auto: from the distance between the eyes in the camera picture", "mm", 50, 50000, live=True)] = "auto"
 
 
@@ -169,7 +170,7 @@ def _converter() -> "cattrs.Converter":
         def structure(value: object, _: Any) -> Any:
             if problem := _wrong(value, kind, opt):
                 raise ValueError(problem)
-            whole = isinstance(value, int) and not isinstance(value, bool) and kind is not int
+            whole = float in (kind, *get_args(kind)) and isinstance(value, int) and not isinstance(value, bool)
             return float(value) if whole and isinstance(value, int) else value
 
         return structure

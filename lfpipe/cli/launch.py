@@ -143,7 +143,7 @@ def _checked(wish: Wish, config: Config, display: str) -> Checked:
     elif not wish.demo:
         errors.append(UserError("no SCENE given", "a folder of views, or --demo for a made one"))
     found = Checked("", 0.0) if single else attempt(lambda: check_source(camera, config.camera))
-    attempt(lambda: check_display(display))
+    attempt(lambda: check_display(display, str(config.screen.monitor)))
     attempt(lambda: curve.check_bind(config.control.bind, curve.folder(config.control.keys)))
     if wish.trace is not None:
         trace = wish.trace

@@ -95,13 +95,14 @@ def sdl() -> Check:
         # Its import decides how surfaces get to the screen, so the window's own module is asked, not pygame.
         from lfpipe.render import window
 
-        driver, version = window.driver()
+        driver, version, monitors = window.driver()
     except Exception as error:  # whatever keeps SDL from starting is what the person needs to read
         remedy = "pip install pygame-ce (and no plain pygame), or use --display none"
         return Check("display", False, f"SDL does not start: {error}", remedy)
     shared = os.environ.get("SDL_FRAMEBUFFER_ACCELERATION") == "0"
     how = "surface in shared memory (no GPU)" if shared else "surface through the GPU"
-    return Check("display", True, f"SDL {version}, driver {driver}, {how}")
+    seen = "; ".join(f"monitor {each}" for each in monitors)
+    return Check("display", True, f"SDL {version}, driver {driver}, {how}; {seen}")
 
 
 def camera(device: CameraDevice) -> Check:

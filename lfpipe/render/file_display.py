@@ -96,6 +96,9 @@ class FileDisplay:
     def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
         """A recording holds what the viewer sees and nothing else."""
 
+    def width_mm(self) -> None:
+        """None: a file has pixels of no size."""
+
     def close(self) -> None:
         """Writes what waits and ends the file, so that any player opens it."""
         while self._thread.is_alive():

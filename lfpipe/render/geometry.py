@@ -17,6 +17,7 @@ from lfpipe.errors import UserError
 from lfpipe.scene.lightfield import LightField
 
 EYES_MM = 63.0  # mean distance between adult eyes (Dodgson 2004); most people 50..75
+PICTURE_MM = 530.0  # width of a picture that fills a 24 inch screen, where no screen tells its size
 SEAT_MM = 600.0  # where a viewer is taken to sit until their eyes are seen
 BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
 FUSED_RAD = math.radians(1.0)
@@ -71,11 +72,23 @@ def focal_px_from(size_px: float, size_mm: float, distance_mm: float) -> float:
     return size_px * distance_mm / size_mm
 
 
-def parallax(config: Config, field: LightField, frame_width_px: int, eyes_px: float | None, eyes_mm: float = EYES_MM) -> Parallax:
+def picture_mm(config: Config, shown_mm: float | None) -> float:
+    """Width of the picture on the screen: as configured, as the display tells (shown_mm), or PICTURE_MM."""
+    return float(config.screen.width_mm) if config.screen.width_mm != "auto" else shown_mm or PICTURE_MM
+
+
+def parallax(
+    config: Config,
+    field: LightField,
+    frame_width_px: int,
+    eyes_px: float | None,
+    eyes_mm: float = EYES_MM,
+    shown_mm: float | None = None,
+) -> Parallax:
     """Chooses alpha.
 
     frame_width_px: of the camera picture. eyes_px: distance between the eyes in it, None (or one no face has) before a face
-    is seen. eyes_mm: the viewer's own distance between the eyes where it was learnt.
+    is seen. eyes_mm: the viewer's own distance between the eyes where it was learnt. shown_mm: `Display.width_mm`.
     Raises UserError where alpha_px = "true" is asked of a scene whose capture is not known.
     """
     focal_px = camera_focal_px(config, frame_width_px)
@@ -92,7 +105,8 @@ def parallax(config: Config, field: LightField, frame_width_px: int, eyes_px: fl
         reasons.append(f"viewer taken to sit at {distance_mm:.0f} mm until a face is seen")
     eyes = seen if seen is not None else focal_px * eyes_mm / distance_mm
 
-    comfort, why = _comfort_views(config, field, distance_mm, eyes_mm)
+    width_mm = picture_mm(config, shown_mm)
+    comfort, why = _comfort_views(config, field, distance_mm, eyes_mm, width_mm)
     true = _true_views(config, field, distance_mm, eyes_mm)
     room = max(field.cols - 1, 1 if field.cols > 1 else field.rows - 1, 1) / 2
     if config.render.alpha_px == "true":
@@ -104,6 +118,9 @@ def parallax(config: Config, field: LightField, frame_width_px: int, eyes_px: fl
         views = true
         reasons.append(f"{views:.2f} views between the eyes is true to nature")
     elif config.render.alpha_px == "auto":
+        if config.screen.width_mm == "auto":
+            told = "as the monitor tells" if shown_mm else "taken, for no screen tells its size"
+            reasons.append(f"picture {width_mm:.0f} mm wide, {told}")
         limits = [(room, f"half of the {field.cols} columns, so that the other half is left to move in")]
         if comfort is None:
             limits.append((DEFAULT_VIEWS, "disparities unknown"))
@@ -138,17 +155,19 @@ def parallax(config: Config, field: LightField, frame_width_px: int, eyes_px: fl
     )
 
 
-def _comfort_views(config: Config, field: LightField, distance_mm: float, eyes_mm: float) -> tuple[float | None, str]:
+def _comfort_views(
+    config: Config, field: LightField, distance_mm: float, eyes_mm: float, width_mm: float
+) -> tuple[float | None, str]:
     """Views between the eyes up to which everything can be fused, and the limit that decides; None: disparities unknown."""
     zero = config.render.zero_plane_px
-    pitch_mm = config.screen.width_mm / field.width_px
+    pitch_mm = width_mm / field.width_px
     extent_mm = max(abs(field.disparity_max_px - zero), abs(field.disparity_min_px - zero)) * pitch_mm
     if field.disparity_source == "none" or not extent_mm > 0:
         return None, "disparities unknown"
     behind_mm = max(zero - field.disparity_min_px, 0.0) * pitch_mm
     limits = [
         (FUSED_RAD * distance_mm / extent_mm, "1 degree between the eyes' images"),
-        (FUSED_WIDTH * config.screen.width_mm / extent_mm, f"{FUSED_WIDTH:.0%} of the picture's width between the eyes' images"),
+        (FUSED_WIDTH * width_mm / extent_mm, f"{FUSED_WIDTH:.0%} of the picture's width between the eyes' images"),
     ]
     if behind_mm > 0:
         limits.append((eyes_mm / behind_mm, "the eyes must not diverge"))

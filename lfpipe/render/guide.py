@@ -6,7 +6,6 @@ import numpy as np
 import pygame
 from numpy.typing import NDArray
 
-from lfpipe.render.fit import fit_area
 from lfpipe.render.window import Window
 
 
@@ -22,16 +21,13 @@ class Guide:
         """Shows uint8 (height, width, 3) BGR with lines over it."""
         self._window.overlay(lines)
         self._window.show(picture)
-        surface = pygame.display.get_surface()
         for event in pygame.event.get():
             if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key in (pygame.K_ESCAPE, pygame.K_q)):
                 self.quit = True
             elif event.type == pygame.KEYDOWN and event.key in (pygame.K_RETURN, pygame.K_SPACE, pygame.K_KP_ENTER):
                 self.enter = True
-            elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and surface is not None:
-                x, y, width, height = fit_area((picture.shape[1], picture.shape[0]), surface.get_size())
-                scale = picture.shape[1] / width, picture.shape[0] / height
-                self.clicks.append(((event.pos[0] - x) * scale[0], (event.pos[1] - y) * scale[1]))
+            elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1:
+                self.clicks.append(self._window.to_picture(event.pos))
 
     def close(self) -> None:
         self._window.close()

@@ -24,6 +24,7 @@ ALPHA_STEP = 1.1
 DEPTH_STEP_PX = 0.1
 INSET_PX = 120
 MODES = get_args(get_args(get_type_hints(Render, include_extras=True)["anaglyph"])[0])
+SETTLED_NS = SECOND_NS // 2  # a window is being resized until its picture has kept its width so long
 OVERLAY_NS = SECOND_NS // 2
 LOST = "camera lost, trying again"
 
@@ -34,6 +35,7 @@ class Keys:
     def __init__(self, context: Context, viewer: Viewer, presenter: Presenter, display: Display) -> None:
         self._context, self._viewer, self._presenter, self._display = context, viewer, presenter, display
         self._overlay_due_ns = 0
+        self._width_mm, self._settled_ns = display.width_mm(), 0
         self._overlay = self._lost = False
 
     def serve(self) -> None:
@@ -61,6 +63,7 @@ class Keys:
                 step = ALPHA_STEP if event == "alpha+" else 1 / ALPHA_STEP
                 self._context.request("set", set={"render.alpha_px": round(self._viewer.parallax.alpha_px * step, 3)})
         self.pass_on_notices()
+        self._follow_width()
         lost = bool(self._context.table.rows["capture"]["state"] == State.READY)  # it has no camera to take frames of
         if lost != self._lost:
             self._lost, self._overlay_due_ns = lost, 0
@@ -68,6 +71,14 @@ class Keys:
         if self._overlay and now_ns() >= self._overlay_due_ns:
             self._overlay_due_ns = now_ns() + OVERLAY_NS
             self._display.overlay([*([LOST] if lost else []), *self._lines()], self._map())
+            self._presenter.redraw()
+
+    def _follow_width(self) -> None:
+        """A picture shown larger asks for more of the eyes: alpha follows once the window has its size."""
+        width_mm = self._display.width_mm()
+        if width_mm != self._width_mm:
+            self._width_mm, self._settled_ns = width_mm, now_ns() + SETTLED_NS
+        elif now_ns() >= self._settled_ns and self._viewer.shown_as_wide(width_mm):
             self._presenter.redraw()
 
     def pass_on_notices(self) -> None:

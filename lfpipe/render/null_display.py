@@ -23,5 +23,8 @@ class NullDisplay:
     def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
         pass
 
+    def width_mm(self) -> None:
+        pass
+
     def close(self) -> None:
         pass

@@ -10,6 +10,7 @@ from pathlib import Path
 from lfpipe.errors import UserError
 from lfpipe.render.display import Display
 
+HINT = "h shows the keys"
 FORMS = "window, fullscreen, none or file:OUT.mkv"
 
 
@@ -45,14 +46,20 @@ def has_display() -> bool:
     return _x_answers(os.environ.get("DISPLAY", ""))
 
 
-def check_display(spec: str) -> None:
-    """Raises UserError where spec is no display, needs a screen that is not there, or names a file that cannot be written."""
+def check_display(spec: str, monitor: str = "") -> None:
+    """Raises UserError where spec is no display, needs a screen or monitor that is not there, or names a file that cannot be
+    written. monitor: `screen.monitor`."""
     if spec in ("window", "fullscreen"):
         if not has_display():
             named = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
             why = f"{named} does not answer" if named else "neither WAYLAND_DISPLAY nor DISPLAY is set"
             remedy = "use --display none or --display file:OUT.mkv, or run in a desktop"
             raise UserError(f"--display {spec}: no screen here ({why})", remedy)
+        if monitor:
+            from lfpipe.render.monitors import chosen
+            from lfpipe.render.window import driver
+
+            chosen(monitor, driver()[2])
     elif spec.startswith("file:") and len(spec) > len("file:"):
         from lfpipe.render.file_display import check_file
 
@@ -63,10 +70,11 @@ def check_display(spec: str) -> None:
         raise UserError(f"--display {spec!r}: not a display{hint}", f"one of {FORMS}")
 
 
-def open_display(spec: str, size_px: tuple[int, int], title: str, rate_hz: float) -> Display:
+def open_display(spec: str, size_px: tuple[int, int], title: str, rate_hz: float, monitor: str = "") -> Display:
     """The display that spec names: window, fullscreen, none, file:OUT.mkv.
 
-    size_px: (width, height) of the pictures; rate_hz: how often they come at the most, the rate of a video.
+    size_px: (width, height) of the pictures; rate_hz: how often they come at the most, the rate of a video; monitor:
+    `screen.monitor`.
     Raises UserError as `check_display` does, and where the window cannot be opened.
     """
     check_display(spec)
@@ -80,4 +88,4 @@ def open_display(spec: str, size_px: tuple[int, int], title: str, rate_hz: float
         return FileDisplay(Path(spec.removeprefix("file:")).expanduser(), size_px, rate_hz)
     from lfpipe.render.window import Window
 
-    return Window(size_px, title, fullscreen=spec == "fullscreen")
+    return Window(size_px, f"{title} ({HINT})", spec == "fullscreen", monitor, HINT)

@@ -34,7 +34,9 @@ def main(context: Context) -> None:
     lossless = context.spec.lossless  # then pictures are a function of the frames and of nothing else, no clock either
     on_camera = (lossless or config.render.clock == "camera") and options["tracking"]
     full_hz = float(options["source_hz"]) if on_camera else asked.render.rate_hz
-    display = open_display(options["display"], (field.width_px, field.height_px), f"lfpipe: {field.name}", full_hz)
+    size_px, monitor = (field.width_px, field.height_px), str(config.screen.monitor)
+    display = open_display(options["display"], size_px, f"lfpipe: {field.name}", full_hz, monitor)
+    viewer.shown_as_wide(display.width_mm())
     presenter = Presenter(context, viewer, display)
     keys = Keys(context, viewer, presenter, display)
     refresh = None if on_camera else Refresh(config.render.rate_hz, now_ns())

@@ -41,6 +41,7 @@ class Viewer:
         self._t_ns = 0
         self._start_ns = 0
         self._glide = Glide()
+        self._shown_mm: float | None = None
         self.shown: Look | None = None  # what the last look was
         self.set(field, config)
 
@@ -56,6 +57,14 @@ class Viewer:
         self.config, self.compositor = config, Compositor(self.field, config.render)
         if self._mapper is not None:
             self._mapper.snap = self.method == "nearest"
+
+    def shown_as_wide(self, width_mm: float | None) -> bool:
+        """Takes the width of the picture on the screen, as the display tells it; whether alpha has to be found anew."""
+        new = width_mm != self._shown_mm and self.config.screen.width_mm == "auto"
+        self._shown_mm = width_mm
+        if new:
+            self.parallax = self._mapper = None
+        return new
 
     @property
     def method(self) -> str:
@@ -124,7 +133,7 @@ class Viewer:
         where the viewer was seen first, for a webcam above the screen never has them in its middle."""
         render = self.config.render
         width_px, height_px = int(record["width_px"]), int(record["height_px"])
-        self.parallax = parallax(self.config, self.field, width_px, self._apart_px)
+        self.parallax = parallax(self.config, self.field, width_px, self._apart_px, shown_mm=self._shown_mm)
         if self._centre_px is None and isinstance(render.alpha_px, str):
             middle = record["filtered_px"].mean(axis=0)
             self._centre_px = (float(middle[0]), float(middle[1]))

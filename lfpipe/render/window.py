@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
-import warnings
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")  # the process has its own
-if not any(Path("/dev/dri").glob("renderD*")):
-    # SDL gives its window surface through OpenGL; without a GPU that is a software renderer and ten times the cost.
-    os.environ.setdefault("SDL_FRAMEBUFFER_ACCELERATION", "0")
 
 import cv2
 import numpy as np
@@ -22,55 +19,118 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.render.display import KEYS
 from lfpipe.render.fit import fit_area, scale_into
+from lfpipe.render.monitors import Monitor, chosen, monitor_of, monitors
+from lfpipe.render.panel import panel
 
-SMALLEST_PX = 640  # small light fields are shown larger; the longer side of the first window
-SCREEN_SHARE = 0.85  # of the screen at the most
-TEXT_PX = 22
+SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of the width of the monitor; small light fields are shown larger in the first window
+HINT_S = 6.0
+SCREEN_SHARE = 0.85  # of the monitor at the most
+TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: on a fine one text of so many pixels could not be read
 NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", "\x1b": "quit"}
 UNSEEN = ("dummy", "offscreen")  # drivers that show nothing, for who asks for them
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
 
 
-class Window:
-    """A resizable window or the full screen. `show` draws at once; there is no waiting for the screen's own refresh."""
+def start_sdl() -> str:
+    """Starts SDL's display part; the name of its driver. Raises pygame.error where it cannot start.
 
-    def __init__(self, size_px: tuple[int, int], title: str, fullscreen: bool = False) -> None:
-        """size_px: (width, height) of the pictures. Raises UserError where no window can be opened."""
+    SDL gives a window's surface through OpenGL; without a GPU that is a software renderer and ten times the cost. X can do
+    without; Wayland knows no other way.
+    """
+    pygame.display.init()
+    driver = pygame.display.get_driver()
+    if driver == "x11" and not any(Path("/dev/dri").glob("renderD*")):
+        os.environ.setdefault("SDL_FRAMEBUFFER_ACCELERATION", "0")
+    return driver
+
+
+class Window:
+    """A resizable window or the full screen. `show` draws at once; there is no waiting for the screen's own refresh.
+
+    Its pixels are the screen's own: where a desktop scales what it shows, it is told that this picture needs no scaling.
+    """
+
+    def __init__(self, size_px: tuple[int, int], title: str, fullscreen: bool = False, monitor: str = "", hint: str = "") -> None:
+        """size_px: (width, height) of the pictures. monitor: a number or name, as `monitors.chosen` takes it; empty: wherever
+        the desktop puts windows. hint: a line over the picture for HINT_S, or until a key is pressed.
+        Raises UserError where no window can be opened, or there is no such monitor."""
+        self._title, self._fullscreen, self._wanted = title, fullscreen, monitor
         try:
-            pygame.display.init()
-            desktop = pygame.display.get_desktop_sizes()[0]
-            largest = min(SCREEN_SHARE * desktop[0] / size_px[0], SCREEN_SHARE * desktop[1] / size_px[1])
-            scale = min(max(1.0, SMALLEST_PX / max(size_px)), largest)
-            self._windowed = round(size_px[0] * scale), round(size_px[1] * scale)
-            self._title, self._fullscreen = title, fullscreen
-            self._set_mode()
+            if (name := start_sdl()) in UNSEEN and os.environ.get("SDL_VIDEODRIVER") != name:
+                raise pygame.error(f"no screen answers, SDL fell back to its driver {name!r}")
+            self._monitors = monitors()
+            on = chosen(monitor, self._monitors) if monitor else self._monitors[0]
+            largest = min(SCREEN_SHARE * on.width / size_px[0], SCREEN_SHARE * on.height / size_px[1])
+            scale = min(max(1.0, max(SMALLEST_PX, SMALLEST_SHARE * on.width) / max(size_px)), largest)
+            self._windowed = max(1, round(size_px[0] * scale)), max(1, round(size_px[1] * scale))
+            self._at: tuple[int, int] | None = None
+            if monitor:
+                self._at = on.x + (on.width - self._windowed[0]) // 2, on.y + (on.height - self._windowed[1]) // 2
+            self._window = self._opened(on)
+        except UserError:
+            pygame.display.quit()
+            raise
         except pygame.error as error:
             raise UserError(f"no window can be opened: {error}", "use --display none or --display file:OUT.mkv") from None
         pygame.font.init()
-        self._font = pygame.font.Font(None, TEXT_PX)
+        self._on = on
         self._picture: NDArray[np.uint8] | None = None
         self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
+        self._shown_px = fit_area(size_px, self._window.get_surface().get_size())[2]
         self._lines: list[str] = []
         self._inset: NDArray[np.uint8] | None = None
         self._help = False
+        self._hint, self._hint_end_ns = hint, time.monotonic_ns() + int(HINT_S * 1e9)
         self._panel: pygame.Surface | None = None
+        self._make_panel()
 
-    def _set_mode(self) -> None:
-        """Opens the window anew: without a window manager SDL neither moves nor shrinks the one that is there."""
-        pygame.display.quit()
-        pygame.display.init()
-        if (name := pygame.display.get_driver()) in UNSEEN and os.environ.get("SDL_VIDEODRIVER") != name:
-            raise pygame.error(f"no screen answers, SDL fell back to its driver {name!r}")
-        pygame.display.set_caption(f"{self._title} (h shows the keys)")
+    def _opened(self, on: Monitor) -> pygame.Window:
         if self._fullscreen:
-            surface = pygame.display.set_mode((0, 0), pygame.FULLSCREEN)
+            whole, place = (on.width, on.height), (on.x, on.y)
+            window = pygame.Window(self._title, whole, place, fullscreen_desktop=True, allow_high_dpi=True)
         else:
-            with warnings.catch_warnings():  # a window manager may give another size; `show` takes whatever there is
-                warnings.simplefilter("ignore", RuntimeWarning)
-                surface = pygame.display.set_mode(self._windowed, pygame.RESIZABLE)
+            at = self._at or pygame.WINDOWPOS_UNDEFINED
+            window = pygame.Window(self._title, self._windowed, at, resizable=True, allow_high_dpi=True)
         pygame.mouse.set_visible(not self._fullscreen)
+        surface = window.get_surface()
         if surface.get_bytesize() != 4 or surface.get_masks()[0] not in RED_MASKS:
             raise UserError(f"the screen has {surface.get_bitsize()} bits a pixel", "a screen of 24 or 32 bits a pixel is needed")
+        return window
+
+    def _toggle(self) -> None:
+        """Full screen on the chosen monitor, or else on the one where the window is; back to where the window was.
+
+        The window is opened anew: without a window manager SDL neither moves nor shrinks the one that is there.
+        """
+        if not self._fullscreen:
+            self._windowed, self._at = self._window.size, self._window.position
+        self._monitors = monitors()  # one may have come or gone
+        self._on = self._here()
+        if self._wanted:
+            with contextlib.suppress(UserError):  # the chosen one was unplugged
+                self._on = chosen(self._wanted, self._monitors)
+        self._fullscreen = not self._fullscreen
+        self._window.destroy()
+        self._window = self._opened(self._on)
+
+    def _here(self) -> Monitor:
+        """The monitor on which the window is."""
+        number = monitor_of(self._window)
+        return next((each for each in self._monitors if each.number == number), self._monitors[0])
+
+    def width_mm(self) -> float | None:
+        """See `Display.width_mm`."""
+        return self._shown_px * self._on.pixel_mm if self._on.pixel_mm and self._shown_px else None
+
+    def to_picture(self, position: tuple[int, int]) -> tuple[float, float]:
+        """Where in the picture a click at position of the window is, in px of the picture."""
+        if self._picture is None:
+            return 0.0, 0.0
+        rows, cols = self._picture.shape[:2]
+        surface_px, window = self._window.get_surface().get_size(), self._window.size
+        x, y, width, height = fit_area((cols, rows), surface_px)
+        x_px, y_px = position[0] * surface_px[0] / window[0], position[1] * surface_px[1] / window[1]
+        return (x_px - x) * cols / width, (y_px - y) * rows / height
 
     def show(self, picture: NDArray[np.uint8]) -> int:
         """See `Display.show`; presented is when the window system has taken the picture."""
@@ -79,13 +139,13 @@ class Window:
         return time.monotonic_ns()
 
     def _draw(self) -> None:
-        surface = pygame.display.get_surface()
-        if self._picture is None or surface is None:
+        if self._picture is None:
             return
+        surface = self._window.get_surface()
         self._paint(surface, self._picture)
         if self._panel is not None:
             surface.blit(self._panel, (12, 12))
-        pygame.display.flip()
+        self._window.flip()
 
     def _paint(self, surface: pygame.Surface, picture: NDArray[np.uint8]) -> None:
         # The views of the surface's memory end with this call: as long as one lives the surface is locked.
@@ -93,6 +153,7 @@ class Window:
         memory: Any = surface.get_buffer()  # a buffer, but not to the type checker
         pixels = np.frombuffer(memory, np.uint8).reshape(height, surface.get_pitch() // 4, 4)[:, :width]
         x, y, w, h = fit_area((picture.shape[1], picture.shape[0]), (width, height))
+        self._shown_px = w
         code = RED_MASKS[surface.get_masks()[0]]
         pixels[:y], pixels[y + h :], pixels[y : y + h, :x], pixels[y : y + h, x + w :] = 0, 0, 0, 0
         target = pixels[y : y + h, x : x + w]
@@ -107,26 +168,33 @@ class Window:
 
     def events(self) -> list[str]:
         """See `Display.events`. Carries out full screen and help itself, and draws again what was covered or resized."""
-        pressed, again = [], False
+        pressed, again, resized, keyed = [], False, False, False
         for event in pygame.event.get():
             if event.type == pygame.QUIT:
                 pressed.append("quit")
-            elif event.type == pygame.KEYDOWN and (name := NAMES.get(event.unicode.lower())):
-                pressed.append(name)
-            elif event.type in (pygame.WINDOWEXPOSED, pygame.WINDOWSIZECHANGED):
+            elif event.type == pygame.KEYDOWN:
+                keyed = True
+                if name := NAMES.get(event.unicode.lower()):
+                    pressed.append(name)
+            elif event.type == pygame.WINDOWEXPOSED:
                 again = True
-            elif event.type == pygame.VIDEORESIZE and not self._fullscreen:
-                self._windowed = event.w, event.h
+            elif event.type in (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED):
+                resized = True
         for name in pressed:
             if name == "fullscreen":
-                self._fullscreen = not self._fullscreen
-                self._set_mode()
-                again = True
+                self._toggle()
+                resized = True
             elif name == "help":
                 self._help = not self._help
                 self._make_panel()
                 again = True
-        if again:
+        if self._hint and (keyed or time.monotonic_ns() > self._hint_end_ns):
+            self._hint, again = "", True
+            self._make_panel()
+        if resized:
+            self._on = self._here()
+            self._make_panel()
+        if again or resized:
             self._draw()
         return pressed
 
@@ -142,33 +210,25 @@ class Window:
 
     def _make_panel(self) -> None:
         lines = [*self._lines, *([f"{key}   {text}" for key, (_, text) in KEYS.items()] if self._help else [])]
+        if self._hint and not lines:
+            lines = [self._hint]
         if not lines:
             self._panel = None
             return
-        # White on black: the same for both eyes, so the text stands in the plane of the screen behind any glasses.
-        texts = [self._font.render(line, True, (255, 255, 255)) for line in lines]
-        step, small = self._font.get_linesize(), None
-        width, height = max(text.get_width() for text in texts) + 16, step * len(texts) + 12
-        if self._inset is not None:
-            size = self._inset.shape[1], self._inset.shape[0]
-            small = pygame.image.frombuffer(self._inset[:, :, ::-1].tobytes(), size, "RGB")
-            width, height = max(width, size[0] + 16), height + size[1] + 8
-        panel = pygame.Surface((width, height), pygame.SRCALPHA)
-        panel.fill((0, 0, 0, 160))
-        for index, text in enumerate(texts):
-            panel.blit(text, (8, 6 + index * step))
-        if small is not None:
-            panel.blit(small, (8, height - small.get_height() - 8))
-        self._panel = panel
+        surface = self._window.get_surface()
+        scaled = surface.get_size()[0] / self._window.size[0]
+        text_px = round(max(TEXT_PX, TEXT_SHARE * self._on.height) * scaled)
+        self._panel = panel(lines, self._inset, text_px, (surface.get_width() - 24, surface.get_height() - 24))
 
     def close(self) -> None:
+        self._window.destroy()
         pygame.display.quit()
 
 
-def driver() -> tuple[str, str]:
-    """SDL's video driver and version, without opening a window. Raises pygame.error where SDL cannot start."""
-    pygame.display.init()
+def driver() -> tuple[str, str, list[Monitor]]:
+    """SDL's video driver, its version and the monitors, without opening a window. Raises pygame.error where SDL cannot start."""
+    name = start_sdl()
     try:
-        return pygame.display.get_driver(), ".".join(str(part) for part in pygame.version.SDL)
+        return name, ".".join(str(part) for part in pygame.version.SDL), monitors()
     finally:
         pygame.display.quit()

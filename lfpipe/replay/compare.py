@@ -38,6 +38,7 @@ CAUSES = {  # in the order of the pipeline: what comes first caused what follows
 }
 OF_NO_EFFECT = (
     "control.", "camera.source", "camera.format", "scene.cache_dir", "render.clock", "render.rate_hz", "governor.", "observe.",
+    "screen.monitor",
 )
 
 

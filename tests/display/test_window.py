@@ -24,6 +24,8 @@ def window(screen: Screen) -> Iterator[Callable[..., Display]]:
     def make(size: tuple[int, int], spec: str = "window") -> Display:
         opened.append(open_display(spec, size, "lfpipe: a test", 60.0))
         assert becomes(pygame.key.get_focused, opened[-1])
+        pygame.event.post(pygame.event.Event(pygame.KEYDOWN, unicode="", key=0))  # any key takes the hint away
+        opened[-1].events()
         return opened[-1]
 
     yield make
@@ -84,6 +86,18 @@ def test_full_screen_keeps_the_aspect_with_black_bars(window: Callable[..., Disp
     assert (screen.shown() == (10, 120, 230)).all()
     picture = screen.picture()
     assert not picture[:, :240].any() and not picture[:, 1040:].any()
+
+
+def test_a_hint_until_a_key_is_pressed(screen: Screen) -> None:
+    display = open_display("window", (700, 500), "lfpipe: a test", 60.0)
+    try:
+        grey = np.full((500, 700, 3), 90, np.uint8)
+        display.show(grey)
+        assert becomes(lambda: bool((screen.shown() == 255).any()), display)
+        pygame.event.post(pygame.event.Event(pygame.KEYDOWN, unicode="x", key=0))
+        assert becomes(lambda: np.array_equal(screen.shown(), grey), display)
+    finally:
+        display.close()
 
 
 def test_overlay_comes_and_goes(window: Callable[..., Display], screen: Screen) -> None:

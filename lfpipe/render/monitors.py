@@ -1,0 +1,90 @@
+"""The monitors that SDL sees: their names, where each lies on the desktop, and how large its pixels are."""
+
+from __future__ import annotations
+
+import ctypes
+import difflib
+import functools
+
+import attrs
+import pygame
+
+from lfpipe.errors import UserError
+
+INCH_MM = 25.4
+ASPECTS_MM = (16.0, 160.0)  # widths in EDIDs that know only an aspect: 160 x 90, 16 x 10, ...
+SQUARE = 0.1  # pixels further from square than that are a size that was made up
+
+
+@attrs.frozen
+class Monitor:
+    """x, y, width, height: its place on the desktop, in the units in which windows are placed. pixel_mm: the pitch of its real
+    pixels, None where it does not tell its size, or one that cannot be."""
+
+    number: int
+    name: str
+    x: int
+    y: int
+    width: int
+    height: int
+    pixel_mm: float | None
+
+    def __str__(self) -> str:
+        size = f", {self.pixel_mm:.3f} mm a pixel" if self.pixel_mm else ""
+        return f"{self.number} {self.name} {self.width}x{self.height}+{self.x}+{self.y}{size}"
+
+
+@functools.cache
+def _sdl() -> ctypes.CDLL:
+    """The very SDL that pygame draws with; pygame itself tells neither names nor places nor sizes."""
+    library = ctypes.CDLL(pygame.display.__file__)
+    library.SDL_GetDisplayName.restype = ctypes.c_char_p
+    library.SDL_GetWindowFromID.restype = ctypes.c_void_p
+    library.SDL_GetWindowDisplayIndex.argtypes = [ctypes.c_void_p]
+    return library
+
+
+def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
+    """The pitch from what SDL tells, (horizontal, vertical); None where that cannot be the size of a monitor."""
+    across, down = dots_per_inch
+    if (
+        across <= 0
+        or down <= 0
+        or abs(across / down - 1) > SQUARE
+        or any(abs(width_px * INCH_MM / across - width_mm) < 1 for width_mm in ASPECTS_MM)
+    ):
+        return None
+    return INCH_MM / across
+
+
+def monitors() -> list[Monitor]:
+    """All of them, by number. pygame.display must be initialised."""
+    found = []
+    for number, (width_px, _) in enumerate(pygame.display.get_desktop_sizes()):
+        place, dots = (ctypes.c_int * 4)(), [ctypes.c_float() for _ in range(3)]
+        _sdl().SDL_GetDisplayBounds(number, place)
+        told = _sdl().SDL_GetDisplayDPI(number, *map(ctypes.byref, dots)) == 0
+        name = (_sdl().SDL_GetDisplayName(number) or b"").decode(errors="replace")
+        pitch = pixel_mm((dots[1].value, dots[2].value), width_px) if told else None
+        x, y, width, height = place
+        found.append(Monitor(number, name, x, y, width, height, pitch))
+    return found
+
+
+def monitor_of(window: pygame.Window) -> int:
+    """The number of the monitor on which the window's middle lies."""
+    return max(0, int(_sdl().SDL_GetWindowDisplayIndex(_sdl().SDL_GetWindowFromID(window.id))))
+
+
+def chosen(wanted: str, offered: list[Monitor]) -> Monitor:
+    """The monitor of that number or name, or the only one with that in its name. Raises UserError, which lists them."""
+    exact = [each for each in offered if wanted in (str(each.number), each.name)]
+    part = [each for each in offered if wanted.lower() in each.name.lower()]
+    for found in (exact, part):
+        if len(found) == 1:
+            return found[0]
+    close = difflib.get_close_matches(wanted, [each.name for each in offered], 1, 0.6)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    what = "several monitors are called that" if part else f"no such monitor{hint}"
+    remedy = "a number or part of a name of: " + "; ".join(map(str, offered))
+    raise UserError(f"screen.monitor {wanted!r}: {what}", remedy)

@@ -1,0 +1,188 @@
+"""Which monitor, how large its pixels are, and windows on an X server with two of them and on a desktop that scales."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pygame
+import pytest
+
+from lfpipe.errors import UserError
+from lfpipe.render.monitors import Monitor, chosen, monitors, pixel_mm
+from lfpipe.render.window import Window
+
+DESK = [
+    Monitor(0, "eDP-1", 0, 0, 1920, 1200, 0.18),
+    Monitor(1, 'DP-1 24"', 1920, 0, 1920, 1080, None),
+    Monitor(2, 'DP-2 27"', 3840, 0, 2560, 1440, 0.23),
+]
+
+XORG = """
+Section "Device"
+  Identifier "card"
+  Driver "dummy"
+  VideoRam 64000
+EndSection
+Section "Screen"
+  Identifier "screen"
+  Device "card"
+  DefaultDepth 24
+  SubSection "Display"
+    Depth 24
+    Virtual 2048 1024
+    Modes "1024x768"
+  EndSubSection
+EndSection
+Section "ServerFlags"
+  Option "AutoAddDevices" "false"
+EndSection
+"""
+
+
+@pytest.mark.parametrize(("wanted", "number"), [("0", 0), ("2", 2), ("eDP-1", 0), ("edp", 0), ("27", 2), ('DP-1 24"', 1)])
+def test_a_number_or_part_of_a_name(wanted: str, number: int) -> None:
+    assert chosen(wanted, DESK).number == number
+
+
+@pytest.mark.parametrize(
+    ("wanted", "said"), [("3", "no such"), ("DP", "several"), ("eDP-2", "did you mean 'eDP-1'"), ("-1", "several")]
+)
+def test_one_that_is_not_there_or_not_alone(wanted: str, said: str) -> None:
+    with pytest.raises(UserError, match=said) as raised:
+        chosen(wanted, DESK)
+    assert all(str(each) in raised.value.remedy for each in DESK)
+
+
+def test_sizes_that_cannot_be_are_not_believed() -> None:
+    assert pixel_mm((96.0, 96.0), 1920) == pytest.approx(508 / 1920)
+    assert pixel_mm((0.0, 0.0), 1920) is None
+    assert pixel_mm((1920 * 25.4 / 160, 1080 * 25.4 / 90), 1920) is None, "160 x 90 mm is an aspect, no size"
+    assert pixel_mm((96.0, 150.0), 1920) is None
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The name of an X server with a monitor of 1024x768 and one of 800x600 to its right."""
+    for tool in ("Xorg", "xrandr"):
+        if shutil.which(tool) is None:
+            pytest.skip(f"{tool} is not installed (apt-get install xserver-xorg-video-dummy x11-xserver-utils)")
+    folder = tmp_path_factory.mktemp("xorg")
+    (folder / "xorg.conf").write_text(XORG)
+    read, write = os.pipe()
+    command = ["Xorg", "-displayfd", str(write), "-config", "xorg.conf", "-logfile", str(folder / "log"), "-noreset"]
+    command += ["-nolisten", "tcp", "-novtswitch", "-sharevts"]
+    server = subprocess.Popen(command, pass_fds=[write], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    os.close(write)
+    try:
+        with os.fdopen(read) as told:
+            number = told.readline().strip()
+        env = {**os.environ, "DISPLAY": f":{number}"}
+        more = [
+            ["--addmode", "DUMMY1", "800x600"],
+            ["--output", "DUMMY1", "--mode", "800x600", "--pos", "1024x0"],
+            ["--query"],
+        ]  # the query makes them known
+        if not number or any(subprocess.run(["xrandr", *words], env=env, capture_output=True).returncode for words in more):
+            pytest.skip("Xorg with the driver dummy does not start here (apt-get install xserver-xorg-video-dummy)")
+        yield f":{number}"
+    finally:
+        server.terminate()
+        server.wait()
+
+
+@pytest.fixture
+def x_with_two(two: str, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
+    monkeypatch.setenv("DISPLAY", two)
+    return two
+
+
+def outline() -> tuple[int, int, int, int]:
+    """x, y, width, height of the window that X has now."""
+    done = subprocess.run(["xwininfo", "-name", "lfpipe: a test"], capture_output=True, text=True, check=True)
+    words = {line.split(":")[0].strip(): line.split(":")[1].strip() for line in done.stdout.splitlines() if line.count(":") == 1}
+    x, y, width, height = (int(words[key]) for key in ("Absolute upper-left X", "Absolute upper-left Y", "Width", "Height"))
+    return x, y, width, height
+
+
+def press(window: Window, key: str) -> None:
+    pygame.event.post(pygame.event.Event(pygame.KEYDOWN, unicode=key, key=0))
+    assert window.events() == ["fullscreen"]
+
+
+@pytest.mark.skipif(shutil.which("xwininfo") is None, reason="xwininfo is not installed (apt-get install x11-utils)")
+@pytest.mark.parametrize(
+    ("monitor", "whole", "windowed"),
+    [("", (0, 0, 1024, 768), (192, 64, 640, 640)), ("1", (1024, 0, 800, 600), (1169, 45, 510, 510)),
+     ("dummy0", (0, 0, 1024, 768), (192, 64, 640, 640))],
+)  # fmt: skip
+@pytest.mark.parametrize("fullscreen", [True, False])
+def test_the_chosen_monitor(
+    x_with_two: str, monitor: str, whole: tuple[int, ...], windowed: tuple[int, ...], fullscreen: bool
+) -> None:
+    window = Window((240, 240), "lfpipe: a test", fullscreen, monitor)
+    try:
+        window.show(np.full((240, 240, 3), 90, np.uint8))
+        for now in (fullscreen, not fullscreen, fullscreen):
+            assert outline() == (whole if now else windowed)
+            press(window, "f")
+        assert window.width_mm() is None, "this server tells no size"
+    finally:
+        window.close()
+
+
+@pytest.mark.skipif(shutil.which("xwininfo") is None, reason="xwininfo is not installed (apt-get install x11-utils)")
+def test_f_fills_the_monitor_on_which_the_window_is(x_with_two: str) -> None:
+    window = Window((240, 240), "lfpipe: a test", monitor="1")
+    window._wanted = ""  # as if the person had dragged it there
+    try:
+        window.show(np.full((240, 240, 3), 90, np.uint8))
+        press(window, "f")
+        assert outline() == (1024, 0, 800, 600)
+    finally:
+        window.close()
+
+
+def test_monitors_are_listed_by_name_and_place(x_with_two: str) -> None:
+    pygame.display.init()
+    try:
+        assert list(map(str, monitors())) == ["0 DUMMY0 1024x768+0+0", "1 DUMMY1 800x600+1024+0"]
+    finally:
+        pygame.display.quit()
+    with pytest.raises(UserError, match="no such monitor"):
+        Window((64, 64), "", monitor="3")
+
+
+@pytest.mark.skipif(shutil.which("weston") is None, reason="weston is not installed (apt-get install weston)")
+def test_on_a_desktop_that_scales_pixels_are_the_screens_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.delenv("SDL_FRAMEBUFFER_ACCELERATION", raising=False)  # as the tests on X have set it
+    tmp_path.chmod(0o700)
+    command = ["weston", "--backend=headless-backend.so", "--scale=2", "--width=1280", "--height=800", "--use-pixman"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    server = subprocess.Popen([*command, "--socket=wayland-t", "--no-config", "--idle-time=0"], **quiet)
+    try:
+        end = time.monotonic() + 10
+        while not (tmp_path / "wayland-t").exists() and time.monotonic() < end:
+            time.sleep(0.02)
+        monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-t")
+        monkeypatch.setenv("SDL_VIDEODRIVER", "wayland")
+        window = Window((500, 400), "lfpipe: a test")
+        try:
+            window.show(np.full((400, 500, 3), 90, np.uint8))
+            shown_mm, pitch_mm = window.width_mm(), monitors()[0].pixel_mm
+            assert shown_mm is not None and pitch_mm is not None
+            assert shown_mm == pytest.approx(1280 * pitch_mm), "640 units wide, 1280 pixels"
+            assert window.to_picture((320, 256)) == pytest.approx((250, 200))
+        finally:
+            window.close()
+    finally:
+        server.terminate()
+        server.wait()
