@@ -209,7 +209,8 @@ def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(layout: str, tm
             left, right = seen(0, 0, bright)
             moved_right, moved_up = seen(STEP_PX, 0, bright)[0], seen(0, STEP_PX, bright)[0]
             step_px = disparity_px if cols > 1 else 0.0
-            rise_px = disparity_px if rows > 1 else 0.0
+            beyond = 0.0 if compositor.method == "nearest" else soft_clamp(1.0, 1, how.extrapolate_views)
+            rise_px = disparity_px * (1.0 if rows > 1 else beyond)  # above a single row, a warp goes on
             assert left - right == pytest.approx([2 * step_px, 0], abs=close), f"{method}: near is crossed, far is not"
             assert moved_right - left == pytest.approx([-step_px, 0], abs=close), f"{method}: seen from further right"
             assert moved_up - left == pytest.approx([0, rise_px], abs=close), f"{method}: seen from higher up"
