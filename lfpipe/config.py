@@ -62,7 +62,7 @@ class Render:
         Opt("how the two eyes' views share one picture; colour is the paper's", live=True),
     ] = "dubois"
     light: Annotated[Literal["linear", "gamma"], Opt("where matrices with cross terms are applied: linear light, or code values", live=True)] = "linear"
-    ghost_compensation: Annotated[float, Opt("how much of the green that leaks through the red glass is taken out", "%", 0, 100, live=True)] = 0.0
+    ghost_compensation: Annotated[float, Opt("how much of the light that leaks through the other eye's glass is taken out; nothing with dubois-amber-blue", "%", 0, 100, live=True)] = 0.0
     zero_plane_px: Annotated[float, Opt("disparity that lies in the plane of the screen", "px/view", -1000, 1000, live=True)] = 0.0
     extrapolate_views: Annotated[float, Opt("how far beyond the grid the viewpoint may go", "views", 0, 16, live=True)] = 2.0
     swap_eyes: Annotated[bool, Opt("exchange the eyes, for glasses worn or printed the other way round", live=True)] = False

@@ -19,8 +19,8 @@ from lfpipe.bench.anaglyph import SIDE_PX, Mixing, exact, view_bgr
 from lfpipe.bench.timing import times_ms
 from lfpipe.config import Scene
 from lfpipe.errors import UserError
-from lfpipe.render.anaglyph import MATRICES, encode, recipe
-from lfpipe.render.colour_metric import GREEN_MAGENTA, RED_CYAN, measure
+from lfpipe.render.anaglyph import LEAKS, MATRICES, encode, recipe
+from lfpipe.render.colour_metric import BARE, GREEN_MAGENTA, RED_CYAN, lab, measure, rivalry, seen_xyz
 from lfpipe.scene.pack import open_scene
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "lightfields"
@@ -32,6 +32,7 @@ def pictures() -> list[NDArray[np.uint8]]:
     if len(sys.argv) > 1:
         return [np.asarray(cv2.imread(name), np.uint8) for name in sys.argv[1:]]
     found = []
+    print("scene                        chroma  rivalry of colour, of dubois by its tables, by its matrix (p95, linear light)")
     for name in SCENES:
         try:
             field = open_scene(DATA / name, Scene())
@@ -39,7 +40,17 @@ def pictures() -> list[NDArray[np.uint8]]:
             print(f"left out: {name}: {error.message}")
             continue
         found.append(view_bgr(field, field.rows // 2, field.cols // 2))
+        told(name, found[-1])
     return found
+
+
+def told(name: str, view: NDArray[np.uint8]) -> None:
+    """One picture's line: rivalry is a matter of how much colour there is in it, so sets of pictures differ."""
+    colours = lab(seen_xyz(view, BARE), BARE.sum(axis=1))
+    chroma = float(np.hypot(colours[..., 1], colours[..., 2]).mean())
+    whole = np.rint(exact(view, "dubois", "linear")).astype(np.uint8)
+    drawn = (encode(view, view, recipe("colour")), encode(view, view, recipe("dubois")), whole)
+    print(f"{name:28s} {chroma:6.1f}  " + "  ".join(f"{rivalry(picture)[1]:5.2f}" for picture in drawn))
 
 
 def mixing_ms(name: str, light: str, ghost: float) -> float:
@@ -56,7 +67,7 @@ def main() -> None:
     for name in MATRICES:
         for light, ghost in (("gamma", 0.0), ("linear", 0.0), ("linear", 100.0)):
             crossed = name.startswith("dubois")
-            if (light == "gamma" and not crossed) or (ghost and name.startswith("dubois-")):
+            if (light == "gamma" and not crossed) or (ghost and name not in LEAKS):
                 continue
             how = recipe(name, light, ghost)
             line = f"{name:22s} {light if crossed else '-':6s} {ghost:6.0f} "

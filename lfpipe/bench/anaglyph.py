@@ -68,7 +68,7 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
             continue
         crossed = name.startswith("dubois")
         for light in ("gamma", "linear") if crossed else ("linear",):
-            for share in (0.0, 50.0, 100.0) if light == "linear" and name != "dubois-green-magenta" else (0.0,):
+            for share in (0.0, 50.0, 100.0) if light == "linear" else (0.0,):
                 knob = (f"{light} light" if crossed else "") + (f"{', ' if crossed else ''}ghost -{share:.0f} %" if share else "")
                 paper = name == "colour" and not share
                 yield Candidate(name, knob or "plain", partial(_prepare, views, name, light, share), paper)

@@ -12,7 +12,9 @@ without cross terms need no mixing at all: their picture is one merge of three p
 The cross rows of the red/cyan Dubois matrix are, to 0.004 per coefficient, multiples of the other eye's own rows: three planes
 carry the whole method. Where that does not hold (amber/blue, parts of green/magenta) the cross row is a plane of its own.
 
-Matrices: FFmpeg vf_stereo3d (colour, grey, half-colour), Wimmer, Dubois 2001 (red/cyan) and Dubois 2009 (the others).
+Matrices: FFmpeg vf_stereo3d (colour, grey, half-colour), Wimmer, Dubois 2001 (red/cyan) and Dubois 2009 (the others). Wimmer's
+is without the gamma of 1.5 on red that some copies have: grey would no longer be grey for both eyes (mid grey 11 L* apart, and
+rivalry of photographs 12 L* instead of 0.4).
 """
 
 from __future__ import annotations
@@ -55,9 +57,12 @@ MATRICES: dict[str, tuple[tuple[Weights, Weights], tuple[Weights, Weights], tupl
     ),
 }
 
-# Green light through the red glass, as a share of red light through it (simulated from measured spectra: Y .0135 / .0922).
-RED_GLASS_LEAK = 0.1464
-RED_CYAN = ("colour", "grey", "half-colour", "wimmer", "dubois")
+# Luminance of red, green and blue through the left and the right glass, from measured spectra (`colour_metric.GLASS`).
+_RED_CYAN = ((0.0922, 0.0135, 0.0001), (0.0009, 0.2381, 0.0658))
+_GREEN_MAGENTA = ((0.0006, 0.1266, 0.0170), (0.1174, 0.0153, 0.0043))
+LEAST_LEAK = 0.01  # what leaks less is not seen: the right glass of red/cyan lets 0.4 % through
+LEAKS = {name: _RED_CYAN for name in ("colour", "grey", "half-colour", "wimmer", "dubois")}
+LEAKS["dubois-green-magenta"] = _GREEN_MAGENTA
 WIDE_LUT = int(cv2.__version__.split(".")[0]) >= 5  # cv2.LUT takes 16-bit indices
 SHARED_TOLERANCE = 0.015  # a cross row this close to a multiple of an own row takes the own plane
 
@@ -118,9 +123,9 @@ def recipe(anaglyph: str, light: str = "linear", ghost_compensation: float = 0.0
     """The recipe of a glasses method.
 
     anaglyph: a key of MATRICES. light: "linear" or "gamma"; it counts only where a method has cross terms, as the
-    others know no sum of two eyes. ghost_compensation: 0..100 %, the share of the green light that leaks through the
-    red glass to be taken out of red; other glasses ignore it. Red is raised by as much as it loses on grey, so grey stays
-    grey at every setting.
+    others know no sum of two eyes. ghost_compensation: 0..100 %, the share to be taken out of the light that leaks through
+    the other eye's glass: green through red; blue through green and green through magenta. Of amber/blue glasses no spectra
+    are at hand: theirs is what the matrix takes out. A channel is raised by as much as it loses on grey: grey stays grey.
     """
     rows = MATRICES[anaglyph]
     crossed = any(sum(map(abs, row[0])) > 0 and sum(map(abs, row[1])) > 0 for row in rows)
@@ -150,15 +155,29 @@ def recipe(anaglyph: str, light: str = "linear", ghost_compensation: float = 0.0
         cross = errors[near] if near <= SHARED_TOLERANCE else plane(1 - eye, weights)
         gain = own[c][1] / (own[c][1] + total)
         channels.append(Channel(index[c], cross, gain, 1.0 - gain))
+    if ghost_compensation > 0 and anaglyph in LEAKS:
+        channels = _compensated(channels, eyes, LEAKS[anaglyph], ghost_compensation / 100)
     red, green, blue = channels
-    if ghost_compensation > 0 and anaglyph in RED_CYAN:
-        # seen through the red glass: red + leak * green. (1 + leak) * left - leak * green leaves only the left view.
-        share = ghost_compensation / 100
-        leak = RED_GLASS_LEAK
-        whole = -leak * green.own_gain
-        cross_gain = (1 - share) * red.cross_gain + share * whole
-        red = Channel(red.own, green.own, 1.0 - cross_gain, cross_gain)
     return Recipe(tuple(planes), (red, green, blue), light == "linear")
+
+
+def _compensated(channels: list[Channel], eyes: list[int], glasses: tuple[Weights, Weights], share: float) -> list[Channel]:
+    """The channels with a share of what leaks taken out of the brightest channel of each eye.
+
+    Seen through a glass: main + leak * other. (1 + leak) * own view - leak * other leaves only the own view.
+    """
+    found = list(channels)
+    for eye, through in enumerate(glasses):
+        main = max((c for c in range(3) if eyes[c] == eye), key=lambda c: through[c])
+        others = [c for c in range(3) if eyes[c] != eye]
+        worst = max(others, key=lambda c: through[c])
+        leak = sum(through[c] for c in others) / through[main]
+        if leak < LEAST_LEAK:
+            continue
+        whole = -leak * channels[worst].own_gain
+        cross_gain = (1 - share) * channels[main].cross_gain + share * whole
+        found[main] = Channel(channels[main].own, channels[worst].own, 1.0 - cross_gain, cross_gain)
+    return found
 
 
 @lru_cache(maxsize=64)

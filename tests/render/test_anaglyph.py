@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lfpipe.render.anaglyph import MATRICES, RED_GLASS_LEAK, SHARED_TOLERANCE, decoded, encode, encoded, recipe
+from lfpipe.render.anaglyph import LEAKS, MATRICES, SHARED_TOLERANCE, decoded, encode, encoded, recipe
 
 GLASSES = sorted(MATRICES)
 CROSSED = [name for name in GLASSES if name.startswith("dubois")]
@@ -103,13 +103,13 @@ def test_compensation_cancels_the_leak_through_the_red_glass() -> None:
         seen = {}
         for strength in (0.0, 50.0, 100.0):
             picture = decoded(encode(left, right, recipe(name, "linear", strength)) / 255.0)
-            through_red = picture[..., 2] + RED_GLASS_LEAK * picture[..., 1]
+            through_red = picture[..., 2] + LEAKS[name][0][1] / LEAKS[name][0][0] * picture[..., 1]
             seen[strength] = float(np.ptp(through_red))
         assert seen[100.0] < 0.05 * seen[0.0]
         assert seen[50.0] == pytest.approx(seen[0.0] / 2, rel=0.1)
 
 
-def test_other_glasses_know_no_compensation() -> None:
+def test_glasses_of_unknown_spectra_know_no_compensation() -> None:
     assert recipe("dubois-amber-blue", "linear", 100.0) == recipe("dubois-amber-blue", "linear", 0.0)
 
 

@@ -5,8 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfpipe.render.anaglyph import encode, recipe
-from lfpipe.render.colour_metric import BARE, GLASS, Encoder, fused_error, ghost, lab, lightness, measure, rivalry, seen_xyz
+from lfpipe.render.anaglyph import LEAKS, encode, recipe
+from lfpipe.render.colour_metric import (
+    BARE,
+    GLASS,
+    GREEN_MAGENTA,
+    RED_CYAN,
+    Encoder,
+    fused_error,
+    ghost,
+    lab,
+    lightness,
+    measure,
+    rivalry,
+    seen_xyz,
+)
 
 
 def encoder(name: str, light: str = "linear", ghost_compensation: float = 0.0) -> Encoder:
@@ -50,6 +63,8 @@ def test_ghosts_and_their_compensation() -> None:
     for name in ("colour", "grey", "half-colour", "wimmer", "dubois"):
         assert abs(ghost(encoder(name, "linear", 100.0))[0]) < 0.03
     assert abs(ghost(encoder("dubois"))[0]) < 0.03
+    assert min(abs(leak) for leak in ghost(encoder("dubois-green-magenta"), glasses=GREEN_MAGENTA)) > 0.03
+    assert max(abs(leak) for leak in ghost(encoder("dubois-green-magenta", "linear", 100.0), glasses=GREEN_MAGENTA)) < 0.03
     assert ghost(encoder("colour", "linear", 100.0), pedestal=0.0)[0] > 0.1, "on black there is nothing to take away"
 
 
@@ -67,3 +82,9 @@ def test_a_glass_passes_its_own_colour_best(name: str) -> None:
     luminance = GLASS[name][1]
     assert int(np.argmax(luminance)) == {"red": 0, "cyan": 1, "green": 1, "magenta": 0}[name]
     assert (luminance <= BARE[1]).all()
+
+
+def test_leaks_are_those_of_the_simulated_glasses() -> None:
+    for name, through in LEAKS.items():
+        glasses = GREEN_MAGENTA if name == "dubois-green-magenta" else RED_CYAN
+        np.testing.assert_array_equal(through, [GLASS[glass][1] for glass in glasses])
