@@ -10,15 +10,14 @@ on both cores, garbage on the control socket. No stage dies more than three time
 from __future__ import annotations
 
 import argparse
-import os
 import sys
-import tempfile
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the tests run the same faults, fewer of them
 
+from tests.faults.session import WatchedSession
 from tests.faults.soak import Soak
-from tests.world import World
+from tests.world import private_world
 
 RECOVERY_S = 2.0
 
@@ -29,13 +28,10 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--rate", type=float, default=30.0)
     args = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="lfsoak") as folder:
-        world = World(Path(folder))
-        os.environ["XDG_RUNTIME_DIR"] = str(world.run_dir)
-        try:
-            outcome = Soak(world, args.seed, args.rate).run(args.faults, lambda text: print(text, file=sys.stderr, flush=True))
-        finally:
-            world.end()
+    with private_world() as world:
+        session = WatchedSession(world, args.rate)
+        outcome = Soak(session, args.seed).run(args.faults, lambda text: print(text, file=sys.stderr, flush=True))
+        session.end()
         left = world.left()
     print(outcome.table())
     broken = outcome.broken(RECOVERY_S) + [f"left behind: {name}" for name in left]

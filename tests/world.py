@@ -6,8 +6,10 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -92,3 +94,19 @@ class World:
                 process.kill()
             process.communicate()
         self.run("up", "--session", self.name, "nothing")  # sweeps what a killed one left
+
+
+@contextmanager
+def private_world() -> Iterator[World]:
+    """A world for a script: what it leaves goes, and what this process looks for is there."""
+    before = os.environ.get("XDG_RUNTIME_DIR")
+    with tempfile.TemporaryDirectory(prefix="lfworld") as folder:
+        world = World(Path(folder))
+        os.environ["XDG_RUNTIME_DIR"] = str(world.run_dir)
+        try:
+            yield world
+        finally:
+            world.end()
+            os.environ.pop("XDG_RUNTIME_DIR")
+            if before is not None:
+                os.environ["XDG_RUNTIME_DIR"] = before

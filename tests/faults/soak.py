@@ -13,25 +13,19 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import attrs
 import zmq
 
 from lfpipe.transport import control, ring
-from lfpipe.transport.clock import now_ns
-from lfpipe.transport.session import Session
-from lfpipe.transport.status import State
 from tests.faults.hostile import hostile
-from tests.faults.watcher import Account, Figures, Watcher, figures, is_whole, write_checked_frames
-from tests.world import World, write_scene
+from tests.faults.session import STAGES, WatchedSession
+from tests.faults.watcher import Account, Figures, Watcher, is_whole
 
-STAGES = ("capture", "track", "render")
 LETHAL = ("kill", "terminate", "stop 3 s")
 HARMLESS = ("stop the supervisor 3 s", "source stalls 1 s", "monitor killed", "slow reader", "hogs 2 s", "garbage")
 DEATHS, WINDOW_S = 3, 61.0  # of one stage: five in 60 s end a session, and from the fourth on it waits before it starts again
-PATIENCE_S = 20.0
 LEAK_MB = 4.0  # of one process; allocators differ by less from start to start
 HOG = "import time\nend = time.time() + 2\nwhile time.time() < end: pass"
 
@@ -112,117 +106,75 @@ class Outcome:
 class Soak:
     """A session under fault. Raises AssertionError where pictures do not come again."""
 
-    def __init__(self, world: World, seed: int, rate_hz: float = 30.0, size_px: tuple[int, int] = (640, 480)) -> None:
-        self.world, self._rng = world, random.Random(seed)
-        width_px, height_px = size_px
-        scene = write_scene(world.root / "soak-scene")
-        frames = write_checked_frames(world.root / "soak-frames", width_px, height_px, 40)
-        sets = [f"camera.width_px={width_px}", f"camera.height_px={height_px}", "render.clock=camera", "render.method=nearest"]
-        sets += ["render.anaglyph=colour", "render.alpha_px=12"]
-        self._log = (world.root / "soak.log").open("w")
-        camera = f"file:{frames}?loop=1&pace={rate_hz:g}"
-        options = [word for text in sets for word in ("--set", text)]
-        self.supervisor = world.up(scene, *options, camera=camera, stdout=self._log, stderr=self._log)
-        world.pictures(20)
-        self.session = Session(world.name)
-        self._run_dir = next(world.run_dir.glob(f"lfpipe-*-{world.name}"))
-        self.watcher = Watcher(self.session, self._run_dir, world.trace)
-        self.watcher.start()
+    def __init__(self, session: WatchedSession, seed: int) -> None:
+        self._session, self._rng = session, random.Random(seed)
         self._restarts = dict.fromkeys(STAGES, 0)
         self._deaths: dict[str, list[float]] = {name: [] for name in STAGES}
 
     def run(self, count: int, tell: Callable[[str], None] = print, books_every: int = 25) -> Outcome:
-        """So many faults; the books are looked at after every books_every of them."""
+        """So many faults, of each kind one before chance chooses; the books are looked at after every books_every of them."""
+        session, watcher = self._session, self._session.watcher
         time.sleep(3.0)  # allocators and lazy imports have had their turn
-        before, start = figures(self.supervisor.pid, self.session, self._run_dir), time.monotonic()
-        faults, accounts = [], []
+        before, start = session.figures(), time.monotonic()
+        faults: list[Fault] = []
+        accounts: list[Account] = []
         for number in range(1, count + 1):
-            kind, stage = self._choose()
+            kind, stage = self._choose([*LETHAL, *HARMLESS][number - 1 : number])
             getattr(self, "_" + "_".join(kind.split()))(stage)
-            fault = Fault(kind, stage, self._pictures_again())
-            faults.append(fault)
+            faults.append(Fault(kind, stage, session.pictures_again()))
             if number % books_every == 0 or number == count:
-                accounts.append(self._books())
-                errors = accounts[-1].errors()
+                accounts.append(session.books())
+                longest = max(fault.recovery_s for fault in faults)
                 tell(
-                    f"{number:4d} {time.monotonic() - start:6.0f} s  {kind} {stage}: {fault.recovery_s:.2f} s, "
-                    f"torn {self.watcher.torn + self.watcher.torn_pictures}, drops counted less missing {errors}"
+                    f"{number:4d} {time.monotonic() - start:6.0f} s  pictures again within {longest:.2f} s, "
+                    f"torn {watcher.torn + watcher.torn_pictures} of {watcher.seen + watcher.pictures}, "
+                    f"drops counted less missing {list(accounts[-1].errors().values())}, load {os.getloadavg()[0]:.1f}"
                 )
             time.sleep(self._rng.uniform(0.05, 0.4))
         time.sleep(3.0)
-        after = figures(self.supervisor.pid, self.session, self._run_dir)
+        after = session.figures()
         self._count_deaths()
-        restarts, seconds = dict(self._restarts), time.monotonic() - start
-        self.watcher.end()
-        return Outcome(faults, accounts, self.watcher, before, after, restarts, seconds)
+        return Outcome(faults, accounts, watcher, before, after, dict(self._restarts), time.monotonic() - start)
 
-    def _choose(self) -> tuple[str, str]:
-        """Any fault, but none that would be the fourth death of a stage within a minute."""
+    def _choose(self, wanted: list[str]) -> tuple[str, str]:
+        """One of those wanted, or any fault, but none that would be the fourth death of a stage within a minute."""
         self._count_deaths()
         mortal = [name for name in STAGES if len([t for t in self._deaths[name] if time.monotonic() - t < WINDOW_S]) < DEATHS]
-        kind = self._rng.choice([*(LETHAL if mortal else ()), *HARMLESS])
+        kind = self._rng.choice(wanted or [*(LETHAL if mortal else ()), *HARMLESS])
         return kind, self._rng.choice(mortal) if kind in LETHAL else ""
 
     def _count_deaths(self) -> None:
         for name in STAGES:
-            restarts = int(self.watcher.table.rows[name]["restarts"])
+            restarts = self._session.restarts(name)
             self._deaths[name] += [time.monotonic()] * (restarts - self._restarts[name])
             self._restarts[name] = restarts
 
-    def _pictures_again(self) -> float:
-        end_ns = now_ns()
-        while True:
-            line = self.watcher.newest
-            rows = [self.watcher.table.rows[name] for name in STAGES]
-            alive = all(row["state"] == State.RUNNING and Path(f"/proc/{row['pid']}").exists() for row in rows)
-            if line and line["t_read_ns"] > end_ns and alive:
-                return max(0.0, (line["t_presented_ns"] - end_ns) / 1e9)
-            assert self.supervisor.poll() is None, f"the session ended: {self._said()}"
-            assert now_ns() - end_ns < PATIENCE_S * 1e9, f"no picture for {PATIENCE_S:g} s: {self._said()}"
-            time.sleep(0.005)
-
-    def _said(self) -> str:
-        return (self.world.root / "soak.log").read_text()[-2000:]
-
-    def _books(self) -> Account:
-        """Capture stands still for a moment, so that nothing is under way."""
-        pid = self._pid("capture")
-        os.kill(pid, signal.SIGSTOP)
-        try:
-            return self.watcher.settled(1.2)  # less than what is taken for a hang
-        finally:
-            os.kill(pid, signal.SIGCONT)
-            self._pictures_again()
-
-    def _pid(self, stage: str) -> int:
-        return int(self.watcher.table.rows[stage]["pid"])
-
     def _kill(self, stage: str) -> None:
-        os.kill(self._pid(stage), signal.SIGKILL)
+        os.kill(self._session.pid(stage), signal.SIGKILL)
 
     def _terminate(self, stage: str) -> None:
-        os.kill(self._pid(stage), signal.SIGTERM)
+        os.kill(self._session.pid(stage), signal.SIGTERM)
 
     def _stop_3_s(self, stage: str) -> None:
-        pid = self._pid(stage)
+        pid = self._session.pid(stage)
         os.kill(pid, signal.SIGSTOP)
         time.sleep(3.0)
-        if self._pid(stage) == pid:  # else it was taken for hung and is gone
+        if self._session.pid(stage) == pid:  # else it was taken for hung and is gone
             os.kill(pid, signal.SIGCONT)
 
     def _stop_the_supervisor_3_s(self, _: str) -> None:
-        self.supervisor.send_signal(signal.SIGSTOP)
+        self._session.supervisor.send_signal(signal.SIGSTOP)
         time.sleep(3.0)
-        self.supervisor.send_signal(signal.SIGCONT)
+        self._session.supervisor.send_signal(signal.SIGCONT)
 
     def _source_stalls_1_s(self, _: str) -> None:
-        pid = self._pid("capture")
+        pid = self._session.pid("capture")
         os.kill(pid, signal.SIGSTOP)
         time.sleep(1.0)
         os.kill(pid, signal.SIGCONT)
 
     def _monitor_killed(self, _: str) -> None:
-        monitor = self.world.start("monitor", "--session", self.world.name, "--json")
+        monitor = self._session.world.start("monitor", "--session", self._session.world.name, "--json")
         assert monitor.stdout is not None
         monitor.stdout.readline()
         monitor.kill()
@@ -230,7 +182,7 @@ class Soak:
 
     def _slow_reader(self, _: str) -> None:
         """It holds a slot for a second: what it sees is whole, or known not to be."""
-        reader = ring.Reader(self.session.segment("frames"))
+        reader = ring.Reader(self._session.session.segment("frames"))
         try:
             reader.last_seq = max(0, reader.published - 1)
             lent = reader.lend()
@@ -249,7 +201,7 @@ class Soak:
 
     def _garbage(self, _: str) -> None:
         with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-            socket.connect(control.address(self._run_dir, "ctl"))
+            socket.connect(control.address(self._session.run_dir, "ctl"))
             for _ in range(200):
                 socket.send(hostile(self._rng))
             for _ in range(200):

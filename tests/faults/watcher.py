@@ -70,11 +70,12 @@ class Account:
 class Watcher(threading.Thread):
     """Attached to a session until `end`. lapped: overwritten while they were looked at, and known to be; torn: not known."""
 
-    def __init__(self, session: Session, run_dir: Path, trace: Path) -> None:
+    def __init__(self, session: Session, run_dir: Path, trace: Path, plain: bool) -> None:
         super().__init__(daemon=True)
         self.table = status.Table(session.segment("status"))
         self._session, self._run_dir, self._trace = session, run_dir, trace
         self._frames, self._eyes = ring.Reader(session.segment("frames")), ring.Reader(session.segment("eyes"))
+        self._plain = plain  # every picture of one colour; others are not looked at
         self._pictures: ring.Reader | None = None
         self._runs: list[int] = []  # of capture: last source_seq of each
         self._last = (-1, -1)  # epoch and source_seq of the newest frame
@@ -92,7 +93,7 @@ class Watcher(threading.Thread):
             while not self._ended.wait(0.004):
                 self._look_at_frames()
                 self.read_trace()
-                if now_ns() > lease_ns:
+                if self._plain and now_ns() > lease_ns:
                     ctl.send(control.encode({"cmd": "pictures", "lease_s": LEASE_S}))
                     lease_ns = now_ns() + int(LEASE_S / 3 * 1e9)
                 while ctl.poll(0):

@@ -1,0 +1,97 @@
+"""A live session fed with checksummed frames and watched from outside, for tests and for `profiling/`."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.session import Session
+from lfpipe.transport.status import State
+from tests.faults.watcher import Account, Figures, Watcher, figures, write_checked_frames
+from tests.world import World, write_scene
+
+STAGES = ("capture", "track", "render")
+PLAIN = ("render.method=nearest", "render.anaglyph=colour", "render.alpha_px=12")  # pictures of one colour: a torn one shows
+PATIENCE_S = 20.0
+
+
+class WatchedSession:
+    """Runs from the constructor to `end`. scene None: one whose every picture is of a single colour, and looked at as well."""
+
+    def __init__(
+        self,
+        world: World,
+        rate_hz: float = 30.0,
+        size_px: tuple[int, int] = (640, 480),
+        scene: Path | None = None,
+        sets: Sequence[str] = (),
+    ) -> None:
+        self.world = world
+        width_px, height_px = size_px
+        frames = write_checked_frames(world.root / "checked-frames", width_px, height_px, 40)
+        keys = [f"camera.width_px={width_px}", f"camera.height_px={height_px}", "render.clock=camera", *sets]
+        keys += PLAIN if scene is None else ()
+        options = [word for text in keys for word in ("--set", text)]
+        self._log = (world.root / "session.log").open("w")
+        shown = scene or write_scene(world.root / "plain-scene")
+        camera = f"file:{frames}?loop=1&pace={rate_hz:g}"
+        self.supervisor = world.up(shown, *options, camera=camera, stdout=self._log, stderr=self._log)
+        world.wait_for(lambda: len(world.lines()) > 20 or self.supervisor.poll() is not None, "pictures", 60)
+        assert self.supervisor.poll() is None, self.said()
+        self.session = Session(world.name)
+        self.run_dir = next(world.run_dir.glob(f"lfpipe-*-{world.name}"))
+        self.watcher = Watcher(self.session, self.run_dir, world.trace, plain=scene is None)
+        self.watcher.start()
+
+    def said(self) -> str:
+        """The last of what the session had to say."""
+        return (self.world.root / "session.log").read_text()[-3000:]
+
+    def pid(self, stage: str) -> int:
+        """Of the process that is that stage now."""
+        return int(self.watcher.table.rows[stage]["pid"])
+
+    def restarts(self, stage: str) -> int:
+        """Since the session began."""
+        return int(self.watcher.table.rows[stage]["restarts"])
+
+    def pictures_again(self) -> float:
+        """Waits for every stage to run and for a picture of a frame taken from now on; the time to its presentation in s.
+
+        Raises AssertionError where there is none.
+        """
+        begin_ns = now_ns()
+        while True:
+            line = self.watcher.newest
+            rows = [self.watcher.table.rows[name] for name in STAGES]
+            alive = all(row["state"] == State.RUNNING and Path(f"/proc/{row['pid']}").exists() for row in rows)
+            if line and line["t_read_ns"] > begin_ns and alive:
+                return max(0.0, (line["t_presented_ns"] - begin_ns) / 1e9)
+            assert self.supervisor.poll() is None, f"the session ended: {self.said()}"
+            assert now_ns() - begin_ns < PATIENCE_S * 1e9, f"no picture for {PATIENCE_S:g} s: {self.said()}"
+            time.sleep(0.005)
+
+    def books(self) -> Account:
+        """Where every frame went: capture stands still for a moment, so that nothing is under way."""
+        pid = self.pid("capture")
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            return self.watcher.settled(1.2)  # less than what is taken for a hang
+        finally:
+            os.kill(pid, signal.SIGCONT)
+            self.pictures_again()
+
+    def figures(self) -> Figures:
+        """What the session holds now."""
+        return figures(self.supervisor.pid, self.session, self.run_dir)
+
+    def end(self) -> None:
+        """Lets go of the session and ends it; nothing of it stays."""
+        self.watcher.end()
+        self.supervisor.send_signal(signal.SIGINT)
+        self.supervisor.wait(10)
+        self._log.close()
