@@ -196,7 +196,7 @@ def summary(results: Results) -> str:
             lines.append("| method | " + " | ".join(figure.axis for figure in figures) + " |")
             lines.append("|---|" + "---:|" * len(figures))
             for one in found.measured.values():
-                if one.name in front or one.paper:
+                if one.name in front or one.paper or not front:
                     told = " | ".join(number(one, figure) for figure in figures)
                     lines.append(f"| {one.name}{' ★' if one.paper else ''} | {told} |")
             lines.append("")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Skipped, Subject
-from lfpipe.bench.report import write_report
+from lfpipe.bench.report import number, write_report
 from lfpipe.bench.results import Measured, Results, SubjectResults, empty_diagrams, read
 from lfpipe.bench.runner import run
 from tests.bench.made import inputs, wall
@@ -94,6 +95,29 @@ def test_a_run_broken_off_goes_on(tmp_path: Path) -> None:
     for name, turns in before.items():
         if name in kept.measured:
             assert kept.measured[name].turns["time_ms"][: len(turns)] == turns
+
+
+def test_noise_is_stated_however_few_the_turns(tmp_path: Path) -> None:
+    """A long turn gives the samples of its parts; a short one that was taken too seldom is told with its number."""
+    turns = iter([[3.0, 5.0, 4.0, 4.0, 3.0, 5.0], [4.0, 4.0, 4.0, 4.0, 4.0, 4.0]])
+
+    def turn() -> dict[str, float | list[float]]:
+        time.sleep(0.4)  # the budget ends in the second one
+        return {"time_ms": next(turns), "first_s": 2.0}
+
+    prepared = Prepared(dict, turn)
+    figures = (FIGURES[1], Figure("first_s", "start", "s"))
+    subject = Subject("long", "Long", "?", figures, (), lambda _: iter([Candidate("one", "", lambda: prepared)]), turns=(2, 2),
+                      budget_s=(0.5, 0.5))  # fmt: skip
+    found = SubjectResults("long")
+    run(subject, inputs(wall(2, 2), tmp_path), found, quiet, quiet)  # type: ignore[arg-type]
+    one = found.measured["one"]
+    assert one.turns["time_ms"] == [4.0, 4.0] and len(one.parts["time_ms"]) == 12
+    assert number(one, figures[0]) == "4 ± 0 %" and number(one, figures[1]) == "2 (2 runs, 2 to 2)"
+    one.parts.clear()
+    assert number(one, figures[0]) == "4 (2 runs, 4 to 4)"
+    one.turns["time_ms"].pop()
+    assert number(one, figures[0]) == "4 (1 run)"
 
 
 def test_a_diagram_without_its_figure_is_left_out_with_the_reason() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
@@ -9,11 +10,12 @@ import attrs
 import numpy as np
 import pytest
 
-from lfpipe.bench import anaglyph, filters, pipeline, plan, stability, storage, synthesis, tracker
+from lfpipe.bench import anaglyph, filters, paper_loop, pipeline, plan, stability, storage, synthesis, tracker
 from lfpipe.bench.displayed import Displayed
 from lfpipe.bench.inputs import Sequence, demo_sequence, read_sequence
 from lfpipe.bench.model import Candidate, Skipped
 from lfpipe.bench.report import counts
+from lfpipe.bench.sessions import parts
 from lfpipe.bench.truth import Truth
 from lfpipe.track.smoothing import Mean
 from tests.bench.made import inputs, wall, without_truth
@@ -106,6 +108,25 @@ def test_pipeline_leaves_out_what_makes_no_sense(tmp_path: Path, sequence: Seque
     found, skipped = split(pipeline.candidates(inputs(wall(3, 3, disparity=False), tmp_path, without_truth(sequence))))
     assert {"error of the viewpoint shown", "warped views"} <= set(skipped)
     assert sum(one.paper for one in found.values()) == 2  # its configuration, and the plain loop
+
+
+def test_the_loop_names_the_frame_it_shows(tmp_path: Path) -> None:
+    video = demo_sequence(tmp_path, 0.1)  # 63 frames
+    for decode in (False, True):
+        given = itertools.islice(paper_loop.frames(video, decode, (640, 480)), 70)
+        assert [place for place, _ in given] == [*range(63), *range(7)]
+
+
+def test_parts_of_a_trace_are_full() -> None:
+    rows = [{"t_presented_ns": 7 + k * 100_000_000} for k in range(13)]  # 1.2 s
+    assert [len(part) for part in parts(rows)] == [5, 5] and parts([]) == []
+
+
+def test_every_pair_of_a_tracker_s_settings_is_offered(tmp_path: Path, sequence: Sequence) -> None:
+    found, _ = split(tracker.candidates(attrs.evolve(inputs(wall(2, 2), tmp_path, sequence), quick=False)))
+    assert len(found) == 2 * 2 * 3 * 3 and [name for name, one in found.items() if one.paper] == ["mediapipe, 640x480"]
+    lines = {(one.curve, one.line): one.knob for one in found.values()}
+    assert lines["litert", "one in 3"] == "160x120, one frame in 3"
 
 
 def test_displayed_error_of_a_known_trace() -> None:
