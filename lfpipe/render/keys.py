@@ -6,7 +6,6 @@ import time
 from pathlib import Path
 from typing import get_args, get_type_hints
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +13,7 @@ from lfpipe.config import Render
 from lfpipe.observe.view_grid import Gaze, inset
 from lfpipe.render.display import Display
 from lfpipe.render.presenter import Presenter
+from lfpipe.render.still import save
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
@@ -128,5 +128,4 @@ class Keys:
         if picture is None:
             return
         path = Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.png")).resolve()
-        saved = cv2.imwrite(str(path), picture)
-        self._context.emit("notice", text=f"picture saved as {path}" if saved else f"{path}: cannot be written")
+        self._context.emit("notice", text=save(path, picture))

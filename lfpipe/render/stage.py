@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
-
 from lfpipe.quality import lowered
 from lfpipe.render.keys import Keys
 from lfpipe.render.open_display import open_display
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.refresh import Refresh
+from lfpipe.render.still import save
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.store import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
@@ -80,7 +79,7 @@ def main(context: Context) -> None:
                 context.row["missed"] += refresh.missed - missed
     finally:
         if options["still"] and presenter.picture is not None:
-            cv2.imwrite(options["still"], presenter.picture)
+            context.emit("notice", text=save(Path(options["still"]), presenter.picture))
         presenter.close()
         display.close()
         keys.pass_on_notices()
