@@ -179,6 +179,8 @@ class Supervisor:
             if self.loan.overdue():
                 self.loan.end()
                 self.change(options={**self.options, "pictures": ""})
+            if not any(p.alive or p.stage.needed(self.options) for p in self.processes.values()):
+                self.outcome = self.outcome or Outcome("nothing is left to run", "nothing is left to run", "the lines above say why")
             if self._signals:
                 self.outcome = self.outcome or Outcome("interrupted")
             elif end_ns is not None and now_ns() >= end_ns:
