@@ -267,7 +267,7 @@ class Supervisor:
         self._tell(f"the last change is taken back: {why}")
 
     def _drained(self) -> bool:
-        last = int(self.table.rows["capture"]["source_seq"])
+        last = int(self.table.rows["capture"]["source_seq"]) - self.levels.now.every + 1  # the rest is left out
         rows = [self.table.rows[p.stage.name] for p in self.processes.values() if p.alive]
         return all(int(row["source_seq"]) >= last or row["state"] == State.DEAD for row in rows)
 
