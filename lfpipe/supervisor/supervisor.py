@@ -180,7 +180,8 @@ class Supervisor:
                 self.loan.end()
                 self.change(options={**self.options, "pictures": ""})
             if not any(p.alive or p.stage.needed(self.options) for p in self.processes.values()):
-                self.outcome = self.outcome or Outcome("nothing is left to run", "nothing is left to run", "the lines above say why")
+                why = "nothing is left to run"  # the recording has ended, and it was all
+                self.outcome = self.outcome or Outcome(why, why, "the lines above say why")
             if self._signals:
                 self.outcome = self.outcome or Outcome("interrupted")
             elif end_ns is not None and now_ns() >= end_ns:
