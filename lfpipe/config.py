@@ -238,6 +238,8 @@ def parse_set(text: str) -> tuple[str, Any]:
         value = tomllib.loads(f"v = {raw}")["v"]
     except tomllib.TOMLDecodeError:
         value = raw.strip()
+    if isinstance(value, bool) and options().get(key.strip(), (bool,))[0] is not bool:
+        value = raw.strip()  # a word, as in render.alpha_px=true
     return key.strip(), value
 
 
