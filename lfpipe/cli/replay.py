@@ -52,7 +52,7 @@ def replay(
     """Run SEQ through the pipeline; exit code 0: as expected, 1: it differs or is over budget, 2: bad input."""
     from lfpipe.replay import run
     from lfpipe.replay.budgets import broken, read_budgets
-    from lfpipe.replay.compare import check_reference, compare
+    from lfpipe.replay.compare import Comparison, check_reference, compare
     from lfpipe.replay.junit import write_junit
     from lfpipe.replay.report import about_scene, about_sequence, read_report
     from lfpipe.replay.sequence import open_sequence
@@ -80,24 +80,26 @@ def replay(
             say(f"error: replay of {path}: {error}")
             return 1
         _summary(report)
-        differences = []
+        compared = Comparison([], [])
         if expect is not None and update:
             _update(expect, folder)
         elif expect is not None:
-            differences = compare(expect, folder)
-            if differences and out is None:
+            compared = compare(expect, folder)
+            if compared.differences and out is None:
                 _keep_difference(folder)
         over = broken(budgets, report, read_report(expect) if expect and not update else None) if budgets else None
-    for difference in differences:
+    for note in compared.notes:
+        click.echo(note)
+    for difference in compared.differences:
         click.echo(f"differs: {difference}")
     for line in over or ():
         click.echo(f"over budget: {line}")
     if junit is not None:
-        compared = expect is not None and not update
-        write_junit(junit, path.name, compared, differences, over, time.monotonic() - began)
-    if expect is not None and not update and not differences:
+        against = expect is not None and not update
+        write_junit(junit, path.name, against, compared.differences, over, time.monotonic() - began)
+    if expect is not None and not update and not compared.differences:
         click.echo(f"as in {expect}")
-    return 1 if differences or over else 0
+    return 1 if compared.differences or over else 0
 
 
 def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> None:

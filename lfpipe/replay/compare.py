@@ -54,6 +54,14 @@ class Difference:
         return f"{self.part}: {self.what}" if self.frame is None else f"{self.part}: frame {self.frame}: {self.what}"
 
 
+@attrs.frozen
+class Comparison:
+    """differences: empty where all is as it was. notes: what a person should know of how it was compared."""
+
+    differences: list[Difference]
+    notes: list[str]
+
+
 PARTS = ("config", "plan", "scene", "counts", "eyes", "views", "pictures")
 _PART_OF = {"face": "eyes", "view": "views", "method": "views", "picture": "pictures"}
 
@@ -139,8 +147,8 @@ def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint
     return f"{out}/frame_{frame:06d}_*.png"
 
 
-def compare(reference: Path, folder: Path) -> list[Difference]:
-    """What differs between the reference and the run in folder; empty when nothing does. Saves pictures to folder/difference.
+def compare(reference: Path, folder: Path) -> Comparison:
+    """What differs between the reference and the run in folder. Saves the pictures that show it to folder/difference.
 
     Raises UserError where the reference cannot be read or is of another sequence or scene.
     """
@@ -156,11 +164,21 @@ def compare(reference: Path, folder: Path) -> list[Difference]:
     a, b = ({key: report["counts"][key] for key in counted} for report in (was, now))
     found += _fields("counts", a, b)
     before, after = read_trace(reference), read_trace(folder)
-    return found + _frames(reference, folder, before, after, exact)
+    in_frames, notes = _frames(reference, folder, before, after, exact)
+    if not exact:
+        notes.insert(0, f"compared with tolerances, not bit by bit: {_other_versions(was['versions'], now['versions'])}")
+    return Comparison(found + in_frames, notes)
 
 
-def _frames(reference: Path, folder: Path, before: list[Line], after: list[Line], exact: bool) -> list[Difference]:
-    """The first difference of each part, frame by frame."""
+def _other_versions(was: dict[str, str], now: dict[str, str]) -> str:
+    names = [name for name in sorted(was | now) if was.get(name) != now.get(name)]
+    return ", ".join(f"{name} {was.get(name)} in the reference, {now.get(name)} here" for name in names)
+
+
+def _frames(
+    reference: Path, folder: Path, before: list[Line], after: list[Line], exact: bool
+) -> tuple[list[Difference], list[str]]:
+    """The first difference of each part, frame by frame, and notes."""
     first: dict[str, tuple[int, str, Line, Line]] = {}
     counts: dict[str, int] = {}
     drawn: list[tuple[Line, Line]] = []
@@ -180,7 +198,8 @@ def _frames(reference: Path, folder: Path, before: list[Line], after: list[Line]
         values = f"{name} {_told(was[name])} in the reference, {_told(now[name])} now"
         what = f"{values}; {CAUSES[name]}; {counts[part]} of {len(after)} frames"
         found.append(Difference(part, what, frame))
-    return found + _drawn(reference, folder, before, after, drawn, exact)
+    pictures, notes = _drawn(reference, folder, before, after, drawn, exact)
+    return found + pictures, notes
 
 
 def _told(value: Any) -> str:
@@ -189,22 +208,25 @@ def _told(value: Any) -> str:
 
 def _drawn(
     reference: Path, folder: Path, before: list[Line], after: list[Line], drawn: list[tuple[Line, Line]], exact: bool
-) -> list[Difference]:
-    """Differences of pictures with equal views, and the pictures of the first frame that differs in anything."""
+) -> tuple[list[Difference], list[str]]:
+    """Differences of pictures with equal views, and the pictures of the first frame that differs in anything; notes."""
     ours, theirs = _Pictures(folder, after), _Pictures(reference, before)
     pairs = [(was, now) for was, now in zip(before, after, strict=False) if was["picture"] != now["picture"]]
-    saved, least_db = "", 100.0
+    first: tuple[int, NDArray[np.uint8], NDArray[np.uint8]] | None = None
+    least_db = 100.0
     for was, now in pairs:
         a, b = theirs.get(was["picture"]), ours.get(now["picture"])
         if a is not None and b is not None:
-            saved = saved or _save(folder, now["source_seq"], a, b)
+            first = first or (now["source_seq"], a, b)
             least_db = min(least_db, psnr_db(a, b))
-    shown = f"least PSNR {least_db:.1f} dB, see {saved}" if saved else "no picture of these frames was kept in both runs"
-    if drawn and (exact or not saved or least_db < LEAST_DB):
+    wrong = bool(drawn) and (exact or first is None or least_db < LEAST_DB)
+    if not wrong and len(pairs) == len(drawn):
+        told = f"pictures: {len(drawn)} of {len(after)} digests differ, least PSNR {least_db:.1f} dB ({LEAST_DB:g} wanted)"
+        return [], [told] if drawn else []
+    shown = f"least PSNR {least_db:.1f} dB, see {_save(folder, *first)}" if first else "no picture of these frames was kept twice"
+    if wrong:
         was, now = drawn[0]
         what = f"digest {was['picture']} in the reference, {now['picture']} now; {CAUSES['picture']}"
-        return [Difference("pictures", f"{what}; {len(drawn)} of {len(after)} frames; {shown}", now["source_seq"])]
-    if len(pairs) > len(drawn):
-        what = f"{len(pairs)} of {len(after)} differ, after what stands above; {shown}"
-        return [Difference("pictures", what, pairs[0][1]["source_seq"])]
-    return []
+        return [Difference("pictures", f"{what}; {len(drawn)} of {len(after)} frames; {shown}", now["source_seq"])], []
+    what = f"{len(pairs)} of {len(after)} differ, after what stands above; {shown}"
+    return [Difference("pictures", what, pairs[0][1]["source_seq"])], []

@@ -6,9 +6,12 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import cv2
+
 from lfpipe import __version__
 
-PACKAGES = ("numpy", "opencv-contrib-python-headless", "mediapipe", "ai-edge-litert")
+OPENCV = "opencv-contrib-python-headless"
+PACKAGES = ("numpy", OPENCV, "mediapipe", "ai-edge-litert")
 
 
 def processor() -> str:
@@ -28,5 +31,5 @@ def versions() -> dict[str, str]:
         try:
             found[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "none"
+            found[name] = cv2.__version__ if name == OPENCV else "none"  # another of the four packages that bring cv2
     return found
