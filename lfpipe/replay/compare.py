@@ -37,7 +37,14 @@ CAUSES = {  # in the order of the pipeline: what comes first caused what follows
     "picture": "views are equal: the drawing changed (anaglyph coefficients, synthesis, or the scene's pictures and their order)",
 }
 OF_NO_EFFECT = (
-    "control.", "camera.source", "camera.format", "scene.cache_dir", "render.clock", "render.rate_hz", "governor.", "observe.",
+    "control.",
+    "camera.source",
+    "camera.format",
+    "scene.cache_dir",
+    "render.clock",
+    "render.rate_hz",
+    "governor.",
+    "observe.",
     "screen.monitor",
 )
 
