@@ -1,6 +1,7 @@
 """What an X server without a screen shows, read from the file in which it keeps its picture."""
 
 import struct
+import subprocess
 from pathlib import Path
 
 import attrs
@@ -29,3 +30,13 @@ class Screen:
         picture = self.picture()
         rows, cols = np.nonzero(picture.any(axis=(1, 2)))[0], np.nonzero(picture.any(axis=(0, 2)))[0]
         return picture[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] if len(rows) else picture[:0, :0]
+
+
+def outline(title: str, name: str) -> tuple[int, int, int, int] | None:
+    """x, y, width, height of the window of that title on the server of that name; None while there is none."""
+    done = subprocess.run(["xwininfo", "-display", name, "-name", title], capture_output=True, text=True)
+    words = dict(line.split(":", 1) for line in done.stdout.splitlines() if line.startswith("  ") and ":" in line)
+    told = {key.strip(): value for key, value in words.items()}
+    names = ("Absolute upper-left X", "Absolute upper-left Y", "Width", "Height")
+    x, y, width, height = (int(told.get(key, -1)) for key in names)
+    return (x, y, width, height) if width > 0 else None

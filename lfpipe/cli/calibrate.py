@@ -6,6 +6,8 @@ import click
 
 from lfpipe.cli.options import with_config
 
+USUAL_DEG = (35, 110)
+
 
 @click.command()
 @click.option("--camera", "camera", metavar="SRC", help="As for `lfpipe up`; the first camera found.")
@@ -38,8 +40,13 @@ def calibrate(
     fov_deg = math.degrees(2 * math.atan(config.camera.width_px / 2 / focal_px))
     try:
         write_key(user_file(), "camera", "focal_px", focal_px)
-    except OSError as error:
-        raise UserError(f"{user_file()}: {error.strerror}", f"put focal_px = {focal_px} under [camera] there by hand") from None
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise UserError(f"{user_file()}: {why}", f"put focal_px = {focal_px} under [camera] there by hand") from None
     click.echo(f"{size_mm:g} mm at {distance_mm:g} mm are {size_px:.1f} px")
     click.echo(f"focal length {focal_px} px, field of view {fov_deg:.1f} degrees")
+    if by == "eyes" and eyes_mm is None:
+        click.echo(f"eyes taken as {EYES_MM:g} mm apart, as most are to 8 %; --eyes-mm MM or --by card is surer")
+    if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
+        click.echo(f"webcams see {USUAL_DEG[0]} to {USUAL_DEG[1]} degrees: was it {distance_mm:g} mm?")
     click.echo(f"camera.focal_px = {focal_px} written to {user_file()}")

@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.render.open_display import check_display, has_display
+from lfpipe.render.open_display import has_display
 from lfpipe.track.calibration import EyeGauge
 from lfpipe.track.engines import make_engine
 
 PATIENCE_FRAMES = 600  # without a face, or without a still one, for so long
 AGAIN = UserError("nothing was measured", "start again when you are ready")
+NOBODY = UserError(
+    "no face was seen", "sit in the light, looking into the camera; `lfpipe up --demo --camera SRC` shows what it sees"
+)
+RESTLESS = UserError("the eyes never kept still for long enough", "rest your head on something, keep the distance, and try again")
 
 
 def _frame(config: Config) -> NDArray[np.uint8]:
@@ -30,7 +34,7 @@ def _mark(picture: NDArray[np.uint8], x: float, y: float) -> None:
 def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
     """Distance between the viewer's eyes in px of a frame of config's size, the median of some frames.
 
-    Raises UserError where no face is seen, nobody keeps still, or the person ends it.
+    Raises UserError where no face is seen, nobody keeps still, the source ends, or the person ends it.
     """
     source = open_source(camera or config.camera.source, config.camera)
     engine, gauge, guide, picture, missed = make_engine(config.track), EyeGauge(), None, _frame(config), 0
@@ -42,7 +46,7 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
             guide = Guide((config.camera.width_px, config.camera.height_px), "lfpipe calibrate")
         while not (gauge.full and gauge.steady and (guide is None or guide.enter)):
             if source.read(picture) is None or missed > PATIENCE_FRAMES:
-                raise UserError("no steady face was seen", "sit still in the light, looking into the camera, and try again")
+                raise RESTLESS if gauge.median_px else NOBODY
             face = engine.detect(picture)
             gauge.add(face)
             missed = missed + 1 if face is None or not gauge.steady else 0
@@ -64,27 +68,46 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
 
 
 def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
-    """Width of the card in px, from two clicks on a frozen frame. Raises UserError without a screen, or where it is ended."""
-    check_display("window")
+    """Width of the card in px of a frame of config's size, from two clicks on a frozen frame.
+
+    Raises UserError without a screen, where the source ends before a frame is frozen, or the person ends it.
+    """
+    if not has_display():
+        raise UserError("--by card: no screen here, and a window to click in is needed", "run it in a desktop, or --by eyes")
     source, picture, frozen = open_source(camera or config.camera.source, config.camera), _frame(config), False
     from lfpipe.render.guide import Guide
 
     guide = Guide((config.camera.width_px, config.camera.height_px), "lfpipe calibrate")
     try:
-        while len(guide.clicks) < 2:
+        while True:
             if not frozen:
                 guide.clicks.clear()
                 if source.read(picture) is None:
-                    raise UserError("the source ended before the card was clicked", "a longer recording, or a camera")
-            frozen = guide.enter
-            for x, y in guide.clicks:
-                _mark(picture, x, y)
-            hold = f"Card {distance_mm:g} mm from the camera, flat to it. Enter freezes the picture."
-            guide.step(picture, ["Click the middle of both short edges." if frozen else hold, "Esc ends"])
+                    raise UserError(
+                        "the source ended before Enter was pressed", "a longer recording, one with ?loop=1, or a camera"
+                    )
+            if len(guide.clicks) > 2:
+                del guide.clicks[:-1]  # a third begins anew
+            ends = list(guide.clicks)
+            shown = picture.copy()
+            for x, y in ends:
+                _mark(shown, x, y)
+            lines = [f"Card {distance_mm:g} mm from the camera, flat to it.", "Enter freezes the picture, Esc ends"]
+            width_px = 0.0
+            if frozen and len(ends) < 2:
+                lines = ["Click the middle of both short edges.", "Esc ends"]
+            elif frozen:
+                (x0, y0), (x1, y1) = ends
+                width_px = math.hypot(x1 - x0, y1 - y0)
+                cv2.line(shown, (round(x0), round(y0)), (round(x1), round(y1)), (255, 255, 255), 1, cv2.LINE_AA)
+                lines = [f"{width_px:.1f} px wide. Enter takes it, a click begins anew, Esc ends"]
+            guide.enter = False
+            guide.step(shown, lines)
             if guide.quit:
                 raise AGAIN
-        (x0, y0), (x1, y1) = guide.clicks[:2]
-        return math.hypot(x1 - x0, y1 - y0)
+            if guide.enter and width_px > 0:
+                return width_px
+            frozen = frozen or guide.enter
     finally:
         guide.close()
         source.close()

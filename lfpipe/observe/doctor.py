@@ -92,17 +92,17 @@ def sdl() -> Check:
     if not has_display():
         return Check("display", True, "no screen here", "run in a desktop, or use --display none or --display file:OUT.mkv")
     try:
-        # Its import decides how surfaces get to the screen, so the window's own module is asked, not pygame.
-        from lfpipe.render import window
+        from lfpipe.render import sdl
+        from lfpipe.render.monitors import seen
 
-        driver, version, monitors = window.driver()
+        driver, monitors = seen()
     except Exception as error:  # whatever keeps SDL from starting is what the person needs to read
         remedy = "pip install pygame-ce (and no plain pygame), or use --display none"
         return Check("display", False, f"SDL does not start: {error}", remedy)
     shared = os.environ.get("SDL_FRAMEBUFFER_ACCELERATION") == "0"
     how = "surface in shared memory (no GPU)" if shared else "surface through the GPU"
-    seen = "; ".join(f"monitor {each}" for each in monitors)
-    return Check("display", True, f"SDL {version}, driver {driver}, {how}; {seen}")
+    listed = "; ".join(f"monitor {each}" for each in monitors)
+    return Check("display", True, f"SDL {sdl.version()}, driver {driver}, {how}; {listed}")
 
 
 def camera(device: CameraDevice) -> Check:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pygame
 from numpy.typing import NDArray
 
+from lfpipe.render.sdl import pygame
 from lfpipe.render.window import Window
 
 
@@ -13,7 +13,7 @@ class Guide:
     """`step` shows one picture and takes what the person did. Raises UserError where no window can be opened."""
 
     def __init__(self, size_px: tuple[int, int], title: str) -> None:
-        self._window = Window(size_px, title)
+        self._window = Window((2 * size_px[0], 2 * size_px[1]), title)  # large, so that clicks fall between pixels too
         self.clicks: list[tuple[float, float]] = []
         self.enter = self.quit = False
 

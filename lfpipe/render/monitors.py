@@ -7,9 +7,10 @@ import difflib
 import functools
 
 import attrs
-import pygame
 
 from lfpipe.errors import UserError
+from lfpipe.render import sdl
+from lfpipe.render.sdl import pygame
 
 INCH_MM = 25.4
 ASPECTS_MM = (16.0, 160.0)  # widths in EDIDs that know only an aspect: 160 x 90, 16 x 10, ...
@@ -88,3 +89,11 @@ def chosen(wanted: str, offered: list[Monitor]) -> Monitor:
     what = "several monitors are called that" if part else f"no such monitor{hint}"
     remedy = "a number or part of a name of: " + "; ".join(map(str, offered))
     raise UserError(f"screen.monitor {wanted!r}: {what}", remedy)
+
+
+def seen() -> tuple[str, list[Monitor]]:
+    """SDL's driver and the monitors, without a window. Raises pygame.error where SDL cannot start."""
+    try:
+        return sdl.start(), monitors()
+    finally:
+        pygame.display.quit()

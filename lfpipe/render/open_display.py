@@ -56,10 +56,9 @@ def check_display(spec: str, monitor: str = "") -> None:
             remedy = "use --display none or --display file:OUT.mkv, or run in a desktop"
             raise UserError(f"--display {spec}: no screen here ({why})", remedy)
         if monitor:
-            from lfpipe.render.monitors import chosen
-            from lfpipe.render.window import driver
+            from lfpipe.render.monitors import chosen, seen
 
-            chosen(monitor, driver()[2])
+            chosen(monitor, seen()[1])
     elif spec.startswith("file:") and len(spec) > len("file:"):
         from lfpipe.render.file_display import check_file
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pygame
 from numpy.typing import NDArray
+
+from lfpipe.render.sdl import pygame
 
 LEAST_PX, MOST_SHARE = 13, 0.94  # of the text, and of the window that all of it may take
 

@@ -3,45 +3,27 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import time
-from pathlib import Path
 from typing import Any
-
-os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")  # the process has its own
 
 import cv2
 import numpy as np
-import pygame
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.render import sdl
 from lfpipe.render.display import KEYS
 from lfpipe.render.fit import fit_area, scale_into
 from lfpipe.render.monitors import Monitor, chosen, monitor_of, monitors
 from lfpipe.render.panel import panel
+from lfpipe.render.sdl import pygame
 
 SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of the width of the monitor; small light fields are shown larger in the first window
 HINT_S = 6.0
 SCREEN_SHARE = 0.85  # of the monitor at the most
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: on a fine one text of so many pixels could not be read
 NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", "\x1b": "quit"}
-UNSEEN = ("dummy", "offscreen")  # drivers that show nothing, for who asks for them
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
-
-
-def start_sdl() -> str:
-    """Starts SDL's display part; the name of its driver. Raises pygame.error where it cannot start.
-
-    SDL gives a window's surface through OpenGL; without a GPU that is a software renderer and ten times the cost. X can do
-    without; Wayland knows no other way.
-    """
-    pygame.display.init()
-    driver = pygame.display.get_driver()
-    if driver == "x11" and not any(Path("/dev/dri").glob("renderD*")):
-        os.environ.setdefault("SDL_FRAMEBUFFER_ACCELERATION", "0")
-    return driver
 
 
 class Window:
@@ -56,8 +38,7 @@ class Window:
         Raises UserError where no window can be opened, or there is no such monitor."""
         self._title, self._fullscreen, self._wanted = title, fullscreen, monitor
         try:
-            if (name := start_sdl()) in UNSEEN and os.environ.get("SDL_VIDEODRIVER") != name:
-                raise pygame.error(f"no screen answers, SDL fell back to its driver {name!r}")
+            sdl.start()
             self._monitors = monitors()
             on = chosen(monitor, self._monitors) if monitor else self._monitors[0]
             largest = min(SCREEN_SHARE * on.width / size_px[0], SCREEN_SHARE * on.height / size_px[1])
@@ -222,13 +203,4 @@ class Window:
 
     def close(self) -> None:
         self._window.destroy()
-        pygame.display.quit()
-
-
-def driver() -> tuple[str, str, list[Monitor]]:
-    """SDL's video driver, its version and the monitors, without opening a window. Raises pygame.error where SDL cannot start."""
-    name = start_sdl()
-    try:
-        return name, ".".join(str(part) for part in pygame.version.SDL), monitors()
-    finally:
         pygame.display.quit()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections import deque
 from pathlib import Path
 
@@ -55,8 +56,15 @@ def with_key(text: str, section: str, name: str, value: float) -> str:
 
 
 def write_key(path: Path, section: str, name: str, value: float) -> None:
-    """Puts [section] name = value into the TOML file at path, whole or not at all. Raises OSError."""
+    """Puts [section] name = value into the TOML file at path, whole or not at all.
+
+    Raises OSError where it cannot be written, ValueError where the file is of a form that has no place for a line.
+    """
+    text = with_key(path.read_text() if path.exists() else "", section, name, value)
+    if tomllib.loads(text)[section][name] != value:
+        raise ValueError(f"{section}.{name} is set in another way")
     path.parent.mkdir(parents=True, exist_ok=True)
+    path = path.resolve()  # where it is a link it stays one
     new = path.with_name(path.name + ".new")
-    new.write_text(with_key(path.read_text() if path.exists() else "", section, name, value))
+    new.write_text(text)
     new.replace(path)

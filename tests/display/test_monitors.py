@@ -16,6 +16,7 @@ import pytest
 from lfpipe.errors import UserError
 from lfpipe.render.monitors import Monitor, chosen, monitors, pixel_mm
 from lfpipe.render.window import Window
+from tests.xvfb_screen import outline
 
 DESK = [
     Monitor(0, "eDP-1", 0, 0, 1920, 1200, 0.18),
@@ -104,14 +105,6 @@ def x_with_two(two: str, monkeypatch: pytest.MonkeyPatch) -> str:
     return two
 
 
-def outline() -> tuple[int, int, int, int]:
-    """x, y, width, height of the window that X has now."""
-    done = subprocess.run(["xwininfo", "-name", "lfpipe: a test"], capture_output=True, text=True, check=True)
-    words = {line.split(":")[0].strip(): line.split(":")[1].strip() for line in done.stdout.splitlines() if line.count(":") == 1}
-    x, y, width, height = (int(words[key]) for key in ("Absolute upper-left X", "Absolute upper-left Y", "Width", "Height"))
-    return x, y, width, height
-
-
 def press(window: Window, key: str) -> None:
     pygame.event.post(pygame.event.Event(pygame.KEYDOWN, unicode=key, key=0))
     assert window.events() == ["fullscreen"]
@@ -131,7 +124,7 @@ def test_the_chosen_monitor(
     try:
         window.show(np.full((240, 240, 3), 90, np.uint8))
         for now in (fullscreen, not fullscreen, fullscreen):
-            assert outline() == (whole if now else windowed)
+            assert outline("lfpipe: a test", x_with_two) == (whole if now else windowed)
             press(window, "f")
         assert window.width_mm() is None, "this server tells no size"
     finally:
@@ -145,7 +138,7 @@ def test_f_fills_the_monitor_on_which_the_window_is(x_with_two: str) -> None:
     try:
         window.show(np.full((240, 240, 3), 90, np.uint8))
         press(window, "f")
-        assert outline() == (1024, 0, 800, 600)
+        assert outline("lfpipe: a test", x_with_two) == (1024, 0, 800, 600)
     finally:
         window.close()
 

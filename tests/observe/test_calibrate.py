@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import json
+import shutil
 import struct
+import subprocess
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from lfpipe.capture.open_source import open_source
 from lfpipe.capture.v4l2 import ENUM_FRAMEINTERVALS_BYTES, rate_of
+from lfpipe.config import Camera
 from lfpipe.track.calibration import FRAMES, EyeGauge, with_key, write_key
 from lfpipe.track.engine import Face
 from tests.world import World
+from tests.xvfb_screen import Screen, outline
 
 
 @pytest.mark.parametrize(("interval", "rate"), [((1, 30), "30"), ((1001, 30000), "29.97"), ((2, 15), "7.5"), ((0, 1), "?")])
@@ -37,6 +44,11 @@ def test_one_key_changes_and_nothing_else(before: str, tmp_path: Path) -> None:
     wanted = tomllib.loads(before)
     wanted.setdefault("camera", {})["focal_px"] = 612.5
     assert tomllib.loads(with_key(before, "camera", "focal_px", 612.5)) == wanted
+    other = tmp_path / "other.toml"
+    other.write_text("camera.fov_deg = 60\n")
+    with pytest.raises(ValueError):
+        write_key(other, "camera", "focal_px", 612.5)
+    assert other.read_text() == "camera.fov_deg = 60\n"
     path = tmp_path / "new" / "config.toml"
     write_key(path, "camera", "focal_px", 1.5)
     write_key(path, "camera", "focal_px", 612.5)
@@ -64,6 +76,77 @@ def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
     written = tomllib.loads((world.root / "settings" / "lfpipe" / "config.toml").read_text())
     assert 300 < written["camera"]["focal_px"] < 1200 and str(written["camera"]["focal_px"]) in done.stdout
     card = world.run("calibrate", "--camera", "demo", "--by", "card")
-    assert card.returncode == 2 and "no screen" in card.stderr
+    assert card.returncode == 2 and "no screen" in card.stderr and "--by eyes" in card.stderr
     listed = world.run("cameras", "--json")
     assert listed.returncode == 0 and isinstance(json.loads(listed.stdout)["cameras"], list)
+
+
+FOCAL_PX, CARD_AT_MM, CARD_PX = 620.0, 450.0, (180.0, 337.0)
+
+
+def held_up(path: Path) -> float:
+    """A video of the demo's face with a card held flat at CARD_AT_MM by a pinhole camera of FOCAL_PX; the card's width in px."""
+    frame = np.empty((480, 640, 3), np.uint8)
+    source = open_source("demo", Camera())
+    source.read(frame)
+    source.close()
+    fine = 8
+    large = cv2.resize(frame, None, fx=fine, fy=fine)
+    width, height = (size_mm * FOCAL_PX / CARD_AT_MM for size_mm in (85.60, 53.98))
+    corner = [round(fine * value) for value in CARD_PX]
+    cv2.rectangle(large, corner, [corner[0] + round(fine * width), corner[1] + round(fine * height)], (150, 90, 30), -1)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
+    for _ in range(30):
+        writer.write(cv2.resize(large, (640, 480), interpolation=cv2.INTER_AREA))
+    writer.release()
+    return width
+
+
+@pytest.mark.skipif(not all(map(shutil.which, ("xdotool", "xwininfo"))), reason="apt-get install xdotool x11-utils")
+def test_a_card_is_clicked_in_a_real_window(world: World, screen: Screen, tmp_path: Path) -> None:
+    width_px = held_up(tmp_path / "card.avi")
+    world.env["DISPLAY"] = screen.name
+    settings = world.root / "settings" / "lfpipe" / "config.toml"
+    settings.parent.mkdir(parents=True)
+    settings.write_text('# mine\n[camera]\nrate_hz = 25.0  # slow\n[render]\nmethod = "warp"\n')
+    process = world.start("calibrate", "--by", "card", "--camera", "file:card.avi?loop=1", "--distance", str(CARD_AT_MM))
+
+    def tool(*words: str) -> str:
+        return subprocess.run(["xdotool", *words], capture_output=True, text=True, env=world.env).stdout
+
+    x0, y0, width, _ = world.wait_for(lambda: outline("lfpipe calibrate", screen.name), "window")
+    scale = width / 640
+    middle = CARD_PX[1] + 53.98 / 85.60 * width_px / 2
+
+    def click(x: float, y: float) -> None:
+        at = x0 + x * scale, y0 + y * scale
+        tool("mousemove", str(round(at[0])), str(round(at[1])), "click", "1")
+
+    def drawn(change: Callable[[], object]) -> None:
+        before = screen.picture()
+        change()
+        world.wait_for(lambda: not np.array_equal(screen.picture(), before), "other picture")
+
+    world.wait_for(lambda: len(screen.shown()), "picture")
+    drawn(lambda: tool("key", "Return"))
+    drawn(lambda: click(30, 30))  # a slip: two clicks, and a third begins anew
+    drawn(lambda: click(90, 40))
+    drawn(lambda: click(CARD_PX[0], middle))
+    drawn(lambda: click(CARD_PX[0] + width_px, middle))
+    tool("key", "Return")
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 0, err
+    written = tomllib.loads(settings.read_text())
+    assert written["camera"].pop("focal_px") == pytest.approx(FOCAL_PX, rel=0.01)  # a click falls on a pixel
+    assert written == {"camera": {"rate_hz": 25.0}, "render": {"method": "warp"}} and "# mine" in settings.read_text()
+    assert str(settings) in out
+
+
+def test_nobody_to_be_seen_is_said(world: World, tmp_path: Path) -> None:
+    writer = cv2.VideoWriter(str(tmp_path / "wall.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
+    for _ in range(10):
+        writer.write(np.full((480, 640, 3), 120, np.uint8))
+    writer.release()
+    done = world.run("calibrate", "--camera", "file:wall.avi")
+    assert done.returncode == 2 and "no face was seen" in done.stderr and "lfpipe up" in done.stderr
+    assert not (world.root / "settings").exists()

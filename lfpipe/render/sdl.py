@@ -1,0 +1,34 @@
+"""SDL as this program wants it: whoever draws takes pygame from here, for SDL reads its environment when it starts."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")  # the process has its own
+os.environ.setdefault("SDL_VIDEO_X11_WMCLASS", "lfpipe")  # for desktops, which group windows and name them by it
+
+import pygame as pygame
+
+UNSEEN = ("dummy", "offscreen")  # drivers that show nothing, for who asks for them
+
+
+def start() -> str:
+    """Starts SDL's display part; the name of its driver. Raises pygame.error where no screen answers.
+
+    SDL gives a window's surface through OpenGL; without a GPU that is a software renderer and ten times the cost. X can do
+    without; Wayland knows no other way.
+    """
+    pygame.display.init()
+    driver = pygame.display.get_driver()
+    if driver in UNSEEN and os.environ.get("SDL_VIDEODRIVER") != driver:
+        raise pygame.error(f"no screen answers, SDL fell back to its driver {driver!r}")
+    if driver == "x11" and not any(Path("/dev/dri").glob("renderD*")):
+        os.environ.setdefault("SDL_FRAMEBUFFER_ACCELERATION", "0")
+    return driver
+
+
+def version() -> str:
+    """Of SDL itself."""
+    return ".".join(str(part) for part in pygame.version.SDL)
