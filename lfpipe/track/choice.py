@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
-from lfpipe.track.detector import Detection, overlap
+from lfpipe.track.detector import Detection
 
 SAME = 0.2  # overlap of one face's boxes in neighbouring pictures: 2 m/s at arm's length and 30 Hz still share 0.3
 
@@ -16,7 +14,9 @@ Box = tuple[float, float, float, float]
 
 def same_place(a: Box, b: Box) -> bool:
     """Whether boxes of two pictures can be one face's: where it was, and of its size."""
-    return float(overlap(np.array(a), np.array([b]))[0]) > SAME
+    width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+    common = max(width, 0.0) * max(height, 0.0)
+    return common > SAME * ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - common)
 
 
 def largest_near_centre(found: Sequence[Detection], width_px: int, height_px: int) -> Detection:

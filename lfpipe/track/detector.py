@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.track.network import Network, model_file
-from lfpipe.track.roi import Roi, Warp, as_tensor, warp
+from lfpipe.track.roi import Roi, Warp, fill, warp
 
 SIZE_PX = 128
 MIN_SCORE = 0.5
@@ -77,7 +77,8 @@ class Detector:
         height_px, width_px = image.shape[:2]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), 0.0)
         crop = whole.crop(image, SIZE_PX, cv2.BORDER_CONSTANT, self._warp)
-        regressors, logits = self._network.run(as_tensor(crop, -1.0, 1.0))
+        fill(self._network.input, crop, -1.0, 1.0)
+        regressors, logits = self._network.run()
         scores = 1 / (1 + np.exp(-np.clip(logits, -80, 80)))  # float32 holds exp(88)
         keep = np.flatnonzero(scores >= MIN_SCORE)
         if not len(keep):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.track.network import Network, model_file
-from lfpipe.track.roi import Roi, Warp, around, as_tensor, warp
+from lfpipe.track.roi import Roi, Warp, around, fill, warp
 
 SIZE_PX = 64
 _SCALE = 2.3  # of the crop over the distance between the eye's corners
@@ -32,7 +32,8 @@ class Irises:
             crop = roi.crop(image, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
             # the network knows right eyes only: the left one is shown to it in a mirror
             crop = crop if eye else np.ascontiguousarray(crop[:, ::-1])
-            centre = self._network.run(as_tensor(crop, 0.0, 1.0))[0][:2].astype(np.float64)
+            fill(self._network.input, crop, 0.0, 1.0)
+            centre = self._network.run()[0][:2].astype(np.float64)
             if not eye:
                 centre[0] = SIZE_PX - centre[0]
             out[eye] = roi.to_picture(centre[None], SIZE_PX)[0]

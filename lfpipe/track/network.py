@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import importlib.util
 from pathlib import Path
@@ -30,7 +31,8 @@ def model_file(relative: str) -> Path:
 class Network:
     """One .tflite network, single-threaded: one float32 input, float32 outputs told apart by their number of values.
 
-    path: the file. input_shape: what it must take. outputs: how many values each wanted output must have.
+    path: the file. input_shape: what it must take. outputs: how many values each wanted output must have. input: the network's
+    own memory, float32 of input_shape, to be filled before each run.
     Raises UserError where the file is unreadable, no network, or a network of another shape (another version).
     """
 
@@ -54,16 +56,21 @@ class Network:
                 f" wanted {input_shape} and {sorted(outputs)}",
                 _REMEDY,
             )
-        self._input = int(inputs[0]["index"])
-        self._outputs = [by_size[size] for size in outputs]
-        self.run(np.zeros(input_shape, np.float32))  # the first run sets things up: not on the first frame's time
+        self._interpreter.invoke()  # the first run sets things up: not on the first frame's time
+        self.input = self._memory(int(inputs[0]["index"])).reshape(input_shape)
+        self._outputs = [self._memory(by_size[size]) for size in outputs]
         self.name = f"{path.name} ({_version(path)}, sha256 {hashlib.sha256(content).hexdigest()[:8]})"
 
-    def run(self, tensor: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-        """The wanted outputs, flat, for one input of input_shape."""
-        self._interpreter.set_tensor(self._input, tensor)
+    def run(self) -> list[NDArray[np.float32]]:
+        """The wanted outputs, flat, for what is in `input`; valid until the next run."""
         self._interpreter.invoke()
-        return [self._interpreter.get_tensor(index).ravel() for index in self._outputs]
+        return self._outputs
+
+    def _memory(self, index: int) -> NDArray[np.float32]:
+        """A tensor where it lies, flat. It stays there: nothing is allocated after the first run. (LiteRT's own views must be
+        gone before each run, so they cannot be kept.)"""
+        tensor = self._interpreter.tensor(index)()
+        return np.frombuffer((ctypes.c_float * tensor.size).from_address(tensor.ctypes.data), np.float32)
 
 
 def _version(path: Path) -> str:

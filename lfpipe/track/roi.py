@@ -6,7 +6,7 @@ Proportions follow the face graphs that the networks were trained for (MediaPipe
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import attrs
 import cv2
@@ -58,7 +58,8 @@ class Roi:
         Four channels are warped in 0.4 of the time of three, to the same values.
         """
         matrix = self.matrix(size_px)
-        reach = 0.75 * self.side_px + 2  # half of the diagonal, and what interpolation looks at
+        # half of the turned square's extent, and what interpolation looks at
+        reach = 0.5 * self.side_px * (abs(math.cos(self.angle)) + abs(math.sin(self.angle))) + 2
         height, width = image.shape[:2]
         x0, x1 = (min(max(int(self.x_px + d), 0), width) for d in (-reach, reach))
         y0, y1 = (min(max(int(self.y_px + d), 0), height) for d in (-reach, reach))
@@ -74,17 +75,15 @@ class Roi:
         return np.asarray(moved[:, 0], np.float64)
 
 
-def around(
-    box_px: tuple[float, float, float, float], start: NDArray[np.floating], end: NDArray[np.floating], scale: float = SCALE
-) -> Roi:
+def around(box_px: tuple[float, float, float, float], start: Sequence[float], end: Sequence[float], scale: float = SCALE) -> Roi:
     """Region around an upright box (x0, y0, x1, y1), turned so that start -> end (eye to eye) lies along its x axis."""
     x0, y0, x1, y1 = box_px
     angle = math.atan2(float(end[1] - start[1]), float(end[0] - start[0]))
     return Roi((x0 + x1) / 2, (y0 + y1) / 2, max(x1 - x0, y1 - y0) * scale, angle)
 
 
-def as_tensor(crop: NDArray[np.uint8], low: float, high: float) -> NDArray[np.float32]:
-    """uint8 BGRA crop -> float32 (1, h, w, 3) RGB, 0..255 mapped to low..high."""
-    rgb = cv2.cvtColor(crop, cv2.COLOR_BGRA2RGB)
-    scaled = np.multiply(rgb, np.float32((high - low) / 255), dtype=np.float32)
-    return (scaled + np.float32(low) if low else scaled)[None]
+def fill(tensor: NDArray[np.float32], crop: NDArray[np.uint8], low: float, high: float) -> None:
+    """uint8 BGRA crop (h, w, 4) -> tensor, float32 (1, h, w, 3) RGB, 0..255 mapped to low..high."""
+    np.multiply(cv2.cvtColor(crop, cv2.COLOR_BGRA2RGB), np.float32((high - low) / 255), out=tensor[0])
+    if low:
+        tensor += np.float32(low)

@@ -59,7 +59,7 @@ class Filter(ABC):
     def update(self, t_ns: int, measurement: Points) -> tuple[Points, Points]:
         t_ns = int(t_ns)  # a numpy integer would wrap where these are subtracted
         measured = np.array(measurement, np.float64)
-        if not np.all(np.abs(measured) <= LIMIT_PX):  # false for NaN too
+        if not np.abs(measured).max() <= LIMIT_PX:  # true for NaN too
             return self.predict(t_ns), self._velocity.copy()
         step_ns = 0 if self._t_ns is None else t_ns - self._t_ns
         if self._t_ns is None or abs(step_ns) >= MAX_STEP_NS:
@@ -99,7 +99,8 @@ class Mean(Filter):
 
     def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
         self._ring.append(measured)
-        return np.mean(self._ring, axis=0), np.zeros((2, 2))
+        total: Points = sum(self._ring, np.zeros((2, 2)))
+        return total / len(self._ring), np.zeros((2, 2))
 
 
 class OneEuro(Filter):

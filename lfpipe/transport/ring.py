@@ -130,6 +130,8 @@ class _Ring:
         self._payloads: list[NDArray[Any]] = [
             np.frombuffer(buffer, self.dtype, count, s + SLOT_HEADER).reshape(self.shape) for s in starts
         ]
+        size = count * self.dtype.itemsize
+        self._bytes: list[NDArray[np.uint8]] = [np.frombuffer(buffer, np.uint8, size, s + SLOT_HEADER) for s in starts]
 
     @property
     def published(self) -> int:
@@ -146,6 +148,7 @@ class _Ring:
         del self._published, self._epoch
         self._heads.clear()
         self._payloads.clear()
+        self._bytes.clear()
         self._memory.close()
 
 
@@ -213,7 +216,11 @@ class Reader(_Ring):
 
     def _read(self, out: NDArray[Any], in_order: bool) -> Stamp | None:
         while (n := self._next(in_order)) is not None:
-            np.copyto(out, self._payloads[(n - 1) % self.slots])
+            slot = (n - 1) % self.slots
+            if self.shape:
+                np.copyto(out, self._payloads[slot])
+            else:  # one record: as bytes, for numpy copies it field by field, ten times as slowly
+                out.reshape(1).view(np.uint8)[:] = self._bytes[slot]
             stamp = self._stamp(n)
             if stamp is not None:
                 return stamp

@@ -12,6 +12,7 @@ import struct
 from pathlib import Path
 
 _SEQ = struct.Struct("@Q")
+BATCH = 512 * _SEQ.size  # read at once: os.read makes a buffer of all that it may read
 
 
 def make(path: Path) -> None:
@@ -31,9 +32,9 @@ class Wake:
             os.write(self.fd, _SEQ.pack(seq))
 
     def drain(self) -> int:
-        """Takes all wakes; returns the last seq, 0 when there was none."""
+        """Takes all wakes (of more than 512 the rest stays for the next time); returns the last seq, 0 when there was none."""
         try:
-            data = os.read(self.fd, 65536)
+            data = os.read(self.fd, BATCH)
         except BlockingIOError:
             return 0
         whole = len(data) // _SEQ.size * _SEQ.size
