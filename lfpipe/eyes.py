@@ -18,6 +18,7 @@ EYES = np.dtype(
         ("t_tracked_ns", "<i8"),
         ("face", "<i4"),
         ("generation", "<i4"),  # counts the tracks of a face: another number means another run of the filter
+        ("eyes_mm", "<f8"),  # the viewer's own distance between the eyes, learnt from the iris (track.refine); 0: not known
     ]
 )
 

@@ -82,18 +82,22 @@ def parallax(
     field: LightField,
     frame_width_px: int,
     eyes_px: float | None,
-    eyes_mm: float = EYES_MM,
+    eyes_mm: float | None = None,
     shown_mm: float | None = None,
 ) -> Parallax:
     """Chooses alpha.
 
     frame_width_px: of the camera picture. eyes_px: distance between the eyes in it, None (or one no face has) before a face
-    is seen. eyes_mm: the viewer's own distance between the eyes where it was learnt. shown_mm: `Display.width_mm`.
+    is seen. eyes_mm: the viewer's own distance between the eyes where it was learnt, else EYES_MM. shown_mm: `Display.width_mm`.
     Raises UserError where alpha_px = "true" is asked of a scene whose capture is not known.
     """
     focal_px = camera_focal_px(config, frame_width_px)
     seen = eyes_px if eyes_px is not None and LEAST_EYES_PX <= eyes_px <= frame_width_px else None
     reasons: list[str] = []
+    if eyes_mm is None:
+        eyes_mm = EYES_MM
+    else:
+        reasons.append(f"eyes {eyes_mm:.0f} mm apart, learnt from the iris")
     if config.screen.distance_mm != "auto":
         distance_mm = float(config.screen.distance_mm)
         reasons.append(f"viewer {distance_mm:.0f} mm from the screen, as configured")

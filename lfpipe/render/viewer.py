@@ -38,6 +38,7 @@ class Viewer:
         self._eyes_px = np.zeros((2, 2))
         self._seen = False
         self._apart_px = 0.0
+        self._eyes_mm = 0.0
         self._t_ns = 0
         self._start_ns = 0
         self._glide = Glide()
@@ -93,6 +94,8 @@ class Viewer:
         if record["face"]:
             eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], t_shown_ns - t_sensor_ns)
             self._follow_distance(eyes_px, t_shown_ns)
+        if float(record["eyes_mm"]) != self._eyes_mm:  # learnt, or learnt anew
+            self._eyes_mm, self._mapper = float(record["eyes_mm"]), None
         mapper = self._mapper or self._make_mapper(record)
         if isinstance(self.config.render.alpha_px, str) and self.parallax is not None:
             mapper.alpha_px = self._apart_px / self.parallax.views_between_eyes
@@ -133,7 +136,7 @@ class Viewer:
         where the viewer was seen first, for a webcam above the screen never has them in its middle."""
         render = self.config.render
         width_px, height_px = int(record["width_px"]), int(record["height_px"])
-        self.parallax = parallax(self.config, self.field, width_px, self._apart_px, shown_mm=self._shown_mm)
+        self.parallax = parallax(self.config, self.field, width_px, self._apart_px, self._eyes_mm or None, self._shown_mm)
         if self._centre_px is None and isinstance(render.alpha_px, str):
             middle = record["filtered_px"].mean(axis=0)
             self._centre_px = (float(middle[0]), float(middle[1]))

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 @attrs.frozen(eq=False)
 class Face:
     """One face. eyes_px: float64 (2, 2), [[left x, y], [right x, y]] of the viewer's own eyes in px of the picture given,
-    confidence 0..1, box_px: (x0, y0, x1, y1)."""
+    confidence 0..1, box_px: (x0, y0, x1, y1). iris_px: diameter of the irises, 0 where it is not known or the face is turned to
+    the side, so that it does not compare with the distance between the eyes."""
 
     eyes_px: NDArray[np.float64]
     confidence: float
     box_px: tuple[float, float, float, float]
+    iris_px: float = 0.0
 
 
 class Engine(Protocol):

@@ -1,4 +1,4 @@
-"""Centres of the irises: MediaPipe's iris network on a crop of each eye (arXiv:2006.11341)."""
+"""Where the irises are, and how large: MediaPipe's iris network on a crop of each eye (arXiv:2006.11341)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.track.network import Network, model_file
-from lfpipe.track.roi import Roi, Warp, around, fill, warp
+from lfpipe.track.roi import Roi, Warp, around, as_tensor, warp
 
 SIZE_PX = 64
 _SCALE = 2.3  # of the crop over the distance between the eye's corners
@@ -22,9 +22,12 @@ class Irises:
         self._network = Network(model_file("modules/iris_landmark/iris_landmark.tflite"), (1, SIZE_PX, SIZE_PX, 3), (15,))
         self.model = self._network.name
 
-    def centres(self, image: NDArray[np.uint8], points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Iris centres in px of image, uint8 (h, w, 3) BGR. points: (468, 2) px of the face mesh. Returns (2, 2), left first."""
-        out = np.empty((2, 2))
+    def find(self, image: NDArray[np.uint8], points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Irises in px of image, uint8 (h, w, 3) BGR. points: (468, 2) px of the face mesh.
+
+        Returns (2, 5, 2), left first: the centre and four points around it, as `landmarks.iris_diameter` takes them.
+        """
+        out = np.empty((2, 5, 2))
         for eye, (start, end) in enumerate(_CORNERS):
             middle, reach = (points[start] + points[end]) / 2, np.abs(points[end] - points[start]).max() / 2
             corners = (*(middle - reach), *(middle + reach))
@@ -32,9 +35,8 @@ class Irises:
             crop = roi.crop(image, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
             # the network knows right eyes only: the left one is shown to it in a mirror
             crop = crop if eye else np.ascontiguousarray(crop[:, ::-1])
-            fill(self._network.input, crop, 0.0, 1.0)
-            centre = self._network.run()[0][:2].astype(np.float64)
+            found = self._network.run(as_tensor(crop, 0.0, 1.0))[0].reshape(5, 3)[:, :2].astype(np.float64)
             if not eye:
-                centre[0] = SIZE_PX - centre[0]
-            out[eye] = roi.to_picture(centre[None], SIZE_PX)[0]
+                found[:, 0] = SIZE_PX - found[:, 0]
+            out[eye] = roi.to_picture(found, SIZE_PX)
         return out

@@ -12,7 +12,18 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.track.engine import Face
-from lfpipe.track.landmarks import EDGES, LEFT_EYE, LEFT_IRIS, RIGHT_EYE, RIGHT_IRIS, box
+from lfpipe.track.landmarks import (
+    EDGES,
+    FRONTAL,
+    LEFT_EYE,
+    LEFT_IRIS,
+    RIGHT_EYE,
+    RIGHT_IRIS,
+    TURN,
+    box,
+    iris_diameter,
+    turn,
+)
 from lfpipe.track.picture import as_bgr8
 from lfpipe.track.quiet import quiet_stderr
 
@@ -42,7 +53,9 @@ class MediapipeEngine:
                 "install mediapipe==0.10.21, the last version that carries it, or set track.engine=litert",
             ) from None
         self.model = f"FaceMesh{' with iris refinement' if refine else ''}, mediapipe {version}"
-        self._eyes = ((LEFT_IRIS,), (RIGHT_IRIS,)) if refine else (tuple(LEFT_EYE.tolist()), tuple(RIGHT_EYE.tolist()))
+        self._refine = refine
+        irises = tuple(tuple(range(first, first + 5)) for first in (LEFT_IRIS, RIGHT_IRIS))
+        self._eyes = irises if refine else (tuple(LEFT_EYE.tolist()), tuple(RIGHT_EYE.tolist()))
         self._noisy = True  # the graph logs while it starts, at its first picture and at its first face
         with quiet_stderr():
             self._mesh: Any = make(max_num_faces=1, refine_landmarks=refine)
@@ -62,7 +75,11 @@ class MediapipeEngine:
             np.array([[(marks[j].x, marks[j].y) for j in part] for part in parts]) * (width_px, height_px)
             for parts in (self._eyes, (EDGES,))
         )
-        return Face(eyes.mean(axis=1), 1.0, box(edges[0]))
+        if not self._refine:
+            return Face(eyes.mean(axis=1), 1.0, box(edges[0]))
+        ahead = np.array([(marks[j].x * width_px, marks[j].y * height_px) for j in TURN])
+        frontal = abs(turn(ahead)) <= FRONTAL
+        return Face(np.ascontiguousarray(eyes[:, 0]), 1.0, box(edges[0]), iris_diameter(eyes) if frontal else 0.0)
 
     def reset(self) -> None:
         with quiet_stderr():

@@ -15,6 +15,7 @@ import numpy as np
 from lfpipe.quality import tracked_every
 from lfpipe.track.choice import same_place
 from lfpipe.track.engines import make_engine
+from lfpipe.track.eye_distance import EyeDistance
 from lfpipe.track.filters import make_filter
 from lfpipe.track.smoothing import MAX_STEP_NS
 from lfpipe.transport.clock import now_ns
@@ -28,6 +29,7 @@ def main(context: Context) -> None:
     frames, eyes = context.input("frames"), context.output("eyes")
     raw = position = np.zeros((2, 2))
     velocity = np.zeros((2, 2))
+    apart = EyeDistance()
     epoch, generation, seen = -1, 0, False
     box, t_seen_ns = (0.0, 0.0, 0.0, 0.0), 0
     context.emit("engine", name=engine.name, model=engine.model)
@@ -58,6 +60,8 @@ def main(context: Context) -> None:
                 if stamp.epoch != epoch or away_ns >= MAX_STEP_NS or not same_place(box, face.box_px):
                     epoch, generation = stamp.epoch, generation + 1  # another run: nothing before it says anything about it
                     smooth.reset()
+                    apart.reset()
+                apart.update(stamp.t_sensor_ns, face)
                 raw, box, t_seen_ns = face.eyes_px, face.box_px, stamp.t_sensor_ns
                 position, velocity = smooth.update(stamp.t_sensor_ns, raw)
             else:
@@ -71,7 +75,7 @@ def main(context: Context) -> None:
             record["raw_px"], record["filtered_px"], record["velocity_px_s"] = raw, position, velocity
             record["confidence"] = face.confidence if face is not None else 0.0
             record["width_px"], record["height_px"] = image.shape[1], image.shape[0]
-            record["face"], record["generation"] = seen, generation
+            record["face"], record["generation"], record["eyes_mm"] = seen, generation, apart.mm
             t_tracked_ns = now_ns()
             record["t_tracked_ns"] = t_tracked_ns
             eyes.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch)

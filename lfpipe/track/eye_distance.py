@@ -1,0 +1,53 @@
+"""The viewer's own distance between the eyes, learnt from the size of the iris, which is nearly the same in everybody.
+
+Visible iris of 11.7 +- 0.5 mm across: so the result is good to 4 %. People differ by +-10 % from the mean of 63 mm.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from lfpipe.track.engine import Face
+from lfpipe.transport.clock import SECOND_NS
+
+IRIS_MM = 11.7
+WINDOW_NS = 4 * SECOND_NS
+LEAST_NS = SECOND_NS  # looked at for at least so long
+LEAST_COUNT = 20
+SPREAD = 0.05  # half of the samples within so much of their median on either side: else nothing is said
+PLAUSIBLE_MM = (45.0, 80.0)  # adults and children; outside of it something else was seen
+CHANGED_MM = 1.0  # what was said is said anew only when it is off by so much
+EVERY = 8  # samples from one look at the median to the next
+
+
+class EyeDistance:
+    """Running median over frontal faces. mm: the distance once it is steady, 0.0 before; it is kept while nobody is there."""
+
+    def __init__(self) -> None:
+        self.mm = 0.0
+        self._seen: deque[tuple[int, float]] = deque()
+        self._count = 0
+
+    def reset(self) -> None:
+        """Another face may come: samples of this one say nothing about it."""
+        self._seen.clear()
+
+    def update(self, t_ns: int, face: Face) -> float:
+        """Takes the face of a frame and returns `mm`. Frames without a known iris, or not numbers, change nothing."""
+        apart_px = float(np.hypot(*(face.eyes_px[0] - face.eyes_px[1])))
+        if not (face.iris_px > 0 and 0 < apart_px < np.inf):
+            return self.mm
+        if self._seen and t_ns < self._seen[-1][0]:
+            self.reset()  # a clock that was set back
+        self._seen.append((t_ns, IRIS_MM * apart_px / face.iris_px))
+        while t_ns - self._seen[0][0] > WINDOW_NS:
+            self._seen.popleft()
+        self._count += 1
+        if self._count % EVERY == 0 and len(self._seen) >= LEAST_COUNT and t_ns - self._seen[0][0] >= LEAST_NS:
+            low, middle, high = np.percentile([mm for _, mm in self._seen], (25, 50, 75)).tolist()
+            steady = high - low <= 2 * SPREAD * middle and PLAUSIBLE_MM[0] <= middle <= PLAUSIBLE_MM[1]
+            if steady and abs(middle - self.mm) >= CHANGED_MM:
+                self.mm = middle
+        return self.mm

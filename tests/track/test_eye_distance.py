@@ -1,0 +1,138 @@
+"""The distance between the viewer's eyes from the iris: on made-up faces whose truth is known, and on photographs of people."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from lfpipe.config import Config, Track
+from lfpipe.eyes import EYES
+from lfpipe.render.geometry import EYES_MM
+from lfpipe.render.viewer import Viewer
+from lfpipe.track.engine import Face
+from lfpipe.track.engines import make_engine
+from lfpipe.track.eye_distance import IRIS_MM, PLAUSIBLE_MM, EyeDistance
+from lfpipe.track.landmarks import FRONTAL, iris_diameter, turn
+from tests.render import rendered
+
+IMM = Path(__file__).parents[3] / "shared" / "data" / "faces" / "imm"
+FRAME_NS = 33_333_333
+FOCAL_PX = 600.0
+
+
+def face(apart_mm: float, away_mm: float = 600.0, noise_px: float = 0.0, rng: np.random.Generator | None = None) -> Face:
+    """What a pinhole camera makes of a viewer who looks at it from away_mm."""
+    per_mm = FOCAL_PX / away_mm
+    wrong = (0.0, 0.0) if rng is None else rng.normal(0, noise_px, 2)
+    half = (apart_mm * per_mm + wrong[0]) / 2
+    eyes = np.array([[320 + half, 240.0], [320 - half, 240.0]])
+    return Face(eyes, 1.0, (200.0, 100.0, 440.0, 400.0), IRIS_MM * per_mm + wrong[1])
+
+
+def learn(subject: EyeDistance, faces: list[Face], start_ns: int = 0) -> list[float]:
+    return [subject.update(start_ns + k * FRAME_NS, each) for k, each in enumerate(faces)]
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(50, 75), st.floats(300, 1500))
+def test_learnt_within_seconds_whatever_the_distance(apart_mm: float, away_mm: float) -> None:
+    rng = np.random.default_rng(0)
+    told = learn(EyeDistance(), [face(apart_mm, away_mm + k, 0.1, rng) for k in range(60)])
+    assert not any(told[:20]), "not from a glance"
+    assert told[-1] == pytest.approx(apart_mm, abs=1.5)
+
+
+def test_one_face_in_ten_seen_wrongly_changes_nothing() -> None:
+    faces = [face(61.0) if k % 10 else face(61.0 * 3) for k in range(90)]
+    assert learn(EyeDistance(), faces)[-1] == pytest.approx(61.0)
+
+
+def test_nothing_is_said_of_what_is_unsteady_implausible_or_unknown() -> None:
+    rng = np.random.default_rng(1)
+    assert learn(EyeDistance(), [face(mm) for mm in rng.uniform(50, 75, 90)])[-1] == 0
+    assert learn(EyeDistance(), [face(120.0)] * 90)[-1] == 0
+    plain = face(61.0)
+    turned = Face(plain.eyes_px, plain.confidence, plain.box_px)
+    assert learn(EyeDistance(), [turned] * 90)[-1] == 0
+
+
+def test_kept_while_nobody_is_there_and_learnt_anew_of_somebody_else() -> None:
+    subject = EyeDistance()
+    learn(subject, [face(58.0)] * 60)
+    subject.reset()
+    assert subject.mm == pytest.approx(58.0)
+    told = learn(subject, [face(67.0)] * 60, 10**11)
+    assert told[0] == pytest.approx(58.0)
+    assert told[-1] == pytest.approx(67.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.integers(-(2**60), 2**60), st.floats(), st.floats()), max_size=80))
+def test_nonsense_gives_nothing_or_a_plausible_distance(seen: list[tuple[int, float, float]]) -> None:
+    subject = EyeDistance()
+    for t_ns, apart_px, iris_px in seen:
+        eyes = np.array([[apart_px, 0.0], [0.0, 0.0]])
+        told = subject.update(t_ns, Face(eyes, 1.0, (0.0, 0.0, 1.0, 1.0), iris_px))
+        assert told == 0 or PLAUSIBLE_MM[0] <= told <= PLAUSIBLE_MM[1]
+
+
+def test_turn_and_diameter_by_hand() -> None:
+    corners = [[100.0, 0.0], [0.0, 0.0]]
+    assert turn(np.array([*corners, [50.0, 30.0]])) == 0
+    assert turn(np.array([*corners, [75.0, 30.0]])) == pytest.approx(0.5)
+    assert turn(np.array([[0.0, 100.0], [0.0, 0.0], [9.0, 25.0]])) == pytest.approx(-0.5)
+    iris = np.array([[0, 0], [6, 0], [0, -5], [-6, 0], [0, 5]], float)
+    assert iris_diameter(np.stack([iris, iris + 80])) == pytest.approx(11)
+
+
+def photograph(person: int, kind: int) -> NDArray[np.uint8]:
+    found = sorted(IMM.glob(f"{person:02d}-{kind}*.jpg"))
+    if not found:
+        pytest.skip("no photographs of faces beside the checkout (shared/data/faces/imm)")
+    return np.asarray(cv2.imread(str(found[0])), np.uint8)
+
+
+@pytest.mark.parametrize("name", ["litert", "mediapipe"])
+def test_people_have_one_distance_in_all_their_pictures_and_turned_heads_say_nothing(name: str) -> None:
+    apart: list[float] = []
+    engine = make_engine(Track(engine=name, refine=True))  # type: ignore[arg-type]
+    people = range(1, 11) if name == "litert" else (1, 7)
+    for person in people:
+        found = []
+        for kind in (1, 2, 5):  # looking ahead, smiling, lit from the side
+            engine.reset()
+            face = engine.detect(photograph(person, kind))
+            assert face is not None
+            found.append(IRIS_MM * float(np.hypot(*(face.eyes_px[0] - face.eyes_px[1]))) / face.iris_px)
+        assert max(found) / min(found) < 1.07, (person, found)
+        apart.append(float(np.median(found)))
+        engine.reset()
+        aside = engine.detect(photograph(person, 3))
+        assert aside is not None
+        assert aside.iris_px == 0, f"turned by more than {FRONTAL}"
+    assert np.mean(apart) == pytest.approx(EYES_MM, abs=3.0), "as people are on average"
+    assert min(apart) > 50
+    assert max(apart) < 75
+    engine.close()
+
+
+def test_what_is_learnt_sets_the_distance_and_is_said_once_it_is_known() -> None:
+    viewer = Viewer(rendered.field(5, 9), Config())
+    record = np.zeros((), EYES)
+    record["face"], record["width_px"], record["height_px"] = 1, 640, 480
+    record["raw_px"] = record["filtered_px"] = [[350.0, 240.0], [290.0, 240.0]]
+    before = viewer.look(record, 0, 0)
+    assert viewer.parallax is not None
+    away_mm = viewer.parallax.distance_mm
+    assert "iris" not in str(viewer.parallax)
+    record["eyes_mm"] = 56.7
+    after = viewer.look(record, 10**7, 10**7)
+    assert viewer.parallax.distance_mm == pytest.approx(0.9 * away_mm)
+    assert "eyes 57 mm apart, learnt from the iris" in str(viewer.parallax)
+    assert (after.left[1] + after.right[1]) / 2 == pytest.approx((before.left[1] + before.right[1]) / 2), "no jump aside"
