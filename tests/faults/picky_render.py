@@ -1,0 +1,41 @@
+"""`lfpipe` with a render stage that cannot work by some settings, and one that dies again and again.
+
+render.display_ms = 7: it ends with a UserError once it has said that it works by it; 8: with an error of its own; 9: always, from
+its first picture on.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+
+from lfpipe.errors import UserError
+from lfpipe.render import presenter, stage
+from lfpipe.supervisor import table
+from lfpipe.transport.context import Context
+
+_show = presenter.Presenter.show
+
+
+def show(self: presenter.Presenter, *args: Any, **more: Any) -> None:
+    display_ms = self._context.config.render.display_ms
+    if display_ms == 7:
+        raise UserError("render.display_ms = 7: not for me", "another number")
+    if display_ms in (8, 9):
+        raise ZeroDivisionError(f"show at {display_ms:g}")
+    _show(self, *args, **more)
+
+
+def main(context: Context) -> None:
+    presenter.Presenter.show = show  # type: ignore[method-assign]
+    stage.main(context)
+
+
+if __name__ == "__main__":
+    table.STAGES = tuple(
+        attrs.evolve(each, module="tests.faults.picky_render") if each.name == "render" else each for each in table.STAGES
+    )
+    from lfpipe.cli import run
+
+    run()

@@ -1,0 +1,60 @@
+"""What ends a session and what does not: failures of a stage, and changes that cannot be worked by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from lfpipe.errors import UserError
+from lfpipe.transport import control
+from tests.world import World, write_scene
+
+CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
+
+
+def _ask(world: World, **message: Any) -> dict[str, Any]:
+    """The answer to a command, or its error."""
+    try:
+        return control.request(next(world.run_dir.glob("lfpipe-*")), message, 20)
+    except UserError as error:
+        return {"error": str(error)}
+
+
+def test_five_failures_end_the_session_with_stage_phase_frame_and_stack(world: World, scene: Path) -> None:
+    world.module = "tests.faults.picky_render"
+    process = world.up(scene, *CAMERA, "--set", "render.display_ms=9")
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 1, err
+    last = err[err.index("error: ") :]
+    assert "render failed 5 times in 60 s, last in RUNNING with exit code 1, after source_seq" in last
+    assert "its last stack:" in last and "ZeroDivisionError: show at 9" in last and "picky_render.py" in last
+    assert err.count("render ended with exit code 1 in RUNNING; restarting") == 4 and not world.left()
+
+
+def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(world: World, scene: Path, tmp_path: Path) -> None:
+    world.module = "tests.faults.picky_render"
+    process = world.up(scene, *CAMERA)
+    world.pictures(5)
+    before = _ask(world, cmd="status")["config"]
+    for sets, why in (
+        ({"render.swap_eyes": True, "render.alpha_px": -4}, "render.alpha_px"),
+        ({"render.swap_eyes": True, "render.alfa_px": 4}, "alpha_px"),
+        ({"render.swap_eyes": True, "render.alpha_px": "true"}, "baseline and focus distance"),  # of this very scene
+    ):
+        assert why in _ask(world, cmd="set", set=sets)["error"]
+    for path in (tmp_path / "nowhere", Path(__file__)):
+        assert path.name in _ask(world, cmd="load", scene=str(path))["error"]
+    assert _ask(world, cmd="status")["config"] == before
+    for display_ms in (7, 8):  # said to be applied, and then it was not to be worked by
+        for _ in range(3):  # more failures in all than end a session that nobody drives
+            _ask(world, cmd="set", set={"render.swap_eyes": True, "render.display_ms": display_ms})
+            world.wait_for(lambda: _ask(world, cmd="status").get("config") == before, "configuration as it was", 10)
+    world.pictures(len(world.lines()) + 3)
+    assert _ask(world, cmd="set", set={"render.swap_eyes": True, "render.display_ms": 6})["applied"] is True
+    assert "error" not in _ask(world, cmd="load", scene=str(write_scene(tmp_path / "other", 1, 5)))
+    assert world.pictures(len(world.lines()) + 3)[-1]["view"]["left"][0] == 0
+    _ask(world, cmd="stop")
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 0, err
+    assert err.count("the last change is taken back: render.display_ms = 7: not for me") == 3
+    assert err.count("the last change is taken back: render does not work by it") == 3
