@@ -23,8 +23,7 @@ from lfpipe.bench.subjects import SUBJECTS
 from lfpipe.config import Config, updated
 from lfpipe.errors import UserError
 
-BUDGET_S, LEAST_ROUNDS = 60.0, 18  # on a machine as busy as that rounds may take MOST times the budget
-MOST = 4
+BUDGET_S, LEAST_ROUNDS, MOST = 60.0, 60, 6  # on a busy machine the least rounds may take MOST times the budget
 LOOKS = (12, 18, 27, 40, 60, 90, 135)  # rounds after which is judged what differs
 Say = Callable[[str, int, int], None]
 # What of a subject is compared: the first candidate of these curves, not every setting; all of a subject that is not here.
@@ -150,14 +149,15 @@ class _Compared:
         return [_sound(build.answer(), request) for build in self._both]
 
     def _errors(self, subject: str, name: str) -> Iterator[Paired]:
-        """Pairs of all errors. Only where the builds differ is it looked at whether they repeat themselves."""
+        """Pairs of all errors. Only where the builds differ is it looked at whether they repeat themselves, in every figure: one
+        that is told in steps may be the same twice by chance."""
         first = self._together(errors=name)
-        again = first if first[0] == first[1] else self._together(errors=name)
+        exact = first[0] == first[1] or first == self._together(errors=name)
         for figure in SUBJECTS[subject].figures:
             x, y = (told.get(figure.key) for told in first)
             if not x or not y:
                 continue
-            if [told[figure.key] for told in first] == [told.get(figure.key) for told in again]:
+            if exact:
                 yield Paired(subject, name, figure, "error", [ratio(figure.of(x), figure.of(y))], exact=True)
             elif ratios := error_ratios(x, y):
                 yield Paired(subject, name, figure, "error", ratios)

@@ -13,13 +13,14 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.patheffects import Normal, Stroke
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from lfpipe.bench.model import Diagram, Profile, Subject
 from lfpipe.bench.numbers import pareto
 from lfpipe.bench.results import Measured, SubjectResults
 
 SIZE_IN, DPI = (9.0, 5.4), 110
+ABOVE_RIM = 1.8  # no tick of a logarithm up to here over the rim that stands for 0
 MARKERS = "osD^vPX<>h"
 
 
@@ -51,13 +52,14 @@ def short(value: float) -> str:
 
 @attrs.frozen
 class Point:
-    """A candidate on a diagram; x95: end of its whisker or NaN. zero: its y is exactly 0, which no logarithm shows."""
+    """A candidate on a diagram; x95: end of its whisker or NaN. zero: whether its x, its y is exactly 0, which no logarithm
+    shows: it stands apart then, where the axis says 0."""
 
     one: Measured
     x: float
     y: float
     x95: float
-    zero: bool
+    zero: tuple[bool, bool]
 
 
 def points(subject: Subject, found: SubjectResults, diagram: Diagram) -> list[Point]:
@@ -70,7 +72,7 @@ def points(subject: Subject, found: SubjectResults, diagram: Diagram) -> list[Po
     ]
     whisker = subject.figure(diagram.whisker) if diagram.whisker else None
     return [
-        Point(one, x or floors[0], y or floors[1], one.value(whisker) if whisker else math.nan, y == 0 or x == 0)
+        Point(one, x or floors[0], y or floors[1], one.value(whisker) if whisker else math.nan, (x == 0, y == 0))
         for one, x, y in some
     ]
 
@@ -140,15 +142,19 @@ def _work_precision(
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.09, 0.12)
-    if any(p.zero for p in shown):
-        axes.annotate("lowest points: exactly 0", (0.01, 0.01), xycoords="axes fraction", fontsize=8, color=dress.soft)
     for axis, key in ((axes.xaxis, diagram.x), (axes.yaxis, diagram.y)):
         low, high = axis.get_view_interval()
         wide = high / max(low, 1e-300) > 60
-        axis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
+        locator = LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0))
+        axis.set_major_locator(locator)
         axis.set_major_formatter(FuncFormatter(lambda value, _: short(value)))
         axis.set_minor_formatter(NullFormatter())
         axis.set_label_text(subject.figure(key).axis)
+        rim = next(((p.x, p.y)[key == diagram.y] for p in shown if p.zero[key == diagram.y]), None)
+        if rim is not None:
+            above = [float(tick) for tick in locator.tick_values(low, high) if rim * ABOVE_RIM < tick <= high]
+            axis.set_ticks([rim, *above], labels=["0", *map(short, above)])
+            axis.set_minor_locator(NullLocator())
     return [*paper, *(p for p in front if not p.one.paper)], shown
 
 

@@ -72,8 +72,8 @@ def _about(results: Results) -> str:
         "Times are medians of turns taken in a shuffled order between methods, after a turn to warm up, until the 95 % interval"
         " of the median is narrower than 5 % or the time is up; ± is half that interval (of whole sessions: over their half"
         " seconds), and where turns are too few for one their number is told. Whiskers end at the 95th percentile."
-        " Both axes are logarithmic; down and left is better. Rings: no other point is better in both. Red star: what the"
-        " paper does."
+        " Both axes are logarithmic, an exact 0 stands apart from them; down and left is better. Rings: no other point is better"
+        " in both. Red star: what the paper does."
     )
     return f'<div class="wide"><table>{body}</table></div><p class="soft">{how}</p>'
 

@@ -79,8 +79,8 @@ for _name in NAMES:
 def compare(a: Path, b: Path, subjects: tuple[str, ...], on: tuple[Path, Path] | None, as_json: bool) -> int:
     """Tell what B does better or worse than A, beyond noise.
 
-    A and B are two source checkouts of lfpipe, run in turns here and now, or two folders that --out wrote. Ends with 1 where B is
-    worse in anything.
+    A and B are two source checkouts of lfpipe, run in turns here and now until all is clear or a minute is over, or two folders
+    that --out wrote: of those only times are told that differ by more than a tenth. Ends with 1 where B is worse in anything.
     """
     import json
 
@@ -96,11 +96,12 @@ def compare(a: Path, b: Path, subjects: tuple[str, ...], on: tuple[Path, Path] |
             found = compare_builds(a, b, subjects or ("tracker", "synthesis"), bar, on or ())
     else:
         found = compare_results(read(a), read(b))
-    called = [one for one in found if one.called]
+    called, unsure = [one for one in found if one.called], sum(not one.settled for one in found)
     if as_json:
-        click.echo(json.dumps({"compared": len(found), "called": [attrs.asdict(one) for one in called]}))
+        told = {"compared": len(found), "called": [attrs.asdict(one) for one in called], "unsure": unsure}
+        click.echo(json.dumps(told))
     else:
         for one in called:
             click.echo(str(one))
-        click.echo(f"{len(found)} figures compared, {len(called)} differ beyond noise")
+        click.echo(f"{len(found)} figures compared, {len(called)} differ beyond noise, {unsure} too noisy to tell")
     return 1 if any(one.worse for one in called) else 0

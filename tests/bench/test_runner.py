@@ -7,8 +7,10 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from lfpipe.bench.diagrams import draw
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Skipped, Subject
 from lfpipe.bench.report import number, write_report
@@ -126,6 +128,18 @@ def test_a_diagram_without_its_figure_is_left_out_with_the_reason() -> None:
     assert empty_diagrams(Made().subject, found)["made"].endswith("nothing measured of error")
     only_timed["one"].errors["error_px"] = [2.0]
     assert empty_diagrams(Made().subject, found) == {}
+
+
+def test_an_exact_zero_stands_where_the_axis_says_so() -> None:
+    errors = {"none": [0.0], "some": [2.0], "more": [9.0]}
+    found = SubjectResults(
+        "made", {name: Measured(name, "", False, {"error_px": e, "time_ms": [1.0]}) for name, e in errors.items()}
+    )
+    axes = draw(Made().subject, found, DIAGRAM).axes[0]
+    told = {label.get_text(): place for label, place in zip(axes.get_yticklabels(), axes.get_yticks(), strict=True)}
+    heights = {str(line.get_label()): float(np.ravel(line.get_ydata())[0]) for line in axes.get_lines()}
+    assert heights["none"] == told["0"] < heights["some"] == 2.0
+    assert [text for text, place in told.items() if place < 1.0] == ["0"]
 
 
 def test_report_stands_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
