@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import csv
+import io
 import json
 import os
 import signal
@@ -53,8 +55,9 @@ class Hogs:
     def __init__(self) -> None:
         self._running: list[subprocess.Popen[bytes]] = []
 
-    def start(self) -> None:
-        for core in sorted(os.sched_getaffinity(0)) * PER_CORE:
+    def start(self, *cores: int) -> None:
+        """On every core, or on those."""
+        for core in (cores or tuple(os.sched_getaffinity(0))) * PER_CORE:
             self._running.append(subprocess.Popen([sys.executable, "-c", HOG, str(core), str(os.getpid())]))
 
     def end(self) -> None:
@@ -145,6 +148,28 @@ def test_a_stage_that_starts_again_works_at_the_level_in_force(world: World, dee
     assert world.lines()[count]["level"] >= 1 and world.monitor()["stages"]["render"]["restarts"] == 1
 
 
+def test_frames_left_out_by_tracking_are_not_counted_as_lost_and_no_eyes_are_made_up_for_them(
+    world: World, scene: Path, hogs: Hogs
+) -> None:
+    first, last = min(os.sched_getaffinity(0)), max(os.sched_getaffinity(0))
+    where = f"governor.affinity=capture={first},track={last},render={first}"
+    sets = ("camera.rate_hz=120", "render.method=nearest", "render.rate_hz=30", where)
+    world.up(scene, *(f"--set={word}" for word in sets))
+    world.pictures(60)
+    assert world.monitor()["stages"]["track"]["left_out"] == 0
+    hogs.start(last)
+    world.wait_for(lambda: _level(world) == 1, "lower level")
+    hogs.end()
+    time.sleep(1.5)
+    state = world.monitor()
+    assert state["lowest_level"] == 1 and "every 2nd frame" in state["level_words"]
+    assert state["stages"]["track"]["left_out"] > 60
+    assert abs(state["stages"]["capture"]["count"] - _used(state)) <= 8, "every frame is used, lost or left out"
+    lowered = [line for line in world.lines() if line["level"] == 1]
+    assert all(line["source_seq"] % 2 == 0 for line in lowered[5:-1]) and all(line["face"] for line in lowered[5:-1])
+    world.wait_for(lambda: _level(world) == 0, "full quality again", 60)
+
+
 def test_fixed_quality_is_left_alone(world: World, deep: Path, hogs: Hogs) -> None:
     world.up(deep, "--set=render.method=warp2", "--set=render.rate_hz=60", "--set=governor.quality=fixed")
     world.pictures(100)
@@ -163,6 +188,10 @@ def test_cores_and_niceness_are_those_of_the_configuration(world: World, scene: 
     assert [stages[name]["cpus"] for name in ("track", "render")] == [[first], [first]]
     assert stages["capture"]["cpus"] == sorted(os.sched_getaffinity(0))
     assert [stages[name]["nice"] for name in ("capture", "track", "render")] == [own, 3, 1]
+    row = next(csv.DictReader(io.StringIO(world.run("monitor", "--session", world.name, "--once", "--csv").stdout)))
+    assert (row["level"], row["level_words"], row["track.cpus"], row["track.nice"]) == ("0", "full", str(first), "3")
+    shown = world.run("monitor", "--session", world.name, "--once").stdout
+    assert "quality: full" in shown and f"track {first} nice 3" in shown
 
 
 def test_a_session_on_two_cores_has_tracking_on_one_and_the_rest_on_the_other(world: World, scene: Path) -> None:
