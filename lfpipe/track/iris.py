@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.track.network import Network, model_file
-from lfpipe.track.roi import Roi, Warp, around, as_tensor, warp
+from lfpipe.track.roi import Roi, Warp, around, fill, warp
 
 SIZE_PX = 64
 _SCALE = 2.3  # of the crop over the distance between the eye's corners
@@ -35,7 +35,8 @@ class Irises:
             crop = roi.crop(image, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
             # the network knows right eyes only: the left one is shown to it in a mirror
             crop = crop if eye else np.ascontiguousarray(crop[:, ::-1])
-            found = self._network.run(as_tensor(crop, 0.0, 1.0))[0].reshape(5, 3)[:, :2].astype(np.float64)
+            fill(self._network.input, crop, 0.0, 1.0)
+            found = self._network.run()[0].reshape(5, 3)[:, :2].astype(np.float64)
             if not eye:
                 found[:, 0] = SIZE_PX - found[:, 0]
             out[eye] = roi.to_picture(found, SIZE_PX)

@@ -16,15 +16,14 @@ from lfpipe.track.choice import Viewer
 from lfpipe.track.detector import Detection, Detector
 from lfpipe.track.engine import Face
 from lfpipe.track.iris import Irises
-from lfpipe.track.landmarks import FRONTAL, TURN, box, eye_centres, iris_diameter, turn
+from lfpipe.track.landmarks import FRONTAL, TURN, iris_diameter, key_points, turn
 from lfpipe.track.network import Network, model_file
 from lfpipe.track.picture import as_bgr8
-from lfpipe.track.roi import Roi, around, as_tensor, portable_warp, warp
+from lfpipe.track.roi import Roi, around, fill, portable_warp, warp
 
 SIZE_PX = 192
 POINTS = 468
 MIN_CONFIDENCE = 0.5
-_EYE_LINE = (33, 263)  # outer corners of the eyes, right to left: what the region is turned by
 
 
 class LitertEngine:
@@ -79,19 +78,25 @@ class LitertEngine:
     def _followed(self, bgr: NDArray[np.uint8], roi: Roi) -> Face | None:
         """The face in roi; its own region becomes the one for the next picture."""
         crop = roi.crop(bgr, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
-        values, logit = self._network.run(as_tensor(crop, 0.0, 1.0))
+        fill(self._network.input, crop, 0.0, 1.0)
+        values, logit = self._network.run()
         confidence = 1 / (1 + math.exp(-min(max(float(logit[0]), -80.0), 80.0)))
-        points = roi.to_picture(values.reshape(POINTS, 3)[:, :2], SIZE_PX)
-        edges = box(points)
-        region = around(edges, points[_EYE_LINE[0]], points[_EYE_LINE[1]])
+        matrix, mesh = roi.matrix(SIZE_PX), values.reshape(POINTS, 3)
+        x, y = matrix[:, 2].tolist()
+        points = matrix[:, :1] * mesh[:, 0] + matrix[:, 1:2] * mesh[:, 1]  # (2, 468) px from (x, y)
+        (x0, y0), (x1, y1) = points.min(axis=1).tolist(), points.max(axis=1).tolist()
+        left, right, start, end = ((px + x, py + y) for px, py in key_points(points))
+        edges = x0 + x, y0 + y, x1 + x, y1 + y
+        region = around(edges, start, end)
         # not one pixel wide, or not a number: nothing to look at next time
         if confidence < MIN_CONFIDENCE or not 1.0 <= region.side_px < math.inf:
             return None
         self._roi = region
         if self._irises is None:
-            return Face(eye_centres(points), confidence, edges)
-        irises = self._irises.find(bgr, points)
-        frontal = abs(turn(points[list(TURN)])) <= FRONTAL
+            return Face(np.array((left, right)), confidence, edges)
+        mesh_px = points.T + matrix[:, 2]
+        irises = self._irises.find(bgr, mesh_px)
+        frontal = abs(turn(mesh_px[list(TURN)])) <= FRONTAL
         return Face(irises[:, 0], confidence, edges, iris_diameter(irises) if frontal else 0.0)
 
 
