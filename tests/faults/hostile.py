@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import random
+from pathlib import Path
 from typing import Any
 
 import msgpack
+import zmq
 
 from lfpipe.transport import control
 
@@ -63,3 +65,19 @@ def hostile(rng: random.Random) -> bytes:
     spoilt = bytearray(control.encode({"cmd": "stop"}))
     spoilt[rng.randrange(len(spoilt))] ^= 1 << rng.randrange(8)
     return bytes(spoilt)
+
+
+def pester(run_dir: Path, rng: random.Random, count: int) -> int:
+    """Sends so many to a session, as fast as it answers; returns how many it answers. Raises AssertionError where it obeys."""
+    answers = 0
+    with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
+        socket.connect(control.address(run_dir, "ctl"))
+        for sent in range(1, count + 1):
+            socket.send(hostile(rng))
+            if sent % 20 and sent < count:
+                continue
+            while answers < sent and socket.poll(5000):
+                answer = control.decode(socket.recv())
+                assert answer["ok"] is False, answer
+                answers += 1
+    return answers

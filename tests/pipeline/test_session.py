@@ -150,16 +150,6 @@ def test_a_signal_ends_the_session_within_two_seconds_and_nothing_stays(world: W
     assert not world.left() and not any(Path(f"/proc/{pid}").exists() for pid in pids)
 
 
-def test_a_killed_supervisor_takes_its_stages_along_and_leaves_nothing(world: World, scene: Path) -> None:
-    process = world.up(scene, start_new_session=True)
-    world.pictures(5)
-    pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
-    process.kill()
-    process.wait()
-    world.wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "end of the stages", 3)
-    world.wait_for(lambda: not world.left(), "empty run directory", 5)
-
-
 def test_after_a_kill_of_the_whole_group_the_next_up_sweeps(world: World, scene: Path) -> None:
     process = world.up(scene, start_new_session=True)
     world.pictures(5)

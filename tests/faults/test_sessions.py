@@ -1,0 +1,118 @@
+"""The ends of sessions that nobody asked for, and sessions side by side."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.world import World, write_scene
+
+SMALL = (
+    "--set",
+    "camera.width_px=160",
+    "--set",
+    "camera.height_px=120",
+    "--set",
+    "render.clock=camera",
+    "--set",
+    "render.method=nearest",
+)
+WITHIN_S = 1.0  # after its supervisor was killed a stage may live so long
+
+
+def _gone(pids: list[int]) -> bool:
+    return not any(Path(f"/proc/{pid}").exists() for pid in pids)
+
+
+def test_stages_do_not_outlive_a_killed_supervisor(world: World, scene: Path) -> None:
+    process = world.up(scene, *SMALL, start_new_session=True)
+    world.pictures(5)
+    pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
+    process.kill()
+    process.wait()
+    killed = time.monotonic()
+    world.wait_for(lambda: _gone(pids), "end of the stages", 10)
+    # The promise is a second; three, where other programs have the cores.
+    assert time.monotonic() - killed < 3 * WITHIN_S
+    world.wait_for(lambda: not world.left(), "empty run directory", 5)
+
+
+def test_a_stage_that_is_stopped_dies_with_its_supervisor_all_the_same(world: World, scene: Path) -> None:
+    """A stopped process takes no SIGTERM, and it is what the kernel sends when the supervisor dies."""
+    process = world.up(scene, *SMALL, start_new_session=True)
+    world.pictures(5)
+    pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
+    os.kill(pids[1], signal.SIGSTOP)
+    process.kill()
+    process.wait()
+    world.wait_for(lambda: _gone([pids[0], pids[2]]), "end of the others", 10)
+    if not _gone(pids[1:2]):
+        os.kill(pids[1], signal.SIGCONT)  # as a person would, who stopped it
+    world.wait_for(lambda: _gone(pids), "end of all", 10)
+
+
+def test_after_a_kill_of_the_group_the_next_session_of_any_name_sweeps(world: World, scene: Path) -> None:
+    process = world.up(scene, *SMALL, start_new_session=True)
+    world.pictures(5)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert world.left(), "nothing to sweep: this test shows nothing"
+    other = world.run("up", scene, "--camera", "demo", "--display", "none", "--session", "other", "--duration", "0.2", *SMALL)
+    assert other.returncode == 0, other.stderr
+    assert not world.left()
+
+
+def test_of_two_sessions_started_at_once_under_one_name_one_wins(world: World, scene: Path) -> None:
+    world.run("scene", "pack", scene)
+    both = [world.up(scene, "--duration", "3", *SMALL) for _ in range(2)]
+    said = [process.communicate(timeout=60)[1] for process in both]
+    assert sorted(process.returncode for process in both) == [0, 2], said
+    loser = said[[process.returncode for process in both].index(2)]
+    assert "is running already" in loser and "Traceback" not in "".join(said)
+    assert not world.left()
+
+
+@pytest.mark.timeout(180)
+def test_ten_sessions_of_different_names_do_not_meet(world: World, scene: Path, clip: Path) -> None:
+    """Eight of one view, which need no camera, and two that are tracked: each keeps to its own, and each ends by itself."""
+    single = write_scene(world.root / "single", 1, 1)
+    for folder in (scene, single):
+        assert world.run("scene", "pack", folder).returncode == 0
+    names = [f"{world.name}.{k}" for k in range(10)]
+    slow = ("--display", "none", "--set", "render.rate_hz=10")
+    camera = ("--camera", f"file:{clip}?pace=10")
+    started = [
+        world.start(
+            "up", scene if k < 2 else single, "--session", name, "--trace", f"trace{k}.jsonl", *slow, *(camera if k < 2 else ())
+        )
+        for k, name in enumerate(names)
+    ]
+    base = f"lfpipe-{os.getuid()}-"
+
+    def states() -> list[str]:
+        return [name for name in names if world.run("monitor", "--session", name, "--once", "--json").returncode == 0]
+
+    world.wait_for(lambda: len(states()) == 10, "ten sessions", 90)
+    assert {path.name for path in world.run_dir.glob(f"{base}*")} == {base + name for name in names}
+    others = names[1:]
+    assert world.run("ctl", "--session", names[0], "set", "render.swap_eyes=true").returncode == 0
+    for name in (names[1], names[9]):
+        told = world.run("ctl", "--session", name, "status", "--json")
+        assert re.search(r'"swap_eyes": false', told.stdout), "a command for one session reached another"
+    assert world.run("ctl", "--session", names[0], "stop").returncode == 0
+    started[0].communicate(timeout=20)
+    assert started[0].returncode == 0 and all(process.poll() is None for process in started[1:])
+    started[1].kill()  # and one that dies does not take another along
+    started[1].communicate()
+    assert all(process.poll() is None for process in started[2:])
+    for process in started[2:]:
+        process.send_signal(signal.SIGINT)
+    for process in started[2:]:
+        _, err = process.communicate(timeout=30)
+        assert process.returncode == 0 and "Traceback" not in err, err
+    world.wait_for(lambda: not world.left(), f"clean end of {len(others)} others", 10)
