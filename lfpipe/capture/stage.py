@@ -84,6 +84,7 @@ def main(context: Context) -> None:
                 while now_ns() < t_sensor_ns:
                     if not context.wait(t_sensor_ns):
                         return
+                    context.applied()  # from this frame on, which nobody has seen yet
                 t_read_ns = now_ns()
                 if late_ns and t_read_ns - t_sensor_ns > MOVE_NS:
                     moved_ns += t_read_ns - t_sensor_ns
