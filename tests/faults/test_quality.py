@@ -181,7 +181,8 @@ def test_fixed_quality_is_left_alone(world: World, deep: Path, hogs: Hogs) -> No
 
 def test_cores_and_niceness_are_those_of_the_configuration(world: World, scene: Path) -> None:
     first = min(os.sched_getaffinity(0))
-    world.up(scene, f"--set=governor.affinity=track={first},render={first}", "--set=governor.nice=track=3,render=1")
+    sets = (f"governor.affinity=track={first},render={first}", "governor.nice=track=3,render=1", "governor.quality=fixed")
+    world.up(scene, *(f"--set={word}" for word in sets))
     world.pictures(5)
     stages = world.monitor()["stages"]
     own = os.getpriority(os.PRIO_PROCESS, 0)
