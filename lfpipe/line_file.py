@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import os
 from pathlib import Path
 
@@ -23,11 +21,14 @@ class LineFile:
 
     def append(self, line: bytes) -> None:
         """Adds line, which ends with a newline. Raises OSError where it does not fit; the file then ends with the one before."""
-        written = os.write(self._fd, line)
-        if written != len(line):
-            with contextlib.suppress(OSError):  # a device, which keeps nothing
+        written = 0
+        try:
+            while written < len(line):  # a second write, where there is one, is to tell why the first was cut short
+                written += os.write(self._fd, line[written:])
+        except OSError:
+            if written:
                 os.ftruncate(self._fd, os.fstat(self._fd).st_size - written)
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            raise
 
     def close(self) -> None:
         os.close(self._fd)

@@ -1,0 +1,227 @@
+"""Too little of everything: said before a session starts; once it runs, the output it concerns ends and nothing else.
+
+Mounts and lost privileges are real. Root's are dropped for what is a question of permission; where no mount is allowed, tests
+of small disks are skipped.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+from lfpipe.line_file import LineFile
+from lfpipe.replay.sequence import open_sequence
+from lfpipe.supervisor import rundir
+from lfpipe.transport.session import PREFIX
+from tests.world import World
+
+NOBODY = 65534
+PLAIN = ("--camera", "demo", "--display", "none", "--duration", "0.5")
+MAY_MOUNT = (
+    shutil.which("unshare") is not None
+    and subprocess.run(["unshare", "-m", "mount", "-t", "tmpfs", "tmpfs", "/mnt"], capture_output=True).returncode == 0
+)
+mounts = pytest.mark.skipif(not MAY_MOUNT, reason="no file system may be mounted here (needs root)")
+
+
+Done = subprocess.CompletedProcess[str]
+
+
+def in_mounts(world: World, command: Iterable[object], *mounts: tuple[Path, str], after: str = "") -> Done:
+    """Runs `lfpipe ...` with a tmpfs of these options at each place; stdout ends with what the shell command `after` prints."""
+    lines = [f"mount -t tmpfs -o {options} tmpfs '{place}'" for place, options in mounts]
+    words = " ".join(f"'{word}'" for word in (sys.executable, "-m", "lfpipe", *command))
+    script = " && ".join([*lines, f"{{ {words}; code=$?; echo ===; {after or 'true'}; exit $code; }}"])
+    return subprocess.run(
+        ["unshare", "-m", "sh", "-c", script], capture_output=True, text=True, cwd=world.root, env=world.env, timeout=60
+    )
+
+
+def unprivileged(world: World, *command: object, **env: str) -> Done:
+    """Runs `lfpipe ...` as a user to whom permissions apply."""
+    drop: list[str] = []
+    if os.getuid() == 0:
+        if shutil.which("setpriv") is None:
+            pytest.skip("setpriv is not installed, and permissions do not apply to root")
+        drop = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
+    words = [*drop, sys.executable, "-m", "lfpipe", *map(str, command)]
+    return subprocess.run(words, capture_output=True, text=True, cwd=world.root, env={**world.env, **env}, timeout=60)
+
+
+def assert_said(done: Done, world: World, *parts: str) -> None:
+    """A mistake in one message with a remedy, and nothing left."""
+    assert done.returncode == 2, done.stderr
+    assert "error: " in done.stderr and "remedy: " in done.stderr and "Traceback" not in done.stderr, done.stderr
+    for part in parts:
+        assert part in done.stderr, done.stderr
+    assert not world.left(), "something is left"
+
+
+@pytest.fixture(scope="session")
+def cache(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cache that holds the scene's pack."""
+    folder = tmp_path_factory.mktemp("cache")
+    pack = [sys.executable, "-m", "lfpipe", "scene", "pack", str(scene)]
+    subprocess.run(pack, check=True, capture_output=True, env={**os.environ, "XDG_CACHE_HOME": str(folder)})
+    return folder
+
+
+@pytest.fixture
+def packed(world: World, scene: Path, cache: Path) -> Path:
+    """The scene, which need not be packed again."""
+    world.env["XDG_CACHE_HOME"] = str(cache)
+    return scene
+
+
+@mounts
+@pytest.mark.parametrize(("options", "says"), [("size=1m", "MB free of"), ("size=64m,ro", "no shared memory can be made")])
+def test_too_little_shared_memory(world: World, packed: Path, options: str, says: str) -> None:
+    done = in_mounts(world, ("up", packed, *PLAIN, "--session", world.name), (Path("/dev/shm"), options), after="ls /dev/shm")
+    assert_said(done, world, "/dev/shm", says)
+    assert done.stdout.split("===\n")[1] == ""
+
+
+@pytest.mark.parametrize(("soft", "hard", "code"), [(24, 24, 2), (24, 4096, 0)])
+def test_too_few_open_files_are_raised_or_said(world: World, packed: Path, soft: int, hard: int, code: int) -> None:
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+    process = world.start("up", packed, *PLAIN, "--session", world.name, preexec_fn=limited)
+    out, err = process.communicate(timeout=60)
+    done = subprocess.CompletedProcess([], process.returncode, out, err)
+    if code:
+        assert_said(done, world, "24 open files", "ulimit -n")
+    else:
+        assert process.returncode == 0, err
+
+
+@mounts
+def test_a_full_disk_under_the_run_directory(world: World, packed: Path) -> None:
+    place = world.root / "small"
+    place.mkdir()
+    world.env["XDG_RUNTIME_DIR"] = str(place)
+    command = ("up", packed, *PLAIN, "--session", world.name)
+    done = in_mounts(world, command, (place, "nr_inodes=6"), after=f"ls -A {place}")
+    assert_said(done, world, str(place), "No space left")
+    assert done.stdout.split("===\n")[1] == "", "the run directory is gone again"
+
+
+@mounts
+def test_a_cache_without_room(world: World, scene: Path) -> None:
+    place = world.root / "small"
+    place.mkdir()
+    sets = ("--set", f"scene.cache_dir={place}")
+    done = in_mounts(world, ("up", scene, *PLAIN, *sets, "--session", world.name), (place, "size=64k"))
+    assert_said(done, world, str(place), "free")
+
+
+def test_directories_without_permission(world: World, packed: Path) -> None:
+    closed = world.root / "closed"
+    closed.mkdir(mode=0o500)
+    up = ("up", packed, *PLAIN, "--session", world.name)
+    denied = "Permission denied"
+    assert_said(unprivileged(world, *up, XDG_RUNTIME_DIR=str(closed)), world, str(closed), denied, "XDG_RUNTIME_DIR")
+    assert_said(unprivileged(world, *up, "--set", f"scene.cache_dir={closed}"), world, str(closed), denied, "scene.cache_dir")
+    assert_said(unprivileged(world, *up, "--trace", closed / "t.jsonl"), world, "t.jsonl", denied)
+    assert_said(
+        unprivileged(world, "up", packed, "--camera", "demo", "--display", f"file:{closed}/v.mkv"), world, "v.mkv", denied
+    )
+    assert_said(unprivileged(world, "record", closed / "rec", "--camera", "demo"), world, str(closed / "rec"), denied)
+    for part in ("scenes", "locks", "index"):
+        theirs = world.root / "cache of another"
+        theirs.mkdir()
+        (theirs / part).mkdir(mode=0o500)
+        done = unprivileged(world, "scene", "pack", packed, "--set", f"scene.cache_dir={theirs}")
+        assert_said(done, world, str(theirs), "permission", "scene.cache_dir")
+        shutil.rmtree(theirs)
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can make what belongs to another user")
+def test_a_run_directory_of_another_user_is_refused_and_never_spoken_to(world: World, packed: Path) -> None:
+    theirs = world.run_dir / f"{PREFIX}{world.name}"
+    theirs.mkdir(mode=0o755)
+    (theirs / "lock").touch(0o666)
+    for path in (theirs / "lock", theirs):
+        os.chown(path, NOBODY, NOBODY)
+    lock = rundir._lock(theirs / "lock")  # as if a session of theirs were running: it must not be taken for ours
+    assert lock is not None
+    for command in (("up", packed, *PLAIN), ("ctl", "status"), ("monitor", "--once")):
+        done = unprivileged(world, *command, "--session", world.name)
+        assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
+        assert ("not a directory of yours" if command[0] == "up" else "no session") in done.stderr
+    os.close(lock)
+    other = unprivileged(world, "up", packed, *PLAIN, "--session", f"{world.name}.b")
+    assert other.returncode == 0, other.stderr
+    assert sorted(path.name for path in theirs.iterdir()) == ["lock"], "what belongs to another is left alone"
+    shutil.rmtree(theirs)
+    assert not world.left()
+
+
+@mounts
+def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, packed: Path) -> None:
+    place = world.root / "small"
+    place.mkdir()
+    command = ("up", packed, "--camera", "demo", "--display", f"file:{place}/v.mkv", "--duration", "1.5", "--session", world.name)
+    after = f"cat {place}/t.jsonl"
+    done = in_mounts(world, (*command, "--trace", place / "t.jsonl"), (place, "size=24k"), after=after)
+    assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
+    assert done.stderr.count("t.jsonl: No space left on device; it ends here") == 1
+    assert done.stderr.count("v.mkv: the video ends here") == 1
+    assert "ended: the time asked for is over" in done.stderr
+    trace = done.stdout.split("===\n")[1]
+    assert trace.endswith("}\n") and [json.loads(line)["seq"] for line in trace.splitlines()], "whole lines"
+    assert not world.left()
+
+
+@mounts
+@pytest.mark.parametrize("size", ["nr_inodes=2", "size=2m"])
+def test_a_recording_ends_with_its_last_whole_frame_where_the_disk_is_full(world: World, packed: Path, size: str) -> None:
+    place = world.root / "small"
+    place.mkdir()
+    kept = world.root / "kept"
+    after = f"cp -r {place}/rec {kept}"
+    done = in_mounts(world, ("record", place / "rec", "--camera", "demo", "--duration", "20"), (place, size), after=after)
+    assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
+    assert "No space left on device" in done.stderr and "nothing is left to run" in done.stderr
+    if size == "size=2m":
+        found = open_sequence(kept)
+        assert 2 <= len(found.packets) < 30 and f"ends with its frame {len(found.packets) - 1}" in done.stderr
+        found.frame(len(found.packets) - 1)
+    assert not list(kept.glob("*.new")) and not world.left()
+
+
+def test_a_limit_on_file_size_ends_trace_and_video_and_keeps_the_session(world: World, packed: Path) -> None:
+    display = ("--display", f"file:{world.root / 'v.mkv'}")
+    args = ("up", packed, "--camera", "demo", *display, "--duration", "1.5", "--trace", world.trace, "--session", world.name)
+    process = world.start(*args)
+    world.pictures(3)
+    pid = world.monitor()["stages"]["render"]["pid"]
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (30_000, 30_000))
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 0 and "Traceback" not in err and "restarting" not in err, err
+    assert err.count("File too large; it ends here") == 1
+    text = world.trace.read_text()
+    assert text.endswith("}\n") and [json.loads(line) for line in text.splitlines()]
+
+
+def test_a_device_that_takes_nothing_ends_the_trace_at_once(world: World, packed: Path) -> None:
+    done = world.run("up", packed, *PLAIN, "--trace", "/dev/full", "--session", world.name)
+    assert done.returncode == 0 and done.stderr.count("/dev/full: No space left on device; it ends here") == 1, done.stderr
+
+
+def test_half_a_line_of_a_killed_writer_is_cut_off(tmp_path: Path) -> None:
+    path = tmp_path / "lines"
+    for before, after in ((b"", b""), (b"one\n", b"one\n"), (b"one\ntw", b"one\n"), (b"on", b"")):
+        path.write_bytes(before)
+        file = LineFile(path)
+        file.append(b"next\n")
+        file.close()
+        assert path.read_bytes() == after + b"next\n"
