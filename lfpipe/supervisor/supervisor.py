@@ -241,7 +241,7 @@ class Supervisor:
         if back is not None:
             self._take_back(name, f"{died_of[0]} ({died_of[1]})" if died_of else f"{name} does not work by it", *back)
             return
-        if died_of and not row["ready_ns"]:
+        if died_of and not row["ready_ns"] and not row["restarts"]:  # later, what it misses may come back
             self.outcome = Outcome(f"{name} could not start", died_of[0], died_of[1], user_error=True)
             return
         phase = "RUNNING" if row["ready_ns"] else "STARTING"
