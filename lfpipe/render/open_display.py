@@ -69,11 +69,16 @@ def check_display(spec: str, monitor: str = "") -> None:
         raise UserError(f"--display {spec!r}: not a display{hint}", f"one of {FORMS}")
 
 
-def open_display(spec: str, size_px: tuple[int, int], title: str, rate_hz: float, monitor: str = "") -> Display:
+def part_of(path: Path, part: int) -> Path:
+    """Where the part of a video goes that a restarted process writes: nothing of the one before it is overwritten."""
+    return path.with_stem(f"{path.stem}.{part + 1}") if part else path
+
+
+def open_display(spec: str, size_px: tuple[int, int], title: str, rate_hz: float, monitor: str = "", part: int = 0) -> Display:
     """The display that spec names: window, fullscreen, none, file:OUT.mkv.
 
     size_px: (width, height) of the pictures; rate_hz: how often they come at the most, the rate of a video; monitor:
-    `screen.monitor`.
+    `screen.monitor`; part: how often the process that writes a video was restarted.
     Raises UserError as `check_display` does, and where the window cannot be opened.
     """
     check_display(spec)
@@ -84,7 +89,7 @@ def open_display(spec: str, size_px: tuple[int, int], title: str, rate_hz: float
     if spec.startswith("file:"):
         from lfpipe.render.file_display import FileDisplay
 
-        return FileDisplay(Path(spec.removeprefix("file:")).expanduser(), size_px, rate_hz)
+        return FileDisplay(part_of(Path(spec.removeprefix("file:")).expanduser(), part), size_px, rate_hz)
     from lfpipe.render.window import Window
 
     return Window(size_px, f"{title} ({HINT})", spec == "fullscreen", monitor, HINT)

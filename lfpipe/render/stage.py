@@ -34,7 +34,8 @@ def main(context: Context) -> None:
     on_camera = (lossless or config.render.clock == "camera") and options["tracking"]
     full_hz = float(options["source_hz"]) if on_camera else asked.render.rate_hz
     size_px, monitor = (field.width_px, field.height_px), str(config.screen.monitor)
-    display = open_display(options["display"], size_px, f"lfpipe: {field.name}", full_hz, monitor)
+    part = context.row["restarts"]
+    display = open_display(options["display"], size_px, f"lfpipe: {field.name}", full_hz, monitor, part)
     viewer.shown_as_wide(display.width_mm())
     presenter = Presenter(context, viewer, display)
     keys = Keys(context, viewer, presenter, display)

@@ -10,11 +10,13 @@ import json
 import os
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+import cv2
 import pytest
 
 from lfpipe.line_file import LineFile
@@ -210,6 +212,22 @@ def test_a_limit_on_file_size_ends_trace_and_video_and_keeps_the_session(world: 
     assert err.count("File too large; it ends here") == 1
     text = world.trace.read_text()
     assert text.endswith("}\n") and [json.loads(line) for line in text.splitlines()]
+
+
+def test_the_video_of_a_render_stage_that_was_killed_is_not_overwritten(world: World, packed: Path) -> None:
+    video = world.root / "v.mkv"
+    args = ("--camera", "demo", "--display", f"file:{video}", "--trace", world.trace, "--session", world.name)
+    process = world.start("up", packed, *args)
+    world.pictures(20)
+    world.wait_for(lambda: video.stat().st_size > 1000, "video on disk", 10)
+    os.kill(world.monitor()["stages"]["render"]["pid"], signal.SIGKILL)
+    count = len(world.lines())
+    world.pictures(count + 20)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 0, err
+    for path in (video, world.root / "v.2.mkv"):
+        assert cv2.VideoCapture(str(path)).read()[0], f"{path.name} can be played"
 
 
 def test_a_device_that_takes_nothing_ends_the_trace_at_once(world: World, packed: Path) -> None:
