@@ -15,21 +15,23 @@ from lfpipe.transport.ring import Stamp
 class Incoming:
     """width_px, height_px: of the frames as they will be stored, which is the source's own size where it delivers JPEGs."""
 
-    def __init__(self, context: Context, anew: bool) -> None:
-        """anew: what was published until now is not to be had, nor counted as lost."""
+    def __init__(self, context: Context) -> None:
         self._row, self._frames = context.row, context.input("frames")
-        if anew:
-            self._frames.skip()
         part = context.options.get("packets", "")
         self.shape: tuple[int, ...] = self._frames.reader.shape
         self.height_px, self.width_px = self.shape[:2]
-        self._packets, self._begun = None, not anew  # type: tuple[PacketInput | None, bool]
+        self._packets, self._begun = None, True  # type: tuple[PacketInput | None, bool]
         if part:
             try:
                 self._packets = PacketInput(context.spec.session, part)
             except FileNotFoundError:
                 return  # stopped before it began
             self.width_px, self.height_px = context.options["jpeg_px"]
+
+    def skip(self) -> None:
+        """What was published until now is not to be had, nor counted as lost, nor what comes before the first JPEG."""
+        self._frames.skip()
+        self._begun = False
 
     def take(self, spare: Callable[[], NDArray[np.uint8]]) -> tuple[Stamp, NDArray[np.uint8] | bytes] | None:
         """The next frame: its JPEG, or else its picture, copied into an array of `shape` that spare gives; None for none yet."""

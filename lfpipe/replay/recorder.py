@@ -113,17 +113,22 @@ class Store:
 class EyesLog:
     """One line of JSON per eyes record; without a path they are taken and not written, so that no writer waits for us."""
 
-    def __init__(self, source: Input, path: Path | None, anew: bool) -> None:
-        """anew: records published until now are not to be had. Raises OSError where path cannot be written."""
-        if anew:
-            source.skip()
+    def __init__(self, source: Input, path: Path | None) -> None:
+        """Raises OSError where path cannot be written."""
         self._source, self._file = source, LineFile(path) if path else None
         self._record = np.empty((), EYES_TYPE)
 
-    def serve(self) -> None:
-        """Writes what has come. Raises OSError where the disk is full."""
+    def skip(self) -> None:
+        """Records published until now are not to be had."""
+        self._source.skip()
+
+    def serve(self, since: tuple[int, int] | None) -> None:
+        """Takes what has come, and writes what is of frames since the one of that (epoch, source_seq); nothing where it is None.
+
+        Raises OSError where the disk is full.
+        """
         while (stamp := self._source.take(self._record, in_order=True)) is not None:
-            if self._file is None:
+            if self._file is None or since is None or (stamp.epoch, stamp.source_seq) < since:
                 continue
             line: dict[str, Any] = {"source_seq": stamp.source_seq, "epoch": stamp.epoch, "t_sensor_ns": stamp.t_sensor_ns}
             line |= {name: self._record[name].tolist() for name in EYES_TYPE.names or ()}
@@ -138,28 +143,32 @@ def main(context: Context) -> None:
     """Runs the stage until the stop."""
     folder = Path(context.options["record"])
     anew = not (folder / MANIFEST).exists()
-    frames, lost_before = Incoming(context, anew), int(context.row["drops"]) if anew else 0
+    frames, lost_before = Incoming(context), int(context.row["drops"]) if anew else 0
     source, rate_hz = str(context.options["source"]), float(context.options["source_hz"])
     more = {"versions": versions(), "config": to_dict(context.config)}
     try:
-        eyes = EyesLog(context.input("eyes"), folder / EYES if context.options.get("record_eyes") else None, anew)
+        eyes = EyesLog(context.input("eyes"), folder / EYES if context.options.get("record_eyes") else None)
         manifest = begin_manifest(folder, source, frames.width_px, frames.height_px, rate_hz, **more)
         store = Store(context, folder, frames.shape)
     except OSError as error:
         frames.close()
         _refused(context, folder, error)
         return
-    told = False
+    told, first = False, None  # type: tuple[bool, tuple[int, int] | None]
+    if anew:
+        frames.skip()
+        eyes.skip()
     context.ready()
     context.applied()
     try:
         while context.wait():
             while not store.full and (taken := frames.take(store.spare)) is not None:
                 store.put(*taken)
+                first = first or (taken[0].epoch, taken[0].source_seq)
             context.applied()
             context.row["cpu_ns"] = time.process_time_ns()
             try:
-                eyes.serve()
+                eyes.serve(since=first)
             except OSError as error:
                 store.failure = str(error.strerror)
             if store.full:

@@ -102,6 +102,7 @@ class Input:
     def skip(self) -> None:
         """What was published until now is none of this process's business."""
         self.reader.last_seq = self.reader.published
+        self.give_credit()
 
     def done(self) -> None:
         """All that was taken is dealt with; what this process never deals with after it, its successor counts as dropped."""

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import pytest
 
+from lfpipe.errors import UserError
 from lfpipe.replay.compare import LEAST_DB, compare, psnr_db
 from lfpipe.replay.keeper import PICTURES
 from lfpipe.replay.packets import PacketWriter, decoded, encoded, read_index
@@ -127,6 +128,26 @@ def test_pictures_that_a_person_could_tell_apart_are_caught(run: Path) -> None:
     redrawn(copy, lambda picture: np.where(picture < 253, picture + np.uint8(3), picture))
     (difference,) = compare(copy, run).differences
     assert difference.part == "pictures" and "least PSNR 38" in difference.what
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda f: (f / "trace.jsonl").write_text("".join((f / "trace.jsonl").read_text().splitlines(True)[:200])), "200 lines"),
+        (lambda f: (f / "trace.jsonl").write_bytes((f / "trace.jsonl").read_bytes()[:-9]), "not JSON Lines"),
+        (lambda f: (f / "trace.jsonl").unlink(), "No such file"),
+        (lambda f: (f / "report.json").write_text('{"format": 2}'), "version 2, this lfpipe reads 1"),
+        (lambda f: (f / "report.json").write_text("{"), "not JSON"),
+        (lambda f: (f / "pictures" / "frames.bin").write_bytes(b""), "ends after 0 bytes"),
+    ],
+)
+def test_a_damaged_reference_is_bad_input(run: Path, damage: Callable[[Path], object], said: str) -> None:
+    copy = other(run)
+    redrawn(copy, dithered)
+    damage(copy)
+    with pytest.raises(UserError, match=said) as told:
+        compare(copy, run)
+    assert told.value.remedy
 
 
 def test_the_limit_lies_where_it_is_said() -> None:

@@ -69,6 +69,9 @@ def test_recorded_and_replayed_stamps_and_rate_agree(world: World, short: Path, 
     seen = [line["source_seq"] for line in lines]
     played = np.array([line["t_sensor_ns"] for line in lines])
     assert np.abs((played - played[0]) - (recorded[seen] - recorded[seen[0]])).max() < 1000
+    read = [line["t_read_ns"] for line in lines]
+    recorded_s, replayed_s = (recorded[seen[-1]] - recorded[seen[0]]) / 1e9, (read[-1] - read[0]) / 1e9
+    assert replayed_s > 2 and replayed_s == pytest.approx(recorded_s, rel=0.01), "the same frames in the same time"
     report = json.loads((replayed / "report.json").read_text())
     assert report["counts"]["frames_shown"] + sum(report["counts"]["dropped"].values()) >= len(recorded)
     assert report["digests"] is None
