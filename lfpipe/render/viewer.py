@@ -16,6 +16,7 @@ from lfpipe.render.geometry import Parallax, parallax
 from lfpipe.render.viewpoint import Mapper, Position
 from lfpipe.scene.lightfield import LightField
 
+FAR_PX = 1e6  # off the picture's corner; no eye is further out
 DISTANCE_S = 1.0  # time constant by which alpha follows the viewer's distance, seen as the distance between the eyes
 
 
@@ -86,13 +87,12 @@ class Viewer:
     def look(self, record: NDArray[np.void] | None, t_sensor_ns: int, t_shown_ns: int) -> Look:
         """The look at t_shown_ns, from the newest eyes record and its frame's stamp; None: nobody was seen yet."""
         frame = self._frame(t_shown_ns)
-        if record is None or not (record["face"] or self._seen):
+        eyes_px = None if record is None else self._eyes(record, t_shown_ns - t_sensor_ns)
+        if record is None or (eyes_px is None and not self._seen):
             row, col = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
             self.shown = Look(self._eyes_px, (row, col), (row, col), frame)
             return self.shown
-        eyes_px: NDArray[np.float64] | None = None
-        if record["face"]:
-            eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], t_shown_ns - t_sensor_ns)
+        if eyes_px is not None:
             self._follow_distance(eyes_px, t_shown_ns)
         if float(record["eyes_mm"]) != self._eyes_mm:  # learnt, or learnt anew
             self._eyes_mm, self._mapper = float(record["eyes_mm"]), None
@@ -122,6 +122,15 @@ class Viewer:
         self._start_ns = self._start_ns or t_ns
         return int((t_ns - self._start_ns) * self.field.frame_rate_hz / 1e9)
 
+    @staticmethod
+    def _eyes(record: NDArray[np.void], horizon_ns: int) -> NDArray[np.float64] | None:
+        """Where the eyes will be, or None where no face is seen, or one that no camera shows: one number that is none would stay
+        in what is averaged for ever."""
+        if not record["face"]:
+            return None
+        eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], horizon_ns)
+        return eyes_px if (np.abs(eyes_px) < FAR_PX).all() else None
+
     def _follow_distance(self, eyes_px: NDArray[np.float64], t_ns: int) -> None:
         apart_px = float(np.hypot(*(eyes_px[0] - eyes_px[1])))
         if not self._seen:
@@ -139,7 +148,8 @@ class Viewer:
         self.parallax = parallax(self.config, self.field, width_px, self._apart_px, self._eyes_mm or None, self._shown_mm)
         if self._centre_px is None and isinstance(render.alpha_px, str):
             middle = record["filtered_px"].mean(axis=0)
-            self._centre_px = (float(middle[0]), float(middle[1]))
+            if (np.abs(middle) < FAR_PX).all():
+                self._centre_px = (float(middle[0]), float(middle[1]))
         centre_px = self._centre_px or (width_px / 2, height_px / 2)
         snap = self.method == "nearest"
         self._mapper = Mapper(self.field.rows, self.field.cols, render, self.parallax.alpha_px, centre_px, snap)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -12,10 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lfpipe.config import Render
+from lfpipe.config import Config, Render
+from lfpipe.eyes import EYES
 from lfpipe.render.anaglyph import MATRICES, encode, recipe
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.planes import PlaneStore
+from lfpipe.render.viewer import Viewer
 from lfpipe.render.viewpoint import Mapper
 from tests.render import rendered
 
@@ -234,6 +237,36 @@ def test_extreme_eyes_and_alphas_from_end_to_end() -> None:
             left, right = Mapper(3, 3, how, alpha_px, (320.0, 240.0)).views(eyes)
             assert np.isfinite([left, right]).all()
             Compositor(field, how).compose(left, right)
+
+
+@pytest.mark.parametrize("alpha_px", ["auto", 1e-9, 12.0, 1e9])
+@pytest.mark.parametrize(("rows", "cols"), [(1, 1), (1, 4), (3, 3)])
+def test_a_viewer_of_whom_the_tracker_says_anything(rows: int, cols: int, alpha_px: Any) -> None:
+    inf, nan = math.inf, math.nan
+    viewer = Viewer(rendered.field(rows, cols, 16, 16), Config(render=render(alpha_px=alpha_px, method="warp2")))
+    record = np.zeros((), EYES)
+    record["face"], record["width_px"], record["height_px"] = 1, 640, 480
+    equal, crossed, no_distance = [[5, 5], [5, 5]], [[0, 0], [600, 0]], [[320, 240], [320, 240]]
+    strange = (
+        SEATED,
+        equal,
+        crossed,
+        no_distance,
+        [[nan, 0], [0, nan]],
+        [[inf, inf], [-inf, inf]],
+        [[1e308, 0], [-1e308, 0]],
+        SEATED,
+    )
+    for k, (eyes, velocity, eyes_mm) in enumerate(itertools.product(strange, (0.0, 1e300, nan), (0.0, 61.0))):
+        record["raw_px"] = record["filtered_px"] = eyes
+        record["velocity_px_s"], record["eyes_mm"] = velocity, eyes_mm
+        look = viewer.look(record, k * 10**7, k * 10**7 + 10**6)
+        assert np.isfinite([look.left, look.right]).all()
+        assert viewer.compose(look).shape == (16, 16, 3)
+    record["velocity_px_s"] = 0.0
+    look = viewer.look(record, 10**10, 10**10)  # seen well again, later: nothing of that is left
+    if cols > 1 and alpha_px != 1e9:
+        assert look.left[1] < look.right[1]
 
 
 def test_baked_planes_are_bounded() -> None:
