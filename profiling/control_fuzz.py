@@ -18,7 +18,6 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from lfpipe.bench.sessions import cpu_ns
-from lfpipe.transport import control
 from tests.faults.hostile import pester
 from tests.faults.session import STAGES, WatchedSession
 from tests.faults.watcher import Account
@@ -39,7 +38,7 @@ def main() -> int:
     with private_world() as world:
         session = WatchedSession(world, args.rate)
         pids = [session.supervisor.pid, *(session.pid(name) for name in STAGES)]
-        told, first = control.request(session.run_dir, {"cmd": "hello"}), session.figures()
+        told, first = session.told(), session.figures()
         before = session.books()
         cpu, begin = cpu_ns(pids[:1]), time.monotonic()
         answered = pester(session.run_dir, random.Random(args.seed), args.messages)
@@ -48,7 +47,7 @@ def main() -> int:
         after = session.books()
         time.sleep(seconds)
         peace = session.books()
-        same = control.request(session.run_dir, {"cmd": "hello"}) == told
+        same = session.told() == told
         alive = [session.supervisor.pid, *(session.pid(name) for name in STAGES)] == pids
         last = session.figures()
         session.end()
@@ -57,7 +56,7 @@ def main() -> int:
     print("| what | figure |\n|---|---|")
     print(f"| messages, answered with an error | {args.messages}, {answered} |")
     print(f"| taken in | {seconds:.0f} s, {args.messages / seconds:.0f} a second |")
-    print(f"| configuration, options, revision | {'unchanged' if same else 'CHANGED'} |")
+    print(f"| configuration and options | {'unchanged' if same else 'CHANGED'} |")
     print(f"| processes | {'the same' if alive else 'OTHERS'} |")
     print(f"| frames meanwhile, lost by track and render | {after.frames - before.frames}, {costs} |")
     print(f"| lost in as much time of peace | {in_peace} |")

@@ -7,7 +7,9 @@ import signal
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+from lfpipe.transport import control
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
@@ -78,7 +80,8 @@ class WatchedSession:
     def books(self) -> Account:
         """Where every frame went: capture stands still for a moment, so that nothing is under way.
 
-        A frame that capture has just dropped is missed only when the next one comes: then it is looked at again.
+        What capture has just dropped is missed only when the next frame comes, and a stage may still be at work: books that do
+        not close are looked at again. What was counted wrong stays wrong.
         """
         for _ in range(5):
             pid = self.pid("capture")
@@ -88,9 +91,15 @@ class WatchedSession:
             finally:
                 os.kill(pid, signal.SIGCONT)
                 self.pictures_again()
-            if found.capture_drops <= found.capture_lost:
+            if not any(found.errors().values()):
                 break
         return found
+
+    def told(self) -> dict[str, Any]:
+        """What the session was told to do, without what it decides itself."""
+        answer = control.request(self.run_dir, {"cmd": "hello"})
+        options = {key: value for key, value in answer["options"].items() if key not in ("level", "pictures")}
+        return {"config": answer["config"], "paused": answer["paused"], "options": options}
 
     def figures(self) -> Figures:
         """What the session holds now."""
@@ -102,3 +111,19 @@ class WatchedSession:
         self.supervisor.send_signal(signal.SIGINT)
         self.supervisor.wait(10)
         self._log.close()
+
+    def killed(self) -> float:
+        """Instead of `end`: kills the supervisor; how long the last of its processes lived after it, in s.
+
+        Raises AssertionError where one lives on, or what they leave stays.
+        """
+        pids = [self.pid(name) for name in STAGES]
+        self.watcher.end()
+        self.supervisor.kill()
+        begin = time.monotonic()
+        self.supervisor.wait()
+        self.world.wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "end of the stages", PATIENCE_S)
+        gone_s = time.monotonic() - begin
+        self.world.wait_for(lambda: not self.world.left(), "sweeping by the last of them", PATIENCE_S)
+        self._log.close()
+        return gone_s

@@ -26,7 +26,7 @@ def session(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[WatchedSe
 
 
 def test_hostile_messages_change_nothing_and_delay_no_frames(session: WatchedSession) -> None:
-    before, config, pids = session.books(), _told(session), [session.pid(name) for name in STAGES]
+    before, config, pids = session.books(), session.told(), [session.pid(name) for name in STAGES]
     assert pester(session.run_dir, random.Random(7), MESSAGES) == MESSAGES, "every message is answered"
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
         socket.connect(control.address(session.run_dir, "ctl"))
@@ -37,7 +37,7 @@ def test_hostile_messages_change_nothing_and_delay_no_frames(session: WatchedSes
         socket.send(control.encode({"cmd": "stop", "why": "x" * (3 * control.MAX_BYTES)}))
         assert not socket.poll(300), "that much is not even read"
     after = session.books()
-    assert _told(session) == config
+    assert session.told() == config
     assert [session.pid(name) for name in STAGES] == pids and not any(session.restarts(name) for name in STAGES)
     assert after.frames > before.frames and not any(after.errors().values())
     lost = after.track_drops + after.render_drops - before.track_drops - before.render_drops
@@ -70,8 +70,3 @@ def test_a_flood_keeps_neither_frames_nor_other_clients_waiting(session: Watched
         session.pictures_again()
         assert int(session.watcher.table.rows["render"]["config_rev"]) > rev, "and it is obeyed"
     assert not any(session.restarts(name) for name in STAGES)
-
-
-def _told(session: WatchedSession) -> object:
-    told = control.request(session.run_dir, {"cmd": "hello"})
-    return told["config"], told["paused"], told["options"]

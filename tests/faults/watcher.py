@@ -147,10 +147,10 @@ class Watcher(threading.Thread):
             render_drops=row["render"],
         )
 
-    def settled(self, patience_s: float = 3.0) -> Account:
-        """The books once nothing has moved for 0.3 s."""
+    def settled(self, patience_s: float) -> Account:
+        """The books once nothing has moved for 0.2 s and they close, or as they are when patience is at its end."""
         last, since, end = self.account(), time.monotonic(), time.monotonic() + patience_s
-        while time.monotonic() - since < 0.3 and time.monotonic() < end:
+        while time.monotonic() < end and (time.monotonic() - since < 0.2 or any(last.errors().values())):
             time.sleep(0.02)
             now = self.account()
             if now != last:
