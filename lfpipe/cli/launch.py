@@ -80,6 +80,7 @@ def up(wish: Wish) -> int:
 
 def prepare(wish: Wish) -> Prepared:
     """Checks the wish as a whole, packs the scene where that is still to be done, and prints what was chosen."""
+    from lfpipe.cli import chosen
     from lfpipe.render.check import check_together
     from lfpipe.render.open_display import has_display
     from lfpipe.scene.plan import make_plan
@@ -109,9 +110,8 @@ def prepare(wish: Wish) -> Prepared:
         "still": str(still.resolve()) if still else "",
         "tracking": plan.needs_tracking,
     }
-    say(f"scene   {field.name}: {field.rows}x{field.cols} views of {field.width_px}x{field.height_px}, {plan.method}")
-    say(f"camera  {camera.text if plan.needs_tracking else 'none: one view needs no eyes'}")
-    say(f"picture {config.render.anaglyph}, {config.render.clock} clock, to {display}")
+    for line in chosen.lines(config, field, plan, camera.text, display):
+        say(line)
     duration_s = wish.duration_s or (DEMO_S if unseen else None)
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
     files = tuple(path for path in (video, still, wish.trace) if path is not None)

@@ -1,0 +1,34 @@
+"""What `lfpipe up` says it chose, in five lines: who asked for nothing reads here what there was to ask for."""
+
+from __future__ import annotations
+
+from lfpipe.config import Config
+from lfpipe.render.geometry import parallax
+from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.plan import Plan
+
+
+def lines(config: Config, field: LightField, plan: Plan, camera: str, display: str) -> list[str]:
+    """Scene, plan, camera, alpha and picture. camera: the source, made definite. display: as `--display` takes it."""
+    render = config.render
+    without = ", ".join(each.what for each in plan.left_out)
+    left_out = f"; left out: {without} (`lfpipe scene plan` says why)" if without else "; nothing to be left out"
+    if not plan.needs_tracking:
+        return [
+            f"scene   {field.name}: one view of {field.width_px}x{field.height_px}",
+            f"plan    the view as it is{left_out}",
+            "camera  none: one view needs no eyes",
+            "alpha   none: there is no other view to come to",
+            f"picture {render.anaglyph} in {render.light} light, to {display}",
+        ]
+    chosen = parallax(config, field, config.camera.width_px, None)
+    depth = "" if chosen.compression is None else f", {chosen.compression:.0%} of true depth"
+    asked = "by hand" if isinstance(render.alpha_px, float) else f"{render.alpha_px}, at {chosen.distance_mm:.0f} mm"
+    clock = f"every refresh at {render.rate_hz:g} Hz" if render.clock == "display" else "every camera frame"
+    return [
+        f"scene   {field.name}: {field.rows}x{field.cols} views of {field.width_px}x{field.height_px}",
+        f"plan    views by {plan.method}{left_out}",
+        f"camera  {camera}; eyes by {config.track.engine}, filter {config.track.filter}",
+        f"alpha   {chosen.alpha_px:.1f} px/view ({asked}): {chosen.views_between_eyes:.1f} views between the eyes{depth}",
+        f"picture {render.anaglyph} in {render.light} light, {clock}, to {display}",
+    ]
