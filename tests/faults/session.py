@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import time
@@ -89,7 +90,8 @@ class WatchedSession:
             try:
                 found = self.watcher.settled(1.2)  # less than what is taken for a hang
             finally:
-                os.kill(pid, signal.SIGCONT)
+                with contextlib.suppress(ProcessLookupError):  # it was taken for hung all the same
+                    os.kill(pid, signal.SIGCONT)
                 self.pictures_again()
             if not any(found.errors().values()):
                 break

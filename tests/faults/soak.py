@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
 import signal
@@ -149,29 +150,33 @@ class Soak:
             self._deaths[name] += [time.monotonic()] * (restarts - self._restarts[name])
             self._restarts[name] = restarts
 
+    def _signal(self, pid: int, signum: int) -> None:
+        with contextlib.suppress(ProcessLookupError):  # the supervisor was quicker
+            os.kill(pid, signum)
+
     def _kill(self, stage: str) -> None:
-        os.kill(self._session.pid(stage), signal.SIGKILL)
+        self._signal(self._session.pid(stage), signal.SIGKILL)
 
     def _terminate(self, stage: str) -> None:
-        os.kill(self._session.pid(stage), signal.SIGTERM)
+        self._signal(self._session.pid(stage), signal.SIGTERM)
 
     def _stop_3_s(self, stage: str) -> None:
+        self._stop(stage, 3.0)  # longer than what is taken for a hang
+
+    def _source_stalls_1_s(self, _: str) -> None:
+        self._stop("capture", 1.0)
+
+    def _stop(self, stage: str, seconds: float) -> None:
         pid = self._session.pid(stage)
-        os.kill(pid, signal.SIGSTOP)
-        time.sleep(3.0)
-        if self._session.pid(stage) == pid:  # else it was taken for hung and is gone
-            os.kill(pid, signal.SIGCONT)
+        self._signal(pid, signal.SIGSTOP)
+        time.sleep(seconds)
+        if self._session.pid(stage) == pid:
+            self._signal(pid, signal.SIGCONT)
 
     def _stop_the_supervisor_3_s(self, _: str) -> None:
         self._session.supervisor.send_signal(signal.SIGSTOP)
         time.sleep(3.0)
         self._session.supervisor.send_signal(signal.SIGCONT)
-
-    def _source_stalls_1_s(self, _: str) -> None:
-        pid = self._session.pid("capture")
-        os.kill(pid, signal.SIGSTOP)
-        time.sleep(1.0)
-        os.kill(pid, signal.SIGCONT)
 
     def _monitor_killed(self, _: str) -> None:
         monitor = self._session.world.start("monitor", "--session", self._session.world.name, "--json")
