@@ -26,7 +26,7 @@ from lfpipe.bench.inputs import demo_sequence
 from lfpipe.scene.demo import demo_scene
 
 HERE = Path(__file__).resolve().parents[1]
-VIEW_PX, MOVING_S, BUDGET_S = 128, 0.5, 8.0
+VIEW_PX, MOVING_S, BUDGET_S = 128, 0.5, 12.0
 SLOWER = (
     "lfpipe/render/compositor.py",
     "    def compose(self, left: Position, right: Position, frame: int = 0) -> NDArray[np.uint8]:\n",
@@ -113,7 +113,9 @@ def main() -> int:
                 all_called += not missed
                 stray += len(strays)
                 unsettled.append(sum(not d.settled for d in found))
-                wrong += [f"{case.title}, try {k + 1}: {d}" for d in (*missed, *strays)]
+                told_wrong = [f"{case.title}, try {k + 1}: {d}" for d in (*missed, *strays)]
+                wrong += told_wrong
+                print("".join(f"\r{text}\n" for text in told_wrong), end="", file=sys.stderr)
                 for d in found:
                     if case.concerns(d) and "p95" not in d.figure:
                         ratios.setdefault(d.figure, []).append(d.ratio)

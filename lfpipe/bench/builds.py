@@ -23,7 +23,7 @@ from lfpipe.bench.subjects import SUBJECTS
 from lfpipe.config import Config, updated
 from lfpipe.errors import UserError
 
-BUDGET_S, LEAST_ROUNDS, MOST = 60.0, 60, 6  # on a busy machine the least rounds may take MOST times the budget
+BUDGET_S, LEAST_ROUNDS, MOST = 60.0, 60, 3  # on a busy machine the least rounds may take MOST times the budget
 LOOKS = (12, 18, 27, 40, 60, 90, 135)  # rounds after which is judged what differs
 Say = Callable[[str, int, int], None]
 # What of a subject is compared: the first candidate of these curves, not every setting; all of a subject that is not here.
