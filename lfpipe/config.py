@@ -48,7 +48,7 @@ class Track:
     engine: Annotated[Literal["litert", "mediapipe"], Opt("litert: the landmark network in-thread; mediapipe: FaceMesh, as in the paper")] = "litert"
     filter: Annotated[Literal["predictive", "one-euro", "kalman", "mean"], Opt("smoothing of the eye positions; mean is the paper's", live=True)] = "predictive"
     mean_k: Annotated[int, Opt("frames in the moving average of filter = mean", "frames", 1, 1000, live=True)] = 5
-    refine: Annotated[bool, Opt("refine the eye centres with the iris network")] = False
+    refine: Annotated[bool, Opt("refine the eye centres with the iris network, and learn the viewer's own distance between the eyes from the iris")] = False
 
 
 @attrs.frozen

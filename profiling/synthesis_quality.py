@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.kept import kept, made
 from lfpipe.config import Scene
+from lfpipe.quality import drawn_with
 from lfpipe.render.scoring import METHODS, choose_method, psnr_db
 from lfpipe.render.synthesis import Synthesiser
 from lfpipe.scene.lightfield import LightField
@@ -109,6 +110,8 @@ def main() -> None:
         method, scores = choose_method(field)
         rounded = {name: round(value, 2) for name, value in scores.items()}
         print(f"auto for {field.name}: {method} {rounded}, chosen in {time.perf_counter() - start:.2f} s")
+        asked = (f"{name} is drawn as {drawn_with(name, method, True, scores)}" for name in ("warp", "warp2"))
+        print(f"  where it is asked for: {', '.join(asked)}")
 
 
 if __name__ == "__main__":
