@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import attrs
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,7 +18,9 @@ from lfpipe.errors import UserError
 from lfpipe.quality import METHODS, drawn_with, ladder, lowered, number, tracked_every
 from lfpipe.supervisor import placement
 from lfpipe.supervisor.governor import GAP_S, Governor, Load, Step
+from lfpipe.supervisor.levels import Levels
 from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.status import ROW, State
 
 DT_NS = SECOND_NS // 10
 ALL = frozenset(("capture", "track", "render"))
@@ -216,6 +219,81 @@ def test_a_level_reaches_the_stages_and_leaves_the_configuration_alone(tmp_path:
         assert work == config if not level.number else (work.render.method, work.render.rate_hz) == (level.method, level.rate_hz)
         assert attrs.evolve(work, render=config.render) == config
     assert lowered(config, options) is config and number(options) == 0 and tracked_every(options) == 1
+
+
+def _rows() -> dict[str, np.ndarray]:
+    table = np.zeros(3, ROW)
+    table["state"] = State.RUNNING
+    return {name: table[i : i + 1].reshape(()) for i, name in enumerate(("capture", "track", "render"))}
+
+
+def _work(levels: Levels, rows: dict[str, np.ndarray], seconds: float, of: str, lost: str, t_ns: int = 0) -> int:
+    """Samples a session in which one count of one stage grows as fast as its outputs; the time at the end."""
+    for _ in range(round(seconds * SECOND_NS / DT_NS)):
+        t_ns += DT_NS
+        for row in rows.values():
+            row["seq"] += 3
+            row["busy_ns"] += 3_000_000
+        if of:
+            rows[of][lost] += 3
+        levels.sample(rows, t_ns)
+    return t_ns
+
+
+@pytest.mark.parametrize(
+    ("clock", "stage", "lost", "lags"),
+    [
+        ("display", "render", "missed", True),
+        ("display", "render", "drops", False),  # a refresh takes the newest eyes, and leaves those before
+        ("camera", "render", "drops", True),
+        ("display", "track", "drops", True),
+        ("display", "capture", "drops", True),
+        ("display", "track", "left_out", False),
+    ],
+)
+def test_lag_is_what_a_person_would_miss(tmp_path: Path, clock: str, stage: str, lost: str, lags: bool) -> None:
+    config = Config(render=Render(clock=clock))  # type: ignore[arg-type]
+    levels = Levels(config, _scene(tmp_path, "warp", "estimated"), False, lambda name: ())
+    _work(levels, _rows(), 1.0, stage, lost)
+    assert (levels.now.number >= 1) == lags
+
+
+def test_a_session_that_may_lose_nothing_or_is_fixed_has_one_level(tmp_path: Path) -> None:
+    options = _scene(tmp_path, "warp", "estimated")
+    fixed = Config(governor=GovernorConfig(quality="fixed"))
+    for levels in (Levels(Config(), options, True, lambda name: ()), Levels(fixed, options, False, lambda name: ())):
+        _work(levels, _rows(), 5.0, "render", "missed")
+        assert levels.lowest == 0 and levels.now.option() == {}
+
+
+def test_another_scene_or_method_begins_at_full_quality_and_other_settings_keep_the_level(tmp_path: Path) -> None:
+    options, config = _scene(tmp_path / "deep", "warp", "estimated"), Config()
+    levels = Levels(config, options, False, lambda name: ())
+    rows = _rows()
+    _work(levels, rows, 0.9, "render", "missed")
+    assert levels.now.number == 1
+    levels.follow(attrs.evolve(config, render=attrs.evolve(config.render, alpha_px=12.0)), {**options, "trace": "there"})
+    assert levels.now.number == 1
+    levels.follow(config, _scene(tmp_path / "flat", "nearest", "none"))
+    assert levels.now.number == 0
+
+
+def test_nothing_is_judged_while_a_stage_starts_and_shortly_after(tmp_path: Path) -> None:
+    levels, rows = Levels(Config(), _scene(tmp_path, "warp", "estimated"), False, lambda name: ()), _rows()
+    rows["track"]["state"] = State.STARTING
+    t_ns = _work(levels, rows, 5.0, "render", "missed")
+    rows["track"]["state"] = State.RUNNING
+    _work(levels, rows, 0.9, "render", "missed", t_ns)
+    assert levels.now.number == 0
+
+
+def test_stages_with_cores_of_their_own_are_relieved_by_their_own_levels_alone(tmp_path: Path) -> None:
+    apart = {"capture": (0,), "track": (1,), "render": (0,)}
+    levels = Levels(Config(), _scene(tmp_path, "warp", "estimated"), False, lambda name: apart[name])
+    _work(levels, _rows(), 5.0, "track", "drops")
+    assert levels.now.number == 0, "cheaper views give no time to tracking"
+    _work(levels, _rows(), 1.0, "capture", "drops", 100 * SECOND_NS)
+    assert levels.now.number >= 1, "but to capture, on the same core"
 
 
 NAMES = ("capture", "track", "render", "record")

@@ -42,7 +42,7 @@ class Levels:
         self._steady, self._cores = steady, cores
         self._ladder: tuple[Level, ...] = ()
         self._before: dict[str, tuple[int, int, int]] = {}
-        self._due_ns = 0
+        self._due_ns = self._settled_ns = 0
         self.follow(config, options)
 
     @property
@@ -77,9 +77,10 @@ class Levels:
         self._due_ns = t_ns + SAMPLE_NS
         used = {name: rows[name] for name in STAGES if rows[name]["state"] != State.NONE}
         if any(row["state"] != State.RUNNING for row in used.values()):
+            self._settled_ns = t_ns + SETTLE_NS
+        if t_ns < self._settled_ns:
             self._governor.forget()
             self._before.clear()
-            self._due_ns = t_ns + SETTLE_NS
             return None
         before, self._before = self._before, {name: self._counts(name, row) for name, row in used.items()}
         loads = {name: Load(*np.subtract(now, before.get(name, now)).tolist()) for name, now in self._before.items()}
