@@ -2,7 +2,7 @@
 
 Reads: ring "frames", the newest.
 Writes: ring "eyes", one record per frame taken, with or without a face.
-Commands: recentre (chooses the face anew), stop; filter settings by configuration.
+Commands: recentre (chooses the face anew), stop; filter settings by configuration; frames to leave out by option "level".
 Emits: engine (name and model), face (found or lost).
 """
 
