@@ -174,7 +174,8 @@ class Supervisor:
             poller.poll(tick_ms if end_ns is None else max(0, min(tick_ms, (end_ns - now_ns()) // MS_NS + 1)))
             self._desk.serve()
             self._judge()
-            self._trial.watch(self.config, self.options, self.applied(self.rev), now_ns())
+            made = {name: int(p.row["seq"]) for name, p in self.processes.items() if p.stage.needed(self.options)}
+            self._trial.watch(self.config, self.options, self.applied(self.rev), made, now_ns())
             self._govern()
             if self.loan.overdue():
                 self.loan.end()
