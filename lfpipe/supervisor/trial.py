@@ -18,18 +18,19 @@ class Trial:
     def __init__(self, config: Config, options: dict[str, Any]) -> None:
         self._good = config, self._kept(options)
         self._since_ns: int | None = None
+        self._made: dict[str, int] = {}
 
     @staticmethod
     def _kept(options: dict[str, Any]) -> dict[str, Any]:
         return {name: options[name] for name in KEPT if name in options}
 
-    def watch(self, config: Config, options: dict[str, Any], applied: bool, t_ns: int) -> None:
-        """Call often: what every stage has worked by for TRIAL_NS is good."""
+    def watch(self, config: Config, options: dict[str, Any], applied: bool, made: dict[str, int], t_ns: int) -> None:
+        """Call often: what every stage has worked by for TRIAL_NS, and made something by, is good. made: outputs of each stage."""
         if self._good == (config, self._kept(options)) or not applied:
             self._since_ns = None
         elif self._since_ns is None:
-            self._since_ns = t_ns
-        elif t_ns - self._since_ns >= TRIAL_NS:
+            self._since_ns, self._made = t_ns, made
+        elif t_ns - self._since_ns >= TRIAL_NS and all(count > self._made.get(name, 0) for name, count in made.items()):
             self._good, self._since_ns = (config, self._kept(options)), None
 
     def verdict(self, config: Config, options: dict[str, Any], code: int, applied: bool) -> tuple[Config, dict[str, Any]] | None:

@@ -48,7 +48,7 @@ def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(world:
     for display_ms in (7, 8):  # said to be applied, and then it was not to be worked by
         for _ in range(3):  # more failures in all than end a session that nobody drives
             _ask(world, cmd="set", set={"render.swap_eyes": True, "render.display_ms": display_ms})
-            world.wait_for(lambda: _ask(world, cmd="status").get("config") == before, "configuration as it was", 10)
+            world.wait_for(lambda: _ask(world, cmd="status").get("config") == before, "configuration as it was")
     world.pictures(len(world.lines()) + 3)
     assert _ask(world, cmd="set", set={"render.swap_eyes": True, "render.display_ms": 6})["applied"] is True
     assert "error" not in _ask(world, cmd="load", scene=str(write_scene(tmp_path / "other", 1, 5)))
