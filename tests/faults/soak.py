@@ -94,7 +94,8 @@ class Outcome:
         lines.append(f"| frames out of order | {watcher.out_of_order} |")
         lines.append(f"| frames published, eyes, pictures | {last.frames}, {last.eyes}, {last.lines} |")
         lines.append(f"| drops of capture, track, render | {last.capture_drops}, {last.track_drops}, {last.render_drops} |")
-        lines.append(f"| the same less what is missing | {', '.join(map(str, last.errors().values()))} |")
+        lines.append(f"| of capture's, counted just before it died | {last.unseen} |")
+        lines.append(f"| the rest less what is missing | {', '.join(map(str, last.errors().values()))} |")
         lines += ["", "| held | before | after |", "|---|---|---|"]
         for name in sorted({*self.before.processes, *self.after.processes}):
             then, now = self.before.processes.get(name, (0.0, 0)), self.after.processes.get(name, (0.0, 0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import attrs
 import pytest
 
 from tests.faults.session import WatchedSession
@@ -38,6 +39,8 @@ def test_the_checks_of_the_soak_can_fail(tmp_path: Path) -> None:
     assert frame is not None and is_whole(frame)
     frame[30, 20, 1] ^= 1
     assert not is_whole(frame)
-    books = Account(frames=10, eyes=9, lines=7, capture_lost=3, capture_drops=3, track_drops=1, render_drops=2)
+    books = Account(frames=10, eyes=9, lines=7, capture_lost=3, capture_deaths=0, capture_drops=3, track_drops=1, render_drops=2)
     assert not any(books.errors().values())
-    assert Account(10, 8, 7, 3, 3, 1, 2).errors() == {"capture": 0, "track": -1, "render": 1}
+    assert attrs.evolve(books, eyes=8).errors() == {"capture": 0, "track": -1, "render": 1}
+    assert attrs.evolve(books, capture_drops=4).errors()["capture"] == 1
+    assert attrs.evolve(books, capture_drops=2, capture_deaths=1).errors()["capture"] == -1

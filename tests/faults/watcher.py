@@ -46,22 +46,30 @@ def is_whole(frame: NDArray[np.uint8]) -> bool:
 
 @attrs.frozen
 class Account:
-    """Where every frame of a session went, when nothing is under way. Each `*_lost` is what cannot have come any further;
-    `*_drops` is what the stage says that it lost.
+    """Where every frame of a session went, when nothing is under way.
+
+    capture_lost: frames that are missing between others; capture_deaths: after each of them it counts from 0 again. `*_drops` is
+    what a stage says that it lost.
     """
 
     frames: int
     eyes: int
     lines: int
     capture_lost: int
+    capture_deaths: int
     capture_drops: int
     track_drops: int
     render_drops: int
 
+    @property
+    def unseen(self) -> int:
+        """Drops of a capture that died before it passed another frame on: counted, but missing between no two frames."""
+        return max(0, self.capture_drops - self.capture_lost) if self.capture_deaths else 0
+
     def errors(self) -> dict[str, int]:
         """stage -> drops counted less drops there were; zeros in a session that counts exactly."""
         return {
-            "capture": self.capture_drops - self.capture_lost,
+            "capture": self.capture_drops - self.capture_lost - self.unseen,
             "track": self.track_drops - (self.frames - self.eyes),
             "render": self.render_drops - (self.eyes - self.lines),
         }
@@ -142,6 +150,7 @@ class Watcher(threading.Thread):
             eyes=self._eyes.published,
             lines=self.lines,
             capture_lost=sum(last + 1 for last in (*self._runs, self._last[1])) - frames,
+            capture_deaths=len(self._runs),
             capture_drops=row["capture"],
             track_drops=row["track"],
             render_drops=row["render"],
