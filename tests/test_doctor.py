@@ -1,6 +1,8 @@
 """The checks of `lfpipe doctor`, on this machine and on made-up troubles."""
 
 import importlib.metadata
+import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -45,6 +47,18 @@ def test_a_missing_model_is_named() -> None:
     assert doctor.mediapipe().ok
     check = doctor.mediapipe(["face_landmark/gone.tflite"])
     assert not check.ok and "gone.tflite" in check.detail and "0.10.21" in check.remedy
+
+
+def test_the_engine_is_named_with_its_model_or_its_trouble(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert re.search(r"litert runs face_landmark\.tflite \(mediapipe 0\.10\.\d+, sha256 \w+\)", doctor.litert().detail)
+    broken = tmp_path / "mediapipe" / "modules" / "face_landmark" / "face_landmark.tflite"
+    broken.parent.mkdir(parents=True)
+    broken.write_bytes(b"no network at all")
+    (tmp_path / "mediapipe" / "__init__.py").touch()
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "mediapipe", raising=False)
+    check = doctor.litert()
+    assert not check.ok and "not a usable face network" in check.detail and "0.10.21" in check.remedy
 
 
 def test_no_screen_is_no_hindrance_but_has_remedies(monkeypatch: pytest.MonkeyPatch) -> None:

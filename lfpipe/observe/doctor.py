@@ -15,6 +15,7 @@ from pathlib import Path
 import attrs
 
 from lfpipe.capture.v4l2 import CameraDevice, cameras, formats
+from lfpipe.errors import UserError
 from lfpipe.render.open_display import has_display
 
 SHM_DIR = Path("/dev/shm")
@@ -77,14 +78,20 @@ def mediapipe(models: Iterable[str] = MODELS) -> Check:
     missing = [name for name in models if not (Path(spec.origin).parent / "modules" / name).is_file()]
     if missing:
         return Check("mediapipe", False, f"{version} without {', '.join(missing)}", remedy)
-    return Check("mediapipe", True, f"{version} with its face models")
+    return Check("mediapipe", True, f"{version} with its face models; track.engine mediapipe runs its FaceMesh")
 
 
 def litert() -> Check:
-    """The network runtime of track.engine = litert."""
+    """track.engine = litert: the runtime and the model file, run once."""
     if importlib.util.find_spec("ai_edge_litert") is None:
         return Check("litert", False, "not installed", "pip install ai-edge-litert, or --set track.engine=mediapipe")
-    return Check("litert", True, importlib.metadata.version("ai-edge-litert"))
+    from lfpipe.track.litert_engine import LitertEngine
+
+    version = importlib.metadata.version("ai-edge-litert")
+    try:
+        return Check("litert", True, f"{version}, track.engine litert runs {LitertEngine().model}")
+    except UserError as error:
+        return Check("litert", False, f"{version}: {error.message}", error.remedy)
 
 
 def sdl() -> Check:
