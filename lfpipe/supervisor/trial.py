@@ -25,7 +25,7 @@ class Trial:
         return {name: options[name] for name in KEPT if name in options}
 
     def watch(self, config: Config, options: dict[str, Any], applied: bool, made: dict[str, int], t_ns: int) -> None:
-        """Call often: what every stage has worked by for TRIAL_NS, and made something by, is good. made: outputs of each stage."""
+        """Call often: what every stage has worked by for TRIAL_NS, and made something by, is good. made: outputs of each."""
         if self._good == (config, self._kept(options)) or not applied:
             self._since_ns = None
         elif self._since_ns is None:
