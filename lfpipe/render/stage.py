@@ -2,7 +2,8 @@
 
 Reads: ring "eyes", the newest record; the packed scene named by option "pack".
 Writes: the display of option "display"; the trace of option "trace"; the last picture to option "still".
-Commands: recentre, stop; settings and another scene by configuration, a lowered quality by option "level". Asks: set, recentre, stop (keys of the window).
+Commands: recentre, stop; settings and another scene by configuration, a lowered quality by option "level". Asks: set, recentre,
+stop (keys of the window).
 Emits: parallax (alpha and what it rests on), notice (an output was lost).
 """
 
