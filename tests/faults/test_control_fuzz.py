@@ -14,7 +14,7 @@ from tests.faults.hostile import pester
 from tests.faults.session import STAGES, WatchedSession
 from tests.world import World
 
-MESSAGES = 6000  # profiling/control_fuzz.py sends 10^5
+MANY = pytest.param(100_000, marks=(pytest.mark.soak, pytest.mark.timeout(1200)))
 
 
 @pytest.fixture
@@ -25,9 +25,10 @@ def session(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[WatchedSe
     made.end()
 
 
-def test_hostile_messages_change_nothing_and_delay_no_frames(session: WatchedSession) -> None:
+@pytest.mark.parametrize("count", [6000, MANY])
+def test_hostile_messages_change_nothing_and_delay_no_frames(session: WatchedSession, count: int) -> None:
     before, config, pids = session.books(), session.told(), [session.pid(name) for name in STAGES]
-    assert pester(session.run_dir, random.Random(7), MESSAGES) == MESSAGES, "every message is answered"
+    assert pester(session.run_dir, random.Random(7), count) == count, "every message is answered"
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
         socket.connect(control.address(session.run_dir, "ctl"))
         socket.send_multipart([b"stop", b"stop"])

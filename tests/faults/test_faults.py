@@ -12,14 +12,15 @@ from tests.faults.session import WatchedSession
 from tests.faults.soak import HARMLESS, LETHAL, Soak
 from tests.world import World
 
-FAULTS = 16  # profiling/faults_soak.py has 500
+MANY = pytest.param(500, marks=(pytest.mark.soak, pytest.mark.timeout(7200)))
 
 
 @pytest.mark.timeout(240)
-def test_a_session_outlives_a_row_of_random_faults(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("count", [16, MANY])
+def test_a_session_outlives_a_row_of_random_faults(world: World, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
     session = WatchedSession(world, size_px=(320, 240))
-    outcome = Soak(session, seed=3).run(FAULTS, books_every=4)
+    outcome = Soak(session, seed=3).run(count, books_every=4)
     assert {fault.kind for fault in outcome.faults} == {*LETHAL, *HARMLESS}
     assert sum(outcome.restarts.values()) >= 3 and outcome.watcher.seen > 300 and outcome.watcher.pictures > 200
     assert not outcome.broken(recovery_s=math.inf), outcome.table()
