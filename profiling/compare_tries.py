@@ -27,10 +27,13 @@ from lfpipe.scene.demo import demo_scene
 
 HERE = Path(__file__).resolve().parents[1]
 VIEW_PX, MOVING_S, BUDGET_S = 128, 0.5, 12.0
-SLOWER = (
+Patch = tuple[str, tuple[tuple[str, str], ...]]  # a file, and what to put for what in it
+SLOWER: Patch = (
     "lfpipe/render/compositor.py",
-    "    def compose(self, left: Position, right: Position, frame: int = 0) -> NDArray[np.uint8]:\n",
-    """    def compose(self, left: Position, right: Position, frame: int = 0) -> NDArray[np.uint8]:
+    (
+        (
+            "    def compose(self, left: Position, right: Position, frame: int = 0) -> NDArray[np.uint8]:\n",
+            """    def compose(self, left: Position, right: Position, frame: int = 0) -> NDArray[np.uint8]:
         import time
 
         start = time.perf_counter_ns()
@@ -42,11 +45,18 @@ SLOWER = (
 
     def _composed(self, left: Position, right: Position, frame: int = 0) -> NDArray[np.uint8]:
 """,
+        ),
+    ),
 )
-NOISIER = (
+NOISIER: Patch = (
     "lfpipe/track/litert_engine.py",
-    "        return Face(eyes, confidence, edges)\n",
-    "        return Face(eyes + np.random.default_rng().normal(0.0, 0.2, eyes.shape), confidence, edges)\n",
+    (
+        ("        self._viewer = Viewer()\n", "        self._viewer = Viewer()\n        self._rng = np.random.default_rng()\n"),
+        (
+            "        return Face(eyes, confidence, edges)\n",
+            "        return Face(eyes + self._rng.normal(0.0, 0.2, eyes.shape), confidence, edges)\n",
+        ),
+    ),
 )
 
 
@@ -55,7 +65,7 @@ class Case:
     """A build beside a copy of this one. wanted: (subject, what a figure's name holds) that must be called worse, all of them."""
 
     title: str
-    patch: tuple[str, str, str] | None
+    patch: Patch | None
     wanted: tuple[str, str]
 
     def missed(self, found: list[Difference]) -> list[Difference]:
@@ -73,14 +83,15 @@ CASES = (
 )
 
 
-def copied(folder: Path, patch: tuple[str, str, str] | None) -> Path:
-    """This checkout's package in a folder of its own, one place in it changed."""
+def copied(folder: Path, patch: Patch | None) -> Path:
+    """This checkout's package in a folder of its own, patched."""
     shutil.copytree(HERE / "lfpipe", folder / "lfpipe", ignore=shutil.ignore_patterns("__pycache__"))
     if patch is not None:
-        path, before, after = folder / patch[0], patch[1], patch[2]
-        text = path.read_text()
-        assert text.count(before) == 1, f"{patch[0]}: no one place to change"
-        path.write_text(text.replace(before, after))
+        path = folder / patch[0]
+        for before, after in patch[1]:
+            text = path.read_text()
+            assert text.count(before) == 1, f"{path}: not one place of {before!r}"
+            path.write_text(text.replace(before, after))
     return folder
 
 
