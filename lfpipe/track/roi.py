@@ -30,9 +30,11 @@ def portable_warp(image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px
     steps = np.arange(size_px)
     along_px, down_px = matrix[:, 0, None] * steps, matrix[:, 1, None] * steps + matrix[:, 2, None]
     along, down = (np.rint(1024 * part).astype(np.int32) for part in (along_px, down_px))
-    x, y = (along[:, None, :] + (down + 16)[:, :, None]) >> 5  # (row, column), in 1/32 px
-    whole, rest = np.empty((size_px, size_px, 2), np.int16), ((y & 31) * 32 + (x & 31)).astype(np.uint16)
-    whole[..., 0], whole[..., 1] = x >> 5, y >> 5
+    place = along[:, None, :] + (down + 16)[:, :, None]  # (x and y, row, column), in 1/1024 px
+    x, y = place.astype(np.uint16)
+    rest = (y & 992) | ((x >> 5) & 31)  # 1/32 px down and along, five bits each
+    whole = np.empty((size_px, size_px, 2), np.int16)
+    whole[..., 0], whole[..., 1] = place >> 10
     return np.asarray(cv2.remap(image, whole, rest, cv2.INTER_LINEAR, borderMode=border), np.uint8)
 
 

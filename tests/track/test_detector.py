@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
 from lfpipe.track.choice import same_place
 from lfpipe.track.detector import anchors, overlap, suppressed
-from lfpipe.track.roi import Roi, around
+from lfpipe.track.roi import Roi, around, portable_warp, warp
 
 
 def test_anchors_are_two_on_each_cell_of_16_and_six_on_each_of_8() -> None:
@@ -63,3 +64,12 @@ def test_a_face_is_the_same_where_it_was_and_of_its_size() -> None:
     assert same_place(here, (130.0, 110.0, 230.0, 210.0))
     assert not same_place(here, (180.0, 100.0, 280.0, 200.0))
     assert not same_place(here, (140.0, 140.0, 160.0, 160.0))
+
+
+@pytest.mark.parametrize("roi", [Roi(51.3, 40.2, 60.0, 0.1), Roi(5.0, 3.0, 40.0, -0.4), Roi(90.0, 70.0, 31.0, 3.0)])
+def test_the_portable_warp_differs_by_a_rounding_only(roi: Roi) -> None:
+    """Places of 1/32 px: half of one off, along and down, in a picture that changes by so much a pixel at the most."""
+    y, x = np.mgrid[0:80, 0:100]
+    image = np.stack([2 * x, 3 * y, x + y], axis=2).astype(np.uint8)
+    exact, rounded = (roi.crop(image, 64, cv2.BORDER_REPLICATE, way).astype(int) for way in (warp, portable_warp))
+    assert np.abs(exact - rounded).max() <= 1 and rounded.std() > 5
