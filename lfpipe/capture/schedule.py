@@ -7,6 +7,7 @@ from fractions import Fraction
 # A container that counts in milliseconds rounds every stamp by up to half of one; one more half for the encoder's own.
 # Within that the even grid of the frame rate is nearer to the truth than the stamps.
 STAMP_ROUNDING_NS = 1_000_000
+MOVE_NS = 1_000_000_000
 
 
 def period(rate_hz: float) -> Fraction:
@@ -59,3 +60,29 @@ class StampSchedule:
         onward_ns = self._last_ns + self._step_ns
         self._base_ns = evenly_ns if abs(evenly_ns - onward_ns) <= STAMP_ROUNDING_NS else onward_ns
         self._count = 0
+
+
+class Lateness:
+    """What becomes of a recording's frames that come late. late_ns: how late one may be, 0 for as late as it likes.
+
+    After a hiccup frames are dropped, as a camera's driver would have overwritten them, until the recording has caught up. Where
+    it does not, because decoding takes longer than a period, or where it has not been played for MOVE_NS, it goes on from where
+    it stands: to drop on would leave no frame at all.
+    """
+
+    def __init__(self, late_ns: int) -> None:
+        self._late_ns, self._behind_ns = late_ns, 0
+        self.moved_ns = 0  # how much later than its own schedule the recording plays
+
+    def drops(self, due_ns: int, t_read_ns: int) -> bool:
+        """Whether the frame that was due at due_ns by its schedule, and came at t_read_ns, is dropped; may move the schedule."""
+        late_ns = t_read_ns - due_ns - self.moved_ns
+        if not self._late_ns or late_ns <= self._late_ns:
+            self._behind_ns = 0
+            return False
+        if late_ns > MOVE_NS or 0 < self._behind_ns <= late_ns:
+            self.moved_ns += late_ns
+            self._behind_ns = 0
+            return False
+        self._behind_ns = late_ns
+        return True

@@ -14,13 +14,13 @@ import time
 from lfpipe.capture.lasting import CameraLost
 from lfpipe.capture.open_source import open_lasting
 from lfpipe.capture.packets import PacketOutput
+from lfpipe.capture.schedule import Lateness
 from lfpipe.capture.source import SourceInfo
-from lfpipe.transport.clock import SECOND_NS, SleepWatch, now_ns
+from lfpipe.transport.clock import SleepWatch, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.status import State
 
 LATE_PERIODS = 2  # as many frames as a camera's driver would have kept for us
-MOVE_NS = SECOND_NS  # a recording that is so late has not been played for a while: it goes on where it stood
 
 
 class _Outage:
@@ -58,8 +58,7 @@ def main(context: Context) -> None:
     source = open_lasting(context.options["source"], context.config.camera)
     info = source.info
     _tell(context, info)
-    late_ns = int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.lossless else 0
-    moved_ns = 0  # how much later than its own schedule a recording plays
+    lateness = Lateness(int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.lossless else 0)
     outage, sleeps = _Outage(context), SleepWatch()
     context.ready()
     try:
@@ -79,19 +78,17 @@ def main(context: Context) -> None:
                 return
             if outage.end(source.info) or sleeps.woke():
                 frames.writer.new_epoch()  # the viewer may be anywhere by now: what was before says nothing
-            busy_ns, t_read_ns, t_sensor_ns = now_ns() - t_begin_ns, frame.t_read_ns, frame.t_sensor_ns + moved_ns
+            busy_ns, t_read_ns, t_sensor_ns = now_ns() - t_begin_ns, frame.t_read_ns, frame.t_sensor_ns + lateness.moved_ns
             if not t_read_ns:
                 while now_ns() < t_sensor_ns:
                     if not context.wait(t_sensor_ns):
                         return
                     context.applied()  # from this frame on, which nobody has seen yet
                 t_read_ns = now_ns()
-                if late_ns and t_read_ns - t_sensor_ns > MOVE_NS:
-                    moved_ns += t_read_ns - t_sensor_ns
-                    t_sensor_ns = t_read_ns
-                if late_ns and t_read_ns - t_sensor_ns > late_ns:
-                    context.row["drops"] += 1  # by now a camera would have overwritten it
+                if lateness.drops(frame.t_sensor_ns, t_read_ns):
+                    context.row["drops"] += 1
                     continue
+                t_sensor_ns = frame.t_sensor_ns + lateness.moved_ns
             else:
                 busy_ns = now_ns() - t_read_ns
             if context.paused:

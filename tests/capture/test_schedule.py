@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.capture.schedule import STAMP_ROUNDING_NS, EvenSchedule, StampSchedule
+from lfpipe.capture.schedule import STAMP_ROUNDING_NS, EvenSchedule, Lateness, StampSchedule
 
 MS = 1_000_000
 
@@ -58,3 +58,44 @@ def test_growing_stamps_are_met_within_the_rounding(gaps: list[int]) -> None:
     for gap in [0, *gaps]:
         stamp_ns += gap
         assert abs(schedule.due_ns(stamp_ns) - stamp_ns) <= STAMP_ROUNDING_NS
+
+
+Played = tuple[list[int], list[float], int]  # frames passed on, how late each is in ms, how far the schedule has moved in ns
+
+
+def _played(rate_hz: float, decode_ms: float, seconds: float, stall: tuple[int, float] = (-1, 0.0)) -> Played:
+    """A recording, played by a reader that takes decode_ms a frame and stalls before one of them for so many seconds."""
+    schedule, lateness = EvenSchedule(rate_hz), Lateness(int(2e9 / rate_hz))
+    t_ns, passed, late_ms, k = 0, [], [], 0
+    while t_ns < seconds * 1e9:
+        t_ns += int(decode_ms * 1e6) + int(stall[1] * 1e9) * (k == stall[0])
+        due_ns = schedule.due_ns(k)
+        t_ns = max(t_ns, due_ns + lateness.moved_ns)
+        if not lateness.drops(due_ns, t_ns):
+            passed.append(k)
+            late_ms.append((t_ns - due_ns - lateness.moved_ns) / 1e6)
+        k += 1
+    return passed, late_ms, lateness.moved_ns
+
+
+def test_a_recording_in_time_loses_nothing() -> None:
+    passed, late_ms, moved_ns = _played(30, 5, 10)
+    assert passed == list(range(len(passed))) and max(late_ms[1:]) == 0 and moved_ns == 0
+
+
+def test_after_a_hiccup_frames_are_dropped_until_the_recording_has_caught_up() -> None:
+    passed, late_ms, moved_ns = _played(30, 5, 10, (50, 0.3))
+    missing = sorted(set(range(passed[-1])) - set(passed))
+    assert missing == list(range(50, 50 + len(missing))) and 5 <= len(missing) <= 10
+    assert max(late_ms) <= 2000 / 30 and moved_ns == 0, "the schedule stands"
+
+
+def test_a_recording_that_stood_still_goes_on_where_it_stood() -> None:
+    passed, _, moved_ns = _played(30, 5, 10, (50, 3.0))
+    assert passed == list(range(len(passed))) and 2.9e9 < moved_ns < 3.1e9
+
+
+def test_a_reader_too_slow_for_the_pace_gets_most_frames_and_no_old_ones() -> None:
+    """It once got one frame a second: all others were late, and dropped."""
+    passed, late_ms, _ = _played(120, 12, 10)
+    assert len(passed) > 0.7 * 10 / 0.012 and max(late_ms) <= 2000 / 120
