@@ -129,6 +129,13 @@ def options() -> dict[str, tuple[Any, Opt, Any]]:
     return found
 
 
+def choices(key: str) -> tuple[str, ...]:
+    """The words that key may be, in their order."""
+    kind = options()[key][0]
+    parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    return tuple(word for part in parts if not isinstance(part, type) for word in get_args(part))
+
+
 def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
     """Why value is not of kind and within opt, or None."""
     shape: Any = get_origin(kind)

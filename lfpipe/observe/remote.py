@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from lfpipe.config import choices
 from lfpipe.errors import UserError
 from lfpipe.observe.timeline import finish_trace
 from lfpipe.supervisor.rundir import find
@@ -35,6 +36,14 @@ class Remote:
         self.ask({"cmd": "set", "set": {"render.method": "auto" if off else "nearest"}})
         return "views: what suits the scene" if off else "views: the nearest stored one"
 
+    def mode(self) -> str:
+        """The next way to give each eye its view."""
+        now = self.ask({"cmd": "hello"})["config"]["render"]["anaglyph"]
+        modes = choices("render.anaglyph")
+        mode = modes[(modes.index(now) + 1) % len(modes)]
+        self.ask({"cmd": "set", "set": {"render.anaglyph": mode}})
+        return f"mode: {mode}"
+
     def recentre(self) -> str:
         """Where the viewer is now becomes the middle."""
         self.ask({"cmd": "recentre"})
@@ -51,7 +60,9 @@ class Remote:
 
     def press(self, key: str) -> str:
         """What a key does, as one line for a person; nothing for a key that means nothing."""
-        actions: dict[str, Callable[[], str]] = {"p": self.pause, "w": self.warp, "c": self.recentre, "t": self.trace}
+        actions: dict[str, Callable[[], str]] = {
+            "p": self.pause, "w": self.warp, "m": self.mode, "c": self.recentre, "t": self.trace
+        }  # fmt: skip
         try:
             return actions[key]() if key in actions else ""
         except UserError as error:

@@ -9,13 +9,13 @@ import attrs
 from rich.text import Text
 
 from lfpipe.observe.meter import Reading, StageReading
-from lfpipe.observe.snapshot import placed
+from lfpipe.observe.snapshot import ms, placed
 
 SPARKS = "▁▂▃▄▅▆▇█"
 EIGHTHS = " ▏▎▍▌▋▊▉█"
 NARROWEST = 60
 STATE_STYLE = {"RUNNING": "green", "STARTING": "yellow", "STOPPING": "yellow", "DEAD": "bold red"}
-KEYS_LINE = "q quit  p pause  r reset  t trace  w warp  c recentre"
+KEYS_LINE = "q quit  p pause  r reset  t trace  w warp  m mode  c recentre"
 
 
 @attrs.frozen
@@ -63,10 +63,11 @@ def _clock(seconds: float) -> str:
 def _stage_line(stage: StageReading, full_ms: float, width: int) -> Text:
     line = Text(f"{stage.name:<8}")
     line.append(f"{stage.state.lower():<9}", STATE_STYLE.get(stage.state, ""))
-    line.append(f"{stage.rate_hz:5.1f} {stage.wait.p50_ms:6.2f} {stage.busy.p50_ms:6.2f} {stage.busy.p99_ms:6.2f} ")
+    busy = stage.busy
+    line.append(f"{stage.rate_hz:5.1f} {ms(stage.wait.p50_ms)} {ms(busy.p50_ms)} {ms(busy.p95_ms)} {ms(busy.p99_ms)} ")
     line.append_text(bar(stage.wait.p50_ms, stage.busy.p50_ms, full_ms, width))
     line.append(f" {stage.dropped:5d}", "bold red" if stage.dropped else "")
-    line.append(f" {stage.restarts:2d}", "bold red" if stage.restarts else "")
+    line.append(f" {stage.restarts:3d}", "bold red" if stage.restarts else "")
     line.append(f" {stage.cpu_percent:4.0f} {stage.rss_mb:4.0f}")
     return line
 
@@ -92,21 +93,22 @@ class Screen:
         """The whole screen, at most width cells wide; made for 80, and readable from NARROWEST on."""
         self._ages.append(reading.age_now_ms)
         width = max(width - 1, NARROWEST)
-        bar_width = max(4, width - 63)
+        bar_width = max(4, width - 67)
         full_ms = max((s.wait.p50_ms + s.busy.p50_ms for s in reading.stages), default=0.0)
         out = Text(no_wrap=True, overflow="crop")
         out.append_text(self._head(reading, doing))
-        title = f"{'stage':<8}{'state':<9}{'Hz':>5} {'wait':>6} {'busy':>6} {'p99':>6} "
-        scale = f"0 to {full_ms:.2f} ms"
-        out.append(f"{title}{scale[:bar_width]:<{bar_width}} {'drops':>5} {'re':>2} {'cpu%':>4} {'MB':>4}\n", "bold")
+        out.append(f"{'':<22} {'wait':>5} {'busy':>5}   ms\n", "bold")
+        title = f"{'stage':<8}{'state':<9}{'Hz':>5} {'p50':>5} {'p50':>5} {'p95':>5} {'p99':>5} "
+        scale = f"to {ms(full_ms).strip()} ms"
+        out.append(f"{title}{scale[:bar_width]:<{bar_width}} {'drops':>5} {'rst':>3} {'cpu%':>4} {'MB':>4}\n", "bold")
         for stage in reading.stages:
             out.append_text(_stage_line(stage, full_ms, bar_width))
             out.append("\n")
         cpu, rss = reading.supervisor
-        out.append(f"{'supervisor':<{53 + bar_width}} {cpu:4.0f} {rss:4.0f}\n", "dim")
+        out.append(f"{'supervisor':<{57 + bar_width}} {cpu:4.0f} {rss:4.0f}\n", "dim")
         out.append_text(self._age(reading, width))
         out.append(f"\n{self.note or KEYS_LINE}\n", "bold" if self.note else "dim")
-        out.append("wait ░ and busy █ are medians in ms of the last 10 s, p99 of busy, re restarts", "dim")
+        out.append("times of the last 10 s; bars: wait ░ and busy █, medians; rst: restarts", "dim")
         return out
 
     def _head(self, reading: Reading, doing: Doing) -> Text:

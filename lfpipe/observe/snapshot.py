@@ -33,6 +33,11 @@ def spans(cpus: Iterable[int]) -> str:
     return " ".join(f"{first}-{last}" if last > first else f"{first}" for first, last in found)
 
 
+def ms(value: float) -> str:
+    """A time in ms as five characters: as many decimals as have a place."""
+    return f"{value:5.2f}" if value < 99.995 else f"{value:5.1f}" if value < 999.95 else f"{value:5.0f}"
+
+
 def placed(name: str, cpus: Iterable[int], nice: int) -> str:
     """Where a process runs, for a person: `track 1`, `render 0-3 nice 5`."""
     return f"{name} {spans(cpus)}{f' nice {nice}' if nice else ''}"

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import Render
+from lfpipe.config import choices
 from lfpipe.observe.view_grid import Gaze, inset
 from lfpipe.render.display import Display
 from lfpipe.render.presenter import Presenter
@@ -23,7 +22,7 @@ from lfpipe.transport.status import State, rate_hz
 ALPHA_STEP = 1.1
 DEPTH_STEP_PX = 0.1
 INSET_PX = 120
-MODES = get_args(get_args(get_type_hints(Render, include_extras=True)["anaglyph"])[0])
+MODES = choices("render.anaglyph")
 SETTLED_NS = SECOND_NS // 2  # a window is being resized until its picture has kept its width so long
 OVERLAY_NS = SECOND_NS // 2
 LOST = "camera lost, trying again"

@@ -22,8 +22,8 @@ from tests.web.browser import Browser, missing
 from tests.world import World
 
 
-@pytest.fixture
-def port(world: World) -> Iterator[int]:
+def served(world: World) -> Iterator[int]:
+    """Serves the page of the world's session; gives the port."""
     server = world.start("monitor", "--session", world.name, "--web", "--port", "0", stderr=subprocess.STDOUT)
     assert server.stdout is not None
     said = server.stdout.readline()
@@ -32,6 +32,16 @@ def port(world: World) -> Iterator[int]:
     yield int(found[1])
     server.terminate()
     server.communicate(timeout=10)
+
+
+@pytest.fixture
+def port(world: World) -> Iterator[int]:
+    yield from served(world)
+
+
+@pytest.fixture(scope="module")
+def live_port(live: World) -> Iterator[int]:
+    yield from served(live)
 
 
 def ask(port: int, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, bytes]:
@@ -57,10 +67,8 @@ def until(condition: Callable[[], Any], what: str, timeout_s: float = 20) -> Any
     raise AssertionError(f"no {what} within {timeout_s} s")
 
 
-def test_the_picture_is_lent_at_full_chroma_and_taken_back(world: World, scene: Path, port: int) -> None:
-    assert ask(port, "GET", "/picture.jpg")[0] == 503, "no session yet"
-    world.up(scene, "--set", "render.anaglyph=colour", "--set", "render.method=nearest", "--set", "render.alpha_px=12")
-    world.pictures(5)
+def test_the_picture_is_lent_at_full_chroma_and_taken_back(live: World, live_port: int) -> None:
+    world, port = live, live_port
     assert rings(world) == [], "nobody asks, no ring"
     until(lambda: ask(port, "GET", "/picture.jpg")[0] == 200, "picture")
     assert len(rings(world)) == 1
@@ -115,9 +123,8 @@ def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, p
         until(lambda: "no session" in browser.ask("document.getElementById('state').textContent"), "word of the end")
 
 
-def test_a_control_changes_the_picture_that_is_served(world: World, scene: Path, port: int) -> None:
-    world.up(scene)
-    world.pictures(5)
+def test_a_control_changes_the_picture_that_is_served(live_port: int) -> None:
+    port = live_port
     until(lambda: ask(port, "GET", "/picture.jpg")[0] == 200, "picture")
 
     def spread() -> float:
@@ -127,11 +134,12 @@ def test_a_control_changes_the_picture_that_is_served(world: World, scene: Path,
     status, data = ask(port, "POST", "/ctl", {"cmd": "set", "set": {"render.anaglyph": "grey", "render.alpha_px": 1000.0}})
     assert status == 200 and json.loads(data)["applied"] is True
     until(lambda: spread() < 4, "grey picture: both eyes see the middle view")
-    assert ask(port, "POST", "/ctl", {"cmd": "set", "set": {"render.anaglyph": "colour"}})[0] == 200
+    assert ask(port, "POST", "/ctl", {"cmd": "set", "set": {"render.anaglyph": "colour", "render.alpha_px": 12.0}})[0] == 200
     until(lambda: spread() > 8, "picture in colour")
 
 
 def test_the_door(world: World, port: int) -> None:
+    assert ask(port, "GET", "/picture.jpg")[0] == 503, "no session yet"
     assert ask(port, "GET", "/")[0] == 200 and ask(port, "GET", "/../guard.py")[0] == 404
     assert ask(port, "GET", "/", Host="example.org")[0] == 403, "a name that was pointed here"
     assert ask(port, "POST", "/ctl", {"cmd": "pause"}, Origin="http://example.org")[0] == 403, "another site in the browser"

@@ -2,18 +2,19 @@
 // The page of `lfpipe monitor --web`: draws what /events tells, fetches two pictures, sends commands to /ctl.
 
 const PERIOD_MS = 250, POINTS = 480;
-const COLOURS = { capture: "#7fb2ff", track: "#ffc46b", render: "#8be28b", age: "#ffffff" };
+const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+const inkOf = (key) => ink(key) || ink("other"); // of a stage, or of the age
 const $ = (id) => document.getElementById(id);
 const page = { events: 0, latency: null, hists: {}, last: null };
 window.lfpipe = page; // for the tests
 
-const axis = { stroke: "#8b97a6", grid: { stroke: "#2c3440", width: 1 }, ticks: { stroke: "#2c3440" } };
+const axis = { stroke: () => ink("dim"), grid: { stroke: () => ink("line"), width: 1 }, ticks: { stroke: () => ink("line") } };
 const rows = { t: [], age: [], stages: {} };
 
 function wide(element) { return Math.max(240, element.clientWidth); }
 
 function makeLatency(names) {
-  const line = (label, key) => ({ label, stroke: COLOURS[key] || "#c9a0ff", width: key === "age" ? 2 : 1.2, points: { show: false } });
+  const line = (label, key) => ({ label, stroke: () => inkOf(key), width: key === "age" ? 2 : 1.2, points: { show: false } });
   const series = [{ label: "s" }, line("sensor to screen", "age"), ...names.map((name) => line(`${name} wait + busy`, name))];
   const options = { width: wide($("latency")), height: 220, series, scales: { x: { time: false } }, axes: [{ ...axis }, { ...axis }] };
   return new uPlot(options, [[], [], ...names.map(() => [])], $("latency"));
@@ -31,7 +32,7 @@ function makeHist(box, name, edges) {
   const options = {
     width: wide(box), height: 150, legend: { show: false }, cursor: { show: false },
     scales: { x: { time: false }, y: { range: (_, low, high) => [0, Math.max(high, 1)] } },
-    series: [{}, { stroke: COLOURS[name] || "#c9a0ff", fill: (COLOURS[name] || "#c9a0ff") + "55", paths: uPlot.paths.bars({ size: [1, 100] }), points: { show: false } }],
+    series: [{}, { stroke: () => inkOf(name), fill: () => inkOf(name) + "55", paths: uPlot.paths.bars({ size: [1, 100] }), points: { show: false } }],
     axes: [{ ...axis, splits: () => [0, 10, 20, 30], values: (_, at) => at.map((k) => edges[k] < 1 ? edges[k].toFixed(2) : edges[k].toFixed(edges[k] < 10 ? 1 : 0)) }, { ...axis, size: 56 }],
   };
   return new uPlot(options, [[], []], box);
@@ -156,5 +157,8 @@ function fit() {
   for (const chart of Object.values(page.hists)) chart.setSize({ width: wide(chart.root.parentElement), height: 150 });
 }
 addEventListener("resize", fit);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  for (const chart of [page.latency, ...Object.values(page.hists)]) if (chart) chart.redraw();
+});
 watch("camera");
 watch("picture");
