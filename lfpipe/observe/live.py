@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import sys
 import time
 from typing import Any
@@ -25,7 +26,7 @@ def run(name: str, once: bool, form: str) -> None:
     """Shows the session of that name. form: "json", "csv" or "" for people. Raises UserError where none runs."""
     if form or once:
         stream(name, once, form)
-    elif sys.stdout.isatty():
+    elif sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown"):  # those have no screen to draw on
         find(name)  # at the start a name without a session is more likely a mistake
         screen(name)
     else:
@@ -58,7 +59,9 @@ def stream(name: str, once: bool, form: str, period_s: float = PERIOD_S) -> None
             elif form == "json":
                 sys.stdout.write(json.dumps(state) + "\n")
             else:
+                sys.stdout.write("" if head else "\n\n")
                 latency_table(state)
+                head = False
             sys.stdout.flush()
             if once or not watch.living():
                 return

@@ -37,10 +37,10 @@ ESCAPES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 class Terminal:
     """`lfpipe monitor` in a terminal of 80x24."""
 
-    def __init__(self, world: World, *args: str) -> None:
+    def __init__(self, world: World, *args: str, term: str = "xterm-256color") -> None:
         self._fd, inner = pty.openpty()
         fcntl.ioctl(inner, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
-        env = {**world.env, "TERM": "xterm-256color", "NO_COLOR": "1"}
+        env = {**world.env, "TERM": term, "NO_COLOR": "1"}
         env.pop("COLUMNS", None)
         pipes = {"stdin": inner, "stdout": inner, "stderr": inner, "text": False, "env": env}
         self.process = world.start("monitor", "--session", world.name, *args, **pipes)
@@ -147,6 +147,10 @@ def test_streams_and_wrong_words(live: World) -> None:
     assert "sensor to screen" in world.run("monitor", "--session", world.name, "--once").stdout
     for words in (("--json", "--csv"), ("--web", "--json"), ("--once", "--web"), ("--port", "1")):
         assert CliRunner().invoke(cli, ["monitor", "--session", world.name, *words]).exit_code == 2
+    plain = Terminal(world, term="dumb")
+    plain.until(r"dropped restarts[^\x1b]*dropped restarts")  # sample after sample, with nothing but text
+    plain.process.send_signal(signal.SIGINT)
+    assert plain.ended() == 130
     missing = world.run("monitor", "--session", "nobody")
     assert missing.returncode == 2 and "no session 'nobody'" in missing.stderr
 
