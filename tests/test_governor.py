@@ -287,13 +287,21 @@ def test_nothing_is_judged_while_a_stage_starts_and_shortly_after(tmp_path: Path
     assert levels.now.number == 0
 
 
-def test_stages_with_cores_of_their_own_are_relieved_by_their_own_levels_alone(tmp_path: Path) -> None:
+def test_a_stage_takes_no_level_where_none_that_is_left_helps_it(tmp_path: Path) -> None:
+    apart = {"capture": (0,), "track": (1,), "render": (0,)}
+    options, on_camera = _scene(tmp_path, "warp", "estimated"), Config(render=attrs.evolve(Config().render, clock="camera"))
+    levels = Levels(on_camera, options, False, lambda name: apart[name])
+    _work(levels, _rows(), 5.0, "track", "drops")
+    assert levels.lowest > 0 and levels.now.number == 0, "cheaper views give no time to tracking on a core of its own"
+    _work(levels, _rows(), 1.0, "capture", "drops", 100 * SECOND_NS)
+    assert levels.now.number >= 1, "but to capture, on the same core"
+
+
+def test_levels_are_taken_in_order_on_the_way_to_the_one_that_helps(tmp_path: Path) -> None:
     apart = {"capture": (0,), "track": (1,), "render": (0,)}
     levels = Levels(Config(), _scene(tmp_path, "warp", "estimated"), False, lambda name: apart[name])
     _work(levels, _rows(), 5.0, "track", "drops")
-    assert levels.now.number == 0, "cheaper views give no time to tracking"
-    _work(levels, _rows(), 1.0, "capture", "drops", 100 * SECOND_NS)
-    assert levels.now.number >= 1, "but to capture, on the same core"
+    assert levels.now.number == levels.lowest and levels.now.every == 2
 
 
 NAMES = ("capture", "track", "render", "record")

@@ -61,7 +61,9 @@ class Levels:
         steps = whole[:1] if self._steady or config.governor.quality == "fixed" else whole
         if steps != self._ladder:
             self._ladder = steps
-            self._governor = Governor([self._relieved(level.stage) for level in steps[1:]])
+            helped = [self._relieved(level.stage) for level in steps[1:]]
+            # Who is helped by a later level only is worth the way there: levels are taken in order.
+            self._governor = Governor([frozenset[str]().union(*helped[number:]) for number in range(len(helped))])
         self._on_camera = config.render.clock == "camera" and bool(options["tracking"])
 
     def _relieved(self, stage: str) -> frozenset[str]:

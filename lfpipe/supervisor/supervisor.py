@@ -5,14 +5,11 @@ One loop in the main thread; it never blocks on a child, and polls sockets and s
 
 from __future__ import annotations
 
-import contextlib
-import gc
 import json
 import os
 import signal
 import time
 from collections.abc import Callable
-from multiprocessing.shared_memory import SharedMemory
 from types import FrameType
 from typing import Any
 
@@ -20,17 +17,17 @@ import zmq
 
 from lfpipe import config as config_module
 from lfpipe.config import Config
-from lfpipe.errors import UserError
 from lfpipe.observe.snapshot import snapshot
 from lfpipe.supervisor import child, limits, placement, rundir
+from lfpipe.supervisor.agreement import Agreement
 from lfpipe.supervisor.desk import Desk
 from lfpipe.supervisor.levels import Levels, why
-from lfpipe.supervisor.loan import PacketLoan, PictureLoan
+from lfpipe.supervisor.memory import Memory
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.supervisor.process import MAX_FAILURES, WINDOW_S, StageProcess
-from lfpipe.supervisor.table import STAGES, consumers, picture_ring, rings
+from lfpipe.supervisor.table import STAGES, consumers
 from lfpipe.supervisor.trial import Trial
-from lfpipe.transport import control, ring, status, wake
+from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
@@ -56,20 +53,19 @@ class Supervisor:
         lock_step: bool = False,
         tell: Callable[[str], None] = print,
     ) -> None:
-        self.session, self.config, self.options, self._lossless, self._tell = session, config, options, lossless, tell
-        self._lock_step = lock_step
-        self.rev, self.paused = 1, False
+        self.session, self._lossless, self._lock_step, self._tell = session, lossless, lock_step, tell
         self.outcome: Outcome | None = None
         self._signals = 0
-        self._segments: list[SharedMemory] = []
+        self._memory: Memory | None = None
+        self.processes: dict[str, StageProcess] = {}
         self._draining_ns = 0
         self._trial = Trial(config, options)
-        self.loan, self._packets = PictureLoan(session), PacketLoan(session)
         names = [stage.name for stage in STAGES]
         where = "none" if lossless and config.governor.affinity == "auto" else config.governor.affinity
         self._cpus = placement.cores(where, names, os.sched_getaffinity(0))
         self._nice = placement.niceness(config.governor.nice, names)
-        self.levels = Levels(config, options, lossless, lambda name: self._cpus.get(name, ()))
+        self._levels = Levels(config, options, lossless, lambda name: self._cpus.get(name, ()))
+        self.agreement = Agreement(session, config, options, self._levels, self._changed)
 
     def run(self, duration_s: float | None = None) -> Outcome:
         """Runs the session to its end: a command, a signal, duration_s (from when all stages are ready), the end of the
@@ -87,17 +83,17 @@ class Supervisor:
                 self._build()
             with control.context() as ctx:
                 with rundir.filled(self.session):
-                    self._desk = Desk(ctx, self)
+                    self._desk = Desk(ctx, self.session, self.agreement.config.control, self, self._hear)
                 self._loop(duration_s)
                 assert self.outcome is not None
-                self.outcome.final = snapshot(self.session.name, self.table, self.started_ns)
+                self.outcome.final = self.state()
                 self._stop_all()
                 self._desk.serve()  # last words of the stages
                 self._desk.close()
         finally:
             for signum, handler in before.items():
                 signal.signal(signum, handler)
-            self._unlink()
+            self._remove()
             rundir.release(self.session, lock)
         return self.outcome
 
@@ -108,50 +104,32 @@ class Supervisor:
                 process.signal(signal.SIGKILL)
 
     def _build(self) -> None:
-        names = [stage.name for stage in STAGES]
-        try:
-            self._segments.append(status.create(self.session.segment("status"), names))
-            for name, spec in rings(self.config).items():
-                self._segments.append(ring.create(self.session.segment(name), spec))
-            self.options = self._packets.follow(self.config, self.options)
-        except UserError:
-            self._unlink()
-            raise
-        for name, readers in consumers().items():
-            for reader in readers:
-                wake.make(self.session.wake(name, reader))
-                wake.make(self.session.credit(name, reader))
-        self.table = status.Table(self.session.segment("status"), writable=True)
+        self._memory = Memory(self.session, self.agreement.config)
+        self.table = self._memory.table
+        self.agreement.begin()
         self._write_level()
         self.processes = {s.name: StageProcess(s, self.session, self.table.rows[s.name]) for s in STAGES}
         self.started_ns = now_ns()
         about = {"session": self.session.name, "started_ns": self.started_ns, "started": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
-        (self.session.run_dir / "session.json").write_text(json.dumps({**about, "pid": os.getpid(), "options": self.options}))
+        text = json.dumps({**about, "pid": os.getpid(), "options": self.agreement.options})
+        (self.session.run_dir / "session.json").write_text(text)
 
-    def _unlink(self) -> None:
-        self.loan.end()
-        self._packets.end()
-        for memory in self._segments:
-            with contextlib.suppress(FileNotFoundError):
-                memory.unlink()
-        if hasattr(self, "table"):
-            self.processes.clear()
-            gc.collect()  # an error answered on the way may still hold its frames, and these the rows of the table
-            self.table.close()
-        for memory in self._segments:
-            memory.close()
-        self._segments.clear()
+    def _remove(self) -> None:
+        self.agreement.end()
+        if self._memory is not None:
+            self.processes.clear()  # they hold rows of the table
+            self._memory.remove()
 
     def _spec(self, process: StageProcess) -> StageSpec:
         return StageSpec(
             name=process.stage.name,
             module=process.stage.module,
             session=self.session,
-            config=config_module.to_dict(self.config),
-            rev=self.rev,
-            options=self.options,
+            config=config_module.to_dict(self.agreement.config),
+            rev=self.agreement.rev,
+            options=self.agreement.options,
             consumers=consumers(),
-            others=tuple(s.name for s in STAGES if s is not process.stage and s.needed(self.options)),
+            others=tuple(s.name for s in STAGES if s is not process.stage and s.needed(self.agreement.options)),
             lossless=self._lossless,
             lock_step=self._lock_step,
             cpus=self._cpus.get(process.stage.name, ()),
@@ -174,13 +152,11 @@ class Supervisor:
             poller.poll(tick_ms if end_ns is None else max(0, min(tick_ms, (end_ns - now_ns()) // MS_NS + 1)))
             self._desk.serve()
             self._judge()
-            made = {name: int(p.row["seq"]) for name, p in self.processes.items() if p.stage.needed(self.options)}
-            self._trial.watch(self.config, self.options, self.applied(self.rev), made, now_ns())
+            made = {name: int(p.row["seq"]) for name, p in self.processes.items() if p.stage.needed(self.agreement.options)}
+            self._trial.watch(self.agreement.config, self.agreement.options, self.applied(self.agreement.rev), made, now_ns())
             self._govern()
-            if self.loan.overdue():
-                self.loan.end()
-                self.change(options={**self.options, "pictures": ""})
-            if not any(p.alive or p.stage.needed(self.options) for p in self.processes.values()):
+            self.agreement.end_overdue()
+            if not any(p.alive or p.stage.needed(self.agreement.options) for p in self.processes.values()):
                 why = "nothing is left to run"  # the recording has ended, and it was all
                 self.outcome = self.outcome or Outcome(why, why, "the lines above say why")
             if self._signals:
@@ -190,11 +166,11 @@ class Supervisor:
 
     def _govern(self) -> None:
         """One level of quality down or up, where the load asks for it."""
-        step = self.levels.sample(self.table.rows, now_ns())
+        step = self._levels.sample(self.table.rows, now_ns())
         if step is None:
             return
-        level, lowest, reason = self.levels.now, self.levels.lowest, why(step)
-        self.change()
+        level, lowest, reason = self._levels.now, self._levels.lowest, why(step)
+        self.agreement.change()
         self._desk.publish("level", level=level.number, lowest=lowest, words=level.words, stage=step.stage, why=reason)
         way = "lowered" if step.stage else "back"
         self._tell(f"quality {way} to {level.words} (level {level.number} of {lowest}): {reason}")
@@ -202,18 +178,18 @@ class Supervisor:
     def _write_level(self) -> None:
         """For monitors, which read the table."""
         shown = self.table.session
-        shown["level"], shown["lowest"] = self.levels.now.number, self.levels.lowest
-        shown["words"] = self.levels.now.words.encode()
+        shown["level"], shown["lowest"] = self._levels.now.number, self._levels.lowest
+        shown["words"] = self._levels.now.words.encode()
 
     def _all_ready(self) -> bool:
-        return all(int(p.row["ready_ns"]) > 0 for p in self.processes.values() if p.stage.needed(self.options))
+        return all(int(p.row["ready_ns"]) > 0 for p in self.processes.values() if p.stage.needed(self.agreement.options))
 
     def _ensure_running(self) -> None:
         for process in self.processes.values():
-            process.wanted = process.stage.needed(self.options) and not self._draining_ns
+            process.wanted = process.stage.needed(self.agreement.options) and not self._draining_ns
             if process.wanted and not process.alive and now_ns() >= process.next_start_ns:
                 process.start(self._spec(process))
-            elif process.alive and not process.stage.needed(self.options):
+            elif process.alive and not process.stage.needed(self.agreement.options):
                 self._desk.send(process.stage.name, {"cmd": "stop"})
 
     def _judge(self) -> None:
@@ -238,7 +214,8 @@ class Supervisor:
     def _failed(self, process: StageProcess, code: int) -> None:
         name, row = process.stage.name, process.row
         died_of = process.died_of() if code == child.EXIT_USER else None
-        back = self._trial.verdict(self.config, self.options, code, int(row["config_rev"]) >= self.rev)
+        agreed = self.agreement
+        back = self._trial.verdict(agreed.config, agreed.options, code, int(row["config_rev"]) >= agreed.rev)
         if back is not None:
             self._take_back(name, f"{died_of[0]} ({died_of[1]})" if died_of else f"{name} does not work by it", *back)
             return
@@ -263,13 +240,13 @@ class Supervisor:
 
     def _take_back(self, name: str, why: str, config: Config, options: dict[str, Any]) -> None:
         """Ends the trial of a change. What it cost a stage is no failure: nobody may end a session by `ctl set`."""
-        self.change(config=config, options=options)
-        self._desk.refuse(why)
+        self.agreement.change(config=config, options=options)
+        self._desk.commands.refuse(why)
         self._desk.publish("refused", stage=name, why=why)
         self._tell(f"the last change is taken back: {why}")
 
     def _drained(self) -> bool:
-        last = int(self.table.rows["capture"]["source_seq"]) - self.levels.now.every + 1  # the rest is left out
+        last = int(self.table.rows["capture"]["source_seq"]) - self._levels.now.every + 1  # the rest is left out
         rows = [self.table.rows[p.stage.name] for p in self.processes.values() if p.alive]
         return all(int(row["source_seq"]) >= last or row["state"] == State.DEAD for row in rows)
 
@@ -289,46 +266,27 @@ class Supervisor:
                 if process.alive and signum is not None:
                     process.signal(signum)
 
-    def hear(self, message: dict[str, Any]) -> None:
+    def _hear(self, message: dict[str, Any]) -> None:
         """Passes on to the person what a stage has to say to one."""
         texts = message.get("notes") or [message.get("text")]
         for text in texts if message.get("topic") in ("source", "notice", "parallax") else ():
             if isinstance(text, str):
                 self._tell(text)
 
-    def change(self, config: Config | None = None, options: dict[str, Any] | None = None, paused: bool | None = None) -> int:
-        """Takes a checked change as a whole and tells every stage; returns its revision.
+    def state(self) -> dict[str, Any]:
+        """Of every stage, as `lfpipe monitor --once --json` prints it."""
+        return snapshot(self.session.name, self.table, self.started_ns)
 
-        Raises UserError, and changes nothing, where there is no memory for the ring of a recording.
-        """
-        self.options = self._packets.follow(self.config, self.options if options is None else options)
-        self.config = self.config if config is None else config
-        self.paused = self.paused if paused is None else paused
-        self.levels.follow(self.config, self.options)
-        self.options = {**self.options, "level": self.levels.now.option()}
-        self._write_level()
-        self.rev += 1
+    def tell_stages(self, message: dict[str, Any]) -> None:
+        """Sends to every stage."""
         for name in self.processes:
-            self._desk.send(name, self.snapshot())
-        return self.rev
+            self._desk.send(name, message)
 
-    def lend_pictures(self, lease_s: float) -> bool:
-        """Has render write its pictures to the ring `loan.part` for lease_s from now; True where that is a change."""
-        if not self.loan.renew(picture_ring(self.options), lease_s):
-            return False
-        self.change(options={**self.options, "pictures": self.loan.part})
-        return True
-
-    def snapshot(self) -> dict[str, Any]:
-        """What a stage must know to work as the session does now."""
-        return {
-            "cmd": "config",
-            "rev": self.rev,
-            "config": config_module.to_dict(self.config),
-            "options": self.options,
-            "paused": self.paused,
-        }
+    def _changed(self, message: dict[str, Any]) -> None:
+        self._write_level()
+        self.tell_stages(message)
 
     def applied(self, rev: int) -> bool:
         """Whether every stage that is to run works by revision rev, and none runs that is not to."""
-        return all(int(p.row["config_rev"]) >= rev for p in self.processes.values() if p.alive or p.stage.needed(self.options))
+        options = self.agreement.options
+        return all(int(p.row["config_rev"]) >= rev for p in self.processes.values() if p.alive or p.stage.needed(options))

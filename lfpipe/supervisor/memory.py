@@ -1,0 +1,54 @@
+"""What a session stands on: the status table, the rings, the wake-ups. Made and removed by the supervisor alone."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+from multiprocessing.shared_memory import SharedMemory
+
+from lfpipe.config import Config
+from lfpipe.errors import UserError
+from lfpipe.supervisor.table import STAGES, consumers, rings
+from lfpipe.transport import ring, status, wake
+from lfpipe.transport.session import Session
+
+
+class Memory:
+    """The segments and FIFOs of a session of this configuration.
+
+    Raises UserError, and leaves nothing behind, where memory is short.
+    """
+
+    def __init__(self, session: Session, config: Config) -> None:
+        self._segments: list[SharedMemory] = []
+        self._table: status.Table | None = None
+        try:
+            self._segments.append(status.create(session.segment("status"), [stage.name for stage in STAGES]))
+            for name, spec in rings(config).items():
+                self._segments.append(ring.create(session.segment(name), spec))
+        except UserError:
+            self.remove()
+            raise
+        for name, readers in consumers().items():
+            for reader in readers:
+                wake.make(session.wake(name, reader))
+                wake.make(session.credit(name, reader))
+        self._table = status.Table(session.segment("status"), writable=True)
+
+    @property
+    def table(self) -> status.Table:
+        """The status table, whose rows nobody may hold any more when the memory is removed."""
+        assert self._table is not None
+        return self._table
+
+    def remove(self) -> None:
+        """Unlinks every segment; the FIFOs go with the run directory."""
+        for memory in self._segments:
+            with contextlib.suppress(FileNotFoundError):
+                memory.unlink()
+        if self._table is not None:
+            gc.collect()  # an error answered on the way may still hold its frames, and these the rows of the table
+            self._table.close()
+        for memory in self._segments:
+            memory.close()
+        self._segments.clear()
