@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from lfpipe.bench.sessions import cpu_s
+from lfpipe.bench.sessions import cpu_ns
 
 START_S = 4.0  # before the steady part
 
@@ -40,9 +40,9 @@ def lfpipe(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     watch = [sys.executable, "-m", "lfpipe", "monitor", "--session", name, "--once", "--json"]
     state = json.loads(subprocess.run(watch, capture_output=True, text=True, check=True).stdout)
     pids = [process.pid, *(stage["pid"] for stage in state["stages"].values() if stage["pid"])]
-    t0, cpu0 = time.monotonic(), cpu_s(pids)
+    t0, cpu0 = time.monotonic(), cpu_ns(pids)
     time.sleep(args.seconds - 1.5)
-    wall, cpu = time.monotonic() - t0, cpu_s(pids) - cpu0
+    wall, cpu = time.monotonic() - t0, (cpu_ns(pids) - cpu0) / 1e9
     state = json.loads(subprocess.run(watch, capture_output=True, text=True, check=True).stdout)
     _out, err = process.communicate()
     if process.returncode:
