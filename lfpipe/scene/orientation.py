@@ -62,6 +62,8 @@ def _greys(source: Source) -> Callable[[int, int], Grey]:
 
 def _by_flow(source: Source) -> Orientation:
     """What flow between a few views tells."""
+    if min(source.height_px, source.width_px) < SMALLEST_PX:
+        return Orientation(Turn(), "nothing", 0.0, "the views are too small to tell", f"the whole order; {_HELP}")
     rows, cols, grey = source.rows, source.cols, _greys(source)
     by_col = look_along(lambda c: grey(rows // 2, c), cols)
     by_row = look_along(lambda r: grey(r, cols // 2), rows)

@@ -162,3 +162,10 @@ def test_flow_agrees_with_truth_and_coordinates_on_samples(name: str) -> None:
     blind = attrs.evolve(source, turn=None, truth={}, coordinates=None)
     found = orient(blind, AUTO)
     assert (found.by, found.turn, found.undecided) == ("flow", SCENES[name][3], "")
+
+
+@pytest.mark.parametrize("size", [(1, 1), (6, 8), (23, 200), (11, 11)], ids=str)
+def test_views_too_small_for_flow_are_said_to_be(size: tuple[int, int]) -> None:
+    grid = np.random.default_rng(0).integers(0, 256, (3, 3, *size, 3), np.uint8)
+    found = orient(as_source(grid), AUTO)
+    assert (found.turn, found.by) == (Turn(), "nothing") and "too small" in found.said and found.undecided
