@@ -22,6 +22,14 @@ PLAIN = ("render.method=nearest", "render.anaglyph=colour", "render.alpha_px=12"
 PATIENCE_S = 20.0
 
 
+def runs(pid: int) -> bool:
+    """Whether a process is there and not ended: one whose parent was killed may wait long for init to take its exit code."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
 class WatchedSession:
     """Runs from the constructor to `end`. scene None: one whose every picture is of a single colour, and looked at as well."""
 
@@ -124,7 +132,7 @@ class WatchedSession:
         self.supervisor.kill()
         begin = time.monotonic()
         self.supervisor.wait()
-        self.world.wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "end of the stages", PATIENCE_S)
+        self.world.wait_for(lambda: not any(runs(pid) for pid in pids), "end of the stages", PATIENCE_S)
         gone_s = time.monotonic() - begin
         self.world.wait_for(lambda: not self.world.left(), "sweeping by the last of them", PATIENCE_S)
         self._log.close()

@@ -11,7 +11,7 @@ import pytest
 from lfpipe.supervisor import rundir
 from lfpipe.transport import control, status
 from lfpipe.transport.session import Session
-from tests.faults.session import WatchedSession
+from tests.faults.session import WatchedSession, runs
 from tests.world import World, write_scene
 
 SMALL = (
@@ -28,7 +28,7 @@ WITHIN_S = 1.0  # after its supervisor was killed a stage may live so long
 
 
 def _gone(pids: list[int]) -> bool:
-    return not any(Path(f"/proc/{pid}").exists() for pid in pids)
+    return not any(runs(pid) for pid in pids)
 
 
 def test_stages_do_not_outlive_a_killed_supervisor(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
