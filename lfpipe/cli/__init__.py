@@ -27,7 +27,10 @@ from lfpipe.errors import UserError
 
 
 class Suggesting(click.Group):
-    """A group that asks "did you mean" for its commands, as click does for options."""
+    """A group that asks "did you mean" for its commands, as click does for options, and lists them in the order of their use."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
         try:
@@ -47,7 +50,7 @@ def cli() -> None:
     """
 
 
-@cli.command()
+@click.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
     """Print the completion script of a shell: eval "$(lfpipe completion bash)"."""
@@ -58,7 +61,25 @@ def completion(shell: str) -> None:
     click.echo(made(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").source())
 
 
-for command in (up, monitor, ctl, scene, config, doctor, trace, cameras, calibrate, bench, record, sequence, replay, keys):
+COMMANDS = (  # in the order in which a person meets them, with the line that fits the list of them
+    (up, "Show a light field from where your eyes are."),
+    (monitor, "Latency, rate, drops and load of a running session."),
+    (ctl, "Ask and command a running session."),
+    (scene, "Pack, list and look at light fields."),
+    (cameras, "List cameras with formats, sizes and rates."),
+    (calibrate, "Find the camera's focal length and keep it."),
+    (doctor, "Check this machine, with remedies."),
+    (config, "Write, show and check the configuration."),
+    (trace, "Timelines of a running session, for Perfetto."),
+    (record, "Record a camera to a new folder."),
+    (replay, "Run a recorded sequence; compare with a reference."),
+    (sequence, "Look at, cut, import and export recordings."),
+    (bench, "Measure error against run time."),
+    (keys, "Keys for a session driven over a network."),
+    (completion, "Print the completion script of a shell."),
+)
+for command, line in COMMANDS:
+    command.short_help = line
     cli.add_command(command)
 
 

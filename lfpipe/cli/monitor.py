@@ -21,7 +21,7 @@ def monitor(
     """Show latency, rate, drops and load of every stage of a running session.
 
     On a terminal: a screen, four times a second; several may watch at once, and it waits for a session that starts again.
-    Keys: q quit, p pause, r reset, t take a trace, w warp on and off, c recentre.
+    Keys: q quit, p pause, r reset, t take a trace, w warp on and off, m mode, c recentre.
     """
     from lfpipe.transport.session import default_name
 

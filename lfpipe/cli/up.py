@@ -8,8 +8,15 @@ import click
 
 from lfpipe.cli.options import with_config, with_session
 
+EXAMPLES = """\b
+Examples:
+  lfpipe up --demo
+  lfpipe up boxes/ --display fullscreen --set screen.monitor=1
+  lfpipe up boxes/ --camera 'file:me.mp4?loop=1' --display none --duration 20 --trace t.jsonl
+"""
 
-@click.command()
+
+@click.command(epilog=EXAMPLES)
 @click.argument("scene", required=False, type=click.Path(path_type=Path))
 @click.option(
     "--camera", "camera", metavar="SRC", help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo."
@@ -33,7 +40,10 @@ def up(
     sets: tuple[str, ...],
     config_file: str | None,
 ) -> int:
-    """Show SCENE, a folder or file that holds a light field, from where the viewer's eyes are."""
+    """Show SCENE, a folder or file that holds a light field, from where the viewer's eyes are.
+
+    Nothing is asked: camera, layout, method and alpha are found out, and said in five lines. In the window h shows the keys.
+    """
     from lfpipe.cli import launch
 
     wish = launch.Wish(scene, camera, display, duration_s, trace, demo, session_name, sets, config_file)
