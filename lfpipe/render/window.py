@@ -190,7 +190,7 @@ class Window:
             self._draw()
 
     def _make_panel(self) -> None:
-        lines = [*self._lines, *([f"{key}   {text}" for key, (_, text) in KEYS.items()] if self._help else [])]
+        lines = [*self._lines, *([f"{key}\t{text}" for key, (_, text) in KEYS.items()] if self._help else [])]
         if self._hint and not lines:
             lines = [self._hint]
         if not lines:
