@@ -43,7 +43,7 @@ def measurements(video: Path) -> list[NDArray[np.float64] | None]:
 
 
 def on_screen(truth: Truth, measured: list[NDArray[np.float64] | None], one: EyeFilter, display: bool) -> tuple[float, float]:
-    """Error and jitter in px, as eyes_displayed.py defines them."""
+    """Error and jitter in px, as eyes_displayed.py defines them; no jitter (NaN) where the head is never known to rest."""
     shown_ns, used, due_ns = [], [], 3_000_000
     for i, eyes in enumerate(measured):
         t_ns = int(truth.t_ns[i])
@@ -66,12 +66,13 @@ def on_screen(truth: Truth, measured: list[NDArray[np.float64] | None], one: Eye
     seen = truth.visible_ns[row] >= 0
     still = (truth.still_ns[row] >= 0) & (t - truth.still_ns[row] > 400_000_000)
     eyes_used = np.array(used)[now]
-    error = eyes_used - truth.at(t)
+    error = np.square(eyes_used - truth.at(t))[seen]
+    off_px = float(np.sqrt(error.sum(axis=(1, 2)).mean() / 2))
+    if not still.any():
+        return off_px, math.nan
     shaken = [eyes_used[still & (truth.still_ns[row] == start)] for start in np.unique(truth.still_ns[row][still])]
     spread = np.concatenate([part - part.mean(axis=0) for part in shaken])
-    return float(np.sqrt(np.square(error[seen]).sum(axis=(1, 2)).mean() / 2)), float(
-        np.sqrt(np.square(spread).sum(axis=(1, 2)).mean() / 2)
-    )
+    return off_px, float(np.sqrt(np.square(spread).sum(axis=(1, 2)).mean() / 2))
 
 
 def update_us(one: EyeFilter) -> float:

@@ -18,9 +18,10 @@ Float = NDArray[np.float64]
 class Displayed:
     """A trace beside the truth, sampled every millisecond while a picture is on the screen.
 
-    rows: of a trace, in order. A picture stays from its t_presented_ns until the next one's. Its frame ties the clocks together:
-    truth at time t is the truth at the frame's own time plus t - t_sensor_ns. The first second is left out: every tracker has to
-    find the face first. Raises ValueError where nothing of the trace lies within the truth.
+    rows: of a trace, in order. A picture stays from its t_presented_ns until the next one's. Its frame ties the clocks
+    together: truth at time t is the truth at the frame's own time plus t - t_sensor_ns. The first second is left out: every
+    tracker has to find the face first; and the half second after a looped file starts over, where the head leaps as no head
+    does. Raises ValueError where nothing of the trace lies within the truth.
     """
 
     def __init__(self, truth: Truth, rows: list[dict[str, Any]]) -> None:
@@ -33,7 +34,8 @@ class Displayed:
         t_ns = np.arange(shown_ns[0] + SKIP_NS, shown_ns[-1], STEP_NS)
         now = np.searchsorted(shown_ns, t_ns, side="right") - 1
         true_ns = t_ns + offset_ns[now]
-        inside = (true_ns >= 0) & (true_ns <= truth.t_ns[-1])
+        first_round = np.array([row["source_seq"] < len(truth.t_ns) for row in rows])[now]
+        inside = (true_ns >= np.where(first_round, 0, SETTLE_NS)) & (true_ns <= truth.t_ns[-1])
         self.now: NDArray[np.intp] = now[inside]
         self.true_ns = true_ns[inside]
         if not len(self.now):

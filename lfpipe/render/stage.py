@@ -64,7 +64,6 @@ def main(context: Context) -> None:
             if any(word == "recentre" for word, _ in context.commands()):
                 viewer.recentre()
                 presenter.redraw()
-            keys.serve()
             fresh = presenter.take()
             lead_ns = presenter.cost_ns + MARGIN_NS
             if fresh is not None and refresh is not None:
@@ -79,6 +78,7 @@ def main(context: Context) -> None:
                 missed = refresh.missed
                 refresh.advance(now_ns())
                 context.row["missed"] += refresh.missed - missed
+            keys.serve()  # after the picture: what was pressed can wait for the next one
     finally:
         if options["still"] and presenter.picture is not None:
             context.emit("notice", text=save(Path(options["still"]), presenter.picture))

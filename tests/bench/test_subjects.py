@@ -144,6 +144,11 @@ def test_displayed_error_of_a_known_trace() -> None:
     beside = Displayed(truth, rows)
     assert beside.figures()["error"] == pytest.approx(1.0, rel=0.05) and math.isnan(beside.figures()["jitter"])
     assert beside.view_error(100.0, (400.0, 240.0), (9, 9)) == pytest.approx(0.01, rel=0.05)
+    leap_ms, wrong = 3300, {"left": [0.0, 0.0], "right": [0.0, 0.0]}  # the file starts over, and the filter has yet to follow
+    again = [row | {"source_seq": 120, "t_sensor_ns": leap_ms * 1_000_000, "eyes_used": wrong} for row in rows if
+             row["t_presented_ns"] > leap_ms * 1_000_000]  # fmt: skip
+    looped = Displayed(truth, [row for row in rows if row["t_presented_ns"] <= leap_ms * 1_000_000] + again)
+    assert looped.figures()["error"] == pytest.approx(1.0, rel=0.05)
 
 
 def test_storage_and_anaglyph_tell_what_is_exact(tmp_path: Path) -> None:
