@@ -120,6 +120,8 @@ def turn(watch: Watch, what: str, seconds: float, process: subprocess.Popen[byte
     own_ns = cpu_ns(process.pid) if process is not None else 0
     time.sleep(seconds)
     spent_ns = cpu_ns(process.pid) - own_ns if process is not None else 0
+    if not watch.living():
+        raise SystemExit("the session ended: the machine is too busy to measure on, see what it said above")
     share, after = 100 * spent_ns / (time.monotonic_ns() - start_ns), counts(watch)
     drops = ", ".join(f"{name} {after[0][name] - before[0][name]}" for name in after[0])
     cost = "" if process is None else f"{share:.2f} %"
@@ -178,7 +180,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XDG_RUNTIME_DIR"] = folder
         quiet = ["--display", "none", "--set", "governor.quality=fixed", "--session", NAME]
-        session = subprocess.Popen([*COMMAND, "up", "--demo", *quiet], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        session = subprocess.Popen([*COMMAND, "up", "--demo", *quiet], stdout=subprocess.DEVNULL)
         try:
             report(args.seconds, args.cycles)
         finally:

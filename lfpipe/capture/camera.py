@@ -90,7 +90,7 @@ def configure(device: Device, camera: config.Camera) -> tuple[int, int, float, t
 
 def _others(path: Path) -> str:
     there = ", ".join(f"camera:{camera.path} ({camera.name})" for camera in cameras() if camera.path != path)
-    return f"cameras here: {there}" if there else "no camera is here: use --demo, or a recording with --camera file:PATH"
+    return f"cameras here: {there}" if there else "no camera is here: use --camera demo, or a recording with --camera file:PATH"
 
 
 def check_device(path: Path) -> None:

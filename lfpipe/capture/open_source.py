@@ -22,7 +22,7 @@ def resolve(text: str) -> Spec:
         return parse_source(text)
     found = cameras()
     if not found:
-        raise UserError("no camera found", "use --demo, or a recording with --camera file:PATH")
+        raise UserError("no camera found", "use --camera demo, or a recording with --camera file:PATH")
     return CameraSpec(found[0].path)
 
 

@@ -159,7 +159,7 @@ def checks() -> list[Check]:
     from lfpipe.transport.session import Session
 
     found = cameras()
-    none = Check("camera", True, "none", "use --demo, or a recording with --camera file:PATH")
+    none = Check("camera", True, "none", "use --camera demo, or a recording with --camera file:PATH")
     return [
         python(),
         opencv(opencv_distributions()),

@@ -20,7 +20,7 @@ _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
 _DARK = 0.2  # mean of a view below which it is lifted
 _FLOW_WINS = 0.75  # how sure the flow has to be to contradict the habit of a layout
 _FLAT_PX = 0.05  # per step: below this the flow is noise
-_HELP = "--flip rows|cols|both and --transpose turn it"
+_HELP = "scene.flip=rows, cols or both and scene.transpose=yes turn it"
 
 
 @attrs.frozen

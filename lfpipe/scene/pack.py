@@ -63,7 +63,7 @@ def _gamma(source: Source, scene: config.Scene) -> tuple[float, str]:
         key=lambda place: abs(place[0] - source.rows // 2) + abs(place[1] - source.cols // 2),
     )
     if tone.looks_linear(source.read(0, *middle), source.max_value):
-        return tone.SCREEN_GAMMA, "dark with black corners, as undeveloped plenoptic pictures are; --gamma 1 leaves it as it is"
+        return tone.SCREEN_GAMMA, "dark with black corners, as undeveloped plenoptic pictures are; scene.gamma=1 leaves it so"
     return 1.0, ""
 
 

@@ -164,7 +164,7 @@ def test_real_errors_of_real_paths(path: str, says: str, capfd: pytest.CaptureFi
 def test_no_camera_at_all_names_the_ways_out() -> None:
     with pytest.raises(UserError, match="no camera found") as told:
         check_source("", config.Camera())
-    assert "--demo" in told.value.remedy and "file:" in told.value.remedy
+    assert "--camera demo" in told.value.remedy and "file:" in told.value.remedy
 
 
 @given(st.integers(0, 2**31 - 1), st.integers(0, 2**32 - 1), st.booleans())

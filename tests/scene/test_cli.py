@@ -62,7 +62,7 @@ def test_info_for_people_names_the_override(shell: Shell, folder: Path, tmp_path
     assert "rows reversed" in shell.text("info", folder)
     assert "as told" in shell.text("info", folder, "--flip", "both")
     same = made.write_grid(tmp_path / "same", np.broadcast_to(made.texture(48, 64, 2), (2, 2, 48, 64, 3)))
-    assert "--flip" in shell.text("info", same)
+    assert "scene.flip" in shell.text("info", same)
 
 
 def test_view_is_canonical_and_fractions_are_made(shell: Shell, folder: Path, tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def test_views_without_difference_are_undecided() -> None:
     same = np.broadcast_to(made.texture(96, 128, 7), (3, 3, 96, 128, 3))
     found = orient(as_source(same), AUTO)
     assert found.turn == Turn()
-    assert "--flip" in found.undecided
+    assert "scene.flip" in found.undecided
     assert found.sure < 0.5
 
 

@@ -57,6 +57,6 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> Source:
         some = ", ".join(listing.names[:3] or listing.folders[:3])
         raise UserError(
             f"{listing.path}: no layout of a light field recognised ({some}, ...)",
-            f"name it with --layout, one of: {', '.join(known)}; an archive has to be unpacked first",
+            f"name it with --set scene.layout=NAME, one of: {', '.join(known)}; an archive has to be unpacked first",
         )
     return max(marks, key=lambda pair: pair[0])[1].describe(listing, scene)

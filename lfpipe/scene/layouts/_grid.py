@@ -23,7 +23,7 @@ def asked_grid(text: str) -> Place | None:
         return None
     found = re.fullmatch(r"\s*(\d{1,4})\s*[xX×]\s*(\d{1,4})\s*", text)
     if not found or int(found[1]) * int(found[2]) == 0:
-        raise UserError(f"scene.grid: {text!r} is not ROWSxCOLS", "for example --grid 9x9")
+        raise UserError(f"scene.grid: {text!r} is not ROWSxCOLS", "for example --set scene.grid=9x9")
     return int(found[1]), int(found[2])
 
 
@@ -49,7 +49,7 @@ def named_grid(pairs: Mapping[Place, str], listing: Listing) -> tuple[dict[Place
     if counts[0] * counts[1] > 16 * len(pairs) + 64:
         raise UserError(
             f"{listing.path}: the names span {counts[0]}x{counts[1]} views, {len(pairs)} files are there",
-            "are the last two numbers of the names row and column? Name another layout with --layout",
+            "are the last two numbers of the names row and column? Name another layout with --set scene.layout=NAME",
         )
     files = {((r - lows[0]) // steps[0], (c - lows[1]) // steps[1]): listing.file(name) for (r, c), name in pairs.items()}
     return files, counts[0], counts[1]
@@ -62,7 +62,7 @@ def require_whole(listing: Listing, files: Mapping[Place, Path], rows: int, cols
         some = ", ".join(f"row {r} column {c}" for r, c in holes[:6]) + (f" and {len(holes) - 6} more" if len(holes) > 6 else "")
         raise UserError(
             f"{listing.path}: {len(holes)} of {rows}x{cols} views missing: {some} (counted from 0; a file like {example})",
-            "fetch the missing files, or give the true grid with --grid ROWSxCOLS",
+            "fetch the missing files, or give the true grid with --set scene.grid=ROWSxCOLS",
         )
 
 

@@ -154,11 +154,11 @@ def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling:
     height, width = picture.shape[:2]
     grid = asked_grid(scene.grid) or find_tiles(picture, f"{path.parent.name}/{path.stem}")
     if grid is None:
-        raise UserError(f"{path}: no tiles recognised in {width}x{height} px", "give them with --grid ROWSxCOLS")
+        raise UserError(f"{path}: no tiles recognised in {width}x{height} px", "give them with --set scene.grid=ROWSxCOLS")
     if height % grid[0] or width % grid[1]:
         raise UserError(
             f"{path}: {width}x{height} px do not divide into {grid[0]} rows and {grid[1]} columns of tiles",
-            "give the grid that was rendered with --grid ROWSxCOLS",
+            "give the grid that was rendered with --set scene.grid=ROWSxCOLS",
         )
     return quilted(picture, *grid) if not scene.grid else Tiling(*grid)
 

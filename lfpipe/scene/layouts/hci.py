@@ -83,7 +83,7 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     rows, cols = grid
     if max(views) >= rows * cols:
         last = views[max(views)]
-        raise UserError(f"{listing.path}: {last} lies beyond the grid of {rows}x{cols}", "give the grid with --grid ROWSxCOLS")
+        raise UserError(f"{listing.path}: {last} lies beyond the grid of {rows}x{cols}", "name it by --set scene.grid=ROWSxCOLS")
     files = {divmod(index, cols): listing.file(name) for index, name in views.items()}
     require_whole(listing, files, rows, cols, views[min(views)])
     truth: dict[tuple[int, int], Callable[[], NDArray[np.float32]]] = {}

@@ -104,7 +104,7 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
         load = picture_loader(paths)
         load(0)
     if not asked_grid(scene.grid) and find_tiles(first, f"{paths[0].parent.name}/{paths[0].stem}") is None:
-        raise UserError(f"{paths[0]}: its first frame is no mosaic of views", "give the tiles with --grid ROWSxCOLS")
+        raise UserError(f"{paths[0]}: its first frame is no mosaic of views", "give the tiles with --set scene.grid=ROWSxCOLS")
     cut = tiling(first, paths[0], scene)
     view = cut.cut(first, 0, 0)
     return Source(

@@ -92,7 +92,7 @@ def found_order(unlike: _Likeness, count: int, grid: tuple[int, int] | None) -> 
     best = min(scores, key=lambda key: (scores[key] * (1.0 if min(key[:2]) > 1 else 1.02), abs(key[0] - key[1]), key[2]))
     backwards = ", every other one backwards" if best[2] else ""
     shape = "a line" if min(best[:2]) == 1 else f"{best[0]} groups of {best[1]}{backwards}"
-    return (*best, f"numbered views taken as {shape}: neighbours are most alike so; --grid ROWSxCOLS tells another")
+    return (*best, f"numbered views taken as {shape}: neighbours are most alike so; --set scene.grid=ROWSxCOLS tells another")
 
 
 def describe(listing: Listing, scene: config.Scene) -> Source:
@@ -109,7 +109,7 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     names = [views[number] for number in sorted(views)]
     grid = asked_grid(scene.grid)
     if grid and grid[0] * grid[1] != len(names):
-        raise UserError(f"{listing.path}: {len(names)} views do not make {grid[0]}x{grid[1]}", "--grid ROWSxCOLS has to fit")
+        raise UserError(f"{listing.path}: {len(names)} views do not make {grid[0]}x{grid[1]}", "scene.grid has to fit")
     rows, cols, snake, why = found_order(_Likeness(listing, names), len(names), grid)
     files = {_place(number, cols, snake): listing.file(name) for number, name in enumerate(names)}
     require_whole(listing, files, rows, cols, names[0])

@@ -33,14 +33,14 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     if grid is None and named:
         grid = int(named[2]), int(named[1])
     if grid is None:
-        raise UserError(f"{path}: the name does not tell the tiles (_qsCOLSxROWS)", "give them with --grid ROWSxCOLS")
+        raise UserError(f"{path}: the name does not tell the tiles (_qsCOLSxROWS)", "give them with --set scene.grid=ROWSxCOLS")
     picture, full = read_picture(path)
     height, width = picture.shape[:2]
     rows, cols = grid
     if rows * cols == 0 or ((height % rows or width % cols) and (width, height, cols, rows) not in _CROPPED):
         raise UserError(
             f"{path}: {width}x{height} px do not divide into {cols} columns and {rows} rows of tiles",
-            "the name says _qsCOLSxROWS; give the tiles that were rendered with --grid ROWSxCOLS",
+            "the name says _qsCOLSxROWS; give the tiles that were rendered with --set scene.grid=ROWSxCOLS",
         )
     cut, load = Tiling(rows, cols, quilt=True), picture_loader([path])
     return Source(

@@ -51,6 +51,6 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     files, rows, cols = named_grid(pairs, listing)
     grid = asked_grid(scene.grid)
     if grid is not None and grid != (rows, cols):
-        raise UserError(f"{listing.path}: the names say {rows}x{cols}, --grid says {grid[0]}x{grid[1]}", "leave --grid away")
+        raise UserError(f"{listing.path}: the names say {rows}x{cols}, scene.grid says {grid[0]}x{grid[1]}", "leave the key away")
     require_whole(listing, files, rows, cols, next(iter(pairs.values())))
     return files_source(NAME, listing, files, rows, cols)
