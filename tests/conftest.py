@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +16,10 @@ import pytest
 from lfpipe.transport.segment import SHM_DIR
 from tests.world import World, write_scene
 from tests.xvfb_screen import Screen
+
+# Hundreds of processes start in these tests: where bytecode is not kept, each compiles everything anew, which is minutes.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 
 @pytest.fixture

@@ -34,6 +34,7 @@ class StageProcess:
         self.next_start_ns = 0
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
         self.wanted = False
+        self._condemned = False  # killed for a hang, and not ended yet
         self._judged_ns = self._excused_ns = now_ns()
 
     @property
@@ -47,6 +48,7 @@ class StageProcess:
         if self.row["pid"]:
             self.row["restarts"] += 1
         self.row["state"], self.row["ready_ns"], self.row["started_ns"] = State.STARTING, 0, now_ns()
+        self._condemned = False
         self.process = multiprocessing.get_context("spawn").Process(
             target=child.run, args=(spec, os.getpid()), name=f"lfpipe-{self.stage.name}", daemon=True
         )
@@ -74,7 +76,7 @@ class StageProcess:
         if t_ns - self._judged_ns > ASLEEP_S * 1e9:
             self._excused_ns = t_ns
         self._judged_ns = t_ns
-        if self.process is None or self.row["state"] == State.STOPPING:
+        if self.process is None or self._condemned or self.row["state"] == State.STOPPING:
             return ""
         if not self.row["ready_ns"]:
             waited_s = (t_ns - max(int(self.row["started_ns"]), self._excused_ns)) / 1e9
@@ -82,11 +84,14 @@ class StageProcess:
         silent_s = (t_ns - max(int(self.row["beat_ns"]), self._excused_ns)) / 1e9
         return f"no beat for {silent_s:.1f} s" if silent_s > self.stage.hang_s else ""
 
-    def ask_stack(self) -> str:
-        """What the process does now, as faulthandler sees it."""
+    def condemn(self) -> str:
+        """Kills a hung process, once; what it did before, as faulthandler sees it. On a stalled machine its end may take long."""
         self.signal(signal.SIGUSR1)
         time.sleep(0.05)
-        return self.last_stack()
+        stack = self.last_stack()
+        self.signal(signal.SIGKILL)
+        self._condemned = True
+        return stack
 
     def last_stack(self) -> str:
         """What the process was asked for, or left when it died of an error; empty where it was killed."""

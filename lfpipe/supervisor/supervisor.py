@@ -196,9 +196,7 @@ class Supervisor:
         for process in self.processes.values():
             name = process.stage.name
             if why := process.overdue():
-                stack = process.ask_stack()
-                process.signal(signal.SIGKILL)
-                self._tell(f"{name}: {why}, killed\n{stack}".rstrip())
+                self._tell(f"{name}: {why}, killed\n{process.condemn()}".rstrip())
             code = process.reap()
             if code is None:
                 continue

@@ -135,6 +135,7 @@ def _used(state: dict[str, dict[str, dict[str, int]]]) -> int:
     return track["count"] + track["dropped"] + track["left_out"]
 
 
+@pytest.mark.soak
 def test_a_stage_that_starts_again_works_at_the_level_in_force(world: World, deep: Path, hogs: Hogs) -> None:
     world.up(deep, "--set", "render.method=warp2", "--set", "render.rate_hz=60")
     world.pictures(150)
@@ -170,6 +171,7 @@ def test_frames_left_out_by_tracking_are_not_counted_as_lost_and_no_eyes_are_mad
     world.wait_for(lambda: _level(world) == 0, "full quality again", 60)
 
 
+@pytest.mark.soak
 def test_fixed_quality_is_left_alone(world: World, deep: Path, hogs: Hogs) -> None:
     world.up(deep, "--set=render.method=warp2", "--set=render.rate_hz=60", "--set=governor.quality=fixed")
     world.pictures(100)

@@ -63,7 +63,7 @@ def _stopped(world: World, pids: list[int], for_s: float) -> tuple[int, int]:
     return t_stop_ns, t_go_ns
 
 
-@pytest.mark.parametrize("clock", ["camera", "display"])
+@pytest.mark.parametrize("clock", [pytest.param("camera", marks=pytest.mark.soak), "display"])
 def test_stopped_and_continued_each_process_and_all_are_back_at_rate(world: World, scene: Path, clip: Path, clock: str) -> None:
     source = f"file:{clip}?loop=1&pace={RATE_HZ}"
     sets = ("--set", f"render.clock={clock}", "--set", f"render.rate_hz={RATE_HZ}", "--set", "render.method=nearest")
