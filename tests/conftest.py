@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from tests.xvfb_screen import Screen
 # Hundreds of processes start in these tests: where bytecode is not kept, each compiles everything anew, which is minutes.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a runner in the background has it ignored, and hands that down
 
 
 @pytest.fixture

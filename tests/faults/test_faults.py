@@ -16,7 +16,7 @@ MANY = pytest.param(500, marks=(pytest.mark.soak, pytest.mark.timeout(7200)))
 
 
 @pytest.mark.timeout(240)
-@pytest.mark.parametrize("count", [8, MANY])
+@pytest.mark.parametrize("count", [len(LETHAL) + len(HARMLESS), MANY])
 def test_a_session_outlives_a_row_of_random_faults(world: World, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
     session = WatchedSession(world, size_px=(320, 240))
