@@ -85,6 +85,7 @@ def run(loop: Loop) -> dict[str, Any]:
     latency, track, render = list[float](), list[float](), list[float]()
     lines, hits = list[str](), 0
     start = cpu = 0.0
+    t_first_ns = 0
     for i in itertools.count(-WARM_UP):
         if i == 0:
             start, cpu = time.perf_counter(), time.process_time()
@@ -111,6 +112,7 @@ def run(loop: Loop) -> dict[str, Any]:
             picture = right.copy()
             picture[..., 2] = left[..., 2]
         t_done_ns = time.monotonic_ns()
+        t_first_ns = t_first_ns or (t_done_ns if recent else 0)
         if i < 0:
             continue
         hits += bool(result.multi_face_landmarks)
@@ -133,6 +135,7 @@ def run(loop: Loop) -> dict[str, Any]:
         "track_ms": quantiles_ms(track),
         "render_ms": quantiles_ms(render),
         "cpu_cores": round((time.process_time() - cpu) / wall, 3),
+        "t_first_picture_ns": t_first_ns,
     }
 
 
