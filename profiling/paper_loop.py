@@ -39,7 +39,8 @@ def main() -> None:
         (width, height), args.decode, args.trace,
     )  # fmt: skip
     found = run(loop)
-    print(json.dumps({**found, "first_picture_s": round((found.pop("t_first_picture_ns") - START_NS) / 1e9, 3)}))
+    found["first_picture_s"] = round((found.pop("t_first_picture_ns") - START_NS) / 1e9, 3)
+    print(json.dumps(found))
 
 
 if __name__ == "__main__":
