@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.config import Config
-from lfpipe.config_text import commented
+from lfpipe.config.text import commented
 from lfpipe.errors import UserError
 
 

@@ -19,7 +19,7 @@ def config() -> None:
 def init(path: Path | None) -> None:
     """Write every key with its default, unit and meaning to PATH, or to your own settings."""
     from lfpipe.config import user_file
-    from lfpipe.config_text import commented
+    from lfpipe.config.text import commented
     from lfpipe.errors import UserError
 
     path = path or user_file()
@@ -38,7 +38,7 @@ def init(path: Path | None) -> None:
 def show(config_file: str | None, sets: tuple[str, ...]) -> None:
     """Print the configuration as `lfpipe up` would use it."""
     from lfpipe.config import load
-    from lfpipe.config_text import commented
+    from lfpipe.config.text import commented
 
     click.echo(commented(load(config_file, sets)), nl=False)
 

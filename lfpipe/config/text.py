@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any, get_args
 
-from lfpipe.config import Config, Opt, options, to_dict
+from lfpipe.config.tree import Config, Opt, options, to_dict
 
 
 def _range(kind: Any, opt: Opt) -> str:

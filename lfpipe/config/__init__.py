@@ -1,0 +1,45 @@
+"""One frozen tree of typed values from TOML; every error names the key, the value and the remedy.
+
+`tree` says which keys there are, `check` what they may be, `layers` where their values come from, `text` writes them for people.
+"""
+
+from lfpipe.config.check import from_dict, updated
+from lfpipe.config.layers import load, parse_set, user_file
+from lfpipe.config.tree import (
+    Camera,
+    Config,
+    Control,
+    Governor,
+    Opt,
+    Render,
+    Replay,
+    Scene,
+    Screen,
+    Track,
+    choices,
+    options,
+    to_dict,
+    trusted,
+)
+
+__all__ = [
+    "Camera",
+    "Config",
+    "Control",
+    "Governor",
+    "Opt",
+    "Render",
+    "Replay",
+    "Scene",
+    "Screen",
+    "Track",
+    "choices",
+    "from_dict",
+    "load",
+    "options",
+    "parse_set",
+    "to_dict",
+    "trusted",
+    "updated",
+    "user_file",
+]

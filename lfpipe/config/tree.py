@@ -1,0 +1,135 @@
+"""Every key with its type, default and meaning. `Opt` carries what the type cannot: unit, range, and whether a running session
+takes the change (`live`).
+"""
+
+from collections.abc import Mapping
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import attrs
+
+
+@attrs.frozen
+class Opt:
+    """What a value means and may be. low and high are inclusive; live: `lfpipe ctl set` may change it."""
+
+    doc: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    live: bool = False
+
+
+@attrs.frozen
+class Camera:
+    source: Annotated[str, Opt("camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found")] = ""
+    width_px: Annotated[int, Opt("frame width asked of the camera; frames of another size are scaled", "px", 16, 7680)] = 640
+    height_px: Annotated[int, Opt("frame height asked of the camera", "px", 16, 4320)] = 480
+    rate_hz: Annotated[float, Opt("frame rate asked of the camera, and of a file without a rate of its own", "Hz", 0.1, 1000)] = 30.0
+    format: Annotated[Literal["auto", "MJPG", "YUYV"], Opt("pixel format asked of the camera; auto: YUYV up to 640x480, MJPG above")] = "auto"
+    focal_px: Annotated[float | Literal["auto"], Opt("focal length at width_px, as `lfpipe calibrate` finds it; auto: from fov_deg", "px", 1, 100000, live=True)] = "auto"
+    fov_deg: Annotated[float, Opt("horizontal field of view, used while focal_px is auto", "deg", 5, 175, live=True)] = 56.0
+
+
+@attrs.frozen
+class Track:
+    engine: Annotated[Literal["litert", "mediapipe"], Opt("litert: the landmark network in-thread; mediapipe: FaceMesh, as in the paper")] = "litert"
+    filter: Annotated[Literal["predictive", "one-euro", "kalman", "mean"], Opt("smoothing of the eye positions; mean is the paper's", live=True)] = "predictive"
+    mean_k: Annotated[int, Opt("frames in the moving average of filter = mean", "frames", 1, 1000, live=True)] = 5
+    refine: Annotated[bool, Opt("refine the eye centres with the iris network, and learn the viewer's own distance between the eyes from the iris")] = False
+
+
+@attrs.frozen
+class Render:
+    clock: Annotated[Literal["display", "camera"], Opt("display: a picture for every refresh, eyes predicted to it; camera: one picture per camera frame, as in the paper")] = "display"
+    rate_hz: Annotated[float, Opt("refresh rate of the display clock", "Hz", 1, 1000)] = 60.0
+    method: Annotated[Literal["auto", "nearest", "blend", "warp", "warp2"], Opt("how a view between the stored views is made; nearest is the paper's", live=True)] = "auto"
+    alpha_px: Annotated[float | Literal["auto", "true"], Opt("camera pixels between neighbouring views of the grid; auto: from geometry and comfort; true: depth as in nature", "px", 1e-9, 1e9, live=True)] = "auto"
+    anaglyph: Annotated[
+        Literal["colour", "grey", "half-colour", "wimmer", "dubois", "dubois-green-magenta", "dubois-amber-blue", "mono", "side-by-side", "row-interleaved"],
+        Opt("how the two eyes' views share one picture; colour is the paper's", live=True),
+    ] = "dubois"
+    light: Annotated[Literal["linear", "gamma"], Opt("where matrices with cross terms are applied: linear light, or code values", live=True)] = "linear"
+    ghost_compensation: Annotated[float, Opt("how much of the light that leaks through the other eye's glass is taken out; nothing with dubois-amber-blue", "%", 0, 100, live=True)] = 0.0
+    zero_plane_px: Annotated[float, Opt("disparity that lies in the plane of the screen", "px/view", -1000, 1000, live=True)] = 0.0
+    extrapolate_views: Annotated[float, Opt("how far beyond the grid the viewpoint may go", "views", 0, 16, live=True)] = 2.0
+    swap_eyes: Annotated[bool, Opt("exchange the eyes, for glasses worn or printed the other way round", live=True)] = False
+    display_ms: Annotated[float, Opt("time from handing a picture to the display to light, added to the prediction", "ms", 0, 1000, live=True)] = 0.0
+
+
+@attrs.frozen
+class Screen:
+    monitor: Annotated[int | str, Opt("monitor for the window and for the full screen: its number or a part of its name, as `lfpipe doctor` lists them; empty: wherever the window is")] = ""
+    width_mm: Annotated[float | Literal["auto"], Opt("width of the picture on the screen; auto: as the monitor tells its size, 530 where it does not", "mm", 10, 20000, live=True)] = "auto"
+    distance_mm: Annotated[float | Literal["auto"], Opt("viewer to screen; auto: from the distance between the eyes in the camera picture", "mm", 50, 50000, live=True)] = "auto"
+
+
+@attrs.frozen
+class Scene:
+    layout: Annotated[str, Opt("name of the layout on disk; auto: found out (`lfpipe scene info`)")] = "auto"
+    grid: Annotated[str, Opt("ROWSxCOLS where the files do not tell it; empty: found out")] = ""
+    flip: Annotated[Literal["auto", "none", "rows", "cols", "both"], Opt("turn the order of the views; auto: found out")] = "auto"
+    transpose: Annotated[Literal["auto", "no", "yes"], Opt("exchange rows and columns of the grid; auto: found out")] = "auto"
+    gamma: Annotated[float | Literal["auto"], Opt("screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: found out", "", 0.1, 10)] = "auto"
+    cache_dir: Annotated[str, Opt("where packed scenes are kept; empty: the user's cache directory")] = ""
+
+
+@attrs.frozen
+class Governor:
+    quality: Annotated[Literal["auto", "fixed"], Opt("auto: where the machine is too slow, quality is lowered level by level, and raised when there is room; fixed: never", live=True)] = "auto"
+    affinity: Annotated[str, Opt("cores of each stage, as in track=1,render=0+2; auto: on two cores tracking has one for itself; none: as the system will")] = "auto"
+    nice: Annotated[str, Opt("niceness of each stage, as in render=0,track=5; empty: as this process's")] = ""
+
+
+@attrs.frozen
+class Control:
+    bind: Annotated[str, Opt("where commands are taken besides the run directory: ipc for nowhere, or tcp://HOST:PORT, for clients whose keys are known")] = "ipc"
+    keys: Annotated[str, Opt("folder of the keys (`lfpipe keys new`); empty: the user's")] = ""
+
+
+@attrs.frozen
+class Replay:
+    latency_ms: Annotated[float, Opt("sensor to light, as the prediction takes it where pictures do not depend on the clock: replay in steps, pace=max", "ms", 0, 1000)] = 20.0
+
+
+@attrs.frozen
+class Config:
+    """The whole tree. Immutable: a change is a new tree (`updated`)."""
+
+    camera: Camera = Camera()
+    track: Track = Track()
+    render: Render = Render()
+    screen: Screen = Screen()
+    scene: Scene = Scene()
+    governor: Governor = Governor()
+    control: Control = Control()
+    replay: Replay = Replay()
+
+
+def options() -> dict[str, tuple[Any, Opt, Any]]:
+    """Every dotted key with (type, Opt, default), in the order of the tree."""
+    found: dict[str, tuple[Any, Opt, Any]] = {}
+    for section in attrs.fields(Config):
+        default = getattr(Config(), section.name)
+        for name, hint in get_type_hints(type(default), include_extras=True).items():
+            kind, opt = get_args(hint)
+            found[f"{section.name}.{name}"] = (kind, opt, getattr(default, name))
+    return found
+
+
+def choices(key: str) -> tuple[str, ...]:
+    """The words that key may be, in their order."""
+    kind = options()[key][0]
+    parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    return tuple(word for part in parts if not isinstance(part, type) for word in get_args(part))
+
+
+def trusted(tree: Mapping[str, Any]) -> Config:
+    """The Config that `to_dict` made tree of, unchecked."""
+    default = Config()
+    return Config(**{name: type(getattr(default, name))(**values) for name, values in tree.items()})
+
+
+def to_dict(config: Config) -> dict[str, Any]:
+    """The tree as nested dicts of plain values, as messages and files carry it."""
+    return attrs.asdict(config)
