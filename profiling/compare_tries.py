@@ -9,7 +9,6 @@ a whole comparison, with processes of its own.
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import statistics
@@ -19,6 +18,7 @@ import time
 from pathlib import Path
 
 import attrs
+from arguments import parser_of
 
 from lfpipe.bench.builds import CHOSEN, compare_builds
 from lfpipe.bench.compare import Difference
@@ -99,9 +99,7 @@ def span(values: list[float]) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tries", type=int, default=20)
-    tries = parser.parse_args().tries
+    tries = parser_of(__doc__, tries=20).parse_args().tries
     started, loads, wrong, rows = time.monotonic(), list[float](), list[str](), list[str]()
     with tempfile.TemporaryDirectory() as kept:
         root = Path(kept)

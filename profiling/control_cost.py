@@ -9,7 +9,6 @@ Prints a Markdown table with the bounds.
 
 from __future__ import annotations
 
-import argparse
 import os
 import pty
 import random
@@ -24,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import zmq
+from arguments import parser_of
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -99,10 +99,7 @@ def monitored(world: World, seconds: float, tty: bool) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=15.0)
-    parser.add_argument("--rate", type=float, default=30.0)
-    args = parser.parse_args()
+    args = parser_of(__doc__, seconds=15.0, rate=30.0).parse_args()
     alphas = iter(range(10, 10**9))
 
     def status() -> dict[str, Any]:

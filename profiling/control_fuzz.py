@@ -9,11 +9,12 @@ table; exit code 1 where something was not kept.
 
 from __future__ import annotations
 
-import argparse
 import random
 import sys
 import time
 from pathlib import Path
+
+from arguments import parser_of
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -30,11 +31,7 @@ def lost(before: Account, after: Account) -> int:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--messages", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--rate", type=float, default=30.0)
-    args = parser.parse_args()
+    args = parser_of(__doc__, messages=100_000, seed=1, rate=30.0).parse_args()
     with private_world() as world:
         session = WatchedSession(world, args.rate)
         pids = [session.supervisor.pid, *(session.pid(name) for name in STAGES)]

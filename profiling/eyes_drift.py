@@ -12,10 +12,10 @@ powers of ten. channels x steps updates in all.
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import numpy as np
+from arguments import parser_of
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
@@ -81,11 +81,7 @@ def in_batch(name: str, channels: int, steps: int) -> list[tuple[int, float]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--updates", type=int, default=1_000_000)
-    parser.add_argument("--channels", type=int, default=1000)
-    parser.add_argument("--steps", type=int, default=100_000)
-    args = parser.parse_args()
+    args = parser_of(__doc__, updates=1_000_000, channels=1000, steps=100_000).parse_args()
     print("in sequence          updates   drift px   us/update", flush=True)
     for name in NAMES if args.updates else ():
         drift, us = in_sequence(name, args.updates)

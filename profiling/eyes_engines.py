@@ -15,7 +15,6 @@ FACES is a folder with videos/*.mp4, fgnet/*.avi, imm/*.jpg, no_face/* and eyes_
 
 from __future__ import annotations
 
-import argparse
 import csv
 import itertools
 import subprocess
@@ -26,6 +25,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import parser_of
 from numpy.typing import NDArray
 
 from lfpipe.track.engine import Engine, Face
@@ -172,7 +172,7 @@ def timing(folder: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("faces", type=Path)
     parser.add_argument("--refine", action="store_true", help="the accuracy table with the iris networks")
     given = parser.parse_args()

@@ -14,7 +14,6 @@ uses explicit Euler.
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from collections.abc import Callable
@@ -22,6 +21,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import parser_of
 from numpy.typing import NDArray
 
 from lfpipe.bench.stiff import FORMS, cells
@@ -119,7 +119,7 @@ def euler_table() -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("sequence", type=Path)
     parser.add_argument("--extra-noise", type=float, default=0.0, metavar="PX")
     given = parser.parse_args()

@@ -12,7 +12,6 @@ the mean of five on camera frames, and of the default filter on the display's cl
 
 from __future__ import annotations
 
-import argparse
 import csv
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import parser_of
 from eyes_filters import measurements, on_screen
 from numpy.typing import NDArray
 
@@ -76,11 +76,10 @@ def walked(path: Path, smooth_ms: float) -> list[Truth]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__, seconds=30.0)
     parser.add_argument("--portraits", type=Path)
     parser.add_argument("--tracks", type=Path)
     parser.add_argument("--sequences", type=int, default=6, help="0 for tracks alone")
-    parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--smooth-ms", type=float, default=80.0, help="sigma of the Gaussian over tracks")
     args = parser.parse_args()
     cv2.setNumThreads(1)

@@ -10,9 +10,10 @@ something promised was not kept.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
+
+from arguments import parser_of
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the tests run the same faults, fewer of them
 
@@ -24,11 +25,7 @@ RECOVERY_S, ORPHAN_S = 2.0, 1.0
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--faults", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--rate", type=float, default=30.0)
-    args = parser.parse_args()
+    args = parser_of(__doc__, faults=500, seed=1, rate=30.0).parse_args()
     with private_world() as world:
         session = WatchedSession(world, args.rate)
         outcome = Soak(session, args.seed).run(args.faults, lambda text: print(text, file=sys.stderr, flush=True))

@@ -9,7 +9,6 @@ seconds; then attaches and detaches so many times, every other one by SIGKILL. P
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import fcntl
 import http.client
@@ -27,6 +26,8 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+
+from arguments import parser_of
 
 from lfpipe.errors import UserError
 from lfpipe.observe.watch import Watch
@@ -172,10 +173,7 @@ def cycle(number: int) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--cycles", type=int, default=20)
-    args = parser.parse_args()
+    args = parser_of(__doc__, seconds=60.0, cycles=20).parse_args()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it, and so would its children
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XDG_RUNTIME_DIR"] = folder

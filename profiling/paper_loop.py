@@ -12,23 +12,18 @@ import time
 
 START_NS = time.monotonic_ns()  # before the imports, which are most of a start
 
-import argparse  # noqa: E402
 import json  # noqa: E402
 from pathlib import Path  # noqa: E402
+
+from arguments import parser_of  # noqa: E402
 
 from lfpipe.bench.paper_loop import Loop, run  # noqa: E402
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__, pace=0.0, seconds=15.0, k=5, alpha=12.0, rows=9, cols=9)
     parser.add_argument("video", type=Path)
     parser.add_argument("scene", type=Path)
-    parser.add_argument("--pace", type=float, default=0.0)
-    parser.add_argument("--seconds", type=float, default=15.0)
-    parser.add_argument("--k", type=int, default=5)
-    parser.add_argument("--alpha", type=float, default=12.0)
-    parser.add_argument("--rows", type=int, default=9)
-    parser.add_argument("--cols", type=int, default=9)
     parser.add_argument("--size", default="640x480")
     parser.add_argument("--decode", action="store_true")
     parser.add_argument("--trace", type=Path)

@@ -20,6 +20,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from arguments import parser_of
+
 from lfpipe.bench.sessions import cpu_ns
 
 START_S = 4.0  # before the steady part
@@ -72,12 +74,10 @@ def loop(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__, rounds=3, seconds=12.0)
     parser.add_argument("video")
     parser.add_argument("scene")
     parser.add_argument("--pace", default="30")
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--seconds", type=float, default=12.0)
     parser.add_argument("--config", default="paper")
     parser.add_argument("--set", dest="sets", action="append", default=[])
     parser.add_argument("--loop", default=str(Path(__file__).parent / "paper_loop.py"))

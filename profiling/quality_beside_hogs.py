@@ -20,6 +20,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from arguments import parser_of
+
 SETTLE_S, BACK_S = 6.0, 60.0
 LFPIPE = [sys.executable, "-m", "lfpipe"]
 HOG = "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile os.getppid() == int(sys.argv[2]): pass"
@@ -77,10 +79,8 @@ def measure(args: argparse.Namespace, cores: list[int], quality: str, trace: Pat
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__, per_core=12, seconds=8.0)
     parser.add_argument("scene", nargs="?", help="a light field; without one the demo's")
-    parser.add_argument("--per-core", type=int, default=12)
-    parser.add_argument("--seconds", type=float, default=8.0)
     parser.add_argument("--set", dest="sets", action="append", default=[], metavar="KEY=VALUE")
     args = parser.parse_args()
     cores = sorted(os.sched_getaffinity(0))[:2]

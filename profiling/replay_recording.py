@@ -7,7 +7,6 @@ Prints, for both stretches, frames that capture, track and the recorder missed, 
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -16,6 +15,8 @@ import tempfile
 import time
 from pathlib import Path
 from typing import Any
+
+from arguments import parser_of
 
 LFPIPE = [sys.executable, "-m", "lfpipe"]
 
@@ -31,11 +32,9 @@ def lines(path: Path) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__, rate=60.0, seconds=10.0)
     parser.add_argument("video")
     parser.add_argument("--scene")
-    parser.add_argument("--rate", type=float, default=60.0)
-    parser.add_argument("--seconds", type=float, default=10.0)
     args = parser.parse_args()
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:2])
     name = f"rec{os.getpid()}"

@@ -8,7 +8,6 @@ from the first to the last picture.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import statistics
@@ -17,13 +16,13 @@ import sys
 import tempfile
 from pathlib import Path
 
+from arguments import parser_of
+
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__, rounds=3, seconds=10.0)
     parser.add_argument("video")
     parser.add_argument("scene")
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--config")
     parser.add_argument("--set", dest="sets", action="append", default=[])
     args = parser.parse_args()

@@ -17,6 +17,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from arguments import parser_of
+
 
 def run(args: argparse.Namespace, cores: list[int], hogs: int, pace: str) -> dict[str, Any]:
     """One replay; its report."""
@@ -35,10 +37,9 @@ def run(args: argparse.Namespace, cores: list[int], hogs: int, pace: str) -> dic
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__, runs=20)
     parser.add_argument("sequence")
     parser.add_argument("--scene")
-    parser.add_argument("--runs", type=int, default=20)
     args = parser.parse_args()
     cpus = sorted(os.sched_getaffinity(0))
     plans = [(cpus[:2], 0), (cpus[:1], 0), (cpus[:2], 2), (cpus[:1], 2)]

@@ -8,12 +8,13 @@ Frames carry checksums. The hog is a plain busy loop on the first core, where ca
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
 import time
 from pathlib import Path
+
+from arguments import parser_of
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -80,8 +81,7 @@ def _drops(now: Account, then: Account) -> tuple[int, int, int]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=int, default=10)
+    parser = parser_of(__doc__, minutes=10)
     parser.add_argument("--rate", type=float, action="append")
     parser.add_argument("--scene", type=Path)
     parser.add_argument("--no-hog", action="store_true")

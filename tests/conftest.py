@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +15,7 @@ import pytest
 
 from lfpipe.transport.segment import SHM_DIR
 from tests.world import World, write_scene
-from tests.xvfb_screen import Screen
+from tests.xvfb_screen import Screen, x_server
 
 # Hundreds of processes start in these tests: where bytecode is not kept, each compiles everything anew, which is minutes.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -74,21 +73,11 @@ def xvfb(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screen]:
     if shutil.which("Xvfb") is None:
         pytest.skip("Xvfb is not installed (apt-get install xvfb)")
     folder = tmp_path_factory.mktemp("xvfb")
-    read, write = os.pipe()
-    # Without -noreset it starts over whenever the last window closes, and drops who connects meanwhile.
-    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x800x24", "-fbdir", str(folder)]
-    command += ["-noreset", "-nocursor", "-nolisten", "tcp"]
-    server = subprocess.Popen(command, pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    os.close(write)
-    try:
-        with os.fdopen(read) as told:
-            number = told.readline().strip()  # the server chooses a free number and tells it when it is ready
-        if not number:
+    command = ["Xvfb", "-screen", "0", "1280x800x24", "-fbdir", str(folder), "-nocursor"]
+    with x_server(command, folder) as name:
+        if name == ":":
             pytest.skip("Xvfb does not start here")
-        yield Screen(f":{number}", folder / "Xvfb_screen0")
-    finally:
-        server.terminate()
-        server.wait()
+        yield Screen(name, folder / "Xvfb_screen0")
 
 
 @pytest.fixture

@@ -1,7 +1,10 @@
-"""What an X server without a screen shows, read from the file in which it keeps its picture."""
+"""X servers for tests, and what one without a screen shows, read from the file in which it keeps its picture."""
 
+import contextlib
+import os
 import struct
 import subprocess
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import attrs
@@ -30,6 +33,21 @@ class Screen:
         picture = self.picture()
         rows, cols = np.nonzero(picture.any(axis=(1, 2)))[0], np.nonzero(picture.any(axis=(0, 2)))[0]
         return picture[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] if len(rows) else picture[:0, :0]
+
+
+@contextlib.contextmanager
+def x_server(command: Sequence[str], folder: Path) -> Iterator[str]:
+    """A server for as long as the block lasts: its name for DISPLAY, ":" where it does not start. folder: what it works in."""
+    read, write = os.pipe()
+    whole = [*command, "-displayfd", str(write), "-noreset", "-nolisten", "tcp"]  # else it starts over with the last window's end
+    server = subprocess.Popen(whole, pass_fds=[write], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    os.close(write)
+    try:
+        with os.fdopen(read) as told:
+            yield f":{told.readline().strip()}"  # it chooses a free number and tells it when it is ready
+    finally:
+        server.terminate()
+        server.wait()
 
 
 def outline(title: str, name: str) -> tuple[int, int, int, int] | None:

@@ -16,7 +16,7 @@ import pytest
 from lfpipe.errors import UserError
 from lfpipe.render.monitors import Monitor, chosen, monitors, pixel_mm
 from lfpipe.render.window import Window
-from tests.xvfb_screen import outline
+from tests.xvfb_screen import outline, x_server
 
 DESK = [
     Monitor(0, "eDP-1", 0, 0, 1920, 1200, 0.18),
@@ -75,26 +75,17 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
             pytest.skip(f"{tool} is not installed (apt-get install xserver-xorg-video-dummy x11-xserver-utils)")
     folder = tmp_path_factory.mktemp("xorg")
     (folder / "xorg.conf").write_text(XORG)
-    read, write = os.pipe()
-    command = ["Xorg", "-displayfd", str(write), "-config", "xorg.conf", "-logfile", str(folder / "log"), "-noreset"]
-    command += ["-nolisten", "tcp", "-novtswitch", "-sharevts"]
-    server = subprocess.Popen(command, pass_fds=[write], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    os.close(write)
-    try:
-        with os.fdopen(read) as told:
-            number = told.readline().strip()
-        env = {**os.environ, "DISPLAY": f":{number}"}
+    command = ["Xorg", "-config", "xorg.conf", "-logfile", str(folder / "log"), "-novtswitch", "-sharevts"]
+    with x_server(command, folder) as name:
         more = [
             ["--addmode", "DUMMY1", "800x600"],
             ["--output", "DUMMY1", "--mode", "800x600", "--pos", "1024x0"],
             ["--query"],
         ]  # the query makes them known
-        if not number or any(subprocess.run(["xrandr", *words], env=env, capture_output=True).returncode for words in more):
+        env = {**os.environ, "DISPLAY": name}
+        if name == ":" or any(subprocess.run(["xrandr", *words], env=env, capture_output=True).returncode for words in more):
             pytest.skip("Xorg with the driver dummy does not start here (apt-get install xserver-xorg-video-dummy)")
-        yield f":{number}"
-    finally:
-        server.terminate()
-        server.wait()
+        yield name
 
 
 @pytest.fixture

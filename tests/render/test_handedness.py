@@ -154,22 +154,14 @@ def picture(folder: Path, grid: Grid) -> Path:
     return folder
 
 
-# layout: (how it is written, rows, columns, disparity of what is near and of the wall in px per view)
-LAYOUTS: dict[str, tuple[Callable[[Path, Grid], Path], int, int, float, float]] = {
-    "hci": (hci, 5, 5, 2.0, -1.0),
-    "hci-old": (hci_old, 5, 5, 2.0, -1.0),
-    "hci-text": (hci_text, 5, 5, 2.0, -1.0),
-    "stanford": (stanford, 5, 5, 2.0, -1.0),
-    "jpeg-pleno": (jpeg_pleno, 5, 5, 2.0, -1.0),
-    "mat": (mat, 5, 5, 2.0, -1.0),
-    "eslf": (eslf, 10, 10, 1.0, -0.6),
-    "mosaic": (mosaic, 5, 5, 2.0, -1.0),
-    "mosaic-video": (mosaic_video, 5, 5, 2.0, -1.0),
-    "quilt": (quilt, 1, 12, 2.0, -1.0),
-    "rows-cols": (rows_cols, 5, 5, 2.0, -1.0),
-    "numbered": (numbered, 5, 5, 2.0, -1.0),
-    "picture": (picture, 1, 1, 2.0, -1.0),
+WRITTEN: dict[str, Callable[[Path, Grid], Path]] = {
+    one.__name__.replace("_", "-"): one
+    for one in (
+        hci, hci_old, hci_text, stanford, jpeg_pleno, mat, eslf, mosaic, mosaic_video, quilt, rows_cols, numbered, picture,
+    )
 }
+SQUARE = 5, 5, 2.0, -1.0  # rows, columns, disparity of what is near and of the wall in px per view
+SHAPES = {"eslf": (10, 10, 1.0, -0.6), "quilt": (1, 12, 2.0, -1.0), "picture": (1, 1, 2.0, -1.0)}  # of what cannot be square
 
 
 def place(plane: NDArray[np.uint8], bright: bool) -> NDArray[np.float64]:
@@ -180,15 +172,16 @@ def place(plane: NDArray[np.uint8], bright: bool) -> NDArray[np.float64]:
 
 
 def test_every_layout_is_here() -> None:
-    assert set(LAYOUTS) == set(layouts.layouts())
+    assert set(WRITTEN) == set(layouts.layouts())
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", WRITTEN)
 def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(layout: str, tmp_path: Path) -> None:
-    write, rows, cols, near_px, far_px = LAYOUTS[layout]
+    rows, cols, near_px, far_px = SHAPES.get(layout, SQUARE)
     folder = tmp_path / layout
     folder.mkdir()
-    field = open_scene(write(folder, photographs(rows, cols, near_px, far_px)), Scene(cache_dir=str(tmp_path / "cache")))
+    scene = WRITTEN[layout](folder, photographs(rows, cols, near_px, far_px))
+    field = open_scene(scene, Scene(cache_dir=str(tmp_path / "cache")))
     assert (field.manifest["layout"], field.rows, field.cols) == (layout, rows, cols)
     for method in ("nearest", "auto"):
         how = Render(method=method, anaglyph="colour")
