@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 import json
 import os
 import platform
@@ -20,9 +19,9 @@ from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.model import Cell, Diagram, Figure, Profile, Skipped, Subject, Table
 from lfpipe.bench.numbers import FEWEST, noise
 from lfpipe.errors import UserError
+from lfpipe.versions import versions
 
 FORMAT = 1
-PACKAGES = ("numpy", "opencv-contrib-python-headless", "mediapipe", "ai-edge-litert")
 
 
 @attrs.define
@@ -137,23 +136,10 @@ def _source() -> str:
     return digest.hexdigest()
 
 
-def _processor() -> str:
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-    except OSError:
-        return platform.processor()
-    names = [line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")]
-    return names[0] if names else platform.machine()
-
-
 def about(inputs: Inputs) -> dict[str, Any]:
     """What the figures depend on."""
-    versions = {"lfpipe": lfpipe.__version__, "python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
+    built = versions()
+    processor = built.pop("processor")
     commit = _said(["git", "rev-parse", "--short=12", "HEAD"])
     changed = bool(_said(["git", "status", "--porcelain", "--untracked-files=no"]))
     return {
@@ -162,12 +148,12 @@ def about(inputs: Inputs) -> dict[str, Any]:
             "scenes": [field.manifest.get("key", "") for _, field in inputs.fields],
             "sequence": [inputs.sequence.path.name, len(inputs.sequence.frames), inputs.sequence.truth is not None],
             "source": _source(),
-            "versions": versions,
+            "versions": built,
         },
         "commit": commit + (" with changes" if changed else "") if commit else "not a git checkout",
-        "versions": versions,
+        "versions": built,
         "machine": {
-            "processor": _processor(),
+            "processor": processor,
             "cores": len(os.sched_getaffinity(0)),
             "system": f"{platform.system()} {platform.release()}",
             "load": round(os.getloadavg()[0], 2),

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.decode import fitted, retrieved_jpeg
 from lfpipe.capture.pictures import quiet_cv2
 from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2 import cameras, is_capture
+from lfpipe.decode import fitted, retrieved_jpeg
 from lfpipe.errors import UserError
 
 STALL_S = 0.9  # a grab that failed after this long ran into the driver's time-out; one that failed sooner found no camera

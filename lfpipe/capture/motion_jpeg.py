@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.decode import fitted, retrieved_jpeg
+from lfpipe.decode import fitted, retrieved_jpeg
 
 
 class MotionJpeg:

@@ -33,7 +33,7 @@ def open_source(text: str, camera: config.Camera) -> Source:
     """
     spec = resolve(text)
     if isinstance(spec, FileSpec):
-        from lfpipe.replay.sequence import is_sequence
+        from lfpipe.sequence.folder import is_sequence
 
         if is_sequence(spec.path):
             from lfpipe.capture.sequence import SequenceSource

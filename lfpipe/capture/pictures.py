@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import cv2_log
-from lfpipe.capture.decode import fitted, is_jpeg, picture_of
 from lfpipe.capture.motion_jpeg import MotionJpeg
+from lfpipe.decode import fitted, is_jpeg, picture_of
 from lfpipe.errors import UserError
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.decode import fitted
 from lfpipe.capture.schedule import EvenSchedule
 from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.capture.spec import FileSpec
-from lfpipe.replay.packets import PACKETS, decoded
-from lfpipe.replay.sequence import open_sequence
+from lfpipe.decode import fitted
+from lfpipe.sequence.folder import open_sequence
+from lfpipe.sequence.packets import PACKETS, decoded
 
 
 class SequenceSource:

@@ -13,11 +13,11 @@ import time
 
 from lfpipe.capture.lasting import CameraLost
 from lfpipe.capture.open_source import open_lasting
-from lfpipe.capture.packets import PacketOutput
 from lfpipe.capture.schedule import Lateness
 from lfpipe.capture.source import SourceInfo
 from lfpipe.transport.clock import SleepWatch, now_ns
 from lfpipe.transport.context import Context
+from lfpipe.transport.packet_ring import PacketOutput
 from lfpipe.transport.status import State
 
 LATE_PERIODS = 2  # as many frames as a camera's driver would have kept for us

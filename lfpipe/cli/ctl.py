@@ -77,7 +77,7 @@ def _send(target: Target, message: dict[str, Any], timeout_s: float = 3.0) -> No
     if target.as_json:
         click.echo(json.dumps(answer))
     elif message["cmd"] == "status":
-        from lfpipe.cli.report import latency_table
+        from lfpipe.observe.latency_table import latency_table
 
         latency_table(answer)
     else:

@@ -57,7 +57,7 @@ def say(text: str) -> None:
 
 def up(wish: Wish) -> int:
     """Runs a session; returns the exit code. Raises UserError before any process starts."""
-    from lfpipe.cli.report import latency_table
+    from lfpipe.observe.latency_table import latency_table
     from lfpipe.supervisor.supervisor import Supervisor
 
     session = Session(wish.session_name or default_name())
@@ -121,8 +121,8 @@ def prepare(wish: Wish) -> Prepared:
 def _checked(wish: Wish, config: Config, display: str) -> Checked:
     """The source of frames; every mistake of the wish in one UserError."""
     from lfpipe.capture.open_source import Checked, check_source
-    from lfpipe.observe.trace import check_trace
     from lfpipe.render.open_display import check_display
+    from lfpipe.trace import check_trace
     from lfpipe.transport import curve
 
     camera = wish.camera or config.camera.source or ("demo" if wish.demo else "")

@@ -25,7 +25,7 @@ def record(
     from lfpipe import config as config_module
     from lfpipe.capture.open_source import check_source
     from lfpipe.errors import UserError
-    from lfpipe.replay.sequence import check_out
+    from lfpipe.sequence.folder import check_out
     from lfpipe.supervisor.supervisor import Supervisor
     from lfpipe.transport.session import Session
 

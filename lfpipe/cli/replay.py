@@ -55,7 +55,7 @@ def replay(
     from lfpipe.replay.compare import Comparison, check_reference, compare
     from lfpipe.replay.junit import write_junit
     from lfpipe.replay.report import about_scene, about_sequence, read_report
-    from lfpipe.replay.sequence import open_sequence
+    from lfpipe.sequence.folder import open_sequence
 
     began = time.monotonic()
     _check(pace, out, expect, update)

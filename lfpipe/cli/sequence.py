@@ -20,7 +20,7 @@ def sequence() -> None:
 @click.option("--json", "as_json", is_flag=True, help="As JSON.")
 def info(path: Path, as_json: bool) -> None:
     """Tell what SEQ holds."""
-    from lfpipe.replay.sequence import EYES, TRUTH, open_sequence
+    from lfpipe.sequence.folder import EYES, TRUTH, open_sequence
 
     found = open_sequence(path, verify=False)
     codecs = sorted({packet.codec for packet in found.packets})
@@ -57,8 +57,8 @@ def info(path: Path, as_json: bool) -> None:
 @click.argument("path", type=PATH, metavar="SEQ")
 def check(path: Path) -> None:
     """Read all of SEQ: every checksum, every frame, every stamp."""
-    from lfpipe.replay.sequence import open_sequence
-    from lfpipe.replay.truth import read_truth
+    from lfpipe.sequence.folder import open_sequence
+    from lfpipe.sequence.truth import read_truth
 
     found = open_sequence(path)
     for packet in found.packets:
@@ -75,8 +75,8 @@ def check(path: Path) -> None:
 @click.option("--to", "end_s", type=click.FloatRange(min=0), default=float("inf"), metavar="S", help="Up to, not including.")
 def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
     """Copy a part of SEQ to the new sequence OUT; its frames stay byte for byte what they are."""
-    from lfpipe.replay import edit
-    from lfpipe.replay.sequence import open_sequence
+    from lfpipe.sequence import edit
+    from lfpipe.sequence.folder import open_sequence
 
     click.echo(f"{out}: {edit.cut(open_sequence(path), out, begin_s, end_s)} frames")
 
@@ -87,7 +87,7 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
 @click.option("--truth", type=PATH, metavar="CSV", help="Where the eyes really are, as tools/make_sequence.py writes it.")
 def import_(video: Path, out: Path, truth: Path | None) -> None:
     """Make the sequence OUT from VIDEO; the frames of Motion JPEG are taken over unchanged."""
-    from lfpipe.replay import edit
+    from lfpipe.sequence import edit
 
     click.echo(f"{out}: {edit.from_video(video, out, truth)} frames")
 
@@ -97,7 +97,7 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
 @click.argument("video", type=PATH)
 def export(path: Path, video: Path) -> None:
     """Write SEQ as VIDEO, .mkv or .avi without loss, and its stamps and eyes as a CSV beside it."""
-    from lfpipe.replay import edit
-    from lfpipe.replay.sequence import open_sequence
+    from lfpipe.sequence import edit
+    from lfpipe.sequence.folder import open_sequence
 
     click.echo(f"{video}, {edit.export(open_sequence(path), video)}")

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.observe.meter import Reading
 from lfpipe.observe.remote import Remote
-from lfpipe.observe.view_grid import Gaze, draw_over_eyes
 from lfpipe.observe.watch import Follower
+from lfpipe.render.view_grid import Gaze, draw_over_eyes
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 

@@ -12,7 +12,7 @@ import numpy as np
 from lfpipe.errors import UserError
 from lfpipe.observe.attachment import Attachment
 from lfpipe.observe.meter import Counts, Reading, Times
-from lfpipe.observe.snapshot import spans
+from lfpipe.supervisor.snapshot import spans
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 

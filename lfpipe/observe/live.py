@@ -9,14 +9,14 @@ import sys
 import time
 from typing import Any
 
-from lfpipe.cli.report import latency_table
 from lfpipe.errors import UserError
 from lfpipe.observe.keyboard import Keyboard
+from lfpipe.observe.latency_table import latency_table
 from lfpipe.observe.remote import Remote
 from lfpipe.observe.screen import Doing, Screen
-from lfpipe.observe.snapshot import spans
 from lfpipe.observe.watch import Follower, Watch
 from lfpipe.supervisor.rundir import find
+from lfpipe.supervisor.snapshot import spans
 
 PERIOD_S = 0.25
 NOTE_S = 5.0  # how long the answer to a key is shown

@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.observe.snapshot import quality, scheduling
+from lfpipe.supervisor.snapshot import quality, scheduling
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.status import State, Table, rate_hz

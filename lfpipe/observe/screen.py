@@ -9,7 +9,7 @@ import attrs
 from rich.text import Text
 
 from lfpipe.observe.meter import Reading, StageReading
-from lfpipe.observe.snapshot import ms, placed
+from lfpipe.supervisor.snapshot import ms, placed
 
 SPARKS = "▁▂▃▄▅▆▇█"
 EIGHTHS = " ▏▎▍▌▋▊▉█"

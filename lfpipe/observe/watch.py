@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.observe.meter import Meter, Reading
-from lfpipe.observe.snapshot import snapshot
 from lfpipe.supervisor.rundir import find
+from lfpipe.supervisor.snapshot import snapshot
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import Table
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import choices
-from lfpipe.observe.view_grid import Gaze, inset
 from lfpipe.render.display import Display
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.still import save
+from lfpipe.render.view_grid import Gaze, inset
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.observe.trace import TraceFile
 from lfpipe.render.viewer import Look, Viewer
+from lfpipe.trace import TraceFile
 from lfpipe.transport import ring
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context

@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.eyes import EYES
-from lfpipe.observe.trace import TraceFile
 from lfpipe.quality import number
 from lfpipe.render.display import Display
 from lfpipe.render.outlets import Outlets
 from lfpipe.render.viewer import Look, Viewer
+from lfpipe.trace import TraceFile
 from lfpipe.transport.clock import now_ns, sleep_until
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 
 if TYPE_CHECKING:
-    from lfpipe.replay.keeper import Keeper
+    from lfpipe.render.keeper import Keeper
 
 COST_SHARE = 0.1  # weight of the newest in the running mean of what a picture costs
 
@@ -43,7 +43,7 @@ class Presenter:
         keep = context.options.get("keep")  # of a replay: where its digests and pictures go
         self._keeper: Keeper | None = None
         if keep:
-            from lfpipe.replay.keeper import Keeper
+            from lfpipe.render.keeper import Keeper
 
             self._keeper = Keeper(Path(keep), context.options["sequence"], context.options["keep_pictures"])
         self.cost_ns = 0

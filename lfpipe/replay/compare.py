@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.replay.keeper import PICTURES
-from lfpipe.replay.packets import PACKETS as PACKET_FILE
-from lfpipe.replay.packets import Packet, read_index
+from lfpipe.render.keeper import PICTURES
 from lfpipe.replay.report import Line, pair, read_report, read_trace
+from lfpipe.sequence.packets import PACKETS as PACKET_FILE
+from lfpipe.sequence.packets import Packet, read_index
 
 TOLERANCES = {  # name in the trace -> (absolute, relative), where versions differ
     "eyes_raw": (0.05, 1e-4),

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.packets import PacketInput
 from lfpipe.transport.context import Context
+from lfpipe.transport.packet_ring import PacketInput
 from lfpipe.transport.ring import Stamp
 
 

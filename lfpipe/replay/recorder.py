@@ -24,12 +24,12 @@ from lfpipe.config import to_dict
 from lfpipe.eyes import EYES as EYES_TYPE
 from lfpipe.line_file import LineFile
 from lfpipe.replay.incoming import Incoming
-from lfpipe.replay.packets import PacketWriter, encoded
-from lfpipe.replay.sequence import EYES, MANIFEST, begin_manifest, end_manifest
-from lfpipe.replay.versions import versions
+from lfpipe.sequence.folder import EYES, MANIFEST, begin_manifest, end_manifest
+from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context, Input
 from lfpipe.transport.ring import Stamp
+from lfpipe.versions import versions
 
 ROOM_BYTES = 128 << 20  # frames that wait for their encoding: seconds, so that a slow disk costs no frame
 

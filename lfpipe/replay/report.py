@@ -14,11 +14,11 @@ import numpy as np
 
 from lfpipe.config import Config, to_dict
 from lfpipe.errors import UserError
-from lfpipe.replay.packets import INDEX, PACKETS
-from lfpipe.replay.sequence import Sequence
-from lfpipe.replay.truth import Truth, read_truth, summary
-from lfpipe.replay.versions import versions
 from lfpipe.scene.lightfield import LightField
+from lfpipe.sequence.folder import Sequence
+from lfpipe.sequence.packets import INDEX, PACKETS
+from lfpipe.sequence.truth import Truth, read_truth, summary
+from lfpipe.versions import versions
 
 FORMAT = 1
 REPORT, TRACE = "report.json", "trace.jsonl"

@@ -17,10 +17,10 @@ from typing import Any
 from lfpipe import config as config_module
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.replay.keeper import PICTURES
+from lfpipe.render.keeper import PICTURES
 from lfpipe.replay.report import REPORT, TRACE, make_report, write_report
-from lfpipe.replay.sequence import Sequence
 from lfpipe.scene.lightfield import LightField
+from lfpipe.sequence.folder import Sequence
 
 STEADY = ("step", "max")  # paces whose results do not depend on any clock
 RESULTS = (REPORT, TRACE, "first.png", "last.png", "worst.png", PICTURES, "difference")

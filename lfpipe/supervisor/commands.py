@@ -16,9 +16,9 @@ import zmq
 from lfpipe import config as config_module
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.observe.trace import check_trace
 from lfpipe.supervisor.agreement import Agreement
 from lfpipe.supervisor.outcome import Outcome
+from lfpipe.trace import check_trace
 from lfpipe.transport import control
 from lfpipe.transport.clock import now_ns
 
@@ -177,7 +177,7 @@ class Commands:
         if path and not self._agreement.options["tracking"]:
             raise UserError("the session has no camera: its scene is one view", "`lfpipe record OUT` records without a scene")
         if path:
-            from lfpipe.replay.sequence import check_out
+            from lfpipe.sequence.folder import check_out
 
             check_out(Path(path))
         options = {**self._agreement.options, "record": path, "record_eyes": eyes}

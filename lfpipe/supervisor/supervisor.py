@@ -17,7 +17,6 @@ import zmq
 
 from lfpipe import config as config_module
 from lfpipe.config import Config
-from lfpipe.observe.snapshot import snapshot
 from lfpipe.supervisor import child, limits, placement, rundir
 from lfpipe.supervisor.agreement import Agreement
 from lfpipe.supervisor.desk import Desk
@@ -25,6 +24,7 @@ from lfpipe.supervisor.levels import Levels, why
 from lfpipe.supervisor.memory import Memory
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.supervisor.process import MAX_FAILURES, WINDOW_S, StageProcess
+from lfpipe.supervisor.snapshot import snapshot
 from lfpipe.supervisor.table import STAGES, consumers
 from lfpipe.supervisor.trial import Trial
 from lfpipe.transport import control

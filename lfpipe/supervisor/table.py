@@ -10,9 +10,9 @@ from typing import Any
 import attrs
 import numpy as np
 
-from lfpipe.capture.packets import packet_dtype
 from lfpipe.config import Config
 from lfpipe.eyes import EYES
+from lfpipe.transport.packet_ring import packet_dtype
 from lfpipe.transport.ring import RingSpec
 
 

@@ -20,7 +20,7 @@ import cv2
 import pytest
 
 from lfpipe.line_file import LineFile
-from lfpipe.replay.sequence import open_sequence
+from lfpipe.sequence.folder import open_sequence
 from lfpipe.supervisor import rundir
 from lfpipe.transport.session import PREFIX
 from tests.world import World

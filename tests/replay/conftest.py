@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from lfpipe.capture.demo import EYE_DISTANCE_PX, FRAME_PX, PORTRAIT_EYES_PX, backdrop, demo_eyes_px
-from lfpipe.replay.packets import PacketWriter
-from lfpipe.replay.sequence import TRUTH, begin_manifest, check_out, end_manifest, open_sequence
+from lfpipe.sequence.folder import TRUTH, begin_manifest, check_out, end_manifest, open_sequence
+from lfpipe.sequence.packets import PacketWriter
 from lfpipe.track.roi import portable_warp
 
 SIZE = (320, 240)

@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 
 from lfpipe.errors import UserError
+from lfpipe.render.keeper import PICTURES
 from lfpipe.replay.compare import LEAST_DB, compare, psnr_db
-from lfpipe.replay.keeper import PICTURES
-from lfpipe.replay.packets import PacketWriter, decoded, encoded, read_index
 from lfpipe.replay.report import read_trace
-from lfpipe.replay.versions import OPENCV, versions
+from lfpipe.sequence.packets import PacketWriter, decoded, encoded, read_index
+from lfpipe.versions import OPENCV, versions
 
 REFERENCE = Path(__file__).parent / "reference"
 Picture = np.ndarray

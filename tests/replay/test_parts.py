@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.replay import keeper
+from lfpipe.render import keeper
+from lfpipe.render.keeper import Keeper
 from lfpipe.replay.budgets import broken, read_budgets
-from lfpipe.replay.keeper import Keeper
-from lfpipe.replay.packets import read_index
-from lfpipe.replay.truth import Truth, read_truth
+from lfpipe.sequence.packets import read_index
+from lfpipe.sequence.truth import Truth, read_truth
 from lfpipe.transport.ring import Stamp
 
 ROOT = Path(__file__).parents[2]

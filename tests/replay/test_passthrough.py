@@ -9,8 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lfpipe.replay.packets import INDEX, PACKETS
-from lfpipe.replay.sequence import Sequence, checksum, open_sequence
+from lfpipe.sequence.folder import Sequence, checksum, open_sequence
+from lfpipe.sequence.packets import INDEX, PACKETS
 from lfpipe.transport.segment import SHM_DIR
 from tests.world import World
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfpipe.replay.edit import eyes_lines
-from lfpipe.replay.sequence import open_sequence
+from lfpipe.sequence.edit import eyes_lines
+from lfpipe.sequence.folder import open_sequence
 from tests.world import World
 
 SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")

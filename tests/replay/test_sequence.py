@@ -21,10 +21,10 @@ from lfpipe import config
 from lfpipe.capture.open_source import open_source
 from lfpipe.cli import cli
 from lfpipe.errors import UserError
-from lfpipe.replay import edit
-from lfpipe.replay.packets import INDEX, PACKETS, Packet, PacketWriter, decoded, encoded, read_index
-from lfpipe.replay.sequence import MANIFEST, checksum, open_sequence
-from lfpipe.replay.truth import read_truth
+from lfpipe.sequence import edit
+from lfpipe.sequence.folder import MANIFEST, checksum, open_sequence
+from lfpipe.sequence.packets import INDEX, PACKETS, Packet, PacketWriter, decoded, encoded, read_index
+from lfpipe.sequence.truth import read_truth
 from tests.world import World
 
 NOISE = np.random.default_rng(1).integers(0, 256, (24, 32, 3), dtype=np.uint8)

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from lfpipe.observe.guard import own_page, owner
-from lfpipe.observe.view_grid import Gaze, draw_over_eyes, inset
+from lfpipe.render.view_grid import Gaze, draw_over_eyes, inset
 from lfpipe.transport.segment import SHM_DIR
 from tests.web.browser import Browser, missing
 from tests.world import World

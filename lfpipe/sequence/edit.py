@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from lfpipe.errors import UserError
-from lfpipe.replay.packets import PacketWriter, encoded
-from lfpipe.replay.sequence import EYES, TRUTH, Sequence, begin_manifest, check_out, end_manifest
-from lfpipe.replay.versions import versions
+from lfpipe.sequence.folder import EYES, TRUTH, Sequence, begin_manifest, check_out, end_manifest
+from lfpipe.sequence.packets import PacketWriter, encoded
+from lfpipe.versions import versions
 
 STAMPS = ("seq", "source_seq", "epoch", "t_sensor_ns", "t_read_ns")
 

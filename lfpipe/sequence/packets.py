@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.decode import picture_of
+from lfpipe.decode import picture_of
 from lfpipe.errors import UserError
 
 PACKETS, INDEX = "frames.bin", "frames.jsonl"

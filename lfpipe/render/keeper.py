@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.replay.packets import PacketWriter, encoded
-from lfpipe.replay.truth import read_truth
+from lfpipe.sequence.packets import PacketWriter, encoded
+from lfpipe.sequence.truth import read_truth
 from lfpipe.transport.ring import Stamp
 
 KEPT_BYTES = 8 << 20

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from lfpipe.observe.snapshot import ms, placed
+from lfpipe.supervisor.snapshot import ms, placed
 
 QUANTILES = ("p50", "p95", "p99")
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.replay.sequence import TRUTH
+from lfpipe.sequence.folder import TRUTH
 
 COLUMNS = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
 
