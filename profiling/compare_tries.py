@@ -3,7 +3,7 @@ with 0.2 px more noise in its tracker. Prints a Markdown table; fails where a tr
 
     uv run python profiling/compare_tries.py [--tries 20] > profiling/results/compare.md
 
-8 minutes on two cores that do nothing else (60 tries, light field of 9x9 views of 128x128 px, 75 frames of 640x480). Every try is
+9 minutes on two cores that do nothing else (60 tries, light field of 9x9 views of 128x128 px, 75 frames of 640x480). Every try is
 a whole comparison, with processes of its own.
 """
 
