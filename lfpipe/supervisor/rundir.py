@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import os
 import shutil
+import signal
 import stat
 import time
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from pathlib import Path
 import zmq
 
 from lfpipe.errors import UserError
-from lfpipe.transport import segment
+from lfpipe.transport import segment, status
 from lfpipe.transport.session import PREFIX, Session, base_dir
 
 
@@ -106,6 +107,18 @@ def release(session: Session, fd: int) -> None:
     os.close(fd)
 
 
+def _waken(session: Session) -> None:
+    """Lets stopped stages of a session without a supervisor go on, to their end: the SIGTERM that the kernel sent them waits."""
+    with contextlib.suppress(FileNotFoundError, ValueError):  # no table, or one that was never filled
+        table = status.Table(session.segment("status"))
+        pids = [int(row["pid"]) for row in table.rows.values()]
+        table.close()
+        for pid in pids:
+            with contextlib.suppress(OSError):  # gone; or the number is now another program's, who is left alone
+                if pid > 0 and Path(f"/proc/{pid}/comm").read_text().startswith("lfpipe-"):
+                    os.kill(pid, signal.SIGCONT)
+
+
 def sweep() -> list[str]:
     """Removes what sessions of this user left that no longer live; returns their names."""
     swept = []
@@ -118,6 +131,7 @@ def sweep() -> list[str]:
             continue  # not a name of ours
         fd = _lock(session.lock)
         if fd is not None:
+            _waken(session)
             release(session, fd)
             swept.append(session.name)
     return swept

@@ -37,18 +37,22 @@ def test_stages_do_not_outlive_a_killed_supervisor(world: World, monkeypatch: py
     assert gone_s < 3 * WITHIN_S  # other programs may have the cores; the script has the exact figure
 
 
-def test_a_stage_that_is_stopped_dies_with_its_supervisor_all_the_same(world: World, scene: Path) -> None:
-    """A stopped process takes no SIGTERM, and it is what the kernel sends when the supervisor dies."""
+@pytest.mark.parametrize("stopped", [1, 3])
+def test_a_stage_that_is_stopped_does_not_outlive_its_supervisor_either(world: World, scene: Path, stopped: int) -> None:
+    """A stopped process takes no SIGTERM, and it is what the kernel sends when the supervisor dies. Whoever sweeps wakes it: the
+    first stage to end, or where all are stopped the next session."""
     process = world.up(scene, *SMALL, start_new_session=True)
     world.pictures(5)
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
-    os.kill(pids[1], signal.SIGSTOP)
+    for pid in pids[1:2] if stopped == 1 else pids:
+        os.kill(pid, signal.SIGSTOP)
     process.kill()
     process.wait()
-    world.wait_for(lambda: _gone([pids[0], pids[2]]), "end of the others", 10)
-    if not _gone(pids[1:2]):
-        os.kill(pids[1], signal.SIGCONT)  # as a person would, who stopped it
+    if stopped == 3:
+        assert world.left() and not _gone(pids), "nobody to wake: this test shows nothing"
+        world.run("up", scene, "--camera", "demo", "--display", "none", "--session", "other", "--duration", "0.2", *SMALL)
     world.wait_for(lambda: _gone(pids), "end of all", 10)
+    world.wait_for(lambda: not world.left(), "clean end", 10)
 
 
 def test_after_a_kill_of_the_group_the_next_session_of_any_name_sweeps(world: World, scene: Path) -> None:
