@@ -10,7 +10,6 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -81,4 +80,5 @@ class Keeper:
         writer.close()
         for name, picture in (("first", self._first), ("last", self._last), ("worst", self._worst)):
             if picture is not None:
-                cv2.imwrite(str(self._folder / f"{name}.png"), picture)
+                _, data = encoded(picture, fast=False)
+                (self._folder / f"{name}.png").write_bytes(data)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.errors import UserError
 from lfpipe.eyes import EYES
 from lfpipe.quality import number
 from lfpipe.render.display import Display
@@ -23,6 +24,7 @@ from lfpipe.transport.ring import Stamp
 if TYPE_CHECKING:
     from lfpipe.render.keeper import Keeper
 
+NO_ROOM = "make room there, or another --out"  # of a replay
 COST_SHARE = 0.1  # weight of the newest in the running mean of what a picture costs
 
 
@@ -50,6 +52,8 @@ class Presenter:
         self.picture: NDArray[np.uint8] | None = None
 
     def _lost(self, why: str) -> None:
+        if self._context.options.get("keep"):  # a replay is nothing without its trace
+            raise UserError(why, NO_ROOM)
         self._context.emit("notice", text=why)
 
     def redraw(self) -> None:
@@ -150,6 +154,10 @@ class Presenter:
     def close(self) -> None:
         """Ends the trace."""
         self._trace.close()
-        if self._keeper is not None:
-            self._keeper.close()
-        self._outlets.close()
+        try:
+            if self._keeper is not None:
+                self._keeper.close()
+        except OSError as error:
+            raise UserError(f"{self._context.options['keep']}: {error.strerror}", NO_ROOM) from None
+        finally:
+            self._outlets.close()

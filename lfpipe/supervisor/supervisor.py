@@ -88,6 +88,7 @@ class Supervisor:
                 assert self.outcome is not None
                 self.outcome.final = self.state()
                 self._stop_all()
+                self._end_of_results()
                 self._desk.serve()  # last words of the stages
                 self._desk.close()
         finally:
@@ -217,8 +218,9 @@ class Supervisor:
         if back is not None:
             self._take_back(name, f"{died_of[0]} ({died_of[1]})" if died_of else f"{name} does not work by it", *back)
             return
-        if died_of and not row["ready_ns"] and not row["restarts"]:  # later, what it misses may come back
-            self.outcome = Outcome(f"{name} could not start", died_of[0], died_of[1], user_error=True)
+        first = not row["ready_ns"] and not row["restarts"]
+        if died_of and (first or self._lossless):  # of a live session, later: what it misses may come back
+            self.outcome = Outcome(f"{name} could not {'start' if first else 'go on'}", died_of[0], died_of[1], user_error=True)
             return
         phase = "RUNNING" if row["ready_ns"] else "STARTING"
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
@@ -263,6 +265,13 @@ class Supervisor:
             for process in self.processes.values():
                 if process.alive and signum is not None:
                     process.signal(signum)
+
+    def _end_of_results(self) -> None:
+        """Where nothing may be lost, what a stage could not write at its very end is a failure of the whole."""
+        for name, process in self.processes.items() if self._lossless else ():
+            died_of = process.died_of()
+            if died_of and self.outcome is not None and self.outcome.failure is None:
+                self.outcome = Outcome(f"{name} could not end", *died_of, user_error=True, final=self.outcome.final)
 
     def _hear(self, message: dict[str, Any]) -> None:
         """Passes on to the person what a stage has to say to one."""

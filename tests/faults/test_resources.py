@@ -184,6 +184,17 @@ def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, packe
 
 
 @mounts
+@pytest.mark.parametrize("size", ["size=24k", "nr_inodes=5"])
+def test_a_replay_whose_results_have_no_room_says_so(world: World, packed: Path, clip: Path, size: str) -> None:
+    """The first disk is full under the trace, the second under the pictures at the end."""
+    place, sequence = world.root / "small", world.root / "sequence"
+    place.mkdir()
+    assert world.run("sequence", "import", clip, sequence).returncode == 0
+    done = in_mounts(world, ("replay", sequence, "--scene", packed, "--out", place / "out"), (place, size))
+    assert_said(done, world, "/out: No space left on device", "another --out")
+
+
+@mounts
 @pytest.mark.parametrize("size", ["nr_inodes=2", "size=2m"])
 def test_a_recording_ends_with_its_last_whole_frame_where_the_disk_is_full(world: World, packed: Path, size: str) -> None:
     place = world.root / "small"
