@@ -27,7 +27,8 @@ from lfpipe.replay.incoming import Incoming
 from lfpipe.sequence.folder import EYES, MANIFEST, begin_manifest, end_manifest
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.transport.clock import MS_NS, now_ns
-from lfpipe.transport.context import Context, Input
+from lfpipe.transport.context import Context
+from lfpipe.transport.ends import Input
 from lfpipe.transport.ring import Stamp
 from lfpipe.versions import versions
 
