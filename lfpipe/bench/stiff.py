@@ -22,13 +22,12 @@ ROUNDS, EXACT_ROUNDS = 60, 12  # the digits of the rationals double with every r
 
 @attrs.frozen
 class Stiff:
-    """One cell: form, process noise q, measurement noise r, step; worst relative error of an entry over the first rounds, and
+    """One cell: form, process noise q, measurement noise r; worst relative error of an entry over the first rounds, and
     whether the matrix stayed positive semi-definite over all."""
 
     form: str
     q: float
     r: float
-    step_s: float
     worst: float
     definite: bool
 
@@ -75,4 +74,4 @@ def cells(rounds: int = ROUNDS, exact_rounds: int = EXACT_ROUNDS) -> Iterator[St
                 if not (a >= 0 and c >= 0 and b * b <= a * c * (1 + 1e-12)):
                     broken.add(name)
         for name in FORMS:
-            yield Stiff(name, q, r, d, worst[name], name not in broken)
+            yield Stiff(name, q, r, worst[name], name not in broken)

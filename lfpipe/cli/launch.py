@@ -11,7 +11,6 @@ import attrs
 import click
 
 from lfpipe import config as config_module
-from lfpipe.cli.progress import progress
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.supervisor import rundir
@@ -19,7 +18,7 @@ from lfpipe.transport.session import Session, default_name
 
 if TYPE_CHECKING:
     from lfpipe.capture.open_source import Checked
-    from lfpipe.scene.lightfield import LightField
+    from lfpipe.supervisor.outcome import Outcome
 
 DEMO_S = 10.0  # of the demo where nobody can see it
 
@@ -71,6 +70,12 @@ def up(wish: Wish) -> int:
             click.echo(f"{path.stat().st_size / 1e6:8.2f} MB  {path}")
     if outcome.failure is None:
         say(f"ended: {outcome.reason}")
+    return exit_code(outcome)
+
+
+def exit_code(outcome: Outcome) -> int:
+    """0, or 1 with what failed said. Raises UserError where that is the user's to mend."""
+    if outcome.failure is None:
         return 0
     if outcome.user_error:
         raise UserError(outcome.failure, outcome.remedy)
@@ -81,6 +86,7 @@ def up(wish: Wish) -> int:
 def prepare(wish: Wish) -> Prepared:
     """Checks the wish as a whole, packs the scene where that is still to be done, and prints what was chosen."""
     from lfpipe.cli import chosen
+    from lfpipe.cli.packed import packed
     from lfpipe.render.check import check_together
     from lfpipe.render.open_display import has_display
     from lfpipe.scene.plan import make_plan
@@ -98,7 +104,7 @@ def prepare(wish: Wish) -> Prepared:
             raise UserError(f"{out}/: {error.strerror}", remedy) from None
         say(f"no screen here: the demo runs {wish.duration_s or DEMO_S:g} s into {out}/")
     camera = _checked(wish, config, display)
-    field, pack = _packed(wish, config)
+    field, pack = packed(wish.scene, config.scene)
     check_together(config, pack)
     plan = make_plan(field, config)
     still = out / "demo.png" if unseen else None
@@ -169,22 +175,6 @@ def _grid(scene: Path, config: Config) -> tuple[int, int]:
 
     source = describe(scene, config.scene)
     return source.rows, source.cols
-
-
-def _packed(wish: Wish, config: Config) -> tuple[LightField, Path]:
-    """The scene, packed, and where the pack lies."""
-    from lfpipe.render.scoring import choose_method
-    from lfpipe.scene.cache import cache_dir, find_pack
-    from lfpipe.scene.demo import demo_scene
-    from lfpipe.scene.pack import open_scene
-
-    with progress() as bar:
-        scene = wish.scene or demo_scene(cache_dir(config.scene), bar)
-        field = open_scene(scene, config.scene, bar, choose_method)
-    pack = find_pack(scene, config.scene)
-    if pack is None:
-        raise UserError(f"{scene} changed while it was packed", "try again once its files are complete")
-    return field, pack
 
 
 if sys.platform != "linux":  # FIFOs, PDEATHSIG, posix_fallocate, V4L2

@@ -24,7 +24,7 @@ def record(
     """Record a camera to the new folder OUT, for `lfpipe replay`. Ctrl-C ends it. See also `lfpipe ctl record`."""
     from lfpipe import config as config_module
     from lfpipe.capture.open_source import check_source
-    from lfpipe.errors import UserError
+    from lfpipe.cli.launch import exit_code, say
     from lfpipe.sequence.folder import check_out
     from lfpipe.supervisor.supervisor import Supervisor
     from lfpipe.transport.session import Session
@@ -44,14 +44,6 @@ def record(
         "record_eyes": with_eyes,
     }
 
-    def say(text: str) -> None:
-        click.echo(text, err=True)
-
     lossless = "pace=max" in source.text
     outcome = Supervisor(Session(f"record.{os.getpid()}"), config, options, lossless, tell=say).run(duration_s)
-    if outcome.user_error:
-        raise UserError(outcome.failure or outcome.reason, outcome.remedy)
-    if outcome.failure:
-        say(f"error: {outcome.failure}\n  remedy: {outcome.remedy}")
-        return 1
-    return 0
+    return exit_code(outcome)

@@ -9,14 +9,11 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from lfpipe.cli.options import with_config
-
-if TYPE_CHECKING:
-    from lfpipe.scene.lightfield import LightField
 
 PATH = click.Path(path_type=Path)
 REFERENCE = ("report.json", "trace.jsonl", "pictures")  # what a comparison reads
@@ -50,6 +47,7 @@ def replay(
     config_file: str | None,
 ) -> int:
     """Run SEQ through the pipeline; exit code 0: as expected, 1: it differs or is over budget, 2: bad input."""
+    from lfpipe.cli.packed import packed
     from lfpipe.replay import run
     from lfpipe.replay.budgets import broken, read_budgets
     from lfpipe.replay.compare import Comparison, check_reference, compare
@@ -70,7 +68,7 @@ def replay(
         read_report(expect)
     with _folder(out) as folder:
         run.clear_out(folder)
-        field, pack = _packed(scene, sets, config_file)
+        field, pack = packed(scene, config.scene)
         if expect is not None and not update:
             check_reference(expect, {"sequence": about_sequence(sequence), "scene": about_scene(field)})
         try:
@@ -116,25 +114,6 @@ def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> No
         raise UserError(f"--out and --expect are both {out}", "two folders; --update writes the reference")
     if expect is not None and pace not in STEADY:
         raise UserError(f"--expect with --pace {pace}: results then depend on the clock", "compare with --pace step or max")
-
-
-def _packed(scene: Path | None, sets: tuple[str, ...], config_file: str | None) -> tuple[LightField, Path]:
-    from lfpipe import config as config_module
-    from lfpipe.cli.progress import progress
-    from lfpipe.errors import UserError
-    from lfpipe.render.scoring import choose_method
-    from lfpipe.scene.cache import cache_dir, find_pack
-    from lfpipe.scene.demo import demo_scene
-    from lfpipe.scene.pack import open_scene
-
-    settings = config_module.load(config_file, sets).scene
-    with progress() as bar:
-        found = scene or demo_scene(cache_dir(settings), bar)
-        field = open_scene(found, settings, bar, choose_method)
-    pack = find_pack(found, settings)
-    if pack is None:
-        raise UserError(f"{found} changed while it was packed", "try again once its files are complete")
-    return field, pack
 
 
 @contextlib.contextmanager

@@ -33,7 +33,6 @@ class Parallax:
 
     alpha_px: camera px per view. views_between_eyes: S. compression: g, None where the capture's geometry is unknown.
     comfort_views, true_views: what S may be and would be in nature, None where unknown. exceeds_comfort: S > comfort_views.
-    window_zero_plane_px: the zero plane that puts the whole scene behind the screen, so that its edge never cuts what is near.
     """
 
     alpha_px: float
@@ -44,7 +43,6 @@ class Parallax:
     exceeds_comfort: bool
     distance_mm: float
     eyes_px: float
-    window_zero_plane_px: float
     reasons: tuple[str, ...]
 
     def __str__(self) -> str:
@@ -142,7 +140,7 @@ def parallax(
     if exceeds and comfort is not None:
         best = eyes / comfort
         reasons.append(f"beyond comfort, which ends at {comfort:.2f} views ({why}): take render.alpha_px of {best:.1f} or more")
-    near_px = field.disparity_max_px
+    near_px = field.disparity_max_px  # with this for zero plane the edge of the screen cuts nothing that is before it
     if near_px > config.render.zero_plane_px:
         reasons.append(f"near things stand before the screen; render.zero_plane_px={near_px:.2f} puts all behind it")
     return Parallax(
@@ -154,7 +152,6 @@ def parallax(
         exceeds_comfort=exceeds,
         distance_mm=distance_mm,
         eyes_px=eyes,
-        window_zero_plane_px=field.disparity_max_px,
         reasons=tuple(reasons),
     )
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.render.keeper import PICTURES
+from lfpipe.render.scoring import psnr_db
 from lfpipe.replay.report import Line, pair, read_report, read_trace
 from lfpipe.sequence.packets import PACKETS as PACKET_FILE
 from lfpipe.sequence.packets import Packet, read_index
@@ -133,12 +134,11 @@ class _Pictures:
         return None if found is None else np.asarray(found, np.uint8)
 
 
-def psnr_db(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
+def likeness_db(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
     """Peak signal-to-noise ratio of two 8-bit pictures; 0 for pictures of different size, 100 for equal ones."""
     if a.shape != b.shape:
         return 0.0
-    mean_square = float(np.mean(np.square(a.astype(np.float32) - b.astype(np.float32)), dtype=np.float64))
-    return min(100.0, 10 * float(np.log10(255.0**2 / max(mean_square, 1e-10))))
+    return psnr_db(float(np.mean(np.square(a.astype(np.float32) - b.astype(np.float32)), dtype=np.float64)))
 
 
 def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint8]) -> str:
@@ -228,7 +228,7 @@ def _drawn(
         a, b = theirs.get(was["picture"]), ours.get(now["picture"])
         if a is not None and b is not None:
             first = first or (now["source_seq"], a, b)
-            least_db = min(least_db, psnr_db(a, b))
+            least_db = min(least_db, likeness_db(a, b))
     wrong = bool(drawn) and (exact or first is None or least_db < LEAST_DB)
     if not wrong and len(pairs) == len(drawn):
         told = f"pictures: {len(drawn)} of {len(after)} digests differ, least PSNR {least_db:.1f} dB ({LEAST_DB:g} wanted)"

@@ -19,7 +19,7 @@ import pytest
 
 from lfpipe.errors import UserError
 from lfpipe.render.keeper import PICTURES
-from lfpipe.replay.compare import LEAST_DB, compare, psnr_db
+from lfpipe.replay.compare import LEAST_DB, compare, likeness_db
 from lfpipe.replay.report import read_trace
 from lfpipe.sequence.packets import PacketWriter, decoded, encoded, read_index
 from lfpipe.versions import OPENCV, versions
@@ -154,7 +154,7 @@ def test_the_limit_lies_where_it_is_said() -> None:
     grey = np.full((100, 100, 3), 100, np.uint8)
     almost = grey.copy()
     almost[:80] += 1  # mean square 0.8, 49.1 dB
-    assert psnr_db(grey, almost) < LEAST_DB == 50.0 < psnr_db(grey, dithered(grey))
+    assert likeness_db(grey, almost) < LEAST_DB == 50.0 < likeness_db(grey, dithered(grey))
 
 
 def test_versions_are_those_of_what_is_installed() -> None:

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from lfpipe.replay.compare import psnr_db
+from lfpipe.replay.compare import likeness_db
 from lfpipe.replay.report import Line, pair, read_trace
 from tests.world import World
 
@@ -141,6 +141,6 @@ def test_a_reference_of_another_scene_or_sequence_is_bad_input(
 
 def test_psnr_of_a_step_of_one_is_48_db() -> None:
     grey = np.full((8, 8, 3), 100, np.uint8)
-    assert psnr_db(grey, grey) == 100.0
-    assert psnr_db(grey, grey + np.uint8(1)) == pytest.approx(20 * np.log10(255))
-    assert psnr_db(grey, grey[:4]) == 0.0
+    assert likeness_db(grey, grey) == 100.0
+    assert likeness_db(grey, grey + np.uint8(1)) == pytest.approx(20 * np.log10(255))
+    assert likeness_db(grey, grey[:4]) == 0.0
