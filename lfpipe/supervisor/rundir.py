@@ -18,26 +18,36 @@ from lfpipe.errors import UserError
 from lfpipe.transport import segment, status
 from lfpipe.transport.session import PREFIX, Session, base_dir
 
+PATIENCE = 30  # times that a lock is asked for, 10 ms apart
+
 
 def _own(path: Path) -> None:
     """Makes the directory, 0700, or checks that it is ours and nobody else's."""
-    try:
-        path.mkdir(mode=0o700)
-    except FileExistsError:
-        if not _ours(path):
-            raise UserError(f"{path} is not a directory of yours", "remove it, or another --session name") from None
-        path.chmod(0o700)
-    except OSError as error:
-        raise UserError(f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory you may write to") from None
+    while True:
+        try:
+            path.mkdir(mode=0o700)
+            return
+        except FileExistsError:
+            with contextlib.suppress(FileNotFoundError):  # swept since: make it after all
+                if not _ours(path.lstat()):
+                    raise UserError(f"{path} is not a directory of yours", "remove it, or another --session name") from None
+                path.chmod(0o700)
+                return
+        except OSError as error:
+            raise UserError(f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory you may write to") from None
 
 
-def _ours(path: Path) -> bool:
-    """Whether path is a directory of this user's; in /tmp anybody may make one under our name, to be spoken to in our stead."""
-    try:
-        found = path.lstat()
-    except OSError:
-        return False
+def _ours(found: os.stat_result) -> bool:
+    """Whether that is a directory of this user's; in /tmp anybody may make one under our name, to be spoken to in our stead."""
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
+
+
+def _folders() -> Iterator[Path]:
+    """This user's run directories."""
+    for path in base_dir().glob(f"{PREFIX}*"):
+        with contextlib.suppress(FileNotFoundError):  # it has just ended
+            if _ours(path.lstat()):
+                yield path
 
 
 @contextlib.contextmanager
@@ -50,10 +60,20 @@ def filled(session: Session) -> Iterator[None]:
         raise UserError(f"{session.run_dir}: {error.strerror}", remedy) from None
 
 
-def _lock(path: Path) -> int | None:
-    """The lock's descriptor, or None when another process holds it. A lock file that vanished meanwhile is no lock."""
+def _lock(path: Path, make: bool = False) -> int | None:
+    """The lock's descriptor, or None when another process holds it. make: also the directory, where it is gone.
+
+    A lock file that vanished meanwhile is no lock: who sweeps takes a directory that is not locked yet for a dead session's.
+    """
     while True:
-        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        if make:
+            _own(path.parent)
+        try:
+            fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        except FileNotFoundError:
+            if make:
+                continue
+            return None
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -63,13 +83,12 @@ def _lock(path: Path) -> int | None:
             if path.stat().st_ino == os.fstat(fd).st_ino:
                 return fd
         os.close(fd)
-        path.parent.mkdir(mode=0o700, exist_ok=True)
 
 
 def _lock_patiently(path: Path) -> int | None:
-    """As _lock, but a command that only looks whether the session lives (`running`) does not count as an owner."""
-    for _ in range(10):
-        if (fd := _lock(path)) is not None:
+    """As _lock, but who only looks whether the session lives (`running`), or sweeps, does not count as an owner."""
+    for _ in range(PATIENCE):
+        if (fd := _lock(path, make=True)) is not None:
             return fd
         time.sleep(0.01)
     return None
@@ -80,7 +99,6 @@ def acquire(session: Session) -> int:
 
     Raises UserError when another `up` runs under this name.
     """
-    _own(session.run_dir)
     fd = _lock_patiently(session.lock)
     if fd is None:
         raise UserError(
@@ -122,9 +140,7 @@ def _waken(session: Session) -> None:
 def sweep() -> list[str]:
     """Removes what sessions of this user left that no longer live; returns their names."""
     swept = []
-    for path in base_dir().glob(f"{PREFIX}*"):
-        if not _ours(path):
-            continue
+    for path in _folders():
         try:
             session = Session(path.name.removeprefix(PREFIX))
         except UserError:
@@ -140,17 +156,15 @@ def sweep() -> list[str]:
 def running() -> list[str]:
     """Names of this user's living sessions."""
     names = []
-    for path in base_dir().glob(f"{PREFIX}*/lock"):
-        if not _ours(path.parent):
-            continue
+    for path in _folders():
         try:
-            fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+            fd = os.open(path / "lock", os.O_RDWR | os.O_CLOEXEC)
         except FileNotFoundError:
-            continue  # it has just ended
+            continue  # it begins, or has just ended
         try:
             fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
-            names.append(path.parent.name.removeprefix(PREFIX))
+            names.append(path.name.removeprefix(PREFIX))
         finally:
             os.close(fd)
     return sorted(names)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -63,6 +65,32 @@ def test_after_a_kill_of_the_group_the_next_session_of_any_name_sweeps(world: Wo
     assert world.left(), "nothing to sweep: this test shows nothing"
     other = world.run("up", scene, "--camera", "demo", "--display", "none", "--session", "other", "--duration", "0.2", *SMALL)
     assert other.returncode == 0, other.stderr
+    assert not world.left()
+
+
+BEGIN_AND_END = """
+import os, sys, time
+from lfpipe.supervisor import rundir
+from lfpipe.transport.session import Session
+session, count, end = Session(sys.argv[1]), 0, time.monotonic() + 1.5
+while time.monotonic() < end:
+    rundir.sweep()
+    fd = rundir.acquire(session)
+    assert os.fstat(fd).st_ino == session.lock.stat().st_ino and session.name in rundir.running()
+    rundir.release(session, fd)
+    count += 1
+print(count)
+"""
+
+
+def test_sessions_that_begin_and_end_at_once_do_not_sweep_each_other(world: World) -> None:
+    """A directory that is made and not locked yet looks like a dead session's to who sweeps in that moment."""
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": world.env}
+    commands = [[sys.executable, "-c", BEGIN_AND_END, f"{world.name}.{k}"] for k in range(4)]
+    processes = [subprocess.Popen(command, **pipes) for command in commands]
+    said = [process.communicate(timeout=60) for process in processes]
+    assert [process.returncode for process in processes] == [0] * 4, said
+    assert sum(int(out) for out, _ in said) > 50, said
     assert not world.left()
 
 
