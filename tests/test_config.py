@@ -33,7 +33,7 @@ def test_the_text_of_any_configuration_reads_back_as_itself() -> None:
 def test_every_error_is_named_at_once() -> None:
     sets = ["camera.widht=3", "render.method=neerest", "camera.rate_hz=-4", "render.alpha_px=abc", "track.mean_k=2.5"]
     with pytest.raises(UserError) as error:
-        config.load(None, [*sets, "rendr.x=1", "render.swap_eyes=1", "screen.width_mm=nan"])
+        config.load(None, [*sets, "rendr.x=1", "render.swap_eyes=1", "screen.width_mm=nan", "camera.fov_deg=175.5"])
     text = str(error.value)
     for part in (
         "camera.widht: unknown key, did you mean 'camera.width_px'?",
@@ -45,9 +45,15 @@ def test_every_error_is_named_at_once() -> None:
         "rendr: unknown key, did you mean 'render'?",
         "render.swap_eyes: 1 is not true or false",
         "screen.width_mm: nan is out of range",
+        "camera.fov_deg: 175.5 is out of range: 5 to 175 deg",
         "remedy:",
     ):
         assert part in text, text
+
+
+def test_a_range_holds_its_ends() -> None:
+    for value in (5, 175):
+        assert config.load(None, [f"camera.fov_deg={value}"]).camera.fov_deg == float(value)
 
 
 def test_layers_win_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,5 +101,6 @@ def test_any_set_is_taken_whole_or_refused(key: str, value: object) -> None:
 
 def test_a_running_session_takes_live_keys_only() -> None:
     assert config.updated(Config(), {"render.alpha_px": 3}, live_only=True).render.alpha_px == 3.0
+    assert config.updated(Config(), {"camera.width_px": 320}).camera.width_px == 320, "one that is still to begin takes all"
     with pytest.raises(UserError, match=r"camera\.width_px.*fixed while a session runs"):
         config.updated(Config(), {"render.alpha_px": 3, "camera.width_px": 320}, live_only=True)

@@ -18,7 +18,7 @@ from lfpipe.errors import UserError
 from lfpipe.quality import METHODS, drawn_with, ladder, lowered, number, tracked_every
 from lfpipe.supervisor import placement
 from lfpipe.supervisor.governor import GAP_S, Governor, Load, Step
-from lfpipe.supervisor.levels import Levels
+from lfpipe.supervisor.levels import Levels, why
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import ROW, State
 
@@ -167,6 +167,30 @@ def test_what_a_stage_did_while_it_lagged_is_told() -> None:
     assert step == Step(1, "render", Load(15, 15, 300_000_000), pytest.approx(0.5))
 
 
+def test_the_reason_of_a_step_is_told() -> None:
+    assert why(Step(1, "render", Load(15, 5, 300_000_000), 0.5)) == "render missed 5 of 20 in 0.5 s"
+    assert why(Step(1, "track", Load(15, 0, 450_000_000), 0.5)) == "track needs 90 % of its time"
+    assert why(Step(0)) == "there is room again"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "scene", "scores", "drawn"),
+    [
+        ("warp2", "blend", {"blend": 38.1, "warp2": 37.9}, "blend"),  # its own test shows it worse
+        ("warp2", "blend", {"blend": 38.1, "warp2": 38.1}, "warp2"),
+        ("warp", "blend", {"blend": 37.0, "warp": 38.0}, "warp"),  # the scene's own is not worth a warp: asked for, it is drawn
+        ("warp", "warp2", {"warp2": 50.0, "warp": 48.0}, "warp"),  # a cheaper warp is a choice, not a fault
+        ("warp", "blend", {}, "warp"),
+        ("nearest", "warp2", {"warp2": 50.0, "nearest": 30.0}, "nearest"),
+        ("blend", "nearest", {"nearest": 50.0, "blend": 40.0}, "blend"),
+    ],
+)
+def test_a_warp_is_drawn_where_it_is_not_worse_than_the_scenes_own_cross_fade(
+    wanted: str, scene: str, scores: dict[str, float], drawn: str
+) -> None:
+    assert drawn_with(wanted, scene, True, scores) == drawn
+
+
 def test_a_stage_on_a_core_of_its_own_is_not_helped_by_the_others() -> None:
     governor = Governor([frozenset(("capture", "render")), frozenset(("track",))])
     steps = [governor.update(i * DT_NS, LOST) for i in range(100)]
@@ -207,6 +231,7 @@ def test_no_level_slows_the_camera_clock_and_none_is_there_where_nothing_is_show
     assert len(ladder(paper, options)) == 1
     assert {level.every for level in ladder(Config(render=Render(clock="camera")), options)} == {1}
     assert len(ladder(Config(), {"render": False, "tracking": False})) == 1
+    assert {level.every for level in ladder(Config(), {**options, "tracking": False})} == {1}, "nothing is tracked"
     assert [level.rate_hz for level in ladder(Config(render=Render(method="nearest", rate_hz=120)), options)] == [120, 60, 30, 30]
 
 

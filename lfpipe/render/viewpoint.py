@@ -46,29 +46,20 @@ class Mapper:
     """The mapping with its state: the neutral pose, and the views held in nearest mode.
 
     rows, cols: of the grid. render: extrapolate_views and swap_eyes are used. alpha_px: camera px between neighbouring views.
-    centre_px: (cx, cy) until a `recentre`. snap: give whole views with hysteresis, for the method nearest.
+    centre_px: (cx, cy). snap: give whole views with hysteresis, for the method nearest.
     """
 
     def __init__(self, rows: int, cols: int, render: Render, alpha_px: float, centre_px: ArrayLike, snap: bool = False) -> None:
         self.rows, self.cols = rows, cols
         self.alpha_px = alpha_px
-        self.centre_px: tuple[float, float] = (0.0, 0.0)
-        self._render, self.snap = render, snap
-        self._held: list[float | None] = [None, None, None]  # row, left col, right col
         centre = np.asarray(centre_px, dtype=np.float64).reshape(2)
         self.centre_px = (float(centre[0]), float(centre[1]))
+        self._render, self.snap = render, snap
+        self._held: list[float | None] = [None, None, None]  # row, left col, right col
 
     def neutral(self) -> Position:
         """The middle of the grid, where an unseen viewer is taken to be."""
         return (self.rows - 1) / 2, (self.cols - 1) / 2
-
-    def recentre(self, eyes_px: ArrayLike) -> bool:
-        """Makes these eyes, (2, 2) px left and right, the neutral pose. False, and no change, where they are not finite."""
-        middle = np.asarray(eyes_px, dtype=np.float64).reshape(2, 2).mean(axis=0)
-        if not np.isfinite(middle).all():
-            return False
-        self.centre_px = (float(middle[0]), float(middle[1]))
-        return True
 
     def _steps(self, distance_px: float) -> float:
         """distance over alpha, finite whatever comes in; what is not a number is no distance."""

@@ -33,6 +33,23 @@ def test_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
     assert noise([2.0] * 8) == 0.0 and noise([2.0] * 3) == math.inf
 
 
+@pytest.mark.parametrize(("count", "low", "high"), [(6, 1, 6), (8, 1, 8), (10, 2, 9), (20, 6, 15), (25, 8, 18), (50, 18, 33)])
+def test_interval_of_the_median_is_that_of_the_tables(count: int, low: int, high: int) -> None:
+    """Ranks as printed for the sign test, 95 %, two-sided."""
+    samples = [float(k) for k in range(count, 0, -1)]
+    assert median_interval(samples) == (low, high)
+    assert noise(samples) == pytest.approx((high - low) / ((count + 1) / 2))
+
+
+def test_bootstrap_interval_is_as_wide_as_theory_says() -> None:
+    """A median of n values of a normal distribution scatters by sqrt(pi / 2 / n) of its sigma."""
+    rng, n = np.random.default_rng(4), 200
+    for level, sigmas in ((0.95, 1.96), (0.68, 0.994)):
+        ends = [bootstrap_interval(rng.normal(10.0, 1.0, n).tolist(), level, 400) for _ in range(60)]
+        half = np.mean([(high - low) / 2 for low, high in ends])
+        assert half == pytest.approx(sigmas * math.sqrt(math.pi / 2 / n), rel=0.1)
+
+
 def test_bootstrap_interval_narrows_with_samples() -> None:
     values = np.random.default_rng(2).normal(1.0, 0.1, 64).tolist()
     few, many = bootstrap_interval(values[:8]), bootstrap_interval(values)

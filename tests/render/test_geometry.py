@@ -54,6 +54,61 @@ def test_comfort_by_hand() -> None:
     assert not found.exceeds_comfort
 
 
+@pytest.mark.parametrize(
+    ("width_mm", "distance_mm", "zero_px", "limit_mm", "extent_px", "why"),
+    [
+        (600.0, 600.0, 0.0, 600 * math.pi / 180, 1.6, "1 degree"),
+        (299.0, 600.0, 0.0, 0.03 * 299, 1.6, "3% of the picture's width"),
+        (3000.0, 10000.0, 0.0, 63.0, 1.6, "must not diverge"),
+        (3000.0, 10000.0, -1.5, 0.03 * 3000, 3.0, "3% of the picture's width"),  # nearly all of it stands before the screen
+        (299.0, 600.0, -1.0, 0.03 * 299, 2.5, "3% of the picture's width"),  # and so does more than stands behind it
+        (299.0, 600.0, 1.0, 0.03 * 299, 2.6, "3% of the picture's width"),
+    ],
+)
+def test_each_limit_of_comfort_by_hand(
+    width_mm: float, distance_mm: float, zero_px: float, limit_mm: float, extent_px: float, why: str
+) -> None:
+    screen = {"width_mm": width_mm, "distance_mm": distance_mm}
+    for alpha in (1e-3, 1e3):
+        render = {"zero_plane_px": zero_px, "alpha_px": alpha}
+        how = from_dict({"camera": {"focal_px": 600.0}, "screen": screen, "render": render})
+        found = parallax(how, cotton(), 640, 63.0)
+        assert found.distance_mm == distance_mm and "as configured" in str(found)
+        assert found.comfort_views == pytest.approx(limit_mm / (extent_px * width_mm / 512))
+        assert (why in str(found)) == found.exceeds_comfort == (alpha < 1)
+
+
+def test_the_advice_beyond_comfort_ends_it() -> None:
+    advised = 63.0 / (parallax(config(alpha_px=3.5), cotton(), 640, 63.0).comfort_views or 0)
+    assert f"take render.alpha_px of {advised:.1f} or more" in str(parallax(config(alpha_px=3.5), cotton(), 640, 63.0))
+    assert not parallax(config(alpha_px=1.01 * advised), cotton(), 640, 63.0).exceeds_comfort
+    assert parallax(config(alpha_px=0.99 * advised), cotton(), 640, 63.0).exceeds_comfort
+
+
+def test_the_least_of_room_comfort_and_nature_decides() -> None:
+    shallow = attrs.evolve(cotton(), disparity_min_px=-0.1, disparity_max_px=0.1)
+    close_up = attrs.evolve(shallow, geometry=Geometry(100.0, 1000.0))  # 100 mm of baseline, one metre away
+    found = parallax(config(alpha_px="auto"), close_up, 640, 63.0)
+    assert found.views_between_eyes == found.true_views == pytest.approx(63 / (0.1 * 600))
+    assert "true to nature" in str(found) and found.compression == 1.0
+    zeroed = parallax(config(alpha_px="auto", zero_plane_px=0.05), close_up, 640, 63.0)
+    assert zeroed.true_views == found.true_views, "without the capture's focal length the zero plane's depth is not known"
+    for rows, cols, room in ((9, 9, 4.0), (9, 1, 4.0), (1, 5, 2.0), (1, 1, 0.5)):
+        grid = attrs.evolve(rendered.field(rows, cols, 4, 64), disparity_min_px=-1e-3, disparity_max_px=1e-3)
+        assert parallax(config(alpha_px="auto"), grid, 640, 63.0).views_between_eyes == room, (rows, cols)
+    unknown = attrs.evolve(rendered.field(1, 40, 4, 64), disparity_source="none")
+    assert parallax(config(alpha_px="auto"), unknown, 640, 63.0).views_between_eyes == 4.0
+
+
+def test_the_width_of_the_picture_is_the_persons_then_the_monitors_then_a_guess() -> None:
+    auto = from_dict({"camera": {"focal_px": 600.0}})
+    told, guessed = parallax(auto, cotton(), 640, 63.0, None, 300.0), parallax(auto, cotton(), 640, 63.0)
+    assert "picture 300 mm wide, as the monitor tells" in str(told) and "530 mm wide, taken" in str(guessed)
+    asked = parallax(config(alpha_px="auto"), cotton(), 640, 63.0, None, 300.0)
+    assert "wide" not in str(asked)
+    assert asked.comfort_views == parallax(config(alpha_px="auto"), cotton(), 640, 63.0).comfort_views
+
+
 def test_a_deep_scene_is_held_to_comfort() -> None:
     deep = attrs.evolve(cotton(), disparity_min_px=-14.6, disparity_max_px=8.4)
     found = parallax(config(alpha_px="auto"), deep, 640, 63.0)
@@ -87,7 +142,7 @@ def test_depth_follows_the_seat() -> None:
 
 
 def test_focal_length() -> None:
-    assert camera_focal_px(from_dict({"camera": {"fov_deg": 90.0}}), 640) == pytest.approx(320.0)
+    assert camera_focal_px(from_dict({"camera": {"fov_deg": 60.0}}), 640) == pytest.approx(320.0 * math.sqrt(3))
     wide = from_dict({"camera": {"focal_px": 600.0, "width_px": 640}})
     assert camera_focal_px(wide, 1280) == pytest.approx(1200.0)
     assert focal_px_from(63.0, 63.0, 600.0) == pytest.approx(600.0)

@@ -91,12 +91,17 @@ def _without_line(folder: Path) -> None:
     (folder / INDEX).write_text("".join(lines[:7] + lines[8:]))
 
 
-def _stamp_back(folder: Path) -> None:
-    lines = _lines(folder)
-    line = json.loads(lines[9])
-    line["t_sensor_ns"] -= 10**9
-    lines[9] = json.dumps(line) + "\n"
-    (folder / INDEX).write_text("".join(lines))
+def _line(**changes: object) -> Callable[[Path], None]:
+    """Damage to line 9 of the index: a number is a step from what was there."""
+
+    def change(folder: Path) -> None:
+        lines = _lines(folder)
+        line = json.loads(lines[9])
+        steps = {name: line[name] + step if isinstance(step, int) else step for name, step in changes.items()}
+        lines[9] = json.dumps({**line, **steps}) + "\n"
+        (folder / INDEX).write_text("".join(lines))
+
+    return change
 
 
 def _one_bit(folder: Path) -> None:
@@ -120,7 +125,11 @@ def _manifest(**changes: object) -> Callable[[Path], None]:
         (lambda f: (f / INDEX).write_bytes((f / INDEX).read_bytes()[:-5]), "its last line is cut off"),
         (lambda f: (f / INDEX).write_text("".join(_lines(f)[:-1])), "59 frames, 60 were recorded"),
         (_without_line, "frame 7 is missing, frame 8 stands in its place"),
-        (_stamp_back, "frame 9: its time stamp .* is not after"),
+        (_line(t_sensor_ns=-(10**9)), "frame 9: its time stamp .* is not after"),
+        (_line(offset=1), "frame 9 does not begin where the one before it ends"),
+        *((_line(**wrong), r"frames\.jsonl:10: not the line of a frame") for wrong in (
+            {"codec": "gif"}, {"offset": -(10**12)}, {"bytes": -(10**12)}, {"crc32": "x"}, {"epoch": 1.5}, {"more": "x"}
+        )),
         (_one_bit, r"frames\.bin: wrong checksum"),
         (lambda f: (f / INDEX).write_text("{}\n" * 60), r"frames\.jsonl:1: not the line of a frame"),
         (lambda f: (f / PACKETS).unlink(), r"frames\.bin: No such file"),
