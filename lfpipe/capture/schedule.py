@@ -56,9 +56,7 @@ class StampSchedule:
 
     def restart(self) -> None:
         """The file starts over: its first frame is due one period after its last."""
-        evenly_ns = self._base_ns + self._even.due_ns(self._count)
-        onward_ns = self._last_ns + self._step_ns
-        self._base_ns = evenly_ns if abs(evenly_ns - onward_ns) <= STAMP_ROUNDING_NS else onward_ns
+        self._base_ns = self._last_ns + self._step_ns
         self._count = 0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import attrs
@@ -86,7 +87,16 @@ def test_alpha_follows_the_viewers_distance_within_seconds_and_not_at_once() -> 
     assert subject.mapper.alpha_px == pytest.approx(alpha, rel=0.02)
     for k in range(2, int(60 * 8 * DISTANCE_S)):
         subject.look(record(apart=30.0), k * S // 60, k * S // 60)
+        if k == int(60 * DISTANCE_S):
+            assert subject.mapper.alpha_px == pytest.approx(alpha * (0.5 + 0.5 / math.e), rel=0.01), "its time constant"
     assert subject.mapper.alpha_px == pytest.approx(alpha / 2, rel=0.01)
+
+
+def test_alpha_by_hand_follows_nobody() -> None:
+    subject = viewer(alpha_px=12.0)
+    for k in range(100):
+        subject.look(record(apart=60.0 - k / 3), k * S // 10, k * S // 10)
+    assert subject.mapper is not None and subject.mapper.alpha_px == 12.0
 
 
 def test_another_scene_or_configuration_keeps_the_pose() -> None:

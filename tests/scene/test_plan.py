@@ -89,6 +89,33 @@ def test_the_viewers_distance_counts_only_while_alpha_follows_it() -> None:
     assert not make_plan(field(3, 3), with_keys(screen__distance_mm=600.0)).needs_depth
 
 
+def saved(plan: Plan, part: str) -> str:
+    return next(item.saves for item in plan.left_out if part in item.what)
+
+
+def test_what_is_saved_is_counted_in_bytes_and_planes() -> None:
+    """Views of 48 x 64 px, three planes each; frames of 640 x 480."""
+    assert saved(make_plan(field(1, 1), Config()), "capture") == "two processes, 921.6 kB a frame"
+    assert saved(make_plan(field(1, 9), Config()), "row") == "24.6 kB of maps"
+    assert saved(make_plan(field(3, 3, channels=1), Config()), "colour planes") == "55.3 kB of pack and memory"
+    film = attrs.evolve(field(3, 3, channels=1), views=np.zeros((4, 3, 3, 1, 48, 64), np.uint8))
+    assert saved(make_plan(film, Config()), "colour planes") == "221.2 kB of pack and memory"
+    colour = make_plan(field(3, 3), with_keys(render__anaglyph="colour", render__method="nearest"))
+    assert saved(colour, "of 6 planes") == "9.2 kB a picture" and "3 of 6 planes a picture" in what(colour)
+    assert saved(colour, "warping") == "3 warped planes a picture"
+    assert saved(colour, "disparity maps") == "6.9 kB never read"
+    far = make_plan(field(3, 101), with_keys(render__alpha_px=32.0))
+    unseen = 3 * 101 - 3 * 43
+    assert saved(far, "views") == f"{unseen * 3 * 48 * 64 / 1e6:.1f} MB never read" and f"{unseen} of 303 views" in what(far)
+
+
+def test_the_viewers_distance_is_left_out_with_its_reason() -> None:
+    for keys, why in ((dict(render__alpha_px=10.5), "render.alpha_px"), (dict(screen__distance_mm=600.0), "screen.distance_mm")):
+        (one,) = (item for item in make_plan(field(3, 3), with_keys(**keys)).left_out if item.what == "the viewer's distance")
+        assert one.why == f"{why} is given"
+    assert "the viewer's distance" not in what(make_plan(field(3, 3), Config()))
+
+
 def test_every_saving_has_a_number_and_measuring_changes_no_decision() -> None:
     for scene in (field(1, 1), field(1, 9), field(3, 3, 1), field(4, 4, extent_px=0.1)):
         plain, timed = make_plan(scene, Config()), make_plan(scene, Config(), measure=True)
