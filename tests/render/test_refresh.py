@@ -1,0 +1,122 @@
+"""The display's clock beside a camera's: the phase is found at once, then followed in small steps; rates that do not fit are left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from lfpipe.render.refresh import GAIN, LARGEST_STEP, LONGEST_NS, Refresh
+
+MS = 1_000_000
+T0_NS = 10**12
+LEAD_NS, AGE_NS = 2 * MS, 5 * MS  # what a picture takes; from a frame's stamp to its eyes
+
+
+def frames(rate_hz: float, count: int, start_ns: int = T0_NS, every: int = 1) -> Iterator[tuple[int, int]]:
+    """(source_seq, t_sensor_ns)."""
+    for k in range(0, count, every):
+        yield k, start_ns + round(k * 1e9 / rate_hz)
+
+
+def hear(refresh: Refresh, seq: int, t_sensor_ns: int) -> list[int]:
+    """Lets refreshes pass until the eyes of a frame come, and tells them; the times at which pictures were due."""
+    t_eyes_ns, due = t_sensor_ns + AGE_NS, []
+    while refresh.due_ns() <= t_eyes_ns:
+        due.append(refresh.due_ns())
+        refresh.advance(refresh.due_ns())
+    refresh.heard(seq, t_sensor_ns, t_eyes_ns, LEAD_NS)
+    return due
+
+
+def off(refresh: Refresh, t_sensor_ns: int) -> float:
+    """How far a refresh is from being due just after the eyes of that frame are drawn, in periods, -0.5 to 0.5."""
+    slack_ns = min(0.2 * refresh.period_ns, 3 * MS)
+    away = (refresh.due_ns() - (t_sensor_ns + AGE_NS + LEAD_NS + slack_ns)) / refresh.period_ns
+    return float((away + 0.5) % 1 - 0.5)
+
+
+@pytest.mark.parametrize(("display_hz", "camera_hz"), [(60, 30), (60, 60), (120, 30), (60, 20), (144, 24)])
+@pytest.mark.parametrize("phase", [0.1, 0.5, 0.9])
+def test_the_second_frame_sets_the_phase(display_hz: float, camera_hz: float, phase: float) -> None:
+    refresh = Refresh(display_hz, T0_NS - round(phase * 1e9 / display_hz))
+    first, second = frames(camera_hz, 2)
+    hear(refresh, *first)
+    before = off(refresh, second[1])
+    hear(refresh, *second)
+    assert abs(off(refresh, second[1])) < 1e-3, f"{before:.2f} of a period off before"
+
+
+@pytest.mark.parametrize(("display_hz", "camera_hz"), [(60, 25), (60, 24), (50, 30), (30, 60), (60, 59)])
+def test_rates_that_do_not_fit_are_left_alone(display_hz: float, camera_hz: float) -> None:
+    refresh, due = Refresh(display_hz, T0_NS), list[int]()
+    for seq, t_ns in frames(camera_hz, 200):
+        due += hear(refresh, seq, t_ns)
+    assert max(abs(t_ns - T0_NS - k * 1e9 / display_hz) for k, t_ns in enumerate(due)) <= 1
+
+
+@pytest.mark.parametrize("true_hz", [29.97, 30.02])
+def test_a_camera_whose_rate_is_a_little_off_is_followed_by_steps_that_nobody_sees(true_hz: float) -> None:
+    refresh, due, away = Refresh(60.0, T0_NS), list[int](), list[float]()
+    for seq, t_ns in frames(true_hz, 3000):
+        passed = hear(refresh, seq, t_ns)
+        if seq > 10:
+            due += passed
+            away.append(off(refresh, t_ns))
+    drift = abs(1 - 30 / true_hz) * 2  # of a display's period, a frame
+    assert max(map(abs, away[500:])) < 1.2 * drift / GAIN
+    gaps = np.diff(due) / refresh.period_ns
+    assert np.abs(gaps - 1).max() <= LARGEST_STEP + 1e-6
+
+
+def test_a_single_late_frame_moves_the_phase_by_no_more_than_the_largest_step() -> None:
+    refresh = Refresh(60.0, T0_NS)
+    all_ = list(frames(30.0, 100))
+    for seq, t_ns in all_[:-1]:
+        hear(refresh, seq, t_ns)
+    settled = off(refresh, all_[-1][1])
+    seq, t_ns = all_[-1]
+    refresh.heard(seq, t_ns, t_ns + AGE_NS + 6 * MS, LEAD_NS)
+    moved = off(refresh, t_ns) - settled
+    assert 0 < moved <= LARGEST_STEP + 1e-6
+
+
+def test_frames_lost_on_the_way_do_not_change_the_cameras_rate() -> None:
+    refresh = Refresh(60.0, T0_NS)
+    for seq, t_ns in frames(30.0, 300, every=3):
+        hear(refresh, seq, t_ns)
+    assert abs(off(refresh, t_ns)) < 1e-3
+
+
+@pytest.mark.parametrize("restarted", [True, False])
+def test_after_a_gap_or_another_run_of_the_camera_the_phase_is_found_anew(restarted: bool) -> None:
+    refresh = Refresh(60.0, T0_NS)
+    for seq, t_ns in frames(30.0, 30):
+        hear(refresh, seq, t_ns)
+    later_ns = t_ns + (100 * MS if restarted else LONGEST_NS + 300 * MS) + 5 * MS
+    for k, t_ns in frames(30.0, 3, later_ns):
+        hear(refresh, k if restarted else seq + 1 + k, t_ns)
+    assert abs(off(refresh, t_ns)) < 1e-3
+
+
+def test_refreshes_that_pass_during_a_picture_are_counted() -> None:
+    refresh = Refresh(50.0, T0_NS)
+    refresh.advance(T0_NS)
+    assert refresh.due_ns() == T0_NS + 20 * MS and refresh.missed == 0
+    refresh.advance(T0_NS + 75 * MS)
+    assert refresh.missed == 2 and refresh.due_ns() == T0_NS + 80 * MS
+
+
+def test_dues_rise_whatever_the_camera_says() -> None:
+    rng, refresh, t_ns, last = np.random.default_rng(3), Refresh(60.0, T0_NS), T0_NS, 0
+    dues = []
+    for _ in range(2000):
+        t_ns += int(rng.integers(0, 100 * MS))
+        last += int(rng.integers(-2, 4))
+        refresh.heard(last, t_ns - int(rng.integers(0, 50 * MS)), t_ns, int(rng.integers(0, 30 * MS)))
+        while refresh.due_ns() <= t_ns:
+            dues.append(refresh.due_ns())
+            refresh.advance(refresh.due_ns())
+    assert all(b > a for a, b in pairwise(dues))
