@@ -1,4 +1,4 @@
-"""The display's clock beside a camera's: the phase is found at once, then followed in small steps; rates that do not fit are left."""
+"""The display's clock beside a camera's: the phase is found at once, then followed in small steps; what does not fit is left."""
 
 from __future__ import annotations
 
@@ -88,6 +88,10 @@ def test_frames_lost_on_the_way_do_not_change_the_cameras_rate() -> None:
     for seq, t_ns in frames(30.0, 300, every=3):
         hear(refresh, seq, t_ns)
     assert abs(off(refresh, t_ns)) < 1e-3
+    other, due = Refresh(50.0, T0_NS), list[int]()
+    for seq, t_ns in frames(30.0, 300, every=3):  # every third of 30 Hz would fit 50 Hz
+        due += hear(other, seq, t_ns)
+    assert max(abs(t_ns - T0_NS - k * 20 * MS) for k, t_ns in enumerate(due)) <= 1
 
 
 @pytest.mark.parametrize("restarted", [True, False])
