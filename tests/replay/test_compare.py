@@ -86,6 +86,27 @@ def test_the_same_results_of_the_same_versions_need_no_word(run: Path) -> None:
     assert found.differences == [] and found.notes == []
 
 
+def test_settings_are_compared_where_they_matter(run: Path) -> None:
+    def changed(**sections: dict[str, Any]) -> list[str]:
+        report = json.loads((REFERENCE / "report.json").read_text())
+        for section, keys in sections.items():
+            report["config"][section] |= keys
+        (run / "report.json").write_text(json.dumps(report))
+        return [str(difference) for difference in compare(REFERENCE, run).differences]
+
+    assert changed(render={"rate_hz": 50.0, "clock": "camera"}, screen={"monitor": "DP-1"}, scene={"cache_dir": "/x"}) == []
+    (said,) = changed(track={"filter": "mean"}, render={"rate_hz": 50.0})
+    assert said == "config: track.filter: 'predictive' in the reference, 'mean' now"
+
+
+def test_a_part_of_the_frames_that_differ_is_counted(run: Path) -> None:
+    def move_two(line: dict[str, Any]) -> None:
+        line["eyes_raw"]["left"][0] += 1.0 * (line["source_seq"] in (7, 9))
+
+    (difference,) = compare(other(run, move_two), run).differences
+    assert str(difference).startswith("eyes: frame 7: eyes_raw left") and difference.what.endswith("2 of 300 frames")
+
+
 def test_other_versions_are_told_and_a_rounding_passes(run: Path) -> None:
     copy = other(run, moved("eyes_raw", 0.04))
     redrawn(copy, dithered)

@@ -62,6 +62,24 @@ def test_nothing_is_said_of_what_is_unsteady_implausible_or_unknown() -> None:
     assert learn(EyeDistance(), [turned] * 90)[-1] == 0
 
 
+@pytest.mark.parametrize(("apart_mm", "said"), [(44.0, False), (46.0, True), (79.0, True), (81.0, False)])
+def test_what_is_plausible_has_two_ends(apart_mm: float, said: bool) -> None:
+    assert learn(EyeDistance(), [face(apart_mm)] * 90)[-1] == pytest.approx(apart_mm if said else 0.0)
+
+
+def test_what_was_said_is_said_anew_only_when_it_is_off_by_a_millimetre() -> None:
+    subject = EyeDistance()
+    told = [learn(subject, [face(mm)] * 300, k * 10**11)[-1] for k, mm in enumerate((60.0, 60.9, 61.1, 60.2, 59.9))]
+    assert told == pytest.approx([60.0, 60.0, 61.1, 61.1, 59.9])
+
+
+def test_a_clock_that_was_set_back_begins_anew() -> None:
+    subject = EyeDistance()
+    learn(subject, [face(60.0)] * 60, 10**12)
+    told = learn(subject, [face(66.0)] * 60)
+    assert told[0] == pytest.approx(60.0) and told[-1] == pytest.approx(66.0)
+
+
 def test_kept_while_nobody_is_there_and_learnt_anew_of_somebody_else() -> None:
     subject = EyeDistance()
     learn(subject, [face(58.0)] * 60)
