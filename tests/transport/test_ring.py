@@ -142,6 +142,72 @@ def test_every_slot_is_either_read_or_counted(steps: list[int], slots: int) -> N
     memory.unlink()
 
 
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(steps=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30), slots=st.integers(3, 6))
+@pytest.mark.parametrize("lent", [False, True])
+def test_in_order_every_slot_comes_once_or_is_counted_and_all_that_are_still_there_come(
+    lent: bool, steps: list[tuple[int, int]], slots: int
+) -> None:
+    """steps: so many published, then so many asked for. slots - 2 may lie between the newest and the oldest still read."""
+    name = f"lfpipe-test-{os.getpid()}-{time.monotonic_ns()}"
+    memory = ring.create(name, RingSpec((2,), np.dtype("<i8"), slots))
+    writer, reader = Writer(name), Reader(name)
+    out = np.empty(2, np.int64)
+    published = last = 0
+    for burst, asked in steps:
+        for _ in range(burst):
+            writer.begin()[:] = published
+            writer.publish(published, 0, 0)
+            published += 1
+        for _ in range(asked):
+            expected = max(last + 1, published - slots + 2)
+            if lent:
+                found = reader.lend(in_order=True)
+                stamp, value = (None, -1) if found is None else (found[0], int(found[1][0]))
+                del found
+            else:
+                stamp = reader.read_next(out)
+                value = int(out[0])
+            assert (stamp is None) == (last == published)
+            if stamp is not None:
+                assert (stamp.seq, stamp.source_seq, value) == (expected, expected - 1, expected - 1)
+                assert stamp.skipped == expected - last - 1
+                last = stamp.seq
+    assert reader.retries == 0, "nobody wrote meanwhile"
+    writer.close()
+    reader.close()
+    memory.close()
+    memory.unlink()
+
+
+@pytest.mark.parametrize("slots", [3, 4, 7])
+def test_a_slot_that_was_lent_counts_until_the_writer_may_have_touched_it(name: str, slots: int) -> None:
+    memory = ring.create(name, RingSpec((2,), np.dtype("<i8"), slots))
+    writer, reader = Writer(name), Reader(name)
+    writer.begin()
+    writer.publish(0, 0, 0)
+    stamp = reader.lend()[0]  # type: ignore[index]
+    for more in range(slots + 1):
+        assert reader.whole(stamp) == (more <= slots - 2), "one slot is being written, unseen"
+        writer.begin()
+        writer.publish(0, 0, 0)
+    writer.close()
+    reader.close()
+    memory.close()
+    memory.unlink()
+
+
+def test_what_is_no_ring_is_said(name: str) -> None:
+    for slots, dtype in ((2, np.dtype("u1")), (4, np.dtype([(f"a field with a long name {k}", "<f8") for k in range(200)]))):
+        with pytest.raises(ValueError, match=name):
+            ring.create(name, RingSpec((4,), dtype, slots))
+    memory = segment.create(name, 8192)
+    with pytest.raises(ValueError, match="no ring of this version"):
+        Reader(name)
+    memory.close()
+    memory.unlink()
+
+
 def test_a_reader_that_sees_the_writer_lap_it_takes_the_newest(made: str) -> None:
     """The writer overtakes between the copy and the second look: the copy must be thrown away."""
     writer, reader, out = Writer(made), Reader(made), np.empty((96, 512), np.uint8)

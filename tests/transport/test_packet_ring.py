@@ -1,0 +1,132 @@
+"""JPEGs beside their frames: each comes with the frame it was decoded into, whatever is missing on either side."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from multiprocessing.shared_memory import SharedMemory
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from lfpipe.transport import ring
+from lfpipe.transport.packet_ring import PacketInput, PacketOutput, packet_dtype
+from lfpipe.transport.ring import RingSpec, Stamp
+from lfpipe.transport.session import Session
+
+MOST_BYTES, SLOTS = 64, 6
+KINDS = "both", "no packet", "too large", "frame not asked for"
+
+
+def data(seq: int, size: int = 10) -> np.ndarray:
+    return np.full(size, seq % 251, np.uint8)
+
+
+def stamp(seq: int, epoch: int = 0) -> Stamp:
+    return Stamp(seq + 1, seq, epoch, seq * 10, seq * 10, seq * 10, 0)
+
+
+@pytest.fixture
+def session() -> Session:
+    return Session(f"t{os.getpid()}x{time.monotonic_ns() % 10**9}")
+
+
+@pytest.fixture
+def made(session: Session) -> Iterator[SharedMemory]:
+    memory = _made(session)
+    yield memory
+    memory.close()
+    memory.unlink()
+
+
+def _made(session: Session, part: str = "packets.1") -> SharedMemory:
+    return ring.create(session.segment(part), RingSpec((), packet_dtype(MOST_BYTES), SLOTS))
+
+
+def opened(session: Session, part: str = "packets.1") -> PacketOutput:
+    output = PacketOutput(session)
+    output.follow({"packets": part})
+    return output
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.tuples(st.sampled_from(KINDS), st.integers(0, 2)), max_size=30),
+    st.integers(1, SLOTS - 2),
+)
+def test_each_frame_has_its_own_packet_or_none(kinds: list[tuple[str, int]], ahead: int) -> None:
+    """ahead: frames that capture is before the recorder. New epochs begin anywhere and count frames from anywhere."""
+    session = Session(f"t{os.getpid()}x{time.monotonic_ns() % 10**9}")
+    memory = _made(session)
+    output, taken = opened(session), PacketInput(session, "packets.1")
+    epoch, waiting = 0, list[tuple[Stamp, bytes | None]]()
+
+    def take() -> None:
+        wanted, packet = waiting.pop(0)
+        assert taken.of(wanted) == packet
+        assert taken.of(wanted) == packet, "and again, when it is asked for again"
+
+    for seq, (kind, new_epoch) in enumerate(kinds):
+        epoch += new_epoch == 2
+        size = MOST_BYTES + 1 if kind == "too large" else MOST_BYTES if seq % 2 else 7
+        packet = None if kind == "no packet" else data(seq, size)
+        output.publish(packet, seq, seq * 10, seq * 10, epoch)
+        if kind != "frame not asked for":
+            kept = packet.tobytes() if packet is not None and kind == "both" else None
+            waiting.append((stamp(seq, epoch), kept))
+        if len(waiting) > ahead:
+            take()
+    while waiting:
+        take()
+    taken.close()
+    output.close()
+    memory.close()
+    memory.unlink()
+
+
+def test_a_packet_that_was_overwritten_is_gone_and_the_next_ones_are_there(session: Session, made: SharedMemory) -> None:
+    output, taken = opened(session), PacketInput(session, "packets.1")
+    for seq in range(10):
+        output.publish(data(seq), seq, 0, 0, 0)
+    assert taken.of(stamp(1)) is None
+    oldest = 10 - (SLOTS - 2) - 1
+    assert [taken.of(stamp(seq)) for seq in range(oldest, 10)] == [data(seq).tobytes() for seq in range(oldest, 10)]
+    taken.close()
+    output.close()
+
+
+def test_packets_go_where_the_options_say_and_nowhere_else(session: Session, made: SharedMemory) -> None:
+    output = PacketOutput(session)
+    output.publish(data(1), 1, 0, 0, 0)  # nobody records
+    output.follow({})
+    output.follow({"packets": "packets.9"})  # taken back before it was used
+    output.publish(data(1), 1, 0, 0, 0)
+    taken = PacketInput(session, "packets.1")
+    output.follow({"packets": "packets.1"})
+    output.follow({"packets": "packets.1"})
+    output.publish(data(2), 2, 0, 0, 0)
+    assert taken.of(stamp(1)) is None and taken.of(stamp(2)) == data(2).tobytes()
+    other = _made(session, "packets.2")
+    second = PacketInput(session, "packets.2")
+    output.follow({"packets": "packets.2"})
+    output.publish(data(3), 3, 0, 0, 0)
+    assert taken.of(stamp(3)) is None and second.of(stamp(3)) == data(3).tobytes()
+    output.follow({})
+    output.publish(data(4), 4, 0, 0, 0)
+    assert second.of(stamp(4)) is None
+    for end in (taken, second, output):
+        end.close()
+    other.close()
+    other.unlink()
+
+
+def test_a_recorder_that_comes_late_finds_the_packet_of_its_first_frame(session: Session, made: SharedMemory) -> None:
+    output = opened(session)
+    output.publish(data(0), 0, 0, 0, 0)
+    taken = PacketInput(session, "packets.1")
+    assert taken.of(stamp(0)) == data(0).tobytes()
+    taken.close()
+    output.close()
