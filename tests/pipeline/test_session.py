@@ -9,6 +9,7 @@ import signal
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.world import World, write_scene
@@ -84,17 +85,28 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Pa
     ctl("resume")
     world.pictures(count + 5)
 
-    ctl("set", "render.alpha_px=12")  # one frame's motion stays within half a view
-    count = len(world.lines())
+    ctl("set", "render.alpha_px=100", "render.method=blend")  # then views tell where in the camera picture the middle lies
+
+    def middles(count: int) -> np.ndarray:
+        """(n, 2) px: by each picture since, what place of the eyes would be seen from the middle view."""
+        found = []
+        for line in world.lines()[count:]:
+            (lu, lv), (ru, rv) = line["eyes_used"]["left"], line["eyes_used"]["right"]
+            (row, left), (_, right) = line["view"]["left"], line["view"]["right"]
+            if all(0 < value < 2 for value in (row, left, right)):
+                found.append(((lu + ru) / 2 + ((left + right) / 2 - 1) * 100, (lv + rv) / 2 - (row - 1) * 100))
+        return np.array(found)
+
+    world.pictures(len(world.lines()) + 2)
+    assert middles(len(world.lines()) - 2) == pytest.approx(np.array([[320.0, 240.0]] * 2), abs=1e-6)
     ctl("recentre")
+    count = len(world.lines())
+    world.pictures(count + 10)
+    moved = middles(count + 2)
+    assert len(moved) and np.ptp(moved, axis=0) == pytest.approx(0, abs=1e-6), "once, for all pictures that follow"
+    assert np.hypot(*(moved[0] - (320, 240))) > 1, "to where the eyes were"
 
-    def centred(line: dict[str, dict[str, list[float]]]) -> bool:
-        middle = (line["view"]["left"][1] + line["view"]["right"][1]) / 2
-        return abs(middle - 1) <= 0.5 and line["view"]["left"][0] == 1
-
-    # the face moves on at once, so it is one of the next pictures that looks from the middle, not all that follow
-    world.wait_for(lambda: any(centred(line) for line in world.lines()[count:]), "view from the middle", 3)
-
+    ctl("set", "render.alpha_px=12", "render.method=nearest")
     ctl("load", str(write_scene(tmp_path / "other", 1, 5)))
     world.pictures(len(world.lines()) + 5)
     assert world.lines()[-1]["view"]["left"][0] == 0
