@@ -1,0 +1,166 @@
+"""Values from files that others made: of bounded depth, finite, in range and of the expected type, or refused with the place.
+
+Everything raises UserError only. `where` names the file in messages, `remedy` says what helps.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import attrs
+
+from lfpipe.errors import UserError
+
+MAX_DEPTH = 32
+MAX_INTEGER = (1 << 63) - 1  # what NumPy, msgpack and every other reader can hold
+_MAX_DIGITS = 19
+_MAX_SHOWN = 60
+
+T = TypeVar("T")
+
+
+def parse_json(data: bytes | str, where: str, remedy: str) -> Any:
+    """The JSON value in data, UTF-8. Unlike json.loads: no NaN or infinity, no integer beyond 64 bits, no deep nesting."""
+    try:
+        text = data.decode() if isinstance(data, bytes) else data
+        value = json.loads(text, parse_int=_integer, parse_constant=_no_constant)
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{where}: not JSON that can be read: {_reason(error)}", remedy) from None
+    return _checked(value, where, remedy)
+
+
+def parse_toml(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
+    """The table of a TOML document, UTF-8, checked as `parse_json` does."""
+    try:
+        value = tomllib.loads(data.decode() if isinstance(data, bytes) else data)
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{where}: not TOML that can be read: {_reason(error)}", remedy) from None
+    _checked(value, where, remedy)
+    return value
+
+
+def json_fields(data: bytes | str, where: str, remedy: str) -> Fields:
+    """The JSON object in data, to be read field by field."""
+    value = parse_json(data, where, remedy)
+    if not isinstance(value, dict):
+        raise UserError(f"{where}: a JSON object is expected, not {_shown(value)}", remedy)
+    return Fields(value, where, remedy)
+
+
+def finite(text: str, low: float = -math.inf, high: float = math.inf) -> float | None:
+    """The number in text if it is one, finite and in low .. high; else None. For numbers a file may as well leave out."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and low <= value <= high else None
+
+
+@attrs.frozen
+class Fields:
+    """A mapping from a file; each method reads one field of a given type and range, inclusive, or raises UserError."""
+
+    values: Mapping[str, Any]
+    where: str
+    remedy: str
+
+    def number(self, key: str, low: float, high: float) -> float:
+        """A finite number."""
+        value = self._present(key)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise self._wrong(key, f"a number from {low:g} to {high:g}")
+        return float(value)
+
+    def integer(self, key: str, low: int, high: int) -> int:
+        """A whole number; 3.0 is none."""
+        value = self._present(key)
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self._wrong(key, f"a whole number from {low} to {high}")
+        return value
+
+    def flag(self, key: str) -> bool:
+        """true or false."""
+        return self._typed(key, bool, "true or false")
+
+    def text(self, key: str, most_chars: int = 10_000) -> str:
+        """A string."""
+        value = self._typed(key, str, "a string")
+        if len(value) > most_chars:
+            raise self._wrong(key, f"a string of at most {most_chars} characters")
+        return value
+
+    def items(self, key: str, most: int) -> list[Any]:
+        """A list of at most that many items, which are still unchecked."""
+        value: list[Any] = self._typed(key, list, "a list")
+        if len(value) > most:
+            raise UserError(f"{self.where}: {key} has {len(value)} items, at most {most} are expected", self.remedy)
+        return value
+
+    def table(self, key: str) -> Fields:
+        """A mapping within this one."""
+        return Fields(self._typed(key, dict, "an object"), f"{self.where}: {key}", self.remedy)
+
+    def _present(self, key: str) -> Any:
+        if key not in self.values:
+            raise UserError(f"{self.where}: {key} is missing", self.remedy)
+        return self.values[key]
+
+    def _typed(self, key: str, kind: type[T], expected: str) -> T:
+        value = self._present(key)
+        if not isinstance(value, kind):
+            raise self._wrong(key, expected)
+        return value
+
+    def _wrong(self, key: str, expected: str) -> UserError:
+        return UserError(f"{self.where}: {key} is {_shown(self.values[key])}, {expected} is expected", self.remedy)
+
+
+def _integer(text: str) -> int:
+    if len(text) > _MAX_DIGITS + 1:
+        raise ValueError(f"an integer of {len(text)} digits")
+    return int(text)
+
+
+def _no_constant(text: str) -> float:
+    raise ValueError(f"{text} is not a number of JSON")
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, UnicodeDecodeError):
+        return f"byte 0x{error.object[error.start]:02x} at {error.start} is not UTF-8"
+    return "too deeply nested" if isinstance(error, RecursionError) else str(error)
+
+
+def _checked(value: Any, where: str, remedy: str) -> Any:
+    """value, whose depth, numbers and strings are in bounds."""
+    level, depth = [value], 0
+    while level:
+        if depth > MAX_DEPTH:
+            raise UserError(f"{where}: nested more than {MAX_DEPTH} deep", remedy)
+        below: list[Any] = []
+        for item in level:
+            if isinstance(item, dict):
+                below += item.keys()
+                below += item.values()
+            elif isinstance(item, list):
+                below += item
+            elif isinstance(item, float) and not math.isfinite(item):
+                raise UserError(f"{where}: holds a number that is not finite", remedy)
+            elif isinstance(item, int) and not -MAX_INTEGER - 1 <= item <= MAX_INTEGER:
+                raise UserError(f"{where}: holds an integer of more than 64 bits", remedy)
+            elif isinstance(item, str) and not item.isascii() and any("\ud800" <= c <= "\udfff" for c in item):
+                raise UserError(f"{where}: holds half of a surrogate pair, which is no character", remedy)
+        level, depth = below, depth + 1
+    return value
+
+
+def _shown(value: Any) -> str:
+    """value in a message: containers by their type, the rest by a short repr."""
+    if isinstance(value, dict | list):
+        return f"{'an object' if isinstance(value, dict) else 'a list'} of {len(value)} items"
+    text = repr(value)
+    return text if len(text) <= _MAX_SHOWN else f"{text[:_MAX_SHOWN]}..."
