@@ -1,16 +1,57 @@
-"""What a person did that cannot work, said so that they can mend it."""
+"""What a person did that cannot work, said so that they can fix it."""
+
+from __future__ import annotations
+
+import reprlib
+
+MESSAGE_CHARS = 1500
+REMEDY_CHARS = 400
+VALUE_CHARS = 60
 
 
 class UserError(Exception):
     """A mistake of the user's or of their machine, never of the program's: printed without traceback, exit code 2.
 
-    message names the thing and the value; remedy says what to do about it.
+    message names the thing and the value; remedy says what to do about it. Both may quote names and values from files that
+    nobody has checked: they are made `plain` and short here, so that every terminal, log and message can carry them.
     """
 
     def __init__(self, message: str, remedy: str = "") -> None:
-        super().__init__(message)
-        self.message = message
-        self.remedy = remedy
+        self.message = plain(message, MESSAGE_CHARS)
+        self.remedy = plain(remedy, REMEDY_CHARS)
+        super().__init__(self.message)
 
     def __str__(self) -> str:
         return f"{self.message}\n  remedy: {self.remedy}" if self.remedy else self.message
+
+
+def plain(text: str, most_chars: int) -> str:
+    """text with control characters and lone surrogates escaped (lines remain lines), and its middle left out where it is long."""
+    text = _without_middle(text, most_chars)
+    return _without_middle("".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text), most_chars)
+
+
+def _without_middle(text: str, most_chars: int) -> str:
+    head = most_chars * 2 // 3
+    return text if len(text) <= most_chars else f"{text[:head]} ... {text[head + 5 - most_chars :]}"
+
+
+class _Short(reprlib.Repr):
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxstring = self.maxother = VALUE_CHARS
+        self.maxlevel = self.maxdict = self.maxlist = self.maxtuple = self.maxset = 3
+
+    def repr_int(self, x: int, level: int) -> str:
+        if x.bit_length() > 128:  # Python refuses to print the longest
+            return f"a whole number of {x.bit_length()} bits"
+        return repr(x)
+
+
+_short = _Short()
+
+
+def shown(value: object) -> str:
+    """value as a message quotes it: repr on one line, never long, never an exception, however large or deep value is."""
+    text = _short.repr(value)
+    return text if len(text) <= 2 * VALUE_CHARS else text[: 2 * VALUE_CHARS] + "..."

@@ -1,0 +1,96 @@
+"""Files by a path that somebody gave: read only where they are files and not too large, written for their owner alone."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, BinaryIO
+
+from lfpipe.errors import UserError
+
+PRIVATE = 0o600  # of a file in which somebody's face or movements are; its folder has PRIVATE_FOLDER
+PRIVATE_FOLDER = 0o700
+_KINDS = {
+    stat.S_IFDIR: "a directory",
+    stat.S_IFIFO: "a FIFO",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+def reason(error: OSError | ValueError) -> str:
+    """Why a file could not be opened, read or written, in words."""
+    return getattr(error, "strerror", None) or str(error)
+
+
+def check_regular(path: Path) -> None:
+    """Raises OSError where something other than a file stands at path. Nothing there is fine."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return
+    except ValueError as error:
+        raise OSError(errno.EINVAL, f"not a path: {error}", str(path)) from None
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "a thing")
+        raise OSError(errno.EINVAL, f"is {kind}, not a file", str(path))
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """path, opened to be read. Raises OSError where it is not a file: a FIFO would block, a device may do anything."""
+    check_regular(path)
+    fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    if not stat.S_ISREG(os.fstat(fd).st_mode):
+        os.close(fd)
+        raise OSError(errno.EINVAL, "changed while it was opened", str(path))
+    return os.fdopen(fd, "rb")
+
+
+def read_bytes(path: Path, most_bytes: int) -> bytes:
+    """All of a file. Raises OSError where it is not a file, cannot be read or has more than most_bytes; no more is read."""
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        data = b"" if size > most_bytes else file.read(most_bytes + 1) or b""
+    if max(size, len(data)) > most_bytes:
+        raise OSError(errno.EFBIG, f"has {max(size, len(data))} bytes, {most_bytes} at most are read", str(path))
+    return data
+
+
+def create_private(path: Path) -> IO[bytes]:
+    """A new file for its owner alone, opened to be written. Raises OSError, FileExistsError among them."""
+    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, PRIVATE), "wb")
+
+
+@contextlib.contextmanager
+def replaced(path: Path, mode: int = PRIVATE) -> Iterator[IO[bytes]]:
+    """A file to be written that takes the place of path when all is written; until then, and where it fails, path stays as it is.
+
+    mode: of a new file, less the umask. Raises OSError where path is not a file, or there is no room.
+    """
+    check_regular(path)
+    path = Path(os.path.realpath(path))
+    part = path.with_name(f".{path.name[:200]}.new")
+    part.unlink(missing_ok=True)  # of a writer that was killed
+    try:
+        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode), "wb") as file:
+            yield file
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def read_text(path: Path, most_bytes: int, what: str, remedy: str) -> str:
+    """All of a file as UTF-8. what: for the message. Raises UserError where it is none."""
+    try:
+        return read_bytes(path, most_bytes).decode()
+    except UnicodeDecodeError as error:
+        why = f"not UTF-8: byte 0x{error.object[error.start]:02x} at {error.start}"
+        raise UserError(f"{what}: {why}", remedy) from None
+    except OSError as error:
+        raise UserError(f"{what}: cannot be read: {reason(error)}", remedy) from None
