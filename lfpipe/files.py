@@ -6,14 +6,16 @@ import contextlib
 import errno
 import os
 import stat
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import IO, Any, BinaryIO
 
 from lfpipe.errors import UserError
 
 PRIVATE = 0o600  # of a file in which somebody's face or movements are; its folder has PRIVATE_FOLDER
 PRIVATE_FOLDER = 0o700
+TOML_LINE_CHARS = 4096  # the time that tomllib takes for dotted keys grows with the square of their number
 _KINDS = {
     stat.S_IFDIR: "a directory",
     stat.S_IFIFO: "a FIFO",
@@ -94,3 +96,17 @@ def read_text(path: Path, most_bytes: int, what: str, remedy: str) -> str:
         raise UserError(f"{what}: {why}", remedy) from None
     except OSError as error:
         raise UserError(f"{what}: cannot be read: {reason(error)}", remedy) from None
+
+
+def read_toml(path: Path, most_bytes: int, what: str, remedy: str) -> dict[str, Any]:
+    """The tables of a TOML file; values may be of any type TOML has. what: for the message. Raises UserError where it is none."""
+    text = read_text(path, most_bytes, what, remedy)
+    for number, line in enumerate(text.splitlines(), 1):
+        if len(line) > TOML_LINE_CHARS:
+            raise UserError(f"{what}: not TOML: line {number} has {len(line)} characters, {TOML_LINE_CHARS} at most", remedy)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise UserError(f"{what}: not TOML: tables or lists too deep", remedy) from None
+    except ValueError as error:
+        raise UserError(f"{what}: not TOML: {error}", remedy) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
@@ -21,15 +22,17 @@ def init(path: Path | None) -> None:
     from lfpipe.config import user_file
     from lfpipe.config.text import commented
     from lfpipe.errors import UserError
+    from lfpipe.files import reason, replaced
 
     path = path or user_file()
-    if path.exists():
-        raise UserError(f"{path} exists", "remove it first, or name another PATH")
     try:
+        if os.path.lexists(path):
+            raise UserError(f"{path} exists", "remove it first, or name another PATH")
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(commented())
+        with replaced(path, 0o644) as file:
+            file.write(commented().encode())
     except OSError as error:
-        raise UserError(f"{path}: {error.strerror}", "a PATH that you may write to") from None
+        raise UserError(f"{path}: {reason(error)}", "a PATH that you may write to") from None
     click.echo(path)
 
 

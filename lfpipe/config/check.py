@@ -1,20 +1,23 @@
-"""What comes from outside, checked against the tree: all that is wrong is told at once, each with its key, value and remedy."""
+"""What comes from outside, checked against the tree: all that is wrong is reported at once, each with its key, value and remedy.
+
+The values may be of any type and depth that TOML, msgpack or a caller can carry. Nothing here raises anything but UserError.
+"""
 
 from __future__ import annotations
 
 import difflib
 import functools
+import unicodedata
 from collections.abc import Iterable, Mapping
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin
+from typing import Any, Union, get_args, get_origin
 
-import attrs
+from lfpipe.config.tree import Config, Opt, options, to_dict, trusted
+from lfpipe.errors import UserError, shown
 
-from lfpipe.config.tree import Config, Opt, options, to_dict
-from lfpipe.errors import UserError
-
-if TYPE_CHECKING:  # at run time only where something is checked: a stage takes a tree that was, and starts sooner for it
-    import cattrs
+TEXT_CHARS = 4096  # of any text; the longest path
+WRONG_SHOWN = 10
+UNKNOWN_SHOWN = 5
 
 
 def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
@@ -22,109 +25,120 @@ def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
     shape: Any = get_origin(kind)
     parts: tuple[Any, ...] = get_args(kind) if shape in (Union, UnionType) else (kind,)
     words = [word for part in parts if not isinstance(part, type) for word in get_args(part)]  # of its Literal
-    if value in words and isinstance(value, str):
+    if isinstance(value, str) and value in words:
         return None
-    number = float in parts or int in parts
-    if number and isinstance(value, int | float) and not isinstance(value, bool):
+    if isinstance(value, int | float) and not isinstance(value, bool) and (float in parts or int in parts):
         if int in parts and not isinstance(value, int):
-            return f"{value!r} is not a whole number"
-        low, high = opt.low, opt.high
-        if value != value or (low is not None and value < low) or (high is not None and value > high):
-            return f"{value!r} is out of range: {low:g} to {high:g} {opt.unit}".rstrip()
+            return f"{shown(value)} is not a whole number"
+        if value != value or not opt.low <= value <= opt.high:
+            return f"{shown(value)} is out of range: {opt.low:g} to {opt.high:g} {opt.unit}".rstrip()
         return None
-    if (bool in parts and isinstance(value, bool)) or (str in parts and isinstance(value, str)):
+    if isinstance(value, str) and str in parts:
+        return wrong_text(value)
+    if isinstance(value, bool) and bool in parts:
         return None
-    if words and not number:
-        close = difflib.get_close_matches(str(value), words, 1, 0.5)
-        return f"{value!r} is not one of {', '.join(words)}" + (f" (did you mean {close[0]!r}?)" if close else "")
     wanted = {int: "a whole number", float: "a number", bool: "true or false", str: "a text"}
-    names = [wanted[part] for part in parts if part in wanted] + [repr(word) for word in words]
-    return f"{value!r} is not {' or '.join(names)}"
+    names = [wanted[part] for part in parts if part in wanted]
+    if words and not names:
+        close = difflib.get_close_matches(value, words, 1, 0.5) if isinstance(value, str) and len(value) < 40 else []
+        return f"{shown(value)} is not one of {', '.join(words)}" + (f" (did you mean {close[0]!r}?)" if close else "")
+    return f"{shown(value)} is not {' or '.join([*names, *map(repr, words)])}"
+
+
+def wrong_text(value: str) -> str | None:
+    """Texts are paths and names: they must survive a message, a file and a system call."""
+    if len(value) > TEXT_CHARS:
+        return f"{shown(value)} has {len(value)} characters, {TEXT_CHARS} at most"
+    odd = next((c for c in value if unicodedata.category(c) in ("Cc", "Cs")), "")
+    return f"{shown(value)} holds {odd!a}, which is no character of a text" if odd else None
 
 
 @functools.cache
-def _converter() -> cattrs.Converter:
-    import cattrs
-
-    converter = cattrs.Converter(forbid_extra_keys=True)
-
-    def is_annotated(hint: Any) -> bool:
-        shape: Any = get_origin(hint)
-        return shape is Annotated
-
-    def annotated(hint: Any) -> Any:
-        kind, opt = get_args(hint)
-
-        def structure(value: object, _: Any) -> Any:
-            if problem := _wrong(value, kind, opt):
-                raise ValueError(problem)
-            whole = float in (kind, *get_args(kind)) and isinstance(value, int) and not isinstance(value, bool)
-            return float(value) if whole and isinstance(value, int) else value
-
-        return structure
-
-    converter.register_structure_hook_factory(is_annotated, annotated)
-    return converter
+def sections() -> tuple[str, ...]:
+    """Names of the tables, in their order."""
+    return tuple(to_dict(Config()))
 
 
-def _problems(error: BaseException, path: str) -> Iterable[str]:
-    """The leaves of a cattrs error as `key: what is wrong` lines."""
-    from cattrs.errors import ClassValidationError, ForbiddenExtraKeysError
-
-    if isinstance(error, ClassValidationError):
-        named, rest = error.group_exceptions()
-        for inner, note in named:
-            yield from _problems(inner, f"{path}.{note.name}" if path else note.name)
-        for inner in rest:
-            yield from _problems(inner, path)
-    elif isinstance(error, ForbiddenExtraKeysError):
-        for name in sorted(error.extra_fields):
-            key = f"{path}.{name}" if path else name
-            known = list(options()) if path else [*options(), *(section.name for section in attrs.fields(Config))]
-            close = difflib.get_close_matches(key, known, 1, 0.6)
-            yield f"{key}: unknown key" + (f", did you mean {close[0]!r}?" if close else "")
-    else:
-        yield f"{path}: {error}" if isinstance(error, ValueError) else f"{path}: a table is needed here ([{path}])"
+def _unknown(key: object) -> str:
+    """What to say of a key that there is not."""
+    if not isinstance(key, str):
+        return f"{shown(key)}: unknown key"
+    section = key.partition(".")[0]
+    if section not in sections():
+        key = section
+    close = difflib.get_close_matches(key, [*options(), *sections()], 1, 0.6) if len(key) < 40 else []
+    return f"{key if len(key) < 40 else shown(key)}: unknown key" + (f", did you mean {close[0]!r}?" if close else "")
 
 
-def from_dict(tree: Mapping[str, Any]) -> Config:
-    """A checked Config from nested dicts; missing keys take their defaults.
-
-    Raises UserError that lists every wrong key at once.
-    """
-    from cattrs.errors import ClassValidationError, ForbiddenExtraKeysError
-
-    try:
-        return _converter().structure(tree, Config)
-    except (ClassValidationError, ForbiddenExtraKeysError) as error:
-        raise UserError(
-            "configuration: " + "\n  ".join(_problems(error, "")),
-            "`lfpipe config show` lists every key with its unit and range",
-        ) from None
-
-
-def merged(tree: Mapping[str, Any], sets: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """tree with dotted keys put in; the result is unchecked (`from_dict` checks it)."""
-    out: dict[str, Any] = {k: dict(v) if isinstance(v, Mapping) else v for k, v in tree.items()}
-    for key, value in sets:
-        section, _, name = key.partition(".")
-        table = out.setdefault(section, {})
-        if name and isinstance(table, dict):
-            table[name] = value
+def problems(values: Iterable[tuple[object, object]]) -> list[str]:
+    """Everything wrong with pairs of a dotted key and its value, `key: what` each; of very many the first, and how many more."""
+    wrong, unknown = [], []
+    known = options()
+    for key, value in values:
+        if isinstance(key, str) and key in known:
+            kind, opt, _ = known[key]
+            if why := _wrong(value, kind, opt):
+                wrong.append(f"{key}: {why}")
+        elif isinstance(key, str) and key in sections():
+            wrong.append(f"{key}: a section, which takes no value as {shown(value)}; its keys are {key}.{_first(key)}, ...")
         else:
-            out[section] = value
-    return out
+            unknown.append(key)
+    said = wrong[:WRONG_SHOWN] + ([f"and {len(wrong) - WRONG_SHOWN} more values"] if len(wrong) > WRONG_SHOWN else [])
+    said += [_unknown(key) for key in unknown[:UNKNOWN_SHOWN]]
+    return said + ([f"and {len(unknown) - UNKNOWN_SHOWN} more unknown keys"] if len(unknown) > UNKNOWN_SHOWN else [])
+
+
+def _first(section: str) -> str:
+    return str(next(iter(to_dict(Config())[section])))
+
+
+def refusal(wrong: list[str], *remedies: str) -> UserError:
+    """All of wrong as one mistake of the user's."""
+    listed = "`lfpipe config show` lists every key with its unit and range"
+    return UserError("configuration: " + "\n  ".join(wrong), "; ".join(remedies or (listed,)))
+
+
+def flat(tree: Mapping[Any, Any]) -> list[tuple[object, object]]:
+    """(dotted key, value) of nested tables; what is no table stays under its own name."""
+    found: list[tuple[object, object]] = []
+    for section, table in tree.items():
+        if isinstance(section, str) and section in sections() and isinstance(table, Mapping):
+            found += [(f"{section}.{key}" if isinstance(key, str) else key, value) for key, value in table.items()]
+        else:
+            found.append((section, table))
+    return found
+
+
+def changed(config: Config, values: Mapping[str, Any]) -> Config:
+    """config with dotted keys changed, which `problems` found nothing wrong with."""
+    tree, known = to_dict(config), options()
+    for key, value in values.items():
+        section, _, name = key.partition(".")
+        kind = known[key][0]
+        number = isinstance(value, int) and not isinstance(value, bool) and float in (kind, *get_args(kind))
+        tree[section][name] = float(value) if number else value
+    return trusted(tree)
 
 
 def updated(config: Config, sets: Mapping[str, Any], live_only: bool = False) -> Config:
-    """config with dotted keys changed, checked whole.
+    """config with dotted keys changed, all or none.
 
     live_only: refuse keys that a running session cannot take. Raises UserError; config itself never changes.
     """
-    new = from_dict(merged(to_dict(config), sets.items()))
-    if live_only:
-        known = options()
-        fixed = [key for key in sets if not known[key][1].live]
-        if fixed:
-            raise UserError(f"{', '.join(fixed)}: fixed while a session runs", "stop it and give the key to `lfpipe up --set`")
-    return new
+    if wrong := problems(sets.items()):
+        raise refusal(wrong)
+    known = options()
+    fixed = [key for key in sets if live_only and not known[key][1].live]
+    if fixed:
+        raise UserError(f"{', '.join(fixed)}: fixed while a session runs", "stop it and give the key to `lfpipe up --set`")
+    return changed(config, sets)
+
+
+def from_dict(tree: Mapping[str, Any]) -> Config:
+    """A checked Config from nested dicts; missing keys take their defaults. Raises UserError that lists what is wrong."""
+    if not isinstance(tree, Mapping):
+        raise refusal([f"{shown(tree)} is no table of sections"])
+    values = flat(tree)
+    if wrong := problems(values):
+        raise refusal(wrong)
+    return changed(Config(), {str(key): value for key, value in values})

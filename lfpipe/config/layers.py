@@ -2,34 +2,47 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from lfpipe.config.check import from_dict, merged
+from lfpipe.config.check import changed, flat, problems, refusal, wrong_text
 from lfpipe.config.tree import Config, options
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, shown
+from lfpipe.files import read_toml
 
 PRESETS = Path(__file__).parent / "presets"
+FILE_BYTES = 128 << 10  # ten times the file that has every key
 
 
-def parse_set(text: str) -> tuple[str, Any]:
-    """`KEY=VALUE` as (dotted key, value); the value is read as TOML, a bare word as a string.
+def parse_set(text: str) -> tuple[str, bool | int | float | str]:
+    """`KEY=VALUE` as (dotted key, value): a number, a truth or a text, as TOML writes them; what is none of them is a text as it
+    stands. Whether there is such a key and what it takes, `updated` says.
 
-    Raises UserError where there is no `=` or no key.
+    Raises UserError where there is no `=`, no key, or a character that no text holds.
     """
     key, sign, raw = text.partition("=")
-    if not sign or not key.strip():
-        raise UserError(f"{text!r} is not KEY=VALUE", "for example render.method=warp")
+    key, raw = key.strip(), raw.strip()
+    if not sign or not key:
+        raise UserError(f"{shown(text)} is not KEY=VALUE", "for example render.method=warp")
+    value: object = raw
     try:
-        value = tomllib.loads(f"v = {raw}")["v"]
-    except tomllib.TOMLDecodeError:
-        value = raw.strip()
-    if isinstance(value, bool) and options().get(key.strip(), (bool,))[0] is not bool:
-        value = raw.strip()  # a word, as in render.alpha_px=true
-    return key.strip(), value
+        table = tomllib.loads(f"v = {raw}")
+        value = table["v"] if len(table) == 1 else raw
+    except (ValueError, RecursionError):  # a bare word, or digits and brackets without end
+        pass
+    if isinstance(value, int) and value.bit_length() > 63:
+        value = math.inf if value > 0 else -math.inf  # beyond every range, and beyond what a message carries
+    word = isinstance(value, bool) and options().get(key, (bool,))[0] is not bool  # as in render.alpha_px=true
+    if word or not isinstance(value, bool | int | float | str):
+        value = raw
+    for part in (key, value):
+        if isinstance(part, str) and (why := wrong_text(part)):
+            raise refusal([f"{shown(key)}: {why}"])
+    return key, value
 
 
 def user_file() -> Path:
@@ -39,37 +52,48 @@ def user_file() -> Path:
     return Path(platformdirs.user_config_dir("lfpipe")) / "config.toml"
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text())
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"{path}: not TOML: {error}", "`lfpipe config init` writes a complete file to start from") from None
-    except (OSError, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise UserError(f"{path}: cannot be read: {why}", "check the path and its permissions") from None
-
-
 def presets() -> list[str]:
     """Names that `--config` takes besides files."""
     return sorted(path.stem for path in PRESETS.glob("*.toml"))
 
 
+def _layers(file: str | os.PathLike[str] | None) -> list[tuple[str, Path]]:
+    """(name in messages, path) of the files to read, the stronger ones last."""
+    own = user_file()
+    found = [(str(own), own)] if os.path.lexists(own) else []
+    if file is None:
+        return found
+    name = os.fspath(file)
+    preset = name in presets() and not os.path.lexists(name)
+    return [*found, (f"--config {name}", PRESETS / f"{name}.toml" if preset else Path(name))]
+
+
 def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -> Config:
     """The checked tree from the user's file, `--config` (a path or a preset's name) and `--set` texts.
 
-    Raises UserError that names each wrong key, value and remedy.
+    Raises UserError that names each wrong file, key, value and remedy.
     """
-    layers: list[dict[str, Any]] = []
-    if user_file().is_file():
-        layers.append(_read(user_file()))
-    if file is not None:
-        preset = PRESETS / f"{file}.toml"
-        if not Path(file).is_file() and not preset.is_file():
-            raise UserError(f"--config {file}: no such file or preset", f"a TOML file, or one of: {', '.join(presets())}")
-        layers.append(_read(Path(file) if Path(file).is_file() else preset))
-    tree: dict[str, Any] = {}
-    for layer in layers:
-        flat = [(f"{s}.{k}", v) for s, t in layer.items() if isinstance(t, dict) for k, v in t.items()]
-        tree = merged(tree, flat)
-        tree.update({k: v for k, v in layer.items() if not isinstance(v, dict)})
-    return from_dict(merged(tree, [parse_set(text) for text in sets]))
+    values: dict[str, Any] = {}
+    wrong: list[str] = []
+    remedy = f"a TOML file (`lfpipe config init` writes a complete one), or the name of a preset: {', '.join(presets())}"
+    unreadable: list[str] = []
+    for name, path in _layers(file):
+        try:
+            found = flat(read_toml(path, FILE_BYTES, name, remedy))
+        except UserError as error:
+            wrong.append(error.message)
+            unreadable = [remedy]
+            continue
+        wrong += [f"{name}: {each}" for each in problems(found)]
+        values |= {str(key): value for key, value in found}
+    for text in sets:
+        try:
+            key, value = parse_set(text)
+        except UserError as error:
+            wrong.append(error.message.removeprefix("configuration: "))
+            continue
+        wrong += problems([(key, value)])
+        values[key] = value
+    if wrong:
+        raise refusal(wrong, *unreadable)
+    return changed(Config(), values)

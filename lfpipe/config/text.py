@@ -10,9 +10,13 @@ from lfpipe.config.tree import Config, Opt, options, to_dict
 
 def _range(kind: Any, opt: Opt) -> str:
     words = [word for part in get_args(kind) if not isinstance(part, type) for word in (get_args(part) or (part,))]
-    limits = f"{opt.low:g} to {opt.high:g}" if opt.low is not None and opt.high is not None else ""
+    limits = f"{opt.low:g} to {opt.high:g}" if opt.low < opt.high else ""
     said = " or ".join(part for part in (f"{limits} {opt.unit}".strip(), ", ".join(map(str, words))) if part)
     return f" [{said}]" if said else ""
+
+
+def _toml(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)  # TOML has no pairs of surrogates
 
 
 def commented(config: Config | None = None) -> str:
@@ -26,6 +30,6 @@ def commented(config: Config | None = None) -> str:
             lines += ([""] if section else []) + [f"[{head}]"]
             section = head
         live = "; also while running, by `lfpipe ctl set`" if opt.live else ""
-        was = "" if tree[head][name] == default else f"; default {json.dumps(default)}"
-        lines += [f"# {opt.doc}{_range(kind, opt)}{live}{was}", f"{name} = {json.dumps(tree[head][name])}"]
+        was = "" if tree[head][name] == default else f"; default {_toml(default)}"
+        lines += [f"# {opt.doc}{_range(kind, opt)}{live}{was}", f"{name} = {_toml(tree[head][name])}"]
     return "\n".join(lines) + "\n"

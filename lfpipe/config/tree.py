@@ -11,12 +11,12 @@ import attrs
 
 @attrs.frozen
 class Opt:
-    """What a value means and may be. low and high are inclusive; live: `lfpipe ctl set` may change it."""
+    """What a value means and may be. low and high are inclusive, of numbers; live: `lfpipe ctl set` may change it."""
 
     doc: str
     unit: str = ""
-    low: float | None = None
-    high: float | None = None
+    low: float = 0
+    high: float = 0
     live: bool = False
 
 
@@ -59,7 +59,7 @@ class Render:
 
 @attrs.frozen
 class Screen:
-    monitor: Annotated[int | str, Opt("monitor for the window and for the full screen: its number or a part of its name, as `lfpipe doctor` lists them; empty: wherever the window is")] = ""
+    monitor: Annotated[int | str, Opt("monitor for the window and for the full screen: its number or a part of its name, as `lfpipe doctor` lists them; empty: wherever the window is", "", 0, 63)] = ""
     width_mm: Annotated[float | Literal["auto"], Opt("width of the picture on the screen; auto: as the monitor tells its size, 530 where it does not", "mm", 10, 20000, live=True)] = "auto"
     distance_mm: Annotated[float | Literal["auto"], Opt("viewer to screen; auto: from the distance between the eyes in the camera picture", "mm", 50, 50000, live=True)] = "auto"
 

@@ -1,0 +1,210 @@
+"""Settings from files, the command line and messages: whatever they hold, they are taken whole or refused by name."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from lfpipe import config
+from lfpipe.config import Config
+from lfpipe.config.text import commented
+from lfpipe.errors import UserError
+from tests import hostile_files
+from tests.hostile_files import NO_FILES, TOML_TEXTS, VALUES, deep, ended
+
+KEYS = sorted(config.options())
+SECTIONS = sorted({key.partition(".")[0] for key in KEYS})
+NAMES = st.sampled_from([*KEYS, *SECTIONS]) | st.text(max_size=20) | st.sampled_from(KEYS).map(lambda key: key + ".x")
+LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=9) | st.binary(max_size=9) | st.datetimes()
+SHAPES = st.recursive(
+    st.sampled_from(VALUES) | LEAVES,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(NAMES | st.integers() | st.none(), inner, max_size=4),
+    max_leaves=20,
+)
+
+
+@pytest.fixture(autouse=True)
+def no_user_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "none"))
+
+
+def usable(made: Config) -> None:
+    """Whatever was taken can be sent to a stage, stored and printed, and is what it was when it comes back."""
+    assert config.trusted(msgpack.unpackb(msgpack.packb(config.to_dict(made)))) == made
+    commented(made).encode()
+
+
+@settings(max_examples=400, deadline=None)
+@example(sets={"render": {}}, live=True)
+@example(sets={"render": {"alpha_px": 3}}, live=True)
+@example(sets={"": 1}, live=True)
+@example(sets={"screen.monitor": 10**400}, live=False)
+@example(sets={"screen.monitor": 2**64}, live=False)
+@example(sets={"camera.source": "\udcff"}, live=False)
+@example(sets={"render.alpha_px": 10**400}, live=True)
+@given(sets=st.dictionaries(NAMES | st.integers(), SHAPES, max_size=4), live=st.booleans())
+def test_a_change_is_taken_whole_or_refused(sets: dict[str, Any], live: bool) -> None:
+    before = Config()
+    try:
+        after = config.updated(before, sets, live_only=live)
+    except UserError as error:
+        assert len(str(error)) <= 2000
+        return
+    assert set(sets) <= set(KEYS)
+    usable(after)
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_every_key_refuses_every_wrong_value_by_name(key: str) -> None:
+    for value in (*VALUES, deep(20_000), b"x", {1: 2}, ("a",), object()):
+        try:
+            usable(config.updated(Config(), {key: value}))
+        except UserError as error:
+            assert error.message.startswith(f"configuration: {key}: "), error
+            assert len(error.message) < 400 and error.remedy
+
+
+@settings(max_examples=300, deadline=None)
+@given(tree=SHAPES | st.dictionaries(st.sampled_from(SECTIONS), st.dictionaries(NAMES, SHAPES, max_size=4)))
+def test_a_tree_of_any_shape_is_taken_or_refused(tree: Any) -> None:
+    try:
+        usable(config.from_dict(tree))
+    except UserError as error:
+        assert len(str(error)) <= 2000
+
+
+@pytest.mark.parametrize("text", TOML_TEXTS, ids=range(len(TOML_TEXTS)))
+def test_any_text_on_the_command_line_is_taken_or_refused(text: str) -> None:
+    for key in (*KEYS, "render", "x", "a.b.c", "", "\udcff", "x" * 5000):
+        try:
+            name, value = config.parse_set(f"{key}={text}")
+            msgpack.packb({name: value})
+            usable(config.load(None, [f"{key}={text}"]))
+        except UserError as error:
+            assert len(str(error)) <= 2000
+
+
+@settings(max_examples=300, deadline=None)
+@given(text=st.text() | st.text(alphabet=st.characters(), max_size=30).map(lambda text: f"camera.source={text}"))
+def test_any_word_is_taken_or_refused(text: str) -> None:
+    try:
+        name, value = config.parse_set(text)
+        msgpack.packb({name: value})
+        usable(config.load(None, [text]))
+    except UserError as error:
+        assert len(str(error)) <= 2000
+
+
+@pytest.mark.parametrize("text", TOML_TEXTS, ids=range(len(TOML_TEXTS)))
+def test_any_text_in_a_file_is_taken_or_refused_by_the_files_name(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    for head in ("[render]\nalpha_px = ", "[camera]\nsource = ", "render = ", "x = ", "[[render]]\na = ", ""):
+        path.write_text(head + text, "utf-8", "surrogatepass")
+        try:
+            usable(config.load(path))
+        except UserError as error:
+            assert "mine.toml" in error.message and len(str(error)) <= 2000, error
+
+
+@pytest.mark.parametrize("kind", sorted(NO_FILES))
+def test_what_is_no_file_is_refused_at_once(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    NO_FILES[kind](tmp_path / "mine.toml")
+    if kind == "empty":
+        assert config.load(tmp_path / "mine.toml") == Config()
+        return
+    with pytest.raises(UserError, match=r"mine\.toml"):
+        config.load(tmp_path / "mine.toml")
+    (tmp_path / "lfpipe").mkdir()
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    NO_FILES[kind](tmp_path / "lfpipe" / "config.toml")
+    with pytest.raises(UserError, match=r"config\.toml"):
+        config.load()
+
+
+@pytest.mark.parametrize("name", ["a\0b", "x" * 300, "x" * 5000, "\udcff", "/dev/null", "/proc/self/mem", "/dev/stdin/x"])
+def test_names_that_are_no_files(name: str) -> None:
+    with pytest.raises(UserError, match="--config"):
+        config.load(name)
+
+
+def test_one_broken_layer_hides_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    (tmp_path / "lfpipe").mkdir()
+    (tmp_path / "lfpipe" / "config.toml").write_text("[camera]\nrate_hz = -3\n[trakc]\nx = 1\n")
+    mine = tmp_path / "mine.toml"
+    mine.write_text("[render\n")
+    with pytest.raises(UserError) as caught:
+        sets = ["render.alpha_px", "camera.fov_deg=[[", "track.mean_k=0", "render={}", "screen.width_mm=10000000000000000000000"]
+        config.load(mine, sets)
+    text = str(caught.value)
+    for part in (
+        "config.toml: camera.rate_hz: -3 is out of range",
+        "config.toml: trakc: unknown key, did you mean 'track'?",
+        "mine.toml: not TOML",
+        "'render.alpha_px' is not KEY=VALUE",
+        "camera.fov_deg: '[[' is not a number",
+        "track.mean_k: 0 is out of range",
+        "render: a section",
+        "screen.width_mm: inf is out of range",
+    ):
+        assert part in text, text
+
+
+def test_thousands_of_unknown_keys_make_a_short_message(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("[render]\n" + "".join(f"alpha_px{n} = 1\n" for n in range(3626)))
+    with pytest.raises(UserError) as caught:
+        config.load(path)
+    assert "and 3621 more" in str(caught.value) and len(str(caught.value)) < 1000
+    everything = {key: "\x1b" * 100 for key in KEYS} | {f"render.alpha_pix{n}": 1 for n in range(100)}
+    with pytest.raises(UserError) as caught:
+        config.updated(Config(), everything)
+    assert len(str(caught.value)) <= 2000
+
+
+def test_the_text_of_every_configuration_reads_back(tmp_path: Path) -> None:
+    for source in ("\U0001f600", "ü", 'a"b\\c', "file:/x y?loop=1", "日本"):
+        made = config.updated(Config(), {"camera.source": source})
+        (tmp_path / "c.toml").write_text(commented(made), "utf-8")
+        assert config.load(tmp_path / "c.toml") == made
+
+
+def nasty() -> dict[str, bytes]:
+    """Files that cost time or memory where they are read without care."""
+    return {
+        "dotted keys": b"a." * 60_000 + b"a = 1",
+        "tables": b"[" + b"a." * 60_000 + b"a]",
+        "many tables": b"".join(b"[a%d]\n" % n for n in range(12_000)),
+        "lists": b"a = [" + b"[]," * 40_000 + b"]",
+        "inline tables": b"a = " + b"{b=" * 30_000,
+        "digits": b"a = " + b"9" * 120_000,
+        "comment": b"#" + b"x" * 100_000_000,
+        "zeros": b"\0" * 1_000_000,
+    }
+
+
+@pytest.mark.parametrize("name", sorted(nasty()))
+def test_a_refusal_is_quick_and_small(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_bytes(nasty()[name])
+    env = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path / "none")}
+    code, _, err, peak_mb = ended([sys.executable, "-m", "lfpipe", "config", "check", str(path)], timeout_s=20, env=env)
+    assert code == 2 and err.startswith("error: ") and "mine.toml" in err and len(err) < 2000, err[:3000]
+    assert peak_mb <= hostile_files.PEAK_MB
+
+
+def test_what_is_written_is_never_half(tmp_path: Path) -> None:
+    env = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path / "none")}
+    lfpipe = [sys.executable, "-m", "lfpipe", "config", "init"]
+    for place in ("/dev/full", "/proc/x/c.toml", str(tmp_path), str(tmp_path / "gone" / ("x" * 300))):
+        code, _, err, _ = ended([*lfpipe, place], env=env)
+        assert code == 2 and err.startswith("error: "), err
+    code, out, _, _ = ended([*lfpipe, str(tmp_path / "new" / "c.toml")], env=env)
+    assert code == 0 and out.strip().endswith("c.toml") and config.load(tmp_path / "new" / "c.toml") == Config()
