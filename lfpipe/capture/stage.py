@@ -11,10 +11,13 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
+from numpy.typing import NDArray
+
 from lfpipe.capture.lasting import CameraLost
 from lfpipe.capture.open_source import open_lasting
 from lfpipe.capture.schedule import Lateness
-from lfpipe.capture.source import SourceInfo
+from lfpipe.capture.source import Frame, Source, SourceInfo
 from lfpipe.transport.clock import SleepWatch, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketOutput
@@ -52,10 +55,19 @@ def _tell(context: Context, info: SourceInfo) -> None:
     context.emit("source", name=info.name, rate_hz=info.rate_hz, live=info.live, notes=list(info.notes))
 
 
+def _read(context: Context, source: Source, out: NDArray[np.uint8]) -> Frame | None:
+    """The next frame; one of a recording may have to wait for its disk."""
+    if source.info.live:
+        return source.read(out)
+    with context.busy_with("reading the recording"):
+        return source.read(out)
+
+
 def main(context: Context) -> None:
     """Runs the stage until the stop or the end of the source."""
     frames, packets = context.output("frames"), PacketOutput(context.spec.session)
-    source = open_lasting(context.options["source"], context.config.camera)
+    with context.setting_up("opening the source"):
+        source = open_lasting(context.options["source"], context.config.camera)
     info = source.info
     _tell(context, info)
     lateness = Lateness(int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.lossless else 0)
@@ -68,7 +80,7 @@ def main(context: Context) -> None:
             context.applied()
             t_begin_ns = now_ns()
             try:
-                frame = source.read(frames.begin())
+                frame = _read(context, source, frames.begin())
             except CameraLost as lost:
                 outage.begin(info.name, str(lost))
                 continue

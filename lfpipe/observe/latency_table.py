@@ -21,6 +21,8 @@ def latency_table(state: dict[str, Any]) -> None:
         waits, busies = ([stage[kind][f"{each}_ms"] for each in QUANTILES] for kind in ("wait", "busy"))
         times = "".join(f" {ms(value)}" for value in (*waits, *busies, stage["busy"]["max_ms"]))
         print(f"{name:<8}{stage['state'].lower():<9}{stage['fps']:5.1f}{times} {stage['dropped']:7d} {stage['restarts']:8d}")
+        if stage["busy_with"]:
+            print(f"{'':<8}{stage['busy_with']}")
     print(f"\nquality: {state['level_words']} (level {state['level']} of {state['lowest_level']})")
     running = {name: stage for name, stage in state["stages"].items() if stage["cpus"]}
     print(f"cores: {', '.join(placed(name, stage['cpus'], stage['nice']) for name, stage in running.items())}")

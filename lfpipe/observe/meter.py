@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.supervisor.snapshot import quality, scheduling
+from lfpipe.supervisor.snapshot import busy, quality, scheduling
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.status import State, Table, rate_hz
@@ -41,6 +41,7 @@ class StageReading:
 
     name: str
     state: str
+    busy_with: str
     pid: int
     rate_hz: float
     dropped: int
@@ -178,6 +179,7 @@ class Meter:
         return StageReading(
             name=name,
             state=State(int(row["state"])).name,
+            busy_with=busy(row),
             pid=pid,
             rate_hz=rate_hz(row),
             dropped=dropped if self._zero is None else dropped - self._zero.drops[name],

@@ -69,6 +69,8 @@ def _stage_line(stage: StageReading, full_ms: float, width: int) -> Text:
     line.append(f" {stage.dropped:5d}", "bold red" if stage.dropped else "")
     line.append(f" {stage.restarts:3d}", "bold red" if stage.restarts else "")
     line.append(f" {stage.cpu_percent:4.0f} {stage.rss_mb:4.0f}")
+    if stage.busy_with:
+        line.append(f"\n{'':<8}{stage.busy_with}", "yellow")
     return line
 
 

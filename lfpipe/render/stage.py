@@ -29,8 +29,9 @@ def main(context: Context) -> None:
     """Runs the stage until the stop."""
     asked, options = context.config, context.options
     config = lowered(asked, options)
-    field = open_pack(Path(options["pack"]))
-    viewer = Viewer(field, config)
+    with context.setting_up("opening the scene"):
+        field = open_pack(Path(options["pack"]))
+        viewer = Viewer(field, config)
     lossless = context.spec.lossless  # then pictures are a function of the frames and of nothing else, no clock either
     on_camera = (lossless or config.render.clock == "camera") and options["tracking"]
     full_hz = float(options["source_hz"]) if on_camera else asked.render.rate_hz
@@ -47,11 +48,12 @@ def main(context: Context) -> None:
     try:
         while context.wait(None if refresh is None else refresh.due_ns() - presenter.cost_ns - MARGIN_NS):
             if context.options["pack"] != options["pack"] or context.config != asked:
-                if context.options["pack"] != options["pack"]:
-                    field = open_pack(Path(context.options["pack"]))
-                asked, options = context.config, context.options
-                config = lowered(asked, options)
-                viewer.set(field, config)
+                with context.setting_up("opening the scene"):
+                    if context.options["pack"] != options["pack"]:
+                        field = open_pack(Path(context.options["pack"]))
+                    asked, options = context.config, context.options
+                    config = lowered(asked, options)
+                    viewer.set(field, config)
                 presenter.redraw()
             elif (now := lowered(asked, context.options)) != config:
                 config = now

@@ -77,7 +77,7 @@ class Levels:
         if not self.lowest or t_ns < self._due_ns:
             return None
         self._due_ns = t_ns + SAMPLE_NS
-        used = {name: rows[name] for name in STAGES if rows[name]["state"] != State.NONE}
+        used = {name: rows[name] for name in STAGES if rows[name]["state"] not in (State.NONE, State.FINISHED)}
         if any(row["state"] != State.RUNNING for row in used.values()):
             self._settled_ns = t_ns + SETTLE_NS
         if t_ns < self._settled_ns:

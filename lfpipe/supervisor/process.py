@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.supervisor import child
+from lfpipe.supervisor.judge import Judge
 from lfpipe.supervisor.table import Stage
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
-from lfpipe.transport.status import State
+from lfpipe.transport.status import State, busy_words
 
 WINDOW_S, MAX_FAILURES = 60.0, 5
 FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0
-ASLEEP_S = 1.0  # a supervisor that has not judged for so long was stopped or starved, and most likely the stages with it
 MAX_STACK = 4000  # characters of it that are told
 
 
@@ -35,7 +35,7 @@ class StageProcess:
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
         self.wanted = False
         self._condemned = False  # killed for a hang, and not ended yet
-        self._judged_ns = self._excused_ns = now_ns()
+        self._judge: Judge | None = None
 
     @property
     def alive(self) -> bool:
@@ -45,15 +45,17 @@ class StageProcess:
         """Spawns the process. From the main thread only: PR_SET_PDEATHSIG follows the thread that started it."""
         for path in (child.error_file, child.stack_file):
             path(self._session.run_dir, self.stage.name).unlink(missing_ok=True)
-        if self.row["pid"]:
+        if self.row["pid"] and self.row["state"] != State.FINISHED:
             self.row["restarts"] += 1
         self.row["state"], self.row["ready_ns"], self.row["started_ns"] = State.STARTING, 0, now_ns()
+        self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
         self._condemned = False
         self.process = multiprocessing.get_context("spawn").Process(
             target=child.run, args=(spec, os.getpid()), name=f"lfpipe-{self.stage.name}", daemon=True
         )
         self.process.start()
         self.row["pid"] = self.process.pid
+        self._judge = Judge(self.stage, self.row, int(self.row["pid"]))
 
     def reap(self) -> int | None:
         """Exit code when the process has ended since the last call, else None."""
@@ -63,26 +65,29 @@ class StageProcess:
         self.process.join()
         self.process.close()
         self.process = None
-        self.row["state"], self.row["dead_ns"] = State.DEAD, now_ns()
+        in_order = (0,) if self.wanted else (0, child.EXIT_TERMINATED)
+        finished = code in in_order and (not self.wanted or not self.stage.reads)  # it was told to end, or its source has ended
+        self.row["state"], self.row["dead_ns"] = State.FINISHED if finished else State.DEAD, now_ns()
+        self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
         if code == 0:
             self.row["taken_seq"] = 0  # its work was over: the next one begins anew and has missed nothing
         return int(code)
 
     def overdue(self) -> str:
-        """Why the process must be taken for hung, or nothing. Ask often: after ASLEEP_S without a question all that the stage may
-        have missed until now is forgiven, for it had as little chance to beat as its judge to ask.
-        """
-        t_ns = now_ns()
-        if t_ns - self._judged_ns > ASLEEP_S * 1e9:
-            self._excused_ns = t_ns
-        self._judged_ns = t_ns
-        if self.process is None or self._condemned or self.row["state"] == State.STOPPING:
+        """Why the process counts as hung, or nothing; see `judge`. Ask often."""
+        return "" if self.process is None or self._judge is None or self._condemned else self._judge.verdict()
+
+    @property
+    def saves(self) -> str:
+        """What results the process writes at its end, in words, as long as it gets on with it; else nothing."""
+        if self.row["state"] != State.STOPPING or self.overdue():
             return ""
-        if not self.row["ready_ns"]:
-            waited_s = (t_ns - max(int(self.row["started_ns"]), self._excused_ns)) / 1e9
-            return f"not ready {waited_s:.0f} s after its start" if waited_s > self.stage.start_s else ""
-        silent_s = (t_ns - max(int(self.row["beat_ns"]), self._excused_ns)) / 1e9
-        return f"no beat for {silent_s:.1f} s" if silent_s > self.stage.hang_s else ""
+        return busy_words(self.row)
+
+    def join(self, timeout_s: float) -> None:
+        """Waits for the process to end."""
+        if self.process is not None:
+            self.process.join(timeout_s)
 
     def condemn(self) -> str:
         """Kills a hung process, once; what it did before, as faulthandler sees it. On a stalled machine its end may take long."""

@@ -6,11 +6,15 @@ import os
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import summary_ms
-from lfpipe.transport.status import State, Table, rate_hz
+from lfpipe.transport.status import State, Table, busy_words, rate_hz
 
 CORE = ("capture", "track", "render")  # always told of; a stage that few sessions have is, once it has run
+BUSY_SHOWN_S = 0.5  # what keeps a stage for less is nobody's business
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
 
 
@@ -43,6 +47,12 @@ def placed(name: str, cpus: Iterable[int], nice: int) -> str:
     return f"{name} {spans(cpus)}{f' nice {nice}' if nice else ''}"
 
 
+def busy(row: NDArray[np.void]) -> str:
+    """What keeps a stage from its loop, and how long already: `reading the recording, 3 s`; empty below BUSY_SHOWN_S."""
+    words, since_s = busy_words(row), (now_ns() - int(row["busy_since_ns"])) / 1e9
+    return f"{words}, {since_s:.0f} s" if words and since_s > BUSY_SHOWN_S else ""
+
+
 def quality(table: Table) -> dict[str, Any]:
     """`{"level", "lowest_level", "level_words"}`: 0 for full quality, the last one's number, what is taken away. Read while it
     changes, the words may be those of another level.
@@ -58,22 +68,23 @@ def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
 
     A stage's p50_ms.. are its busy time; wait and busy hold both in full. end_to_end: the age of a picture, from the
     sensor's stamp to its presentation. horizon: how far ahead of the sensor's stamp the eyes are predicted, over all refreshes.
-    level: see `quality`; left_out: inputs that a stage was told not to use by it; missed: refreshes of the display. cpus, nice:
-    as the kernel has them now.
+    busy_with: see `busy`; level: see `quality`. left_out: inputs that a stage was told not to use by it;
+    missed: refreshes of the display. cpus, nice: as the kernel has them now.
     """
     stages: dict[str, Any] = {}
     for name, row in table.rows.items():
         if name not in CORE and row["state"] == State.NONE:
             continue
         cores, nice = scheduling(int(row["pid"]))
-        wait, busy = summary_ms(row["wait"]), summary_ms(row["busy"])
+        wait, work = summary_ms(row["wait"]), summary_ms(row["busy"])
         stages[name] = {
             "state": State(int(row["state"])).name,
+            "busy_with": busy(row),
             "pid": int(row["pid"]),
             "fps": round(rate_hz(row), 2),
-            **{key: busy[key] for key in QUANTILES},
+            **{key: work[key] for key in QUANTILES},
             "wait": wait,
-            "busy": busy,
+            "busy": work,
             "dropped": int(row["drops"]),
             "left_out": int(row["left_out"]),
             "missed": int(row["missed"]),

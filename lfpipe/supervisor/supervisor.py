@@ -17,7 +17,7 @@ import zmq
 
 from lfpipe import config as config_module
 from lfpipe.config import Config
-from lfpipe.supervisor import child, limits, placement, rundir
+from lfpipe.supervisor import child, ending, limits, placement, rundir
 from lfpipe.supervisor.agreement import Agreement
 from lfpipe.supervisor.desk import Desk
 from lfpipe.supervisor.levels import Levels, why
@@ -31,10 +31,9 @@ from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
-from lfpipe.transport.status import State
+from lfpipe.transport.status import ENDED
 
 TICK_MS = 100
-STOP_S, TERM_S = 0.9, 0.5  # how long a stage may take after "stop", and after SIGTERM
 DRAIN_S = 2.0  # how long the stages may take for what is under way when the source has ended
 
 
@@ -248,23 +247,14 @@ class Supervisor:
     def _drained(self) -> bool:
         last = int(self.table.rows["capture"]["source_seq"]) - self._levels.now.every + 1  # the rest is left out
         rows = [self.table.rows[p.stage.name] for p in self.processes.values() if p.alive]
-        return all(int(row["source_seq"]) >= last or row["state"] == State.DEAD for row in rows)
+        return all(int(row["source_seq"]) >= last or row["state"] in ENDED for row in rows)
 
     def _stop_all(self) -> None:
-        """Two passes: all are told, then all are waited for; harsher words twice."""
+        """Asks all to stop, then waits for all."""
         for process in self.processes.values():
             process.wanted = False
             self._desk.send(process.stage.name, {"cmd": "stop"})
-        for limit_s, signum in ((STOP_S, signal.SIGTERM), (TERM_S, signal.SIGKILL), (5.0, None)):
-            end_ns = now_ns() + int(limit_s * 1e9)
-            while any(p.alive for p in self.processes.values()) and now_ns() < end_ns:
-                for process in self.processes.values():
-                    if process.alive and process.process is not None:
-                        process.process.join(0.01)
-                        process.reap()
-            for process in self.processes.values():
-                if process.alive and signum is not None:
-                    process.signal(signum)
+        ending.end(self.processes.values(), self._tell)
 
     def _end_of_results(self) -> None:
         """Where nothing may be lost, what a stage could not write at its very end is a failure of the whole."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import attrs
@@ -96,6 +97,35 @@ class Context:
         self.row.beat()  # before it counts: who is held up between the two lines has not hung
         self.row["ready_ns"] = now_ns()
         self.row["state"] = State.RUNNING
+
+    @contextlib.contextmanager
+    def busy_with(self, words: str) -> Iterator[None]:
+        """Around calls that may wait for a disk: meanwhile the stage is judged by what it does, not by its beat.
+
+        words: what it does, for monitors, at most 32 bytes. See `lfpipe.supervisor.judge`.
+        """
+        self.row.set_busy(words)
+        try:
+            yield
+        finally:
+            self.row.set_busy("")
+
+    @contextlib.contextmanager
+    def setting_up(self, words: str) -> Iterator[None]:
+        """As `busy_with`, around work that may also compute for long: the stage is judged as at its start."""
+        before, self.row["state"] = self.row["state"], State.STARTING
+        try:
+            with self.busy_with(words):
+                yield
+        finally:
+            self.row["state"] = before
+
+    @contextlib.contextmanager
+    def saving(self, words: str) -> Iterator[None]:
+        """As `busy_with`, around what writes results at the end: who ends the session waits for it."""
+        self.row["state"] = State.STOPPING
+        with self.busy_with(words):
+            yield
 
     def wait_for_others(self) -> bool:
         """Waits until every other stage is ready, so that a recording begins when there is somebody to see it.

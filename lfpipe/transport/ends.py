@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from lfpipe.transport import ring
-from lfpipe.transport.status import State
+from lfpipe.transport.status import ENDED
 from lfpipe.transport.wake import Wake
 
 if TYPE_CHECKING:
@@ -116,5 +116,4 @@ class Output:
         for credit in self.credits:
             credit.drain()
         wanted = self.writer.published - self._ahead
-        gone = (State.NONE, State.DEAD)
-        return all(int(row["taken_seq"][self._index]) >= wanted or int(row["state"]) in gone for row in self._rows)
+        return all(int(row["taken_seq"][self._index]) >= wanted or int(row["state"]) in ENDED for row in self._rows)

@@ -21,7 +21,7 @@ RINGS = 8  # rings that a session may have
 
 
 class State(enum.IntEnum):
-    """Where a process is in its life. NONE: the session never needed it."""
+    """Where a process is in its life. NONE: the session never needed it. FINISHED: it did its work and ended in order."""
 
     NONE = 0
     STARTING = 1
@@ -29,6 +29,10 @@ class State(enum.IntEnum):
     RUNNING = 3
     STOPPING = 4
     DEAD = 5
+    FINISHED = 6
+
+
+ENDED = (State.NONE, State.DEAD, State.FINISHED)  # there is no process
 
 
 ROW = np.dtype(
@@ -52,6 +56,8 @@ ROW = np.dtype(
         ("busy_ns", "<i8"),
         ("cpu_ns", "<i8"),
         ("face", "<i8"),
+        ("busy_since_ns", "<i8"),  # since when it has been at what busy_with says
+        ("busy_with", "S32"),  # what keeps it from its loop just now, in words; empty in its loop
         ("recent_ns", "<i8", (RECENT,)),
         ("wait", HISTOGRAM),  # from published by the stage before to taken by this one
         ("busy", HISTOGRAM),  # from taken to published
@@ -111,6 +117,11 @@ class Row:
         """I am alive and my loop turns."""
         self._int["beat_ns"][0] = now_ns()
 
+    def set_busy(self, words: str) -> None:
+        """What keeps the stage from its loop from now on, at most 32 bytes; nothing any more where words are empty."""
+        self._int["busy_since_ns"][0] = self._int["beat_ns"][0] = now_ns()
+        self.record["busy_with"] = words.encode()
+
     def tick(self, source_seq: int) -> None:
         """One output completed, made from input source_seq."""
         t_ns = now_ns()
@@ -126,6 +137,12 @@ class Row:
         self.wait.add_ns(wait_ns)
         self.busy.add_ns(busy_ns)
         self.age.add_ns(age_ns)
+
+
+def busy_words(record: NDArray[np.void]) -> str:
+    """What keeps a stage from its loop just now; empty where nothing does."""
+    words: bytes = record["busy_with"].item()
+    return words.decode(errors="replace")
 
 
 def rate_hz(record: NDArray[np.void], t_ns: int | None = None) -> float:

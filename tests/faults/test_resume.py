@@ -10,15 +10,17 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import lfpipe
 from lfpipe.render.refresh import Refresh
-from lfpipe.supervisor.process import ASLEEP_S, StageProcess
+from lfpipe.supervisor.judge import ASLEEP_S, Judge
+from lfpipe.supervisor.progress import Sample, Thread
 from lfpipe.supervisor.table import STAGES
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
 from lfpipe.transport.session import Session
-from lfpipe.transport.status import State, Table
+from lfpipe.transport.status import ROW, State, Table
 from tests.world import World
 
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
@@ -142,29 +144,29 @@ def test_after_a_gap_the_display_finds_the_cameras_new_phase_at_once(gap_s: floa
     assert min(off_ns, refresh_ns - off_ns) < 0.02 * refresh_ns
 
 
-def test_a_judge_that_slept_forgives_and_one_that_did_not_does_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_judge_that_slept_forgives_and_one_that_did_not_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
     t_ns = 10**12
-    monkeypatch.setattr("lfpipe.supervisor.process.now_ns", lambda: t_ns)
-    row = {"state": State.RUNNING, "ready_ns": t_ns, "started_ns": t_ns, "beat_ns": t_ns}
+    monkeypatch.setattr("lfpipe.supervisor.judge.now_ns", lambda: t_ns)
+    row = np.zeros((), ROW)
+    row["state"], row["ready_ns"], row["started_ns"], row["beat_ns"] = State.RUNNING, t_ns, t_ns, t_ns
     stage = STAGES[0]
-    judged = StageProcess(stage, Session("x"), row)  # type: ignore[arg-type]
-    judged.process = object()  # type: ignore[assignment]  # overdue asks no more than whether there is one
+    judged = Judge(stage, row, 1, lambda pid: Sample({1: Thread()}, 0, 0))
     for _ in range(int(10 * stage.hang_s)):
         t_ns += 100_000_000
-        assert not judged.overdue()
+        assert not judged.verdict()
     t_ns += 100_000_000
-    assert "no beat" in judged.overdue(), "a hung stage is found while its judge is awake"
+    assert "no beat" in judged.verdict(), "a hung stage is found while its judge is awake"
     row["beat_ns"] = t_ns
     t_ns += int(3600e9)
-    assert not judged.overdue() and ASLEEP_S < 3600, "both slept"
+    assert not judged.verdict() and ASLEEP_S < 3600, "both slept"
     for _ in range(int(10 * stage.hang_s)):
         t_ns += 100_000_000
-        assert not judged.overdue()
+        assert not judged.verdict()
     t_ns += 100_000_000
-    assert "no beat" in judged.overdue(), "forgiven once, not for ever"
+    assert "no beat" in judged.verdict(), "forgiven once, not for ever"
     row["ready_ns"] = 0
     t_ns += int(3600e9)
-    assert not judged.overdue(), "nor is a start that was interrupted too slow"
+    assert not judged.verdict(), "nor is a start that was interrupted too slow"
 
 
 def test_a_sleep_of_the_machine_is_noticed_once() -> None:

@@ -93,8 +93,9 @@ def test_a_live_session_lends_the_ring_only_while_it_records(world: World, short
         assert rings() == []
         world.wait_for(lambda out=out: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
         assert _same(open_sequence(out), given)
-        world.wait_for(lambda: recorder()["state"] == "DEAD", "end of the recorder")
+        world.wait_for(lambda: recorder()["state"] == "FINISHED", "end of the recorder")
         missed.append(recorder()["dropped"])
+        assert recorder()["restarts"] == 0
         if number == 0:
             world.pictures(len(world.lines()) + 120)  # so many frames pass without a recording
     assert missed[1] - missed[0] < 30, "frames between two recordings are not lost"

@@ -1,0 +1,50 @@
+"""The end of a session's processes: in order, and with time for those that still have results to write."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterable
+
+import attrs
+
+from lfpipe.supervisor.process import StageProcess
+from lfpipe.transport.clock import now_ns
+
+STOP_S, TERM_S, KILL_S = 0.9, 0.5, 5.0  # how long a stage may take after "stop", after SIGTERM, after SIGKILL
+PASSES = ((STOP_S, signal.SIGTERM), (TERM_S, signal.SIGKILL), (KILL_S, None))
+
+
+@attrs.define
+class _Ending:
+    process: StageProcess
+    due_ns: int
+    passes: int = 0
+    told: bool = False
+
+
+def end(processes: Iterable[StageProcess], tell: Callable[[str], None]) -> None:
+    """Waits until all processes, which were asked to stop before, have ended. One that is late gets SIGTERM, then SIGKILL;
+    one that saves results is waited for as long as it gets on with it. tell: says to the person what is waited for.
+    """
+    begin_ns = now_ns()
+    waiting = [_Ending(process, begin_ns + int(STOP_S * 1e9)) for process in processes if process.alive]
+    while waiting:
+        for each in list(waiting):
+            process = each.process
+            process.join(0.01)
+            process.reap()
+            if not process.alive:
+                waiting.remove(each)
+            elif now_ns() < each.due_ns:
+                continue
+            elif words := process.saves:
+                each.due_ns = now_ns() + int(STOP_S * 1e9)
+                if not each.told:
+                    tell(f"{process.stage.name}: {words}; Ctrl-C again ends it at once")
+                each.told = True
+            elif (signum := PASSES[each.passes][1]) is None:
+                waiting.remove(each)
+            else:
+                process.signal(signum)
+                each.passes += 1
+                each.due_ns = now_ns() + int(PASSES[each.passes][0] * 1e9)

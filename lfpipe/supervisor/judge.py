@@ -1,0 +1,94 @@
+"""When a stage counts as hung: a rule for each phase, made so that neither a slow machine nor a slow disk ends a stage.
+
+Time in which the process was ready to run and had no CPU never counts (`progress.Spent`), nor does time in which the judge
+itself did not look for ASLEEP_S: then the machine slept, or starved everybody alike.
+
+Setting up, from the start to READY and within `Context.setting_up`: hung once it has done nothing for start_s, neither
+computed nor moved a byte; or has computed for LONGEST_S without a byte.
+Running or ending, within `Context.busy_with` and `saving` (calls that may wait for a disk): hung once it has computed for
+start_s without a byte, or has done nothing for STALL_S.
+Running, elsewhere: hung hang_s after its last beat. Time in which it waits for a disk, undeclared (a page of a mapped file),
+does not count. Ending, elsewhere: `ending` has the limits.
+
+In every phase a stage that waits for a disk is given up when no byte has come for STALL_S, and one that is stopped (SIGSTOP)
+is hung after start_s while it sets up, after hang_s when it runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.supervisor import progress
+from lfpipe.supervisor.progress import Sample, Spent
+from lfpipe.supervisor.table import Stage
+from lfpipe.transport.clock import MS_NS, now_ns
+from lfpipe.transport.status import State, busy_words
+
+ASLEEP_S = 1.0  # a supervisor that has not judged for so long was stopped or starved, and most likely the stages with it
+STALL_S = 60.0  # a disk that wakes up, a network that comes back
+LONGEST_S = 600.0  # of computing in one go: imports and tables of a large scene on an emulated machine
+LOOK_AFTER_NS, LOOK_NS = 500 * MS_NS, 50 * MS_NS  # /proc is read only of a stage that has been silent for a while
+
+
+class Judge:
+    """Of one process. row: its record of the status table. sample: reads /proc."""
+
+    def __init__(
+        self, stage: Stage, row: NDArray[np.void], pid: int, sample: Callable[[int], Sample | None] = progress.sample
+    ) -> None:
+        self._stage, self._row, self._pid, self._sample = stage, row, pid, sample
+        self._judged_ns = self._excused_ns = now_ns()
+        self._sign = (0, 0, 0, 0)
+        self._spent = Spent()
+        self._last: tuple[int, Sample] | None = None
+
+    def verdict(self) -> str:
+        """Why the process counts as hung, or nothing. Ask often."""
+        t_ns = now_ns()
+        if t_ns - self._judged_ns > ASLEEP_S * 1e9:
+            self._excused_ns, self._sign = t_ns, (0, 0, 0, 0)
+        self._judged_ns = t_ns
+        row = self._row
+        state, ready_ns = int(row["state"]), int(row["ready_ns"])
+        words = busy_words(row)
+        if state == State.STOPPING and not words:
+            return ""
+        sign = (state, int(row["beat_ns"]), ready_ns, int(row["busy_since_ns"]))
+        if sign != self._sign:
+            self._sign, self._last = sign, None
+        silent_ns = t_ns - max(int(row["beat_ns"]), int(row["started_ns"]), self._excused_ns)
+        if silent_ns < LOOK_AFTER_NS or not self._look(t_ns, silent_ns):
+            return ""
+        return self._judged(state == State.STARTING or not ready_ns, words, silent_ns / 1e9)
+
+    def _look(self, t_ns: int, silent_ns: int) -> bool:
+        """Takes a sample where it is time for one; whether the process is there."""
+        if self._last is not None and t_ns - self._last[0] < LOOK_NS:
+            return True
+        now = self._sample(self._pid)
+        if now is None:
+            return False
+        if self._last is None:
+            self._spent = Spent(able=silent_ns)
+        else:
+            self._spent.add(self._last[1], now, t_ns - self._last[0])
+        self._last = t_ns, now
+        return True
+
+    def _judged(self, sets_up: bool, words: str, silent_s: float) -> str:
+        spent, stage = self._spent, self._stage
+        at = f"{words}: " if words else ""
+        if spent.stalled > STALL_S * 1e9:
+            return f"{at}its disk has given nothing for {spent.stalled / 1e9:.0f} s"
+        if sets_up and (spent.idle > stage.start_s * 1e9 or spent.unmoved > LONGEST_S * 1e9):
+            return f"{at}not ready after {silent_s:.0f} s, in {spent.idle / 1e9:.0f} s of which it did nothing"
+        if sets_up:
+            return ""
+        if words and spent.waited > STALL_S * 1e9:
+            return f"{at}no byte for {spent.waited / 1e9:.0f} s"
+        if words and spent.worked <= stage.start_s * 1e9 and spent.stopped <= stage.hang_s * 1e9:
+            return ""
+        return f"{at}no beat for {silent_s:.1f} s" if spent.able > stage.hang_s * 1e9 else ""
