@@ -24,6 +24,7 @@ from lfpipe.cli.sequence import sequence
 from lfpipe.cli.trace import trace
 from lfpipe.cli.up import up
 from lfpipe.errors import UserError
+from lfpipe.supervisor.streams import protect
 
 
 class Suggesting(click.Group):
@@ -85,6 +86,7 @@ for command, line in COMMANDS:
 
 def run() -> None:
     """Runs the command line and turns mistakes of the user into one message and exit code 2."""
+    protect("stderr")
     try:
         code = cli(prog_name="lfpipe", standalone_mode=False)
         sys.stdout.flush()

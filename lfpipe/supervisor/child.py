@@ -14,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 
 from lfpipe.errors import UserError
-from lfpipe.supervisor import rundir
+from lfpipe.supervisor import rundir, signals, streams
 from lfpipe.supervisor.placement import settle
 from lfpipe.transport.context import Context, StageSpec
 from lfpipe.transport.status import State
@@ -51,7 +51,8 @@ def stack_file(run_dir: Path, stage: str) -> Path:
 
 def run(spec: StageSpec, parent_pid: int) -> None:
     """Entry of a spawned process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the supervisor decides
+    signals.ignore()  # the terminal sends them to the whole group; the supervisor decides
+    streams.protect("stdout", "stderr")
     _prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent_pid:
         return  # it died before the line above

@@ -12,7 +12,7 @@ from multiprocessing.process import BaseProcess
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.supervisor import child
+from lfpipe.supervisor import child, signals
 from lfpipe.supervisor.judge import Judge
 from lfpipe.supervisor.table import Stage
 from lfpipe.transport.clock import now_ns
@@ -53,7 +53,8 @@ class StageProcess:
         self.process = multiprocessing.get_context("spawn").Process(
             target=child.run, args=(spec, os.getpid()), name=f"lfpipe-{self.stage.name}", daemon=True
         )
-        self.process.start()
+        with signals.blocked():
+            self.process.start()
         self.row["pid"] = self.process.pid
         self._judge = Judge(self.stage, self.row, int(self.row["pid"]))
 

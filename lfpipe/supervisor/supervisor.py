@@ -17,7 +17,7 @@ import zmq
 
 from lfpipe import config as config_module
 from lfpipe.config import Config
-from lfpipe.supervisor import child, ending, limits, placement, rundir
+from lfpipe.supervisor import child, ending, limits, placement, rundir, signals, streams
 from lfpipe.supervisor.agreement import Agreement
 from lfpipe.supervisor.desk import Desk
 from lfpipe.supervisor.levels import Levels, why
@@ -54,7 +54,7 @@ class Supervisor:
     ) -> None:
         self.session, self._lossless, self._lock_step, self._tell = session, lossless, lock_step, tell
         self.outcome: Outcome | None = None
-        self._signals = 0
+        self._signals: list[int] = []
         self._memory: Memory | None = None
         self.processes: dict[str, StageProcess] = {}
         self._draining_ns = 0
@@ -76,7 +76,8 @@ class Supervisor:
         with rundir.filled(self.session):
             rundir.sweep()
             lock = rundir.acquire(self.session)
-        before = {signum: signal.signal(signum, self._signalled) for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+        streams.protect("stdout", "stderr")
+        before = signals.handle(self._signalled)
         try:
             with rundir.filled(self.session):
                 self._build()
@@ -91,15 +92,15 @@ class Supervisor:
                 self._desk.serve()  # last words of the stages
                 self._desk.close()
         finally:
-            for signum, handler in before.items():
-                signal.signal(signum, handler)
+            signals.restore(before)
             self._remove()
             rundir.release(self.session, lock)
         return self.outcome
 
     def _signalled(self, signum: int, _frame: FrameType | None) -> None:
-        self._signals += 1
-        if self._signals > 1:  # the second Ctrl-C means now
+        again = signum in self._signals and signum != signal.SIGHUP  # which the shell and the kernel both send
+        self._signals.append(signum)
+        if again:  # the second Ctrl-C means now
             for process in self.processes.values():
                 process.signal(signal.SIGKILL)
 
