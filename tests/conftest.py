@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.transport.segment import SHM_DIR
+from lfpipe.host import shared_memory
 from tests.world import World, write_scene
 from tests.xvfb_screen import Screen, x_server
 
@@ -28,8 +28,8 @@ def world(tmp_path: Path) -> Iterator[World]:
     made = World(tmp_path)
     yield made
     made.end()
-    for path in SHM_DIR.glob(f"lfpipe-*{made.name}*"):
-        path.unlink()
+    for name in made.segments():
+        shared_memory.unlink(name)
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +41,8 @@ def live(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[Worl
     made.pictures(5)
     yield made
     made.end()
-    for path in SHM_DIR.glob(f"lfpipe-*{made.name}*"):
-        path.unlink()
+    for name in made.segments():
+        shared_memory.unlink(name)
 
 
 @pytest.fixture(scope="session")

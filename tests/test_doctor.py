@@ -9,6 +9,7 @@ import pytest
 
 from lfpipe.capture.v4l2 import CameraDevice
 from lfpipe.observe import doctor
+from tests.supervisor.holder import Holder, holding
 
 
 def test_this_machine_passes_and_every_line_says_something() -> None:
@@ -92,9 +93,14 @@ def test_a_camera_that_cannot_be_asked_says_why() -> None:
     assert check.ok and "Front" in check.detail and "No such file" in check.detail
 
 
-def test_leftovers_are_what_no_session_uses(tmp_path: Path) -> None:
-    for name in ("lfpipe-0-live-frames", "lfpipe-0-dead-frames", "other"):
-        (tmp_path / name).touch()
-    check = doctor.leftovers(["lfpipe-0-live-"], tmp_path)
-    assert check.ok and check.detail == "lfpipe-0-dead-frames" and "lfpipe up" in check.remedy
-    assert doctor.leftovers(["lfpipe-0-live-", "lfpipe-0-dead-"], tmp_path).detail == "nothing"
+def test_leftovers_are_what_dead_sessions_left_wherever_they_ran(tmp_path: Path) -> None:
+    dead = Holder(tmp_path, "dead")
+    left = dead.ready()
+    with holding(tmp_path, "living") as used:
+        assert not {*left, *used} & set(doctor.leftovers().detail.split(", "))
+        dead.kill()
+        check = doctor.leftovers()
+        assert check.ok and set(left) <= set(check.detail.split(", ")) and not set(used) & set(check.detail.split(", "))
+        assert "lfpipe up" in check.remedy and str(tmp_path) in check.remedy
+    Holder(tmp_path, "next").end()
+    assert not set(left) & set(doctor.leftovers().detail.split(", "))

@@ -11,6 +11,7 @@ import lfpipe
 HOUSE = Path(lfpipe.__file__).parent
 # From the ground up; rooms on one floor do not know each other. What is no room (`errors`, `eyes`, ...) is the ground itself.
 FLOORS = (
+    {"host"},
     {"config"},
     {"transport"},
     {"scene", "sequence"},

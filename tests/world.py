@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lfpipe.transport.segment import SHM_DIR
+from lfpipe.transport import segment
 
 
 def write_scene(folder: Path, rows: int = 3, cols: int = 3, size: tuple[int, int] = (48, 64)) -> Path:
@@ -85,8 +85,12 @@ class World:
         return json.loads(done.stdout)
 
     def left(self) -> list[str]:
-        """What lies in /dev/shm and the run directory that belongs to this test's session."""
-        return [p.name for p in SHM_DIR.glob(f"lfpipe-*{self.name}*")] + [str(p) for p in self.run_dir.rglob("*")]
+        """What lies in shared memory and the run directory that belongs to sessions of this world."""
+        return self.segments() + [str(p) for p in self.run_dir.rglob("*")]
+
+    def segments(self, part: str = "") -> list[str]:
+        """Names of the segments of this world's sessions; of one kind of ring, where part names it."""
+        return sorted(name for name, owner in segment.owned().items() if owner.is_relative_to(self.root) and f"-{part}" in name)
 
     def end(self) -> None:
         for process in self._running:

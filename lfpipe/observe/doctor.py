@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.metadata
 import importlib.util
 import os
@@ -16,9 +15,9 @@ import attrs
 
 from lfpipe.capture.v4l2 import CameraDevice, cameras, formats
 from lfpipe.errors import UserError
+from lfpipe.host.shared_memory import SHM_DIR
 from lfpipe.render.open_display import has_display
 
-SHM_DIR = Path("/dev/shm")
 SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with room
 MODELS = (
     "face_detection/face_detection_short_range.tflite",
@@ -142,22 +141,20 @@ def cores() -> Check:
     return Check("cores", True, str(count), remedy)
 
 
-def leftovers(running: Iterable[str], path: Path = SHM_DIR) -> Check:
-    """Segments that no running session owns. running: beginnings of the names that are in use."""
-    used = tuple(running)
-    found: list[str] = []
-    with contextlib.suppress(OSError):
-        found = sorted(entry.name for entry in path.glob("lfpipe-*") if not entry.name.startswith(used))
+def leftovers() -> Check:
+    """Segments of this user's whose session is dead, wherever its run directory is."""
+    from lfpipe.transport import segment
+
+    found = dict(segment.abandoned())
     if not found:
         return Check("left over", True, "nothing")
-    return Check("left over", True, ", ".join(found), "the next `lfpipe up` removes what is yours; else rm " + f"{path}/lfpipe-*")
+    places = {str(run_dir.parent) for run_dir in found.values()}
+    remedy = f"`lfpipe up` removes them: with XDG_RUNTIME_DIR={' or '.join(sorted(places))}"
+    return Check("left over", True, ", ".join(found), remedy)
 
 
 def checks() -> list[Check]:
     """All of them, in the order in which a person would mend things."""
-    from lfpipe.supervisor import rundir
-    from lfpipe.transport.session import Session
-
     found = cameras()
     none = Check("camera", True, "none", "use --camera demo, or a recording with --camera file:PATH")
     return [
@@ -169,5 +166,5 @@ def checks() -> list[Check]:
         *([camera(device) for device in found] or [none]),
         shared_memory(),
         cores(),
-        leftovers(Session(name).segment("") for name in rundir.running()),
+        leftovers(),
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import os
@@ -17,6 +18,7 @@ from lfpipe.observe.screen import Doing, Screen
 from lfpipe.observe.watch import Follower, Watch
 from lfpipe.supervisor.rundir import find
 from lfpipe.supervisor.snapshot import spans
+from lfpipe.transport.status import Table
 
 PERIOD_S = 0.25
 NOTE_S = 5.0  # how long the answer to a key is shown
@@ -27,7 +29,9 @@ def run(name: str, once: bool, form: str) -> None:
     if form or once:
         stream(name, once, form)
     elif sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown"):  # those have no screen to draw on
-        find(name)  # at the start a name without a session is more likely a mistake
+        session = find(name)  # at the start a name without a session is more likely a mistake
+        with contextlib.suppress(FileNotFoundError):
+            Table(session.segment("status")).close()  # and a table of another version would never be shown
         screen(name)
     else:
         stream(name, once, form, 1.0)

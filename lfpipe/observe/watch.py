@@ -13,12 +13,13 @@ from lfpipe.errors import UserError
 from lfpipe.observe.meter import Meter, Reading
 from lfpipe.supervisor.rundir import find
 from lfpipe.supervisor.snapshot import snapshot
+from lfpipe.transport.segment import WrongSegment
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import Table
 
 
 class Watch:
-    """One attachment. Raises UserError when the session ends while it is being opened."""
+    """One attachment. Raises UserError when the session ends meanwhile, and when its table is of another version."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -26,8 +27,10 @@ class Watch:
             self._about = session.run_dir / "session.json"
             self._mark = self._marked()
             about = json.loads(self._about.read_text())
-            self._started_ns = int(about["started_ns"])
             self._table = Table(session.segment("status"))
+            self._started_ns = int(about["started_ns"])
+        except WrongSegment:
+            raise
         except (FileNotFoundError, ValueError):
             raise UserError(f"session {session.name!r} is starting or ending", "try again in a second") from None
         self.meter = Meter(self._table, self._started_ns, int(about["pid"]))

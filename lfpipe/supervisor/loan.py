@@ -5,7 +5,6 @@ nobody renews, and "packets", the camera's own JPEGs for a recorder.
 from __future__ import annotations
 
 import contextlib
-from multiprocessing.shared_memory import SharedMemory
 from typing import Any
 
 from lfpipe.config import Config
@@ -13,6 +12,7 @@ from lfpipe.supervisor.table import packet_ring
 from lfpipe.transport import ring
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.ring import RingSpec
+from lfpipe.transport.segment import Segment
 from lfpipe.transport.session import Session
 
 
@@ -21,7 +21,7 @@ class RingLoan:
 
     def __init__(self, session: Session, name: str) -> None:
         self._session, self._name = session, name
-        self._memory: SharedMemory | None = None
+        self._memory: Segment | None = None
         self._spec: RingSpec | None = None
         self._count = 0
         self.part = ""  # name of the ring, "" where none is lent; never used twice, so that no reader maps an old one
@@ -32,7 +32,8 @@ class RingLoan:
             return False
         self.end()
         part = f"{self._name}.{self._count + 1}"
-        self._memory, self._spec, self.part = ring.create(self._session.segment(part), spec), spec, part
+        self._memory = ring.create(self._session.segment(part), spec, self._session.run_dir)
+        self._spec, self.part = spec, part
         self._count += 1
         return True
 

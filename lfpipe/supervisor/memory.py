@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import gc
-from multiprocessing.shared_memory import SharedMemory
 
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.supervisor.table import STAGES, consumers, rings
 from lfpipe.transport import ring, status, wake
+from lfpipe.transport.segment import Segment
 from lfpipe.transport.session import Session
 
 
@@ -20,12 +20,12 @@ class Memory:
     """
 
     def __init__(self, session: Session, config: Config) -> None:
-        self._segments: list[SharedMemory] = []
+        self._segments: list[Segment] = []
         self._table: status.Table | None = None
         try:
-            self._segments.append(status.create(session.segment("status"), [stage.name for stage in STAGES]))
+            self._segments.append(status.create(session.segment("status"), [s.name for s in STAGES], session.run_dir))
             for name, spec in rings(config).items():
-                self._segments.append(ring.create(session.segment(name), spec))
+                self._segments.append(ring.create(session.segment(name), spec, session.run_dir))
         except UserError:
             self.remove()
             raise

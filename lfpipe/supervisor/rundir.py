@@ -1,9 +1,11 @@
-"""The run directory: owned by one session, locked while it lives, swept by whoever finds it without an owner."""
+"""The run directory: owned by one session, locked while it lives, swept by whoever finds it without an owner.
+
+Its memory is found by its name and says whose it is (`transport.segment`): nothing is unlinked that is another's, or lives.
+"""
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import shutil
 import signal
@@ -15,10 +17,15 @@ from pathlib import Path
 import zmq
 
 from lfpipe.errors import UserError
-from lfpipe.transport import segment, status
+from lfpipe.host import shared_memory
+from lfpipe.host.file_lock import lock as lock_file
+from lfpipe.supervisor.outcome import Outcome
+from lfpipe.transport import control, segment, status
 from lfpipe.transport.session import PREFIX, Session, base_dir
 
-PATIENCE = 30  # times that a lock is asked for, 10 ms apart
+PATIENCE = 30  # times that a lock is asked for, PAUSE_S apart
+PAUSE_S = 0.01
+ENDING_S = 3.0  # how long a session that lost its run directory may take to end
 
 
 def _own(path: Path) -> None:
@@ -42,26 +49,33 @@ def _ours(found: os.stat_result) -> bool:
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
 
 
-def _folders() -> Iterator[Path]:
-    """This user's run directories."""
-    for path in base_dir().glob(f"{PREFIX}*"):
-        with contextlib.suppress(FileNotFoundError):  # it has just ended
-            if _ours(path.lstat()):
-                yield path
+def _sessions() -> Iterator[Session]:
+    """Those of this user's that have a run directory. What cannot be read, or is none, is passed over."""
+    base = base_dir()
+    try:
+        names = sorted(path.name for path in base.iterdir() if path.name.startswith(PREFIX))
+    except OSError:
+        return
+    for name in names:
+        with contextlib.suppress(OSError, UserError):  # it has just ended; it is not a name of ours
+            session = Session(name.removeprefix(PREFIX))
+            if _ours((base / name).lstat()):
+                yield session
 
 
 @contextlib.contextmanager
 def filled(session: Session) -> Iterator[None]:
-    """What the system refuses while a session's files are made is said as a UserError: a full disk, a quota, ..."""
+    """Reports as a UserError what the system refuses while a session's files are made: a full disk, a quota, ..."""
     try:
         yield
     except (OSError, zmq.ZMQError) as error:
+        path = getattr(error, "filename", None) or session.run_dir
         remedy = "make room there, or set XDG_RUNTIME_DIR to another directory"
-        raise UserError(f"{session.run_dir}: {error.strerror}", remedy) from None
+        raise UserError(f"{path}: {error.strerror}", remedy) from None
 
 
 def _lock(path: Path, make: bool = False) -> int | None:
-    """The lock's descriptor, or None when another process holds it. make: also the directory, where it is gone.
+    """The lock's descriptor, or None when another process holds it. make: also the directory, where it is gone. Raises OSError.
 
     A lock file that vanished meanwhile is no lock: who sweeps takes a directory that is not locked yet for a dead session's.
     """
@@ -69,20 +83,27 @@ def _lock(path: Path, make: bool = False) -> int | None:
         if make:
             _own(path.parent)
         try:
-            fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
         except FileNotFoundError:
             if make:
                 continue
             return None
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not lock_file(fd):
             os.close(fd)
             return None
-        with contextlib.suppress(FileNotFoundError):
-            if path.stat().st_ino == os.fstat(fd).st_ino:
-                return fd
+        if _is_at(path, fd):
+            return fd
         os.close(fd)
+
+
+def _is_at(path: Path, fd: int) -> bool:
+    """Whether the open file is the one at path. One that cannot be looked at now counts as there."""
+    try:
+        return os.path.samestat(path.lstat(), os.fstat(fd))
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError:
+        return True
 
 
 def _lock_patiently(path: Path) -> int | None:
@@ -90,45 +111,118 @@ def _lock_patiently(path: Path) -> int | None:
     for _ in range(PATIENCE):
         if (fd := _lock(path, make=True)) is not None:
             return fd
-        time.sleep(0.01)
+        time.sleep(PAUSE_S)
     return None
 
 
 def acquire(session: Session) -> int:
-    """Takes the session for this process: returns the lock's descriptor, the directory is empty but for the lock.
+    """Takes the session for this process: returns the lock's descriptor; the directory is empty but for the lock, and no
+    memory has its names.
 
-    Raises UserError when another `up` runs under this name.
+    Raises UserError when another `up` runs under this name, and where the path is too long for sockets; OSError where something
+    in the directory cannot be removed.
     """
+    control.address(session.run_dir, "ctl")
     fd = _lock_patiently(session.lock)
     if fd is None:
-        raise UserError(
-            f"session {session.name!r} is running already",
-            "another --session NAME, or end that one: `lfpipe ctl"
-            + ("" if session.name == "default" else f" --session {session.name}")
-            + " stop`",
-        )
-    _clear(session)
+        option = "" if session.name == "default" else f" --session {session.name}"
+        remedy = f"another --session NAME, or end that one: `lfpipe ctl{option} stop`"
+        raise UserError(f"session {session.name!r} is running already", remedy)
+    try:
+        _empty(session.run_dir)
+        _unlink_abandoned(session)
+        _wait_for_the_one_before(session)
+    except BaseException:
+        release(session, fd)
+        raise
     return fd
 
 
-def _clear(session: Session) -> None:
-    segment.unlink_all(session.segment(""))
-    for path in session.run_dir.iterdir():
-        if path != session.lock:
-            path.unlink(missing_ok=True)
+def _empty(run_dir: Path) -> None:
+    """Removes all but the lock."""
+    for path in run_dir.iterdir():
+        if path.name != "lock":
+            if stat.S_ISDIR(path.lstat().st_mode):
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+
+
+def _unlink_abandoned(session: Session) -> None:
+    for name, _ in segment.abandoned(session.segment("")):
+        shared_memory.unlink(name)
+
+
+def _wait_for_the_one_before(session: Session) -> None:
+    """A session whose run directory was removed holds its memory until it has ended."""
+    end_s = time.monotonic() + ENDING_S
+    while segment.living(session.segment("")):
+        if time.monotonic() > end_s:
+            remedy = "try again in a few seconds, or another --session NAME"
+            raise UserError(f"session {session.name!r} lost its run directory and has not ended yet", remedy)
+        time.sleep(PAUSE_S)
+
+
+def lost(session: Session, fd: int) -> Outcome | None:
+    """The end of the session that holds the lock fd once its run directory is no longer its own; None while it is.
+
+    Nobody could reach it any more, and the next of its name could not tell that it lives.
+    """
+    if _is_at(session.lock, fd):
+        return None
+    what = f"{session.run_dir} was removed while the session ran"
+    return Outcome("its run directory was removed", what, "leave it alone, or set XDG_RUNTIME_DIR to where nothing clears up")
 
 
 def release(session: Session, fd: int) -> None:
-    """Removes all that the session made, the lock last."""
-    _clear(session)
-    shutil.rmtree(session.run_dir, ignore_errors=True)
-    os.close(fd)
+    """Removes all that the session made, the lock last, and nothing of another session that has the directory by now.
+
+    What cannot be removed stays. Memory that this process holds is its own to unlink, and done before.
+    """
+    try:
+        if _is_at(session.lock, fd):
+            _remove(session, fd)
+            return
+    finally:
+        os.close(fd)
+    with contextlib.suppress(OSError):  # the lock is gone: the rest, if it is there, is removed as a dead session's
+        if (lock := _lock(session.lock)) is not None:
+            release(session, lock)
 
 
-def _waken(session: Session) -> None:
-    """Lets stopped stages of a session without a supervisor go on, to their end: the SIGTERM that the kernel sent them waits."""
-    with contextlib.suppress(FileNotFoundError, ValueError):  # no table, or one that was never filled
-        table = status.Table(session.segment("status"))
+def _remove(session: Session, fd: int) -> None:
+    """Within the directory everything is named by its descriptor: should it be replaced in this moment, nothing of the new one is
+    touched."""
+    _unlink_abandoned(session)
+    with contextlib.suppress(OSError):
+        directory = os.open(session.run_dir, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+        try:
+            if not os.path.samestat(os.stat("lock", dir_fd=directory, follow_symlinks=False), os.fstat(fd)):
+                return
+            with os.scandir(directory) as entries:
+                names = [entry.name for entry in entries if entry.name != "lock"]
+            for name in names:
+                _remove_entry(name, directory)
+            os.unlink("lock", dir_fd=directory)
+            session.run_dir.rmdir()
+        finally:
+            os.close(directory)
+
+
+def _remove_entry(name: str, directory: int) -> None:
+    try:
+        os.unlink(name, dir_fd=directory)
+    except OSError:
+        shutil.rmtree(name, ignore_errors=True, dir_fd=directory)
+
+
+def _waken(name: str) -> None:
+    """Lets stopped stages of a session without a supervisor go on, to their end: the SIGTERM that the kernel sent them waits.
+
+    name: of its status table; of another segment, nothing happens.
+    """
+    with contextlib.suppress(FileNotFoundError, ValueError):  # none, or of another version
+        table = status.Table(name)
         pids = [int(row["pid"]) for row in table.rows.values()]
         table.close()
         for pid in pids:
@@ -138,43 +232,56 @@ def _waken(session: Session) -> None:
 
 
 def sweep() -> list[str]:
-    """Removes what sessions of this user left that no longer live; returns their names."""
+    """Removes what sessions of this user left that no longer live; returns their names. What cannot be removed is passed over.
+
+    Also memory of any dead session whose run directory is gone, wherever that was.
+    """
     swept = []
-    for path in _folders():
-        try:
-            session = Session(path.name.removeprefix(PREFIX))
-        except UserError:
-            continue  # not a name of ours
-        fd = _lock(session.lock)
-        if fd is not None:
-            _waken(session)
-            release(session, fd)
-            swept.append(session.name)
+    for session in _sessions():
+        with contextlib.suppress(OSError):
+            fd = _lock(session.lock)
+            if fd is not None:
+                _waken(session.segment("status"))
+                release(session, fd)
+                swept.append(session.name)
+    for name, run_dir in segment.abandoned():
+        if run_dir.is_absolute() and _is_gone(run_dir):
+            _waken(name)
+            with contextlib.suppress(OSError):
+                shared_memory.unlink(name)
     return swept
+
+
+def _is_gone(path: Path) -> bool:
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return True
+    except OSError:
+        return False
+    return False
 
 
 def running() -> list[str]:
     """Names of this user's living sessions."""
     names = []
-    for path in _folders():
-        try:
-            fd = os.open(path / "lock", os.O_RDWR | os.O_CLOEXEC)
-        except FileNotFoundError:
-            continue  # it begins, or has just ended
-        try:
-            fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            names.append(path.name.removeprefix(PREFIX))
-        finally:
-            os.close(fd)
+    for session in _sessions():
+        with contextlib.suppress(OSError):  # it begins, has just ended, or may not be read
+            fd = os.open(session.lock, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            try:
+                if not lock_file(fd, shared=True):
+                    names.append(session.name)
+            finally:
+                os.close(fd)
     return sorted(names)
 
 
 def find(name: str) -> Session:
     """The living session of that name. Raises UserError that names those that run."""
     session = Session(name)
-    if name not in running():
-        others = ", ".join(running())
+    living = running()
+    if name not in living:
+        others = ", ".join(living)
         raise UserError(
             f"no session {name!r} is running",
             f"running: {others}" if others else "start one: `lfpipe up --demo`",

@@ -75,7 +75,7 @@ class Supervisor:
         limits.allow_files()
         with rundir.filled(self.session):
             rundir.sweep()
-            lock = rundir.acquire(self.session)
+            self._lock = rundir.acquire(self.session)
         streams.protect("stdout", "stderr")
         before = signals.handle(self._signalled)
         try:
@@ -94,7 +94,7 @@ class Supervisor:
         finally:
             signals.restore(before)
             self._remove()
-            rundir.release(self.session, lock)
+            rundir.release(self.session, self._lock)
         return self.outcome
 
     def _signalled(self, signum: int, _frame: FrameType | None) -> None:
@@ -111,7 +111,12 @@ class Supervisor:
         self._write_level()
         self.processes = {s.name: StageProcess(s, self.session, self.table.rows[s.name]) for s in STAGES}
         self.started_ns = now_ns()
-        about = {"session": self.session.name, "started_ns": self.started_ns, "started": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
+        about = {
+            "session": self.session.name,
+            "segments": self.session.segment(""),
+            "started_ns": self.started_ns,
+            "started": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        }
         text = json.dumps({**about, "pid": os.getpid(), "options": self.agreement.options})
         (self.session.run_dir / "session.json").write_text(text)
 
@@ -160,6 +165,7 @@ class Supervisor:
             if not any(p.alive or p.stage.needed(self.agreement.options) for p in self.processes.values()):
                 why = "nothing is left to run"  # the recording has ended, and it was all
                 self.outcome = self.outcome or Outcome(why, why, "the lines above say why")
+            self.outcome = self.outcome or rundir.lost(self.session, self._lock)
             if self._signals:
                 self.outcome = self.outcome or Outcome("interrupted")
             elif end_ns is not None and now_ns() >= end_ns:

@@ -25,7 +25,7 @@ import ctypes
 import json
 import platform
 from collections.abc import Callable
-from multiprocessing.shared_memory import SharedMemory
+from pathlib import Path
 from typing import Any
 
 import attrs
@@ -34,6 +34,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from lfpipe.transport import segment
 from lfpipe.transport.clock import now_ns
+from lfpipe.transport.segment import Segment
 
 MAGIC = b"LFRING1\0"
 PAGE = 4096
@@ -85,12 +86,13 @@ class Stamp:
     skipped: int
 
 
-def create(name: str, spec: RingSpec) -> SharedMemory:
-    """Makes an empty ring; the caller keeps the segment and unlinks it. Raises UserError where /dev/shm is too small."""
+def create(name: str, spec: RingSpec, run_dir: Path | None = None) -> Segment:
+    """Makes an empty ring for the session of run_dir; the caller keeps the segment and unlinks it. Raises UserError as
+    `segment.create` does."""
     description = json.dumps({"shape": spec.shape, "dtype": np.lib.format.dtype_to_descr(spec.dtype)}).encode()
     if spec.slots < 3 or DESCRIPTION + len(description) > PAGE:
         raise ValueError(f"ring {name}: {spec.slots} slots (3 or more), {len(description)} bytes of description (a page or less)")
-    memory = segment.create(name, spec.size_bytes)
+    memory = segment.create(name, spec.size_bytes, run_dir)
     buffer = segment.buffer(memory)
     head = np.frombuffer(buffer, "<i8", 5)
     head[1:] = spec.slots, spec.stride, spec.payload_bytes, len(description)
@@ -113,11 +115,8 @@ class _Ring:
     def __init__(self, name: str, writable: bool) -> None:
         self.name = name
         self._memory = segment.attach(name)
+        segment.check(self._memory, MAGIC, "ring", PAGE)
         buffer = segment.buffer(self._memory) if writable else segment.buffer(self._memory).toreadonly()
-        if bytes(buffer[: len(MAGIC)]) != MAGIC:
-            del buffer
-            self._memory.close()
-            raise ValueError(f"{name}: no ring of this version (magic {MAGIC!r} missing)")
         self.slots, stride, _, length = (int(v) for v in np.frombuffer(buffer, "<i8", 4, 8))
         described = json.loads(bytes(buffer[DESCRIPTION : DESCRIPTION + length]))
         self.shape: tuple[int, ...] = tuple(described["shape"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 from pathlib import Path
@@ -9,13 +10,41 @@ from pathlib import Path
 import attrs
 
 from lfpipe.errors import UserError
+from lfpipe.transport import segment
 
-PREFIX = f"lfpipe-{os.getuid()}-"  # of run directories and of segments, so that users do not meet
+PREFIX = f"lfpipe-{os.getuid()}-"  # of run directories, so that users do not meet
+LONGEST_PART = 13  # characters of a ring's name within that of its segment
 
 
 def base_dir() -> Path:
-    """Where run directories lie: the user's runtime directory, or /tmp."""
-    return Path(os.environ.get("XDG_RUNTIME_DIR") or "/tmp")
+    """Where run directories lie: the user's runtime directory, or /tmp. Raises UserError where that cannot be a directory."""
+    text = os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
+    remedy = "set it to a directory of yours, or unset it: /tmp is used then"
+    if not Path(text).is_absolute():
+        raise UserError(f"XDG_RUNTIME_DIR={text!r} is not an absolute path", remedy)
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise UserError(f"XDG_RUNTIME_DIR={text!r} is not UTF-8", remedy) from None
+    return Path(text)
+
+
+def segment_prefix(run_dir: Path) -> str:
+    """What the names of a session's segments begin with: `lfp-`, 12 hexadecimal digits of a hash, `-`.
+
+    The hash is SHA-256 of `DEVICE:INODE/NAME` with device and inode of the directory that the run directory lies in, and the run
+    directory's own name: the same by whatever path one gets there, and another in another container that shares /dev/shm.
+    """
+    try:
+        found = run_dir.parent.stat()
+        base = f"{found.st_dev}:{found.st_ino}"
+    except OSError:  # no session can be there
+        base = str(run_dir.parent)
+    return f"{segment.PREFIX}{_digest(f'{base}/{run_dir.name}')}-"
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 @attrs.frozen
@@ -27,7 +56,7 @@ class Session:
     @name.validator
     def _check(self, _: object, value: str) -> None:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.]{0,31}", value):
-            raise UserError(f"--session {value!r}", "1 to 32 letters, digits, _ and ., the first a letter or digit")
+            raise UserError(f"--session {value!r} is not a name", "1 to 32 letters, digits, _ and ., the first a letter or digit")
 
     @property
     def run_dir(self) -> Path:
@@ -38,8 +67,8 @@ class Session:
         return self.run_dir / "lock"
 
     def segment(self, part: str) -> str:
-        """Name of a shared-memory segment: a ring, or "status"."""
-        return f"{PREFIX}{self.name}-{part}"
+        """Name of a shared-memory segment: a ring, or "status"; at most 30 characters. Of "", what all begin with."""
+        return segment_prefix(self.run_dir) + (part if len(part) <= LONGEST_PART else f"_{_digest(part)}")
 
     def wake(self, ring: str, reader: str) -> Path:
         """FIFO by which the writer of ring wakes reader."""

@@ -1,5 +1,8 @@
 """The status table: one row per process in shared memory, read by the supervisor and by monitors with no message at all.
 
+    0    magic "LFSTAT1\0"      8  checksum of the types below, so that a table of other fields is never read as one of these
+    64   PAGE_ROWS rows of ROW, then SESSION
+
 A row has one writer at any time: the stage while it lives, the supervisor while no process of that row does; the fields
 from `name` to `dead_ns` are the supervisor's alone. Counters and histograms outlive a restart of the stage.
 """
@@ -7,7 +10,8 @@ from `name` to `dead_ns` are the supervisor's alone. Counters and histograms out
 from __future__ import annotations
 
 import enum
-from multiprocessing.shared_memory import SharedMemory
+import zlib
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +19,7 @@ from numpy.typing import NDArray
 from lfpipe.transport import segment
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import HISTOGRAM, Histogram
+from lfpipe.transport.segment import Segment
 
 RECENT = 64  # completion stamps kept for the rate
 RINGS = 8  # rings that a session may have
@@ -70,23 +75,36 @@ PAGE_ROWS = 8
 # Of the session as a whole, by the supervisor: the level of quality in force, 0 for full, the number of the lowest, and in words.
 SESSION = np.dtype([("level", "<i8"), ("lowest", "<i8"), ("words", "S96")])
 
+MAGIC = b"LFSTAT1\0"
+HEAD = 64
+SIZE_BYTES = HEAD + PAGE_ROWS * ROW.itemsize + SESSION.itemsize
+LAYOUT = zlib.crc32(repr((ROW.descr, PAGE_ROWS, SESSION.descr)).encode())
 
-def create(name: str, rows: list[str]) -> SharedMemory:
-    """An empty table with one named row per process; at most PAGE_ROWS. The caller keeps and unlinks the segment."""
-    memory = segment.create(name, ROW.itemsize * PAGE_ROWS + SESSION.itemsize)
-    table = np.frombuffer(segment.buffer(memory), ROW, PAGE_ROWS)
+
+def create(name: str, rows: list[str], run_dir: Path | None = None) -> Segment:
+    """An empty table with one named row per process, at most PAGE_ROWS, for the session of run_dir. The caller keeps and unlinks
+    the segment. Raises UserError as `segment.create` does."""
+    memory = segment.create(name, SIZE_BYTES, run_dir)
+    buffer = segment.buffer(memory)
+    table = np.frombuffer(buffer, ROW, PAGE_ROWS, HEAD)
     table["name"][: len(rows)] = [row.encode() for row in rows]
+    np.frombuffer(buffer, "<i8", 1, len(MAGIC))[0] = LAYOUT
+    buffer[: len(MAGIC)] = MAGIC  # last: a reader that finds the magic finds the rest
     return memory
 
 
 class Table:
-    """The table as attached by anybody. rows: name -> record of dtype ROW, shape (). session: record of dtype SESSION."""
+    """The table as attached by anybody. rows: name -> record of dtype ROW, shape (). session: record of dtype SESSION.
+
+    Raises FileNotFoundError where there is no such segment, WrongSegment where it holds something else.
+    """
 
     def __init__(self, name: str, writable: bool = False) -> None:
         self._memory = segment.attach(name)
+        segment.check(self._memory, MAGIC + LAYOUT.to_bytes(8, "little"), "status table", SIZE_BYTES)
         buffer = segment.buffer(self._memory) if writable else segment.buffer(self._memory).toreadonly()
-        table: NDArray[np.void] = np.frombuffer(buffer, ROW, PAGE_ROWS)
-        self.session: NDArray[np.void] = np.frombuffer(buffer, SESSION, 1, table.nbytes).reshape(())
+        table: NDArray[np.void] = np.frombuffer(buffer, ROW, PAGE_ROWS, HEAD)
+        self.session: NDArray[np.void] = np.frombuffer(buffer, SESSION, 1, HEAD + table.nbytes).reshape(())
         self.rows: dict[str, NDArray[np.void]] = {
             bytes(table[i]["name"]).decode(): table[i : i + 1].reshape(()) for i in range(PAGE_ROWS) if table[i]["name"]
         }

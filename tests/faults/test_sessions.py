@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -70,13 +71,23 @@ def test_after_a_kill_of_the_group_the_next_session_of_any_name_sweeps(world: Wo
 
 BEGIN_AND_END = """
 import os, sys, time
+from lfpipe import config
 from lfpipe.supervisor import rundir
+from lfpipe.supervisor.memory import Memory
+from lfpipe.transport import segment
 from lfpipe.transport.session import Session
 session, count, end = Session(sys.argv[1]), 0, time.monotonic() + 1.5
 while time.monotonic() < end:
     rundir.sweep()
     fd = rundir.acquire(session)
+    memory = Memory(session, config.Config())
     assert os.fstat(fd).st_ino == session.lock.stat().st_ino and session.name in rundir.running()
+    memory.table.rows["render"]["pid"] = os.getpid()
+    again = segment.attach(session.segment("status"))
+    assert os.getpid().to_bytes(4, "little") in bytes(again.buf), "the memory is another session's"
+    again.close()
+    assert rundir.lost(session, fd) is None
+    memory.remove()
     rundir.release(session, fd)
     count += 1
 print(count)
@@ -84,14 +95,49 @@ print(count)
 
 
 def test_sessions_that_begin_and_end_at_once_do_not_sweep_each_other(world: World) -> None:
-    """A directory that is made and not locked yet looks like a dead session's to who sweeps in that moment."""
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": world.env}
-    commands = [[sys.executable, "-c", BEGIN_AND_END, f"{world.name}.{k}"] for k in range(4)]
-    processes = [subprocess.Popen(command, **pipes) for command in commands]
+    """A directory that is made and not locked yet looks like a dead session's to who sweeps in that moment. Half of them have the
+    names of the others, under another runtime directory."""
+    other = world.root / "other"
+    other.mkdir()
+    processes = []
+    for k in range(6):
+        command = [sys.executable, "-c", BEGIN_AND_END, f"{world.name}.{k % 3}"]
+        env = {**world.env, "XDG_RUNTIME_DIR": str(world.run_dir if k < 3 else other)}
+        processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env))
     said = [process.communicate(timeout=60) for process in processes]
-    assert [process.returncode for process in processes] == [0] * 4, said
-    assert sum(int(out) for out, _ in said) > 50, said
-    assert not world.left()
+    assert [process.returncode for process in processes] == [0] * 6, said
+    assert sum(int(out) for out, _ in said) > 30, said
+    assert not world.left() and not list(other.iterdir())
+
+
+def test_two_sessions_of_one_name_under_two_runtime_directories_do_not_meet(world: World, scene: Path) -> None:
+    other = world.root / "other"
+    other.mkdir(mode=0o700)
+    world.up(scene, *SMALL)
+    world.pictures(5)
+    options = ("--camera", "demo", "--display", "none", "--session", world.name, "--duration", "1", *SMALL)
+    second = world.start("up", scene, *options, env={**world.env, "XDG_RUNTIME_DIR": str(other)})
+    _, err = second.communicate(timeout=60)
+    assert second.returncode == 0, err
+    assert len(world.segments()) == 3, "status, frames, eyes of the first"
+    stages = world.monitor()["stages"]
+    assert all(stage["restarts"] == 0 and stage["state"] == "RUNNING" for stage in stages.values())
+    world.pictures(len(world.lines()) + 5)
+
+
+@pytest.mark.parametrize("what", ["directory", "lock", "base"])
+def test_a_session_whose_run_directory_is_removed_ends_in_order(world: World, scene: Path, what: str) -> None:
+    process = world.up(scene, *SMALL)
+    world.pictures(5)
+    pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
+    run_dir = next(world.run_dir.iterdir())
+    if what == "lock":
+        (run_dir / "lock").unlink()
+    else:
+        shutil.rmtree(run_dir if what == "directory" else world.run_dir)
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 1 and f"{run_dir} was removed" in err and "remedy" in err and "Traceback" not in err, err
+    assert not world.left() and _gone(pids)
 
 
 def test_of_two_sessions_started_at_once_under_one_name_one_wins(world: World, scene: Path) -> None:

@@ -28,7 +28,6 @@ from lfpipe.errors import UserError
 from lfpipe.observe.prometheus import parse_address
 from lfpipe.observe.watch import Watch
 from lfpipe.supervisor.rundir import find
-from lfpipe.transport.segment import SHM_DIR
 from tests.world import World
 
 ESCAPES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
@@ -112,7 +111,7 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
 
 def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None:
     world = live
-    before = sorted(path.name for path in SHM_DIR.glob(f"*{world.name}*")), sorted(world.run_dir.rglob("*"))
+    before = world.segments(), sorted(world.run_dir.rglob("*"))
     descriptors = len(list(Path("/proc/self/fd").iterdir()))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
@@ -125,7 +124,7 @@ def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None
         viewer.send_signal(signum)
         viewer.communicate(timeout=10)
     assert len(list(Path("/proc/self/fd").iterdir())) <= descriptors + 1
-    assert (sorted(path.name for path in SHM_DIR.glob(f"*{world.name}*")), sorted(world.run_dir.rglob("*"))) == before
+    assert (world.segments(), sorted(world.run_dir.rglob("*"))) == before
     state = world.monitor()
     assert all(stage["restarts"] == 0 for stage in state["stages"].values())
 

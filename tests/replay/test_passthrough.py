@@ -11,7 +11,6 @@ import numpy as np
 
 from lfpipe.sequence.folder import Sequence, checksum, open_sequence
 from lfpipe.sequence.packets import INDEX, PACKETS
-from lfpipe.transport.segment import SHM_DIR
 from tests.world import World
 
 SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")
@@ -75,7 +74,7 @@ def test_a_live_session_lends_the_ring_only_while_it_records(world: World, short
     given = [open_sequence(short).data(k) for k in range(60)]
 
     def rings() -> list[str]:
-        return [path.name for path in SHM_DIR.glob(f"*{world.name}-packets*")]
+        return world.segments("packets")
 
     def recorder() -> dict[str, Any]:
         return world.monitor()["stages"]["record"]

@@ -12,9 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.transport import control, status, wake
+from lfpipe.transport import control, segment, status, wake
 from lfpipe.transport.clock import Ticker
 from lfpipe.transport.histogram import BUCKETS, HISTOGRAM, Histogram, bucket_of, middle_us, summary_ms
+from lfpipe.transport.segment import WrongSegment
 from lfpipe.transport.status import Row, State, Table
 
 
@@ -87,6 +88,33 @@ def test_a_row_is_seen_by_another_attachment_and_outlives_its_writer() -> None:
         seen["seq"] = 5
     del seen
     watch.close()
+    memory.close()
+    memory.unlink()
+
+
+@pytest.mark.parametrize(
+    "found", [b"", b"LFRING1\0", b"LFSTAT1\0", b"LFSTAT0\0" + bytes(2**17), status.MAGIC + bytes(2**17), b"x" * 2**17]
+)
+def test_what_is_no_status_table_of_this_version_is_named(found: bytes) -> None:
+    """Another ring, one made just now, one of another version, one of other fields, and anything else."""
+    name = f"lfp-test-{os.getpid()}"
+    memory = segment.create(name, max(len(found), 8192))
+    segment.buffer(memory)[: len(found)] = found
+    try:
+        with pytest.raises(WrongSegment) as error:
+            Table(name)
+        assert name in error.value.message and repr(found[:8])[2:-1] in error.value.message and error.value.remedy
+    finally:
+        memory.close()
+        memory.unlink()
+
+
+def test_a_table_that_is_cut_short_is_named() -> None:
+    name = f"lfp-test-{os.getpid()}"
+    memory = segment.create(name, 64)
+    segment.buffer(memory)[:16] = status.MAGIC + status.LAYOUT.to_bytes(8, "little")
+    with pytest.raises(WrongSegment, match="has 8192 bytes of"):
+        Table(name)
     memory.close()
     memory.unlink()
 

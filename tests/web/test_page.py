@@ -17,7 +17,6 @@ import pytest
 
 from lfpipe.observe.guard import own_page, owner
 from lfpipe.render.view_grid import Gaze, draw_over_eyes, inset
-from lfpipe.transport.segment import SHM_DIR
 from tests.web.browser import Browser, missing
 from tests.world import World
 
@@ -55,7 +54,7 @@ def ask(port: int, method: str, path: str, body: Any = None, **headers: str) -> 
 
 
 def rings(world: World) -> list[str]:
-    return [path.name for path in SHM_DIR.glob(f"*{world.name}-pictures*")]
+    return world.segments("pictures")
 
 
 def until(condition: Callable[[], Any], what: str, timeout_s: float = 20) -> Any:

@@ -1,0 +1,67 @@
+"""Shared memory with names: on Linux the files of a tmpfs. `multiprocessing.shared_memory` maps what is made here."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+from lfpipe.host.file_lock import lock
+
+SHM_DIR = Path("/dev/shm")
+
+
+def create(name: str, size_bytes: int, end: bytes) -> int:
+    """A new segment, 0600, of zeros but for its last bytes, end; its descriptor, which holds a shared lock.
+
+    It gets its name when it is whole and locked: a process that is killed in here leaves nothing. Its pages exist, so that a full
+    tmpfs is an error here and never a SIGBUS at the first write later. Raises OSError; FileExistsError where the name is taken.
+    """
+    directory = os.open(SHM_DIR, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fd = os.open(".", os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o600, dir_fd=directory)
+        try:
+            os.posix_fallocate(fd, 0, size_bytes)
+            os.pwrite(fd, end, size_bytes - len(end))
+            lock(fd, shared=True)
+            # With src_dir_fd Python calls linkat, which follows the link in /proc; link would not.
+            os.link(f"/proc/self/fd/{fd}", name, src_dir_fd=directory, dst_dir_fd=directory, follow_symlinks=True)
+        except BaseException:
+            os.close(fd)
+            raise
+    finally:
+        os.close(directory)
+    return fd
+
+
+def open_readable(name: str) -> int:
+    """Descriptor of what has that name, read-only; follows no link and waits for no pipe. Raises OSError."""
+    return os.open(SHM_DIR / name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+
+
+def names(prefix: str) -> list[str]:
+    """What has a name that begins so, of whatever kind; empty where it cannot be listed."""
+    try:
+        return sorted(path.name for path in SHM_DIR.iterdir() if path.name.startswith(prefix))
+    except OSError:
+        return []
+
+
+def identity(name: str) -> tuple[int, int]:
+    """Tells what has that name from anything else that ever has it: device and inode, as `fstat` of a descriptor does.
+
+    Raises FileNotFoundError.
+    """
+    found = (SHM_DIR / name).lstat()
+    return found.st_dev, found.st_ino
+
+
+def unlink(name: str) -> None:
+    """Takes the name away; who maps the memory keeps it. Raises FileNotFoundError."""
+    (SHM_DIR / name).unlink()
+
+
+def room() -> tuple[int, int]:
+    """Bytes free and in total for segments. Raises OSError."""
+    usage = shutil.disk_usage(SHM_DIR)
+    return usage.free, usage.total

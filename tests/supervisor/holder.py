@@ -1,0 +1,90 @@
+"""A session without stages in a process of its own: holds its run directory and memory until a line comes on stdin."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+class Holder:
+    """One such process. Raises AssertionError with what it wrote where it does not get as far as asked."""
+
+    def __init__(self, base: Path, name: str, *prefix: str) -> None:
+        command = [*prefix, sys.executable, "-m", "tests.supervisor.holder", name]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        env = {**os.environ, "XDG_RUNTIME_DIR": os.fsdecode(base)}
+        self.process = subprocess.Popen(command, cwd=ROOT, env=env, **pipes)
+
+    def ready(self) -> list[str]:
+        """Waits until the session holds its memory; the names of its segments."""
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        assert line.startswith("ready"), self.process.communicate(timeout=20)[1]
+        return line.split()[1:]
+
+    def failed(self) -> str:
+        """Waits for an end with exit code 2; what it said."""
+        said = self.process.communicate(timeout=30)[1]
+        assert self.process.returncode == 2 and "Traceback" not in said, said
+        return said
+
+    def end(self) -> str:
+        """Has it end in order; what it wrote on stdout."""
+        out, said = self.process.communicate("end\n", timeout=20)
+        assert self.process.returncode == 0 and not said, said
+        return out
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+    def children(self) -> list[int]:
+        pid = self.process.pid
+        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+@contextmanager
+def holding(base: Path, name: str) -> Iterator[list[str]]:
+    """A session that lives as long as the block; the names of its segments."""
+    holder = Holder(base, name)
+    try:
+        yield holder.ready()
+        holder.end()
+    finally:
+        holder.kill()
+
+
+def main() -> int:
+    from lfpipe import config
+    from lfpipe.errors import UserError
+    from lfpipe.supervisor import rundir
+    from lfpipe.supervisor.memory import Memory
+    from lfpipe.transport.session import Session
+
+    try:
+        session = Session(sys.argv[1])
+        with rundir.filled(session):
+            rundir.sweep()
+            lock = rundir.acquire(session)
+        try:
+            with rundir.filled(session):
+                memory = Memory(session, config.Config())
+            print("ready", *(session.segment(part) for part in ("status", "frames", "eyes")), flush=True)
+            sys.stdin.readline()
+            memory.remove()
+        finally:
+            rundir.release(session, lock)
+    except UserError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
