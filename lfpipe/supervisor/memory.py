@@ -6,7 +6,6 @@ import contextlib
 import gc
 
 from lfpipe.config import Config
-from lfpipe.errors import UserError
 from lfpipe.supervisor.table import STAGES, consumers, rings
 from lfpipe.transport import ring, status, wake
 from lfpipe.transport.segment import Segment
@@ -16,7 +15,7 @@ from lfpipe.transport.session import Session
 class Memory:
     """The segments and FIFOs of a session of this configuration.
 
-    Raises UserError, and leaves nothing behind, where memory is short.
+    Raises UserError where memory is short, OSError where no FIFO can be made; leaves nothing behind then.
     """
 
     def __init__(self, session: Session, config: Config) -> None:
@@ -26,14 +25,14 @@ class Memory:
             self._segments.append(status.create(session.segment("status"), [s.name for s in STAGES], session.run_dir))
             for name, spec in rings(config).items():
                 self._segments.append(ring.create(session.segment(name), spec, session.run_dir))
-        except UserError:
+            for name, readers in consumers().items():
+                for reader in readers:
+                    wake.make(session.wake(name, reader))
+                    wake.make(session.credit(name, reader))
+            self._table = status.Table(session.segment("status"), writable=True)
+        except BaseException:
             self.remove()
             raise
-        for name, readers in consumers().items():
-            for reader in readers:
-                wake.make(session.wake(name, reader))
-                wake.make(session.credit(name, reader))
-        self._table = status.Table(session.segment("status"), writable=True)
 
     @property
     def table(self) -> status.Table:

@@ -67,8 +67,20 @@ class Session:
         return self.run_dir / "lock"
 
     def segment(self, part: str) -> str:
-        """Name of a shared-memory segment: a ring, or "status"; at most 30 characters. Of "", what all begin with."""
-        return segment_prefix(self.run_dir) + (part if len(part) <= LONGEST_PART else f"_{_digest(part)}")
+        """Name of a shared-memory segment: a ring, or "status"; at most 30 characters. Of "", what all begin with.
+
+        For a reader in a process with another runtime directory: where this process's has no such session, it is that of the one
+        session of this name that the user has elsewhere.
+        """
+        return self._segments() + (part if len(part) <= LONGEST_PART else f"_{_digest(part)}")
+
+    def _segments(self) -> str:
+        run_dir = self.run_dir
+        here = segment_prefix(run_dir)
+        if os.access(run_dir, os.F_OK):
+            return here
+        elsewhere = {name[: len(here)] for name, owner in segment.owned().items() if owner.name == run_dir.name}
+        return elsewhere.pop() if len(elsewhere) == 1 else here
 
     def wake(self, ring: str, reader: str) -> Path:
         """FIFO by which the writer of ring wakes reader."""

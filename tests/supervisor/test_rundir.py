@@ -71,6 +71,22 @@ def test_the_same_directory_by_another_path_is_the_same_session(base: Path, tmp_
         assert "is running already" in Holder(base, name).failed()
 
 
+def test_a_reader_with_another_runtime_directory_finds_the_one_session_of_that_name(
+    base: Path, tmp_path: Path, name: str
+) -> None:
+    others = [tmp_path / "b", tmp_path / "c"]
+    for other in others:
+        other.mkdir()
+    with holding(others[0], name) as first:
+        assert [Session(name).segment(part) for part in ("status", "frames", "eyes")] == first
+        assert Session(f"{name}.2").segment("status") not in first
+        with holding(others[1], name) as second:
+            assert Session(name).segment("status") not in (*first, *second), "which of the two?"
+        with holding(base, name) as own:
+            assert Session(name).segment("status") == own[0]
+    assert rundir.running() == []
+
+
 def test_names_are_short_enough_for_every_system(base: Path) -> None:
     names = {
         Session(session).segment(part)
