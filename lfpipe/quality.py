@@ -2,42 +2,23 @@
 
 Level 0 is the configuration as it stands. Each further level takes one thing away: a cheaper way of making views, then every
 second refresh of the display, then every second frame of tracking, over which the filter's prediction carries. The level in
-force is sent to the stages as option "level", a map of plain values; the configuration itself never changes.
+force is part of the session's options; the configuration itself never changes.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import attrs
 
-from lfpipe.config import Config
+from lfpipe.config import Config, QualityLevel, SessionOptions
 
 METHODS = ("warp2", "warp", "blend", "nearest")  # each cheaper than the one before
 WARPS = ("warp", "warp2")
 NO_SCORES: Mapping[str, float] = {}
 LEAST_HZ = 25.0  # a display refreshed more slowly flickers with every movement of the head
-
-
-@attrs.frozen
-class Level:
-    """What is in force at a level. stage: whose work this level lessens against the one before, "" of level 0. method: how views
-    are made. rate_hz: of the display's clock. every: one frame in so many is tracked."""
-
-    number: int
-    stage: str
-    method: str
-    rate_hz: float
-    every: int
-    words: str
-
-    def option(self) -> dict[str, Any]:
-        """The option "level": empty at full quality, where the configuration says it all."""
-        return attrs.asdict(self) if self.number else {}
 
 
 def drawn_with(wanted: str, scene_method: str, has_disparity: bool, scores: Mapping[str, float] = NO_SCORES) -> str:
@@ -55,32 +36,30 @@ def drawn_with(wanted: str, scene_method: str, has_disparity: bool, scores: Mapp
     return scene_method if worse else method
 
 
-def ladder(config: Config, options: Mapping[str, Any]) -> tuple[Level, ...]:
-    """The levels of a session, from 0 on, for the scene that options name; 0 alone where nothing is shown.
+def ladder(config: Config, options: SessionOptions) -> tuple[QualityLevel, ...]:
+    """The levels of a session, from full quality down; full alone where nothing is shown.
 
-    With render.clock = "camera" there is a picture for every frame, and only the method can be lowered.
+    With render.clock = "camera" there is one picture per frame, and only the method can be lowered.
     """
-    try:
-        manifest = json.loads((Path(options["pack"]) / "manifest.json").read_bytes())
-        has_disparity = manifest["disparity"]["source"] != "none"
-        method = drawn_with(config.render.method, manifest["method"], has_disparity, manifest.get("scores", NO_SCORES))
-    except (KeyError, OSError, ValueError):  # render says what is wrong with it
-        return (Level(0, "", config.render.method, config.render.rate_hz, 1, "full"),)
+    scene = options.scene
+    if scene is None:
+        return (QualityLevel(0, "", config.render.method, config.render.rate_hz, 1, "full"),)
+    method = drawn_with(config.render.method, scene.method, scene.has_disparity, scene.scores)
     steps: list[tuple[str, str, Any]] = [("render", "method", name) for name in METHODS[METHODS.index(method) + 1 :]]
-    if config.render.clock == "display" or not options["tracking"]:
+    if config.render.clock == "display" or not options.tracking:
         rate_hz = config.render.rate_hz / 2
         while rate_hz >= LEAST_HZ:
             steps.append(("render", "rate_hz", rate_hz))
             rate_hz /= 2
-        if options["tracking"]:
+        if options.tracking:
             steps.append(("track", "every", 2))
-    made = [Level(0, "", method, config.render.rate_hz, 1, "full")]
+    made = [QualityLevel(0, "", method, config.render.rate_hz, 1, "full")]
     for stage, what, value in steps:
         made.append(attrs.evolve(made[-1], number=len(made), stage=stage, **{what: value}))
     return tuple(attrs.evolve(level, words=_words(level, made[0])) for level in made)
 
 
-def _words(level: Level, full: Level) -> str:
+def _words(level: QualityLevel, full: QualityLevel) -> str:
     parts = [
         f"{level.method} views" if level.method != full.method else "",
         f"{level.rate_hz:g} pictures/s" if level.rate_hz != full.rate_hz else "",
@@ -89,19 +68,20 @@ def _words(level: Level, full: Level) -> str:
     return ", ".join(part for part in parts if part) or "full"
 
 
-def lowered(config: Config, options: Mapping[str, Any]) -> Config:
+def lowered(config: Config, options: SessionOptions) -> Config:
     """The configuration that render works by at the level in force."""
-    level = options.get("level")
-    if not level:
+    level = options.level
+    if level is None:
         return config
-    return attrs.evolve(config, render=attrs.evolve(config.render, method=level["method"], rate_hz=level["rate_hz"]))
+    lower: dict[str, Any] = {"method": level.method, "rate_hz": level.rate_hz}
+    return attrs.evolve(config, render=attrs.evolve(config.render, **lower))
 
 
-def number(options: Mapping[str, Any]) -> int:
+def level_number(options: SessionOptions) -> int:
     """The level in force, 0 for full quality."""
-    return int((options.get("level") or {}).get("number", 0))
+    return options.level.number if options.level else 0
 
 
-def tracked_every(options: Mapping[str, Any]) -> int:
+def tracked_every(options: SessionOptions) -> int:
     """One frame in so many is tracked, 1 for each."""
-    return int((options.get("level") or {}).get("every", 1))
+    return options.level.every if options.level else 1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import attrs
 
 from lfpipe import config
@@ -72,11 +70,6 @@ class Checked:
     text: str
     rate_hz: float
     jpeg_px: tuple[int, int] | None = None
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """What a session's options say of it."""
-        return {"source": self.text, "source_hz": self.rate_hz, "jpeg_px": list(self.jpeg_px or ())}
 
 
 def check_source(text: str, camera: config.Camera) -> Checked:

@@ -67,10 +67,10 @@ def main(context: Context) -> None:
     """Runs the stage until the stop or the end of the source."""
     frames, packets = context.output("frames"), PacketOutput(context.spec.session)
     with context.setting_up("opening the source"):
-        source = open_lasting(context.options["source"], context.config.camera)
+        source = open_lasting(context.options.source, context.config.camera)
     info = source.info
     _tell(context, info)
-    lateness = Lateness(int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.lossless else 0)
+    lateness = Lateness(int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.options.lossless else 0)
     outage, sleeps = _Outage(context), SleepWatch()
     context.ready()
     try:

@@ -15,7 +15,6 @@ from lfpipe.cli.cameras import cameras
 from lfpipe.cli.config import config
 from lfpipe.cli.ctl import ctl
 from lfpipe.cli.doctor import doctor
-from lfpipe.cli.keys import keys
 from lfpipe.cli.monitor import monitor
 from lfpipe.cli.record import record
 from lfpipe.cli.replay import replay
@@ -76,7 +75,6 @@ COMMANDS = (  # in the order in which a person meets them, with the line that fi
     (replay, "Run a recorded sequence; compare with a reference."),
     (sequence, "Look at, cut, import and export recordings."),
     (bench, "Measure error against run time."),
-    (keys, "Keys for a session driven over a network."),
     (completion, "Print the completion script of a shell."),
 )
 for command, line in COMMANDS:

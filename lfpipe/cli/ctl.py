@@ -12,20 +12,18 @@ import click
 
 from lfpipe.cli.options import with_session
 
-LOAD_S = 600.0  # a scene that must be packed first takes its time
+LOAD_S = 900.0  # packing a large scene takes minutes
 
 
-VALUED = ("--session", "--connect", "--keys")
+VALUED = ("--session",)
 
 
 @attrs.frozen
 class Target:
-    """Which session, and how the answer is to look. connect: its address on the network, empty for one of this machine."""
+    """Which session, and how to print its answer."""
 
     session_name: str | None
     as_json: bool
-    connect: str
-    keys: str
 
 
 class Leading(click.Group):
@@ -47,23 +45,16 @@ class Leading(click.Group):
 @click.group(cls=Leading)
 @with_session
 @click.option("--json", "as_json", is_flag=True, help="Answers as JSON.")
-@click.option("--connect", default="", metavar="ADDRESS", help="tcp://HOST:PORT of a session whose control.bind is that.")
-@click.option("--keys", default="", metavar="DIR", help="Keys for --connect; your own where none is named.")
 @click.pass_context
-def ctl(context: click.Context, session_name: str | None, as_json: bool, connect: str, keys: str) -> None:
-    """Ask and command a running session; a change shows in the next picture."""
-    if connect and session_name:
-        raise click.UsageError("--session names one of this machine, --connect one of the network")
-    if keys and not connect:
-        raise click.UsageError("--keys belongs to --connect")
-    context.obj = Target(session_name, as_json, connect, keys)
+def ctl(context: click.Context, session_name: str | None, as_json: bool) -> None:
+    """Ask and command a running session; a change shows in the next picture.
+
+    For a session on another machine: ssh HOST lfpipe ctl ...
+    """
+    context.obj = Target(session_name, as_json)
 
 
 def _ask(target: Target, message: dict[str, Any], timeout_s: float) -> dict[str, Any]:
-    if target.connect:
-        from lfpipe.transport import curve
-
-        return curve.request(target.connect, curve.folder(target.keys), message, timeout_s)
     from lfpipe.supervisor.rundir import find
     from lfpipe.transport import control
     from lfpipe.transport.session import default_name
@@ -99,8 +90,8 @@ def set_keys(target: Target, sets: tuple[str, ...]) -> None:
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.pass_obj
 def load(target: Target, scene: Path) -> None:
-    """Show another light field; it is packed first where that is still to be done. With --connect, one of that machine."""
-    _send(target, {"cmd": "load", "scene": str(scene if target.connect else scene.resolve())}, LOAD_S)
+    """Show another light field. It is packed first, unless it is packed already."""
+    _send(target, {"cmd": "load", "scene": str(scene.resolve())}, LOAD_S)
 
 
 def _plain(word: str, text: str) -> None:
@@ -128,7 +119,9 @@ def record() -> None:
 @click.pass_obj
 def start(target: Target, out: Path, with_eyes: bool) -> None:
     """Record to the new folder OUT, until `stop` or the end of the session."""
-    _send(target, {"cmd": "record", "path": str(out.resolve()), "eyes": with_eyes})
+    from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
+
+    _send(target, {"cmd": "record", "path": str(out.resolve()), "eyes": with_eyes}, FILE_CHECK_TIMEOUT_S)
 
 
 @record.command("stop")

@@ -11,7 +11,7 @@ import attrs
 import click
 
 from lfpipe import config as config_module
-from lfpipe.config import Config
+from lfpipe.config import Config, SessionOptions
 from lfpipe.errors import UserError
 from lfpipe.supervisor import rundir
 from lfpipe.transport.session import Session, default_name
@@ -43,8 +43,7 @@ class Prepared:
     """A session that can start. files: what it will leave, for the last words."""
 
     config: Config
-    options: dict[str, Any]
-    lossless: bool
+    options: SessionOptions
     duration_s: float | None
     files: tuple[Path, ...]
 
@@ -63,13 +62,13 @@ def up(wish: Wish) -> int:
     if session.name in rundir.running():
         rundir.release(session, rundir.acquire(session))  # says who has it
     prepared = prepare(wish)
-    outcome = Supervisor(session, prepared.config, prepared.options, prepared.lossless, tell=say).run(prepared.duration_s)
+    outcome = Supervisor(session, prepared.config, prepared.options, say).run(prepared.duration_s)
     latency_table(outcome.final)
     for path in prepared.files:
         if path.exists():
             click.echo(f"{path.stat().st_size / 1e6:8.2f} MB  {path}")
     if outcome.failure is None:
-        say(f"ended: {outcome.reason}")
+        say(outcome.reason)
     return exit_code(outcome)
 
 
@@ -87,9 +86,10 @@ def prepare(wish: Wish) -> Prepared:
     """Checks the wish as a whole, packs the scene where that is still to be done, and prints what was chosen."""
     from lfpipe.cli import chosen
     from lfpipe.cli.packed import packed
-    from lfpipe.render.check import check_together
+    from lfpipe.render.geometry import check_geometry
     from lfpipe.render.open_display import has_display
     from lfpipe.scene.plan import make_plan
+    from lfpipe.scene.summary import summarize
 
     unseen = wish.demo and wish.display is None and not has_display()
     halved = ("render.rate_hz=30",) if unseen else ()  # lossless video is large
@@ -104,24 +104,28 @@ def prepare(wish: Wish) -> Prepared:
             raise UserError(f"{out}/: {error.strerror}", remedy) from None
         say(f"no screen here: the demo runs {wish.duration_s or DEMO_S:g} s into {out}/")
     camera = _checked(wish, config, display)
-    field, pack = packed(wish.scene, config.scene)
-    check_together(config, pack)
+    field = packed(wish.scene, config.scene)
+    scene = summarize(field, config.scene)
+    check_geometry(config, scene)
     plan = make_plan(field, config)
     still = out / "demo.png" if unseen else None
-    options = {
-        "pack": str(pack),
-        **camera.options,
-        "display": display,
-        "trace": str(wish.trace.resolve()) if wish.trace else "",
-        "still": str(still.resolve()) if still else "",
-        "tracking": plan.needs_tracking,
-    }
+    options = SessionOptions(
+        scene=scene,
+        source=camera.text,
+        source_hz=camera.rate_hz,
+        jpeg_px=camera.jpeg_px,
+        tracking=plan.needs_tracking,
+        display=display,
+        trace=str(wish.trace.resolve()) if wish.trace else "",
+        still=str(still.resolve()) if still else "",
+        lossless="pace=max" in camera.text,
+    )
     for line in chosen.lines(config, field, plan, camera.text, display):
         say(line)
     duration_s = wish.duration_s or (DEMO_S if unseen else None)
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
     files = tuple(path for path in (video, still, wish.trace) if path is not None)
-    return Prepared(config, options, "pace=max" in camera.text, duration_s, files)
+    return Prepared(config, options, duration_s, files)
 
 
 def _checked(wish: Wish, config: Config, display: str) -> Checked:
@@ -129,7 +133,6 @@ def _checked(wish: Wish, config: Config, display: str) -> Checked:
     from lfpipe.capture.open_source import Checked, check_source
     from lfpipe.render.open_display import check_display
     from lfpipe.trace import check_trace
-    from lfpipe.transport import curve
 
     camera = wish.camera or config.camera.source or ("demo" if wish.demo else "")
     errors: list[UserError] = []
@@ -150,7 +153,6 @@ def _checked(wish: Wish, config: Config, display: str) -> Checked:
         errors.append(UserError("no SCENE given", "a folder of views, or --demo for a made one"))
     found = Checked("", 0.0) if single else attempt(lambda: check_source(camera, config.camera))
     attempt(lambda: check_display(display, str(config.screen.monitor)))
-    attempt(lambda: curve.check_bind(config.control.bind, curve.folder(config.control.keys)))
     if wish.trace is not None:
         trace = wish.trace
         attempt(lambda: check_trace(trace))

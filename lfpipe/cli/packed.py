@@ -6,20 +6,15 @@ from pathlib import Path
 
 from lfpipe import config
 from lfpipe.cli.progress import progress
-from lfpipe.errors import UserError
 from lfpipe.render.scoring import choose_method
-from lfpipe.scene.cache import cache_dir, find_pack
+from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import demo_scene
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import open_scene
 
 
-def packed(scene: Path | None, settings: config.Scene) -> tuple[LightField, Path]:
-    """The light field and where its pack lies; the demo's without a scene. Raises UserError."""
+def packed(scene: Path | None, settings: config.Scene) -> LightField:
+    """The light field; the demo's without a scene. Raises UserError."""
     with progress() as bar:
         found = scene or demo_scene(cache_dir(settings), bar)
-        field = open_scene(found, settings, bar, choose_method)
-    pack = find_pack(found, settings)
-    if pack is None:
-        raise UserError(f"{found} changed while it was packed", "try again once its files are complete")
-    return field, pack
+        return open_scene(found, settings, bar, choose_method)

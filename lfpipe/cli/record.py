@@ -25,6 +25,7 @@ def record(
     from lfpipe import config as config_module
     from lfpipe.capture.open_source import check_source
     from lfpipe.cli.launch import exit_code, say
+    from lfpipe.config import SessionOptions
     from lfpipe.sequence.folder import check_out
     from lfpipe.supervisor.supervisor import Supervisor
     from lfpipe.transport.session import Session
@@ -32,18 +33,15 @@ def record(
     config = config_module.load(config_file, sets)
     source = check_source(camera or config.camera.source, config.camera)
     check_out(out)
-    options = {
-        "pack": "",
-        **source.options,
-        "display": "none",
-        "trace": "",
-        "still": "",
-        "tracking": with_eyes,
-        "render": False,
-        "record": str(out.resolve()),
-        "record_eyes": with_eyes,
-    }
-
-    lossless = "pace=max" in source.text
-    outcome = Supervisor(Session(f"record.{os.getpid()}"), config, options, lossless, tell=say).run(duration_s)
+    options = SessionOptions(
+        source=source.text,
+        source_hz=source.rate_hz,
+        jpeg_px=source.jpeg_px,
+        tracking=with_eyes,
+        show=False,
+        record=str(out.resolve()),
+        record_eyes=with_eyes,
+        lossless="pace=max" in source.text,
+    )
+    outcome = Supervisor(Session(f"record.{os.getpid()}"), config, options, say).run(duration_s)
     return exit_code(outcome)

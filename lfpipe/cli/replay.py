@@ -68,12 +68,12 @@ def replay(
         read_report(expect)
     with _folder(out) as folder:
         run.clear_out(folder)
-        field, pack = packed(scene, config.scene)
+        field = packed(scene, config.scene)
         if expect is not None and not update:
             check_reference(expect, {"sequence": about_sequence(sequence), "scene": about_scene(field)})
         try:
             kept = pace == "step" and (out is not None or expect is not None)
-            report = run.replay(sequence, field, pack, config, pace, folder, kept, say)
+            report = run.replay(sequence, field, config, pace, folder, kept, say)
         except run.ReplayFailed as error:
             say(f"error: replay of {path}: {error}")
             return 1

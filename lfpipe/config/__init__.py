@@ -5,6 +5,7 @@
 
 from lfpipe.config.check import from_dict, updated
 from lfpipe.config.layers import load, parse_set, user_file
+from lfpipe.config.session_options import QualityLevel, ReplayOutput, SceneSummary, SessionOptions
 from lfpipe.config.tree import (
     Camera,
     Config,
@@ -28,10 +29,14 @@ __all__ = [
     "Control",
     "Governor",
     "Opt",
+    "QualityLevel",
     "Render",
     "Replay",
+    "ReplayOutput",
     "Scene",
+    "SceneSummary",
     "Screen",
+    "SessionOptions",
     "Track",
     "choices",
     "from_dict",

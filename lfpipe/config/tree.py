@@ -83,8 +83,7 @@ class Governor:
 
 @attrs.frozen
 class Control:
-    bind: Annotated[str, Opt("where commands are taken besides the run directory: ipc for nowhere, or tcp://HOST:PORT, for clients whose keys are known")] = "ipc"
-    keys: Annotated[str, Opt("folder of the keys (`lfpipe keys new`); empty: the user's")] = ""
+    bind: Annotated[Literal["ipc"], Opt("where commands are taken: ipc, sockets in the run directory; from another machine: `ssh HOST lfpipe ctl`")] = "ipc"
 
 
 @attrs.frozen

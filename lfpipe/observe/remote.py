@@ -55,7 +55,7 @@ class Remote:
         if running:
             return f"trace: {finish_trace(self.ask, None)}"
         out = Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json")).resolve()
-        self.ask({"cmd": "trace", "path": f"{out}.part"})
+        self.ask({"cmd": "trace", "path": f"{out}.part"}, control.FILE_CHECK_TIMEOUT_S)
         return "tracing: t ends it"
 
     def press(self, key: str) -> str:

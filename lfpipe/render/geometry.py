@@ -9,10 +9,11 @@ disparity d lie `S |d - zero plane| pitch` apart, and that may be 1 degree of vi
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 import attrs
 
-from lfpipe.config import Config
+from lfpipe.config import Config, SceneSummary
 from lfpipe.errors import UserError
 from lfpipe.scene.lightfield import LightField
 
@@ -113,10 +114,7 @@ def parallax(
     room = max(field.cols - 1, 1 if field.cols > 1 else field.rows - 1, 1) / 2
     if config.render.alpha_px == "true":
         if true is None:
-            raise UserError(
-                f'render.alpha_px = "true": the baseline and focus distance of {field.name or "this scene"} are not known',
-                'render.alpha_px = "auto", or a number',
-            )
+            raise _unknown_capture(field.name)
         views = true
         reasons.append(f"{views:.2f} views between the eyes is true to nature")
     elif config.render.alpha_px == "auto":
@@ -175,9 +173,24 @@ def _comfort_views(
     return min(limits)
 
 
-def _slope(config: Config, field: LightField) -> float | None:
+class CaptureGeometry(Protocol):
+    """What is known of how a scene was captured: of an opened one, `Geometry`, or of its summary."""
+
+    @property
+    def baseline_mm(self) -> float | None:
+        """Distance between neighbouring cameras."""
+
+    @property
+    def focus_distance_mm(self) -> float | None:
+        """Distance of the plane without disparity."""
+
+    @property
+    def focal_length_px(self) -> float | None:
+        """Of a stored view."""
+
+
+def _slope(config: Config, known: CaptureGeometry) -> float | None:
     """Baseline over the distance of the zero plane, or None where the capture is not known."""
-    known = field.geometry
     if not known.baseline_mm or not known.focus_distance_mm:
         return None
     slope = known.baseline_mm / known.focus_distance_mm
@@ -186,6 +199,19 @@ def _slope(config: Config, field: LightField) -> float | None:
     return slope if slope > 0 else None
 
 
+def check_geometry(config: Config, scene: SceneSummary) -> None:
+    """Raises UserError where a scene cannot be shown by config: render.alpha_px = "true" needs a known capture."""
+    if config.render.alpha_px == "true" and scene.needs_tracking and _slope(config, scene) is None:
+        raise _unknown_capture(scene.name)
+
+
+def _unknown_capture(name: str) -> UserError:
+    return UserError(
+        f'render.alpha_px = "true": the baseline and focus distance of {name or "this scene"} are not known',
+        'render.alpha_px = "auto", or a number',
+    )
+
+
 def _true_views(config: Config, field: LightField, distance_mm: float, eyes_mm: float) -> float | None:
-    slope = _slope(config, field)
+    slope = _slope(config, field.geometry)
     return None if slope is None else eyes_mm / (slope * distance_mm)

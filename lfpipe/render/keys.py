@@ -103,8 +103,8 @@ class Keys:
 
     def _lowered(self) -> list[str]:
         """What the governor has taken away."""
-        level = self._context.options.get("level")
-        return [f"quality lowered, level {level['number']}: {level['words']}"] if level else []
+        level = self._context.options.level
+        return [f"quality lowered, level {level.number}: {level.words}"] if level else []
 
     def _map(self) -> NDArray[np.uint8] | None:
         """The grid of views with the eyes in it; the left eye's dot is filled."""

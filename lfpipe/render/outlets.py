@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import SessionOptions
 from lfpipe.render.viewer import Look, Viewer
 from lfpipe.trace import TraceFile
 from lfpipe.transport import ring
@@ -31,9 +32,9 @@ class Outlets:
         self._timeline = TraceFile(None, self._lost)
         self._look_due_ns = 0
 
-    def follow(self, options: dict[str, Any], picture: NDArray[np.uint8] | None) -> None:
+    def follow(self, options: SessionOptions, picture: NDArray[np.uint8] | None) -> None:
         """Opens and closes what options ask for. picture: the one on the screen, for a ring that is new."""
-        part, path = options.get("pictures", ""), options.get("timeline", "")
+        part, path = options.pictures, options.timeline
         if part != self._part:
             if self._ring is not None:
                 self._ring.close()

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import SessionOptions
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES
-from lfpipe.quality import number
+from lfpipe.quality import level_number
 from lfpipe.render.display import Display
 from lfpipe.render.outlets import Outlets
 from lfpipe.render.viewer import Look, Viewer
@@ -40,19 +41,18 @@ class Presenter:
         self._t_taken_ns = 0
         self._key: Hashable = None
         self._parallax_told = ""
-        self._trace = TraceFile(Path(context.options["trace"]) if context.options["trace"] else None, self._lost)
+        self._trace = TraceFile(Path(context.options.trace) if context.options.trace else None, self._lost)
         self._outlets = Outlets(context, viewer)
-        keep = context.options.get("keep")  # of a replay: where its digests and pictures go
         self._keeper: Keeper | None = None
-        if keep:
+        if replay := context.options.replay:
             from lfpipe.render.keeper import Keeper
 
-            self._keeper = Keeper(Path(keep), context.options["sequence"], context.options["keep_pictures"])
+            self._keeper = Keeper(Path(replay.folder), replay.sequence, replay.pictures)
         self.cost_ns = 0
         self.picture: NDArray[np.uint8] | None = None
 
     def _lost(self, why: str) -> None:
-        if self._context.options.get("keep"):  # a replay is nothing without its trace
+        if self._context.options.replay:  # a replay is nothing without its trace
             raise UserError(why, NO_ROOM)
         self._context.emit("notice", text=why)
 
@@ -60,7 +60,7 @@ class Presenter:
         """The next picture is composed whatever its key."""
         self._key = None
 
-    def follow(self, options: dict[str, Any]) -> None:
+    def follow(self, options: SessionOptions) -> None:
         """Serves whoever else wants the pictures, by the options as they are now."""
         self._outlets.follow(options, self.picture)
 
@@ -141,7 +141,7 @@ class Presenter:
             "eyes_used": sides(look.eyes_px.tolist()),
             "view": sides((look.left, look.right)),
             "method": self._viewer.method,
-            "level": number(self._context.options),
+            "level": level_number(self._context.options),
             "composed": composed,
         }
 
@@ -158,6 +158,7 @@ class Presenter:
             if self._keeper is not None:
                 self._keeper.close()
         except OSError as error:
-            raise UserError(f"{self._context.options['keep']}: {error.strerror}", NO_ROOM) from None
+            assert self._context.options.replay is not None
+            raise UserError(f"{self._context.options.replay.folder}: {error.strerror}", NO_ROOM) from None
         finally:
             self._outlets.close()

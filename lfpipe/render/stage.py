@@ -30,14 +30,14 @@ def main(context: Context) -> None:
     asked, options = context.config, context.options
     config = lowered(asked, options)
     with context.setting_up("opening the scene"):
-        field = open_pack(Path(options["pack"]))
+        field = open_pack(Path(options.pack))
         viewer = Viewer(field, config)
-    lossless = context.spec.lossless  # then pictures are a function of the frames and of nothing else, no clock either
-    on_camera = (lossless or config.render.clock == "camera") and options["tracking"]
-    full_hz = float(options["source_hz"]) if on_camera else asked.render.rate_hz
+    lossless = options.lossless  # then pictures are a function of the frames and of nothing else, no clock either
+    on_camera = (lossless or config.render.clock == "camera") and options.tracking
+    full_hz = float(options.source_hz) if on_camera else asked.render.rate_hz
     size_px, monitor = (field.width_px, field.height_px), str(config.screen.monitor)
     part = context.row["restarts"]
-    display = open_display(options["display"], size_px, f"lfpipe: {field.name}", full_hz, monitor, part)
+    display = open_display(options.display, size_px, f"lfpipe: {field.name}", full_hz, monitor, part)
     viewer.shown_as_wide(display.width_mm())
     presenter = Presenter(context, viewer, display)
     keys = Keys(context, viewer, presenter, display)
@@ -47,10 +47,10 @@ def main(context: Context) -> None:
     context.ready()
     try:
         while context.wait(None if refresh is None else refresh.due_ns() - presenter.cost_ns - MARGIN_NS):
-            if context.options["pack"] != options["pack"] or context.config != asked:
+            if context.options.pack != options.pack or context.config != asked:
                 with context.setting_up("opening the scene"):
-                    if context.options["pack"] != options["pack"]:
-                        field = open_pack(Path(context.options["pack"]))
+                    if context.options.pack != options.pack:
+                        field = open_pack(Path(context.options.pack))
                     asked, options = context.config, context.options
                     config = lowered(asked, options)
                     viewer.set(field, config)
@@ -82,8 +82,8 @@ def main(context: Context) -> None:
                 context.row["missed"] += refresh.missed - missed
             keys.serve()  # after the picture: what was pressed can wait for the next one
     finally:
-        if options["still"] and presenter.picture is not None:
-            context.emit("notice", text=save(Path(options["still"]), presenter.picture))
+        if options.still and presenter.picture is not None:
+            context.emit("notice", text=save(Path(options.still), presenter.picture))
         presenter.close()
         display.close()
         keys.pass_on_notices()

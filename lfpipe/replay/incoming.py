@@ -17,7 +17,7 @@ class Incoming:
 
     def __init__(self, context: Context) -> None:
         self._row, self._frames = context.row, context.input("frames")
-        part = context.options.get("packets", "")
+        part = context.options.packets
         self.shape: tuple[int, ...] = self._frames.reader.shape
         self.height_px, self.width_px = self.shape[:2]
         self._packets, self._begun = None, True  # type: tuple[PacketInput | None, bool]
@@ -26,7 +26,7 @@ class Incoming:
                 self._packets = PacketInput(context.spec.session, part)
             except FileNotFoundError:
                 return  # stopped before it began
-            self.width_px, self.height_px = context.options["jpeg_px"]
+            self.width_px, self.height_px = context.options.jpeg_px or (0, 0)
 
     def skip(self) -> None:
         """What was published until now is not to be had, nor counted as lost, nor what comes before the first JPEG."""

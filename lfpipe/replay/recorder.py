@@ -142,13 +142,13 @@ class EyesLog:
 
 def main(context: Context) -> None:
     """Runs the stage until the stop."""
-    folder = Path(context.options["record"])
+    folder = Path(context.options.record)
     anew = not (folder / MANIFEST).exists()
     frames, lost_before = Incoming(context), int(context.row["drops"]) if anew else 0
-    source, rate_hz = str(context.options["source"]), float(context.options["source_hz"])
+    source, rate_hz = context.options.source, context.options.source_hz
     more = {"versions": versions(), "config": to_dict(context.config)}
     try:
-        eyes = EyesLog(context.input("eyes"), folder / EYES if context.options.get("record_eyes") else None)
+        eyes = EyesLog(context.input("eyes"), folder / EYES if context.options.record_eyes else None)
         manifest = begin_manifest(folder, source, frames.width_px, frames.height_px, rate_hz, **more)
         store = Store(context, folder, frames.shape)
     except OSError as error:

@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe import config as config_module
-from lfpipe.config import Config
+from lfpipe.config import Config, ReplayOutput, SessionOptions
 from lfpipe.errors import UserError
 from lfpipe.render.keeper import PICTURES
 from lfpipe.replay.report import REPORT, TRACE, make_report, write_report
 from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.summary import summarize
 from lfpipe.sequence.folder import Sequence
 
 STEADY = ("step", "max")  # paces whose results do not depend on any clock
@@ -67,7 +68,6 @@ def clear_out(folder: Path) -> None:
 def replay(
     sequence: Sequence,
     field: LightField,
-    pack: Path,
     config: Config,
     pace: str,
     folder: Path,
@@ -79,28 +79,27 @@ def replay(
     pace: step, max, recorded or a rate in Hz. pictures: keep some to compare with. Raises UserError for what the user got wrong,
     ReplayFailed where a stage fails.
     """
+    from lfpipe.supervisor.outcome import SOURCE_ENDED
     from lfpipe.supervisor.supervisor import Supervisor
     from lfpipe.transport.session import Session
 
     steady = pace in STEADY
     source = f"file:{sequence.path.resolve()}?loop=0&pace={'max' if steady else pace}"
-    options = {
-        "pack": str(pack),
-        "source": source,
-        "source_hz": float(pace) if pace not in ("step", "max", "recorded") else sequence.measured_hz,
-        "display": "none",
-        "trace": str((folder / TRACE).resolve()),
-        "still": "",
-        "tracking": True,  # for a scene of one view too: its eyes are compared
-        "sequence": str(sequence.path.resolve()),
-        "keep": str(folder.resolve()) if steady else "",
-        "keep_pictures": pictures,
-    }
-    session = Session(f"replay.{os.getpid()}")
-    outcome = Supervisor(session, config, options, lossless=steady, lock_step=pace == "step", tell=tell).run()
+    output = ReplayOutput(str(folder.resolve()), str(sequence.path.resolve()), pictures)
+    options = SessionOptions(
+        scene=summarize(field, config.scene),
+        source=source,
+        source_hz=float(pace) if pace not in ("step", "max", "recorded") else sequence.measured_hz,
+        trace=str((folder / TRACE).resolve()),
+        tracking=True,  # for a scene of one view too: its eyes are compared
+        lossless=steady,
+        lock_step=pace == "step",
+        replay=output if steady else None,
+    )
+    outcome = Supervisor(Session(f"replay.{os.getpid()}"), config, options, tell).run()
     if outcome.user_error:
         raise UserError(outcome.failure or outcome.reason, outcome.remedy)
-    if outcome.failure or outcome.reason != "the source has ended":
+    if outcome.failure or outcome.reason != SOURCE_ENDED:
         raise ReplayFailed(outcome.failure or outcome.reason)
     report = make_report(sequence, field, config, pace, folder, outcome.final)
     restarted = [name for name, count in report["counts"]["restarts"].items() if count]

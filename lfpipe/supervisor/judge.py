@@ -3,15 +3,15 @@
 Time in which the process was ready to run and had no CPU never counts (`progress.Spent`), nor does time in which the judge
 itself did not look for ASLEEP_S: then the machine slept, or starved everybody alike.
 
-Setting up, from the start to READY and within `Context.setting_up`: hung once it has done nothing for start_s, neither
+Setting up, from the start to READY and within `Context.setting_up`: hung once it has done nothing for startup_timeout_s, neither
 computed nor moved a byte; or has computed for LONGEST_S without a byte.
 Running or ending, within `Context.busy_with` and `saving` (calls that may wait for a disk): hung once it has computed for
-start_s without a byte, or has done nothing for STALL_S.
-Running, elsewhere: hung hang_s after its last beat. Time in which it waits for a disk, undeclared (a page of a mapped file),
-does not count. Ending, elsewhere: `ending` has the limits.
+startup_timeout_s without a byte, or has done nothing for STALL_S.
+Running, elsewhere: hung hang_timeout_s after its last beat. Time in which it waits for a disk, undeclared (a page of a mapped
+file), does not count. Ending, elsewhere: `ending` has the limits.
 
 In every phase a stage that waits for a disk is given up when no byte has come for STALL_S, and one that is stopped (SIGSTOP)
-is hung after start_s while it sets up, after hang_s when it runs.
+is hung after startup_timeout_s while it sets up, after hang_timeout_s when it runs.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.supervisor import progress
+from lfpipe.supervisor.process_table import Stage
 from lfpipe.supervisor.progress import Sample, Spent
-from lfpipe.supervisor.table import Stage
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.status import State, busy_words
 
@@ -83,12 +83,12 @@ class Judge:
         at = f"{words}: " if words else ""
         if spent.stalled > STALL_S * 1e9:
             return f"{at}its disk has given nothing for {spent.stalled / 1e9:.0f} s"
-        if sets_up and (spent.idle > stage.start_s * 1e9 or spent.unmoved > LONGEST_S * 1e9):
+        if sets_up and (spent.idle > stage.startup_timeout_s * 1e9 or spent.unmoved > LONGEST_S * 1e9):
             return f"{at}not ready after {silent_s:.0f} s, in {spent.idle / 1e9:.0f} s of which it did nothing"
         if sets_up:
             return ""
         if words and spent.waited > STALL_S * 1e9:
             return f"{at}no byte for {spent.waited / 1e9:.0f} s"
-        if words and spent.worked <= stage.start_s * 1e9 and spent.stopped <= stage.hang_s * 1e9:
+        if words and spent.worked <= stage.startup_timeout_s * 1e9 and spent.stopped <= stage.hang_timeout_s * 1e9:
             return ""
-        return f"{at}no beat for {silent_s:.1f} s" if spent.able > stage.hang_s * 1e9 else ""
+        return f"{at}no beat for {silent_s:.1f} s" if spent.able > stage.hang_timeout_s * 1e9 else ""

@@ -1,4 +1,4 @@
-"""What the system lets a process have, seen to before a session is built: some libraries abort where it is too little."""
+"""Limits of the operating system, raised before a session is built: some libraries abort where they are too low."""
 
 from __future__ import annotations
 
@@ -6,16 +6,27 @@ import resource
 
 from lfpipe.errors import UserError
 
-OPEN_FILES = 128  # a stage has about 30 open, the supervisor as many, and one for each monitor and command
+OPEN_FILES = 128  # a stage has about 30 open, the supervisor as many, and a reserve
+MOST_FILES = 1 << 16  # more is of no use, and some programs close every number up to the limit
+
+
+def allowed_files() -> int:
+    """How many files this process may have open."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return soft if soft >= 0 else MOST_FILES
 
 
 def allow_files(needed: int = OPEN_FILES) -> None:
-    """Lets this process and its children have so many files open. Raises UserError where the hard limit is lower."""
+    """Lets this process and its children have as many files open as the hard limit allows.
+
+    Raises UserError where that is fewer than needed.
+    """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if 0 <= hard < needed:
         raise UserError(
             f"{hard} open files are allowed here (RLIMIT_NOFILE), a session needs {needed}",
-            f"`ulimit -n {max(1024, needed)}` in the shell that starts it, or LimitNOFILE= where systemd does",
+            f"`ulimit -n {max(1024, needed)}` in the shell that starts it, or LimitNOFILE= in its systemd unit",
         )
-    if 0 <= soft < needed:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
+    most = MOST_FILES if hard < 0 else min(hard, MOST_FILES)
+    if 0 <= soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))

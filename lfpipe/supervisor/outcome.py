@@ -6,13 +6,16 @@ from typing import Any
 
 import attrs
 
+SOURCE_ENDED = "the source has ended"
+
 
 @attrs.define
 class Outcome:
-    """reason: in a few words. failure: None when it ended as it should, else what a person must know."""
+    """reason: in a few words. failure: None for a normal end, else what the user must know. user_error: starting again
+    cannot help until the user has changed something. final: the state at the end, as `snapshot` gives it."""
 
     reason: str
     failure: str | None = None
     remedy: str = ""
     user_error: bool = False
-    final: dict[str, Any] = attrs.field(factory=dict)  # the state at the end, as `snapshot` gives it
+    final: dict[str, Any] = attrs.field(factory=dict)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from lfpipe.errors import UserError
 
@@ -21,22 +21,22 @@ def _pairs(key: str, text: str, names: Iterable[str], example: str) -> dict[str,
     return found
 
 
-def cores(text: str, names: Iterable[str], allowed: Iterable[int]) -> dict[str, tuple[int, ...]]:
+def cores(text: str, stages: Mapping[str, bool], allowed: Iterable[int]) -> dict[str, tuple[int, ...]]:
     """stage -> cores, from `governor.affinity`; a stage that is not in it runs where the operating system will.
 
-    auto: on two cores tracking has one for itself but for a recorder, whose work can wait; with more the operating system
-    knows better, with one there is no choice. Raises UserError for a wrong text and for a core that is not allowed.
+    stages: name -> whether it keeps off the first core. auto: on two cores, those stages have the second; with more the operating
+    system knows better, with one there is no choice. Raises UserError for a wrong text and for a core that is not allowed.
     """
     usable = sorted(allowed)
     if text == "auto":
         if len(usable) != 2:
             return {}
-        return {name: (usable[1],) if name in ("track", "record") else (usable[0],) for name in names}
+        return {name: (usable[own_core],) for name, own_core in stages.items()}
     if text == "none":
         return {}
     example = f"track={usable[-1]},render={usable[0]}, or {usable[0]}+{usable[-1]} for either; auto; none"
     found: dict[str, tuple[int, ...]] = {}
-    for name, value in _pairs("governor.affinity", text, names, example).items():
+    for name, value in _pairs("governor.affinity", text, stages, example).items():
         parts = value.split("+")
         if not all(part.isdecimal() for part in parts):
             raise UserError(f"governor.affinity: {name}={value}: no core, nor cores joined by +", f"for example {example}")

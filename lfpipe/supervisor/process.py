@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lfpipe.supervisor import child, signals
 from lfpipe.supervisor.judge import Judge
-from lfpipe.supervisor.table import Stage
+from lfpipe.supervisor.process_table import Stage
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session

@@ -25,7 +25,7 @@ from lfpipe.transport.context import Context
 def main(context: Context) -> None:
     """Runs the stage until the stop."""
     settings = context.config.track
-    engine, smooth = make_engine(settings, portable=bool(context.options.get("keep"))), make_filter(settings)
+    engine, smooth = make_engine(settings, portable=context.options.replay is not None), make_filter(settings)
     frames, eyes = context.input("frames"), context.output("eyes")
     raw = position = np.zeros((2, 2))
     velocity = np.zeros((2, 2))

@@ -11,7 +11,7 @@ import attrs
 import zmq
 
 from lfpipe import config as config_module
-from lfpipe.config import Config
+from lfpipe.config import Config, SessionOptions
 from lfpipe.transport import control, status
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.ends import Input, Output
@@ -24,23 +24,20 @@ BEAT_NS = 100 * MS_NS  # the longest a stage may wait without showing that it li
 
 @attrs.frozen
 class StageSpec:
-    """All that a stage's process is told at its start. Plain values, so that it can be sent to a spawned process.
+    """All that a stage's process gets at its start, pickled.
 
-    consumers: ring -> stages that read it. others: the other stages of the session. lossless: no slot may be lost, writers wait
-    for readers (`pace=max`, replay). lock_step: besides, a frame has gone through every stage before the next one starts.
-    cpus: cores to run on, none for all. nice: niceness, None for the supervisor's.
+    consumers: ring -> stages that read it. others: the other stages of the session. cpus: cores to run on, none for all.
+    nice: niceness, None for the supervisor's.
     """
 
     name: str
     module: str
     session: Session
-    config: dict[str, Any]
+    config: Config
     rev: int
-    options: dict[str, Any]
+    options: SessionOptions
     consumers: dict[str, list[str]]
     others: tuple[str, ...]
-    lossless: bool
-    lock_step: bool = False
     cpus: tuple[int, ...] = ()
     nice: int | None = None
 
@@ -54,10 +51,10 @@ class Context:
 
     def __init__(self, spec: StageSpec) -> None:
         self.spec = spec
-        self.config: Config = config_module.trusted(spec.config)
+        self.config = spec.config
         self.table = status.Table(spec.session.segment("status"), writable=True)
         self.row = status.Row(self.table.rows[spec.name])
-        self.options: dict[str, Any] = spec.options
+        self.options = spec.options
         self.stopping = False
         self.paused = False
         self._poller = zmq.Poller()
@@ -167,7 +164,7 @@ class Context:
         until_ns = limit_ns if until_ns is None else min(until_ns, limit_ns)
         self.row.beat()
         self.done()  # a stage that waits is done with what it took
-        for each in self._inputs if self.spec.lock_step else ():
+        for each in self._inputs if self.spec.options.lock_step else ():
             each.give_credit()
         left_ms, rest = divmod(max(0, until_ns - t_ns), MS_NS)
         events = dict(self._poller.poll(left_ms))
@@ -203,7 +200,7 @@ class Context:
                 self.stopping = True
             elif word == "config":
                 self.config = config_module.trusted(message["config"])
-                self.options = message["options"]
+                self.options = SessionOptions.from_dict(message["options"])
                 self.paused = message["paused"]
                 self._rev = message["rev"]
             elif word:

@@ -20,6 +20,7 @@ from lfpipe.errors import UserError
 VERSION = 1
 MAX_BYTES = 64 * 1024
 MAX_DEPTH = 8
+FILE_CHECK_TIMEOUT_S = 15.0  # for an answer to `trace` and `record`, whose paths are looked at first
 QUEUE = 64  # messages that wait on either side of a socket, per client
 COMMANDS = ("hello", "status", "set", "pause", "resume", "recentre", "load", "pictures", "trace", "record", "stop")
 
@@ -37,16 +38,25 @@ def _depth(value: object, left: int = MAX_DEPTH) -> bool:
 
 
 def encode(message: dict[str, Any]) -> bytes:
-    """A map of plain values as bytes, with the version put in."""
-    return bytes(msgpack.packb({"v": VERSION, **message}))
+    """A map of plain values as bytes, with the version put in. Paths that are not UTF-8 travel as Python holds them.
+
+    Raises BadMessage where it cannot be sent: other types, integers beyond 64 bits, more than MAX_BYTES.
+    """
+    try:
+        data = bytes(msgpack.packb({"v": VERSION, **message}, unicode_errors="surrogateescape"))
+    except (TypeError, ValueError, OverflowError) as error:  # UnicodeEncodeError is a ValueError
+        raise BadMessage(f"not a map of plain values: {type(error).__name__}") from None
+    if len(data) > MAX_BYTES:
+        raise BadMessage(f"{len(data)} bytes; {MAX_BYTES} are allowed")
+    return data
 
 
 def decode(data: bytes) -> dict[str, Any]:
     """The map in data. Raises BadMessage for anything else: size, depth, types, version; never another exception."""
     if len(data) > MAX_BYTES:
-        raise BadMessage(f"{len(data)} bytes, {MAX_BYTES} at most")
+        raise BadMessage(f"{len(data)} bytes; {MAX_BYTES} are allowed")
     try:
-        message = msgpack.unpackb(data, raw=False, strict_map_key=True, max_ext_len=0)
+        message = msgpack.unpackb(data, raw=False, strict_map_key=True, max_ext_len=0, unicode_errors="surrogateescape")
     except Exception as error:  # msgpack raises half a dozen kinds for hostile bytes; all mean the same here
         raise BadMessage(f"not msgpack: {type(error).__name__}") from None
     if not isinstance(message, dict) or not _depth(message):
@@ -93,7 +103,10 @@ def request(run_dir: Path, message: dict[str, Any], timeout_s: float = 2.0) -> d
 
 def exchange(socket: zmq.Socket[bytes], message: dict[str, Any], timeout_s: float, silence: str, remedy: str) -> dict[str, Any]:
     """One command and its answer, over a socket that is connected. Raises UserError, with silence and remedy where none comes."""
-    socket.send(encode(message))
+    try:
+        socket.send(encode(message))
+    except BadMessage as error:
+        raise UserError(f"{message['cmd']}: the request cannot be sent: {error}", "a shorter one, of plain values") from None
     if not socket.poll(int(timeout_s * 1000)):
         raise UserError(silence, remedy)
     answer = decode(socket.recv())

@@ -22,13 +22,13 @@ class Input:
         self.reader = ring.Reader(session.segment(name))
         self.wake = Wake(session.wake(name, context.spec.name))
         self._credit: Wake | None = None
-        self._lock_step = context.spec.lock_step
+        self._lock_step = context.spec.options.lock_step
         self._index = context.spec.ring_index(name)
         self._taken = self._row.record["taken_seq"].data
         taken = int(self._taken[self._index])
-        if context.spec.lossless:
+        if context.spec.options.lossless:
             self._credit = Wake(session.credit(name, context.spec.name))
-        if context.spec.lossless or taken:  # a process before this one died: what it left and what came since counts
+        if context.spec.options.lossless or taken:  # a process before this one died: what it left and what came since counts
             self.reader.last_seq = min(self.reader.last_seq, taken)
 
     def take(self, out: NDArray[Any], in_order: bool = False) -> ring.Stamp | None:
@@ -88,11 +88,12 @@ class Output:
         session, self._context = context.spec.session, context
         self._index = context.spec.ring_index(name)
         self.writer = ring.Writer(session.segment(name))
-        self._ahead = 0 if context.spec.lock_step else max(0, self.writer.slots - 4)  # slots that readers need not have taken yet
+        # The number of slots that readers need not have taken yet.
+        self._ahead = 0 if context.spec.options.lock_step else max(0, self.writer.slots - 4)
         readers = context.spec.consumers.get(name, [])
         self._wakes = [Wake(session.wake(name, reader)) for reader in readers]
-        self._rows = [context.table.rows[reader] for reader in readers] if context.spec.lossless else []
-        self.credits = [Wake(session.credit(name, reader)) for reader in readers] if context.spec.lossless else []
+        self._rows = [context.table.rows[reader] for reader in readers] if context.spec.options.lossless else []
+        self.credits = [Wake(session.credit(name, reader)) for reader in readers] if context.spec.options.lossless else []
 
     def begin(self) -> NDArray[Any]:
         """The slot to fill, in place."""
@@ -108,7 +109,7 @@ class Output:
         self._context.done()  # at once: a kill before this line counts as lost what has just been published
         for wake in self._wakes:
             wake.notify(seq)
-        if self._context.spec.lock_step:
+        if self._context.spec.options.lock_step:
             self._context.wait_for(self._all_taken, self.credits)
         return seq
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import SessionOptions
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Stamp
 from lfpipe.transport.session import Session
@@ -28,9 +29,9 @@ class PacketOutput:
         self._session = session
         self._part, self._ring = "", None  # type: tuple[str, ring.Writer | None]
 
-    def follow(self, options: dict[str, Any]) -> None:
+    def follow(self, options: SessionOptions) -> None:
         """Opens and closes what options ask for; costs nothing while that stays the same."""
-        part = options.get("packets", "")
+        part = options.packets
         if part == self._part:
             return
         self.close()

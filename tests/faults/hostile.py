@@ -50,7 +50,7 @@ def hostile(rng: random.Random) -> bytes:
         return control.encode({"cmd": word, name: rng.choice(contents)})
     if kind == 4:  # too large: for an answer, and what is said to be larger than it is
         return (
-            control.encode({"cmd": "stop", "x": "y" * (control.MAX_BYTES + rng.randrange(1000))})
+            msgpack.packb({"v": 1, "cmd": "stop", "x": "y" * (control.MAX_BYTES + rng.randrange(1000))})
             if rng.random() < 0.1
             else (rng.choice([b"\xdd", b"\xdf", b"\xdb", b"\xc6", b"\xc9"]) + rng.randbytes(4) + rng.randbytes(rng.randrange(50)))
         )

@@ -19,8 +19,8 @@ def _spin(seconds: float) -> None:
 
 
 def main(context: Context) -> None:
-    does, for_s = context.options["does"], float(context.options["for_s"])
-    fifo = Path(context.options["folder"]) / FIFO
+    does, for_s = context.options.source, context.options.source_hz
+    fifo = Path(context.options.still) / FIFO
     if does == "computes before it is ready":
         _spin(for_s)
     elif does == "is stopped before it is ready":

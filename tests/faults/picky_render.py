@@ -12,7 +12,7 @@ import attrs
 
 from lfpipe.errors import UserError
 from lfpipe.render import presenter, stage
-from lfpipe.supervisor import table
+from lfpipe.supervisor import process_table
 from lfpipe.transport.context import Context
 
 _show = presenter.Presenter.show
@@ -33,8 +33,8 @@ def main(context: Context) -> None:
 
 
 if __name__ == "__main__":
-    table.STAGES = tuple(
-        attrs.evolve(each, module="tests.faults.picky_render") if each.name == "render" else each for each in table.STAGES
+    process_table.STAGES = tuple(
+        attrs.evolve(each, module="tests.faults.picky_render") if each.name == "render" else each for each in process_table.STAGES
     )
     from lfpipe.cli import run
 

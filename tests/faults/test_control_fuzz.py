@@ -6,6 +6,7 @@ import random
 import time
 from collections.abc import Iterator
 
+import msgpack
 import pytest
 import zmq
 
@@ -33,9 +34,9 @@ def test_hostile_messages_change_nothing_and_delay_no_frames(session: WatchedSes
         socket.connect(control.address(session.run_dir, "ctl"))
         socket.send_multipart([b"stop", b"stop"])
         assert socket.poll(2000) and control.decode(socket.recv())["ok"] is False
-        socket.send(control.encode({"cmd": "status", "why": "x" * (control.MAX_BYTES + 1)}))
+        socket.send(msgpack.packb({"v": 1, "cmd": "status", "why": "x" * (control.MAX_BYTES + 1)}))
         assert socket.poll(2000) and "bytes" in control.decode(socket.recv())["error"]
-        socket.send(control.encode({"cmd": "stop", "why": "x" * (3 * control.MAX_BYTES)}))
+        socket.send(msgpack.packb({"v": 1, "cmd": "stop", "why": "x" * (3 * control.MAX_BYTES)}))
         assert not socket.poll(300), "that much is not even read"
     after = session.books()
     assert session.told() == config

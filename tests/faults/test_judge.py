@@ -14,22 +14,23 @@ import attrs
 import numpy as np
 import pytest
 
-from lfpipe import config
-from lfpipe.config import Config
+from lfpipe.config import Config, SessionOptions
 from lfpipe.supervisor import judge, progress
 from lfpipe.supervisor.ending import end
 from lfpipe.supervisor.judge import Judge
 from lfpipe.supervisor.memory import Memory
 from lfpipe.supervisor.process import StageProcess
+from lfpipe.supervisor.process_table import Stage, consumers
 from lfpipe.supervisor.progress import Sample, Spent, Thread
-from lfpipe.supervisor.table import Stage, consumers
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import ROW, State, busy_words
 from tests.faults.odd_stage import FIFO
 
-STAGE = Stage("render", "tests.faults.odd_stage", lambda options: True, reads=("eyes",), start_s=1.5, hang_s=1.0)
+STAGE = Stage(
+    "render", "tests.faults.odd_stage", lambda options: True, reads=("eyes",), startup_timeout_s=1.5, hang_timeout_s=1.0
+)
 CAME_THROUGH, SAVED = 77, 78
 
 
@@ -45,8 +46,8 @@ class Bench:
         os.mkfifo(folder / FIFO)
 
     def start(self, does: str, for_s: float = 0.0) -> StageProcess:
-        options = {"does": does, "for_s": for_s, "folder": str(self.folder)}
-        spec = StageSpec("render", STAGE.module, self.session, config.to_dict(Config()), 1, options, consumers(), (), False)
+        options = SessionOptions(source=does, source_hz=for_s, still=str(self.folder))
+        spec = StageSpec("render", STAGE.module, self.session, Config(), 1, options, consumers(), ())
         self.process.start(spec)
         return self.process
 
@@ -89,7 +90,7 @@ def test_a_stage_that_does_nothing_before_it_is_ready_is_hung(bench: Bench, does
 
 @pytest.mark.parametrize("does", ["computes before it is ready", "computes for another scene"])
 def test_a_stage_that_computes_for_longer_than_a_start_may_take_is_not_hung(bench: Bench, does: str) -> None:
-    bench.start(does, for_s=2 * STAGE.start_s)
+    bench.start(does, for_s=2 * STAGE.startup_timeout_s)
     assert bench.until(bench.came_through) == ""
 
 
@@ -103,7 +104,7 @@ def test_a_stage_that_says_it_waits_for_a_file_is_not_hung_and_the_row_says_so(b
     process = bench.start("waits for a file")
     assert bench.until(lambda: busy_words(process.row) == "reading a slow file") == ""
     begin_ns = now_ns()
-    assert bench.until(lambda: now_ns() - begin_ns > 3 * STAGE.hang_s * 1e9) == ""
+    assert bench.until(lambda: now_ns() - begin_ns > 3 * STAGE.hang_timeout_s * 1e9) == ""
     assert process.row["busy_since_ns"] <= begin_ns
     (bench.folder / FIFO).write_bytes(b"at last")
     assert bench.until(bench.came_through) == "" and busy_words(process.row) == ""
@@ -239,7 +240,7 @@ def test_computing_has_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     assert script.after(judge.LONGEST_S - 1, work(script)) == "" and "not ready" in script.after(3, work(script))
     script = Script(monkeypatch)
     script.row["busy_with"] = b"decoding"
-    assert script.after(STAGE.start_s, work(script)) == "" and "decoding: no beat" in script.after(2, work(script))
+    assert script.after(STAGE.startup_timeout_s, work(script)) == "" and "decoding: no beat" in script.after(2, work(script))
 
 
 def test_a_machine_that_gives_no_cpu_at_all_hangs_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -251,8 +252,8 @@ def test_a_machine_that_gives_no_cpu_at_all_hangs_nobody(monkeypatch: pytest.Mon
     def crawl() -> None:  # on a CPU for a tenth of the time
         script.thread = Thread(script.thread.cpu_ns + 10 * MS_NS, script.thread.queued_ns + 90 * MS_NS, "R")
 
-    assert script.after(4 * STAGE.hang_s, crawl) == ""
-    assert "no beat" in script.after(5 * STAGE.hang_s, crawl), "its own time is up"
+    assert script.after(4 * STAGE.hang_timeout_s, crawl) == ""
+    assert "no beat" in script.after(5 * STAGE.hang_timeout_s, crawl), "its own time is up"
 
 
 def test_a_feeder_keeps_a_reader_alive(bench: Bench) -> None:

@@ -177,7 +177,7 @@ def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, packe
     assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
     assert done.stderr.count("t.jsonl: No space left on device; it ends here") == 1
     assert done.stderr.count("v.mkv: the video ends here") == 1
-    assert "ended: the time asked for is over" in done.stderr
+    assert "finished (--duration reached)" in done.stderr
     trace = done.stdout.split("===\n")[1]
     assert trace.endswith("}\n") and [json.loads(line)["seq"] for line in trace.splitlines()], "whole lines"
     assert not world.left()

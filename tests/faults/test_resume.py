@@ -16,8 +16,8 @@ import pytest
 import lfpipe
 from lfpipe.render.refresh import Refresh
 from lfpipe.supervisor.judge import ASLEEP_S, Judge
+from lfpipe.supervisor.process_table import STAGES
 from lfpipe.supervisor.progress import Sample, Thread
-from lfpipe.supervisor.table import STAGES
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import ROW, State, Table

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from itertools import pairwise
-from pathlib import Path
+from typing import Any
 
 import attrs
 import numpy as np
@@ -12,13 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfpipe.config import Config, Render
+from lfpipe.config import Config, Render, SceneSummary, SessionOptions
 from lfpipe.config import Governor as GovernorConfig
 from lfpipe.errors import UserError
-from lfpipe.quality import METHODS, drawn_with, ladder, lowered, number, tracked_every
+from lfpipe.quality import METHODS, drawn_with, ladder, level_number, lowered, tracked_every
 from lfpipe.supervisor import placement
 from lfpipe.supervisor.governor import GAP_S, Governor, Load, Step
-from lfpipe.supervisor.levels import Levels, why
+from lfpipe.supervisor.quality_control import QualityControl, reason
+from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import ROW, State
 
@@ -168,9 +169,9 @@ def test_what_a_stage_did_while_it_lagged_is_told() -> None:
 
 
 def test_the_reason_of_a_step_is_told() -> None:
-    assert why(Step(1, "render", Load(15, 5, 300_000_000), 0.5)) == "render missed 5 of 20 in 0.5 s"
-    assert why(Step(1, "track", Load(15, 0, 450_000_000), 0.5)) == "track needs 90 % of its time"
-    assert why(Step(0)) == "there is room again"
+    assert reason(Step(1, "render", Load(15, 5, 300_000_000), 0.5)) == "render missed 5 of 20 in 0.5 s"
+    assert reason(Step(1, "track", Load(15, 0, 450_000_000), 0.5)) == "track is busy 90 % of its time"
+    assert reason(Step(0)) == "CPU is free again"
 
 
 @pytest.mark.parametrize(
@@ -197,53 +198,52 @@ def test_a_stage_on_a_core_of_its_own_is_not_helped_by_the_others() -> None:
     assert steps == [None] * 100
 
 
-def _scene(folder: Path, method: str, disparity: str) -> dict[str, object]:
-    folder.mkdir(exist_ok=True)
-    (folder / "manifest.json").write_text(json.dumps({"method": method, "disparity": {"source": disparity}}))
-    return {"pack": str(folder), "tracking": True}
+def _options(method: str, disparity: bool, **more: Any) -> SessionOptions:
+    return SessionOptions(SceneSummary("/pack", "made", 5, 5, 48, 64, method, disparity), **more)
 
 
 @pytest.mark.parametrize(
     ("asked", "scene", "disparity", "wanted"),
     [
-        ("warp2", "warp", "estimated", ["warp2", "warp", "blend", "nearest"]),
-        ("auto", "warp", "estimated", ["warp", "blend", "nearest"]),
-        ("auto", "nearest", "none", ["nearest"]),
-        ("warp2", "nearest", "none", ["nearest"]),
-        ("blend", "warp2", "estimated", ["blend", "nearest"]),
+        ("warp2", "warp", True, ["warp2", "warp", "blend", "nearest"]),
+        ("auto", "warp", True, ["warp", "blend", "nearest"]),
+        ("auto", "nearest", False, ["nearest"]),
+        ("warp2", "nearest", False, ["nearest"]),
+        ("blend", "warp2", True, ["blend", "nearest"]),
     ],
 )
 def test_the_ladder_begins_at_what_is_asked_for_and_goes_no_higher(
-    tmp_path: Path, asked: str, scene: str, disparity: str, wanted: list[str]
+    asked: str, scene: str, disparity: bool, wanted: list[str]
 ) -> None:
     config = Config(render=Render(method=asked))  # type: ignore[arg-type]
-    levels = ladder(config, _scene(tmp_path, scene, disparity))
+    levels = ladder(config, _options(scene, disparity))
     assert [level.number for level in levels] == list(range(len(levels)))
     assert list(dict.fromkeys(level.method for level in levels)) == wanted
     assert [(level.method, level.rate_hz, level.every) for level in levels[-2:]] == [("nearest", 30.0, 1), ("nearest", 30.0, 2)]
     assert len({level.words for level in levels}) == len(levels) and levels[0].words == "full"
-    assert wanted[0] == drawn_with(asked, scene, disparity != "none") and wanted[0] in METHODS
+    assert wanted[0] == drawn_with(asked, scene, disparity) and wanted[0] in METHODS
 
 
-def test_no_level_slows_the_camera_clock_and_none_is_there_where_nothing_is_shown(tmp_path: Path) -> None:
-    options = _scene(tmp_path, "warp", "estimated")
+def test_no_level_slows_the_camera_clock_and_none_is_there_where_nothing_is_shown() -> None:
+    options = _options("warp", True)
     paper = Config(render=Render(clock="camera", method="nearest"))
     assert len(ladder(paper, options)) == 1
     assert {level.every for level in ladder(Config(render=Render(clock="camera")), options)} == {1}
-    assert len(ladder(Config(), {"render": False, "tracking": False})) == 1
-    assert {level.every for level in ladder(Config(), {**options, "tracking": False})} == {1}, "nothing is tracked"
+    assert len(ladder(Config(), SessionOptions(show=False, tracking=False))) == 1
+    assert {level.every for level in ladder(Config(), attrs.evolve(options, tracking=False))} == {1}, "nothing is tracked"
     assert [level.rate_hz for level in ladder(Config(render=Render(method="nearest", rate_hz=120)), options)] == [120, 60, 30, 30]
 
 
-def test_a_level_reaches_the_stages_and_leaves_the_configuration_alone(tmp_path: Path) -> None:
-    config, options = Config(), _scene(tmp_path, "warp", "estimated")
+def test_a_level_reaches_the_stages_and_leaves_the_configuration_alone() -> None:
+    config, options = Config(), _options("warp", True)
     for level in ladder(config, options):
-        told = {**options, "level": json.loads(json.dumps(level.option()))}
+        sent = attrs.evolve(options, level=level if level.number else None).to_dict()
+        told = SessionOptions.from_dict(json.loads(json.dumps(sent)))
         work = lowered(config, told)
-        assert (number(told), tracked_every(told)) == (level.number, level.every)
+        assert (level_number(told), tracked_every(told)) == (level.number, level.every)
         assert work == config if not level.number else (work.render.method, work.render.rate_hz) == (level.method, level.rate_hz)
         assert attrs.evolve(work, render=config.render) == config
-    assert lowered(config, options) is config and number(options) == 0 and tracked_every(options) == 1
+    assert lowered(config, options) is config and level_number(options) == 0 and tracked_every(options) == 1
 
 
 def _rows() -> dict[str, np.ndarray]:
@@ -252,17 +252,29 @@ def _rows() -> dict[str, np.ndarray]:
     return {name: table[i : i + 1].reshape(()) for i, name in enumerate(("capture", "track", "render"))}
 
 
-def _work(levels: Levels, rows: dict[str, np.ndarray], seconds: float, of: str, lost: str, t_ns: int = 0) -> int:
-    """Samples a session in which one count of one stage grows as fast as its outputs; the time at the end."""
-    for _ in range(round(seconds * SECOND_NS / DT_NS)):
-        t_ns += DT_NS
-        for row in rows.values():
-            row["seq"] += 3
-            row["busy_ns"] += 3_000_000
-        if of:
-            rows[of][lost] += 3
-        levels.sample(rows, t_ns)
-    return t_ns
+class Session:
+    """A state whose level follows from the load, as in the supervisor's loop."""
+
+    def __init__(self, state: SessionState, cores: dict[str, tuple[int, ...]] | None = None) -> None:
+        self.state, self.rows, self.t_ns = state, _rows(), 0
+        self.control = QualityControl(lambda name: (cores or {}).get(name, ()))
+
+    def work(self, seconds: float, of: str, lost: str) -> None:
+        """Samples a session in which one count of one stage grows as fast as its outputs."""
+        for _ in range(round(seconds * SECOND_NS / DT_NS)):
+            self.t_ns += DT_NS
+            for row in self.rows.values():
+                row["seq"] += 3
+                row["busy_ns"] += 3_000_000
+            if of:
+                self.rows[of][lost] += 3
+            step = self.control.sample(self.state, self.rows, self.t_ns)
+            if step is not None:
+                self.state = self.state.with_level(step.level)
+
+
+def _session(config: Config | None = None, cores: dict[str, tuple[int, ...]] | None = None, **options: Any) -> Session:
+    return Session(SessionState.first(config or Config(), _options("warp", True, **options)), cores)
 
 
 @pytest.mark.parametrize(
@@ -276,80 +288,77 @@ def _work(levels: Levels, rows: dict[str, np.ndarray], seconds: float, of: str, 
         ("display", "track", "left_out", False),
     ],
 )
-def test_lag_is_what_a_person_would_miss(tmp_path: Path, clock: str, stage: str, lost: str, lags: bool) -> None:
-    config = Config(render=Render(clock=clock))  # type: ignore[arg-type]
-    levels = Levels(config, _scene(tmp_path, "warp", "estimated"), False, lambda name: ())
-    _work(levels, _rows(), 1.0, stage, lost)
-    assert (levels.now.number >= 1) == lags
+def test_lag_is_what_a_person_would_miss(clock: str, stage: str, lost: str, lags: bool) -> None:
+    session = _session(Config(render=Render(clock=clock)))  # type: ignore[arg-type]
+    session.work(1.0, stage, lost)
+    assert (session.state.level.number >= 1) == lags
 
 
-def test_a_session_that_may_lose_nothing_or_is_fixed_has_one_level(tmp_path: Path) -> None:
-    options = _scene(tmp_path, "warp", "estimated")
-    fixed = Config(governor=GovernorConfig(quality="fixed"))
-    for levels in (Levels(Config(), options, True, lambda name: ()), Levels(fixed, options, False, lambda name: ())):
-        _work(levels, _rows(), 5.0, "render", "missed")
-        assert levels.lowest == 0 and levels.now.option() == {}
+def test_a_session_that_may_lose_nothing_or_is_fixed_has_one_level() -> None:
+    for session in (_session(lossless=True), _session(Config(governor=GovernorConfig(quality="fixed")))):
+        session.work(5.0, "render", "missed")
+        assert len(session.state.levels) == 1 and session.state.options.level is None
 
 
-def test_another_scene_or_method_begins_at_full_quality_and_other_settings_keep_the_level(tmp_path: Path) -> None:
-    options, config = _scene(tmp_path / "deep", "warp", "estimated"), Config()
-    levels = Levels(config, options, False, lambda name: ())
-    rows = _rows()
-    _work(levels, rows, 0.9, "render", "missed")
-    assert levels.now.number == 1
-    levels.follow(attrs.evolve(config, render=attrs.evolve(config.render, alpha_px=12.0)), {**options, "trace": "there"})
-    assert levels.now.number == 1
-    levels.follow(config, _scene(tmp_path / "flat", "nearest", "none"))
-    assert levels.now.number == 0
+def test_another_scene_or_method_begins_at_full_quality_and_other_settings_keep_the_level() -> None:
+    session = _session()
+    session.work(0.9, "render", "missed")
+    assert session.state.level.number == 1
+    config = session.state.config
+    session.state = session.state.changed(attrs.evolve(config, render=attrs.evolve(config.render, alpha_px=12.0)), trace="/t")
+    session.work(0.1, "", "")
+    assert session.state.level.number == 1
+    flat = _options("nearest", False).scene
+    assert flat is not None
+    assert session.state.loaded(flat).level.number == 0
 
 
-def test_nothing_is_judged_while_a_stage_starts_and_shortly_after(tmp_path: Path) -> None:
-    levels, rows = Levels(Config(), _scene(tmp_path, "warp", "estimated"), False, lambda name: ()), _rows()
-    rows["track"]["state"] = State.STARTING
-    t_ns = _work(levels, rows, 5.0, "render", "missed")
-    rows["track"]["state"] = State.RUNNING
-    _work(levels, rows, 0.9, "render", "missed", t_ns)
-    assert levels.now.number == 0
+def test_nothing_is_judged_while_a_stage_starts_and_shortly_after() -> None:
+    session = _session()
+    session.rows["track"]["state"] = State.STARTING
+    session.work(5.0, "render", "missed")
+    session.rows["track"]["state"] = State.RUNNING
+    session.work(0.9, "render", "missed")
+    assert session.state.level.number == 0
 
 
-def test_a_stage_takes_no_level_where_none_that_is_left_helps_it(tmp_path: Path) -> None:
+def test_a_stage_takes_no_level_where_none_that_is_left_helps_it() -> None:
     apart = {"capture": (0,), "track": (1,), "render": (0,)}
-    options, on_camera = _scene(tmp_path, "warp", "estimated"), Config(render=attrs.evolve(Config().render, clock="camera"))
-    levels = Levels(on_camera, options, False, lambda name: apart[name])
-    _work(levels, _rows(), 5.0, "track", "drops")
-    assert levels.lowest > 0 and levels.now.number == 0, "cheaper views give no time to tracking on a core of its own"
-    _work(levels, _rows(), 1.0, "capture", "drops", 100 * SECOND_NS)
-    assert levels.now.number >= 1, "but to capture, on the same core"
+    session = _session(Config(render=attrs.evolve(Config().render, clock="camera")), apart)
+    session.work(5.0, "track", "drops")
+    assert len(session.state.levels) > 1 and session.state.level.number == 0, "cheaper views give no time to a core of its own"
+    session.t_ns = 100 * SECOND_NS
+    session.work(1.0, "capture", "drops")
+    assert session.state.level.number >= 1, "but to capture, on the same core"
 
 
-def test_levels_are_taken_in_order_on_the_way_to_the_one_that_helps(tmp_path: Path) -> None:
-    apart = {"capture": (0,), "track": (1,), "render": (0,)}
-    levels = Levels(Config(), _scene(tmp_path, "warp", "estimated"), False, lambda name: apart[name])
-    _work(levels, _rows(), 5.0, "track", "drops")
-    assert levels.now.number == levels.lowest and levels.now.every == 2
+def test_levels_are_taken_in_order_on_the_way_to_the_one_that_helps() -> None:
+    session = _session(cores={"capture": (0,), "track": (1,), "render": (0,)})
+    session.work(5.0, "track", "drops")
+    assert session.state.level == session.state.levels[-1] and session.state.level.every == 2
 
 
-NAMES = ("capture", "track", "render", "record")
+STAGES = {"capture": False, "track": True, "render": False, "record": True}
 
 
 def test_two_cores_give_tracking_one_of_its_own_and_more_or_fewer_leave_it_to_the_system() -> None:
-    assert placement.cores("auto", NAMES, {4, 6}) == {"capture": (4,), "track": (6,), "render": (4,), "record": (6,)}
-    assert placement.cores("auto", NAMES, {0}) == placement.cores("auto", NAMES, range(8)) == {}
-    assert placement.cores("none", NAMES, {0, 1}) == {}
-    assert placement.cores("track=1, render=2+0", NAMES, range(4)) == {"track": (1,), "render": (0, 2)}
-    assert placement.niceness("track=5,render=-3", NAMES) == {"track": 5, "render": -3}
-    assert placement.niceness(GovernorConfig().nice, NAMES) == {}
+    assert placement.cores("auto", STAGES, {4, 6}) == {"capture": (4,), "track": (6,), "render": (4,), "record": (6,)}
+    assert placement.cores("auto", STAGES, {0}) == placement.cores("auto", STAGES, range(8)) == {}
+    assert placement.cores("none", STAGES, {0, 1}) == {}
+    assert placement.cores("track=1, render=2+0", STAGES, range(4)) == {"track": (1,), "render": (0, 2)}
+    assert placement.niceness("track=5,render=-3", STAGES) == {"track": 5, "render": -3}
+    assert placement.niceness(GovernorConfig().nice, STAGES) == {}
 
 
 @pytest.mark.parametrize("text", ["track", "trakc=1", "track=x", "track=", "track=1+", "track=7", "track=-1", "track=1;render=0"])
 def test_wrong_cores_are_named_with_a_remedy(text: str) -> None:
     with pytest.raises(UserError, match="affinity") as error:
-        placement.cores(text, NAMES, {0, 1})
+        placement.cores(text, STAGES, {0, 1})
     assert error.value.remedy
 
 
 @pytest.mark.parametrize("text", ["track", "track=x", "track=20", "track=-21", "me=1", "track=1.5"])
 def test_wrong_niceness_is_named_with_a_remedy(text: str) -> None:
     with pytest.raises(UserError, match="nice") as error:
-        placement.niceness(text, NAMES)
+        placement.niceness(text, STAGES)
     assert error.value.remedy

@@ -1,0 +1,112 @@
+"""What a session's stages need besides the configuration: facts found by the checks of `up`, and what was asked for since.
+
+Frozen, typed and plain: a stage gets the whole of it with each change, pickled at its start and as a map in a control message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import attrs
+
+
+@attrs.frozen
+class SceneSummary:
+    """What a session must know of a packed scene without opening it.
+
+    pack: the pack's folder, absolute. height_px, width_px: of a view. method: what render.method = "auto" stands for here.
+    scores: PSNR in dB of each method on held-out views. baseline_mm, focus_distance_mm, focal_length_px: None where unknown.
+    """
+
+    pack: str
+    name: str
+    rows: int
+    cols: int
+    height_px: int
+    width_px: int
+    method: str
+    has_disparity: bool
+    scores: Mapping[str, float] = attrs.field(factory=dict)
+    baseline_mm: float | None = None
+    focus_distance_mm: float | None = None
+    focal_length_px: float | None = None
+
+    @property
+    def needs_tracking(self) -> bool:
+        """Whether the picture depends on the eyes: a single view looks the same from everywhere."""
+        return self.rows * self.cols > 1
+
+
+@attrs.frozen
+class QualityLevel:
+    """One level of quality. number: 0 for full quality. stage: the one whose work it reduces, "" for level 0. method: how views
+    are made. rate_hz: of the display's clock. every: one frame in so many is tracked. words: for people."""
+
+    number: int
+    stage: str
+    method: str
+    rate_hz: float
+    every: int
+    words: str
+
+
+@attrs.frozen
+class ReplayOutput:
+    """Where a deterministic replay writes. folder: results. sequence: the recording replayed. pictures: whether some are kept."""
+
+    folder: str
+    sequence: str
+    pictures: bool
+
+
+@attrs.frozen
+class SessionOptions:
+    """Paths are absolute; "" means none.
+
+    source, source_hz: the camera or file, made definite. jpeg_px: (width, height) of the JPEGs that it delivers, None without.
+    tracking: whether eyes are tracked. show: whether pictures are made. trace: file of one line per picture. still: file for the
+    last picture. timeline: file of a trace that was started later. record, record_eyes: folder of a running recording.
+    pictures, packets: names of rings that exist only on demand. lossless: no frame may be dropped, writers wait for readers.
+    lock_step: besides, a frame passes every stage before the next one starts. level: the quality in force, None for full.
+    """
+
+    scene: SceneSummary | None = None
+    source: str = ""
+    source_hz: float = 0.0
+    jpeg_px: tuple[int, int] | None = None
+    tracking: bool = True
+    show: bool = True
+    display: str = "none"
+    trace: str = ""
+    still: str = ""
+    timeline: str = ""
+    record: str = ""
+    record_eyes: bool = False
+    pictures: str = ""
+    packets: str = ""
+    lossless: bool = False
+    lock_step: bool = False
+    replay: ReplayOutput | None = None
+    level: QualityLevel | None = None
+
+    @property
+    def pack(self) -> str:
+        """The scene's pack, "" without a scene."""
+        return self.scene.pack if self.scene else ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, as messages and files carry them."""
+        return attrs.asdict(self)
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> SessionOptions:
+        """What `to_dict` made, unchecked."""
+        scene, replay, level, jpeg_px = (plain[name] for name in ("scene", "replay", "level", "jpeg_px"))
+        nested = {
+            "scene": SceneSummary(**scene) if scene else None,
+            "replay": ReplayOutput(**replay) if replay else None,
+            "level": QualityLevel(**level) if level else None,
+            "jpeg_px": tuple(jpeg_px) if jpeg_px else None,
+        }
+        return cls(**{**plain, **nested})

@@ -1,0 +1,27 @@
+"""What a session keeps of a scene: its summary, so that nobody but render opens the pack."""
+
+from __future__ import annotations
+
+from lfpipe import config
+from lfpipe.config import SceneSummary
+from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.lightfield import LightField
+
+
+def summarize(field: LightField, settings: config.Scene) -> SceneSummary:
+    """The summary of an opened pack of the cache that settings name."""
+    known = field.geometry
+    return SceneSummary(
+        pack=str(cache_dir(settings) / "scenes" / str(field.manifest["key"])),
+        name=field.name,
+        rows=field.rows,
+        cols=field.cols,
+        height_px=field.height_px,
+        width_px=field.width_px,
+        method=field.method,
+        has_disparity=field.disparity is not None,
+        scores={name: float(score) for name, score in field.manifest.get("scores", {}).items()},
+        baseline_mm=known.baseline_mm,
+        focus_distance_mm=known.focus_distance_mm,
+        focal_length_px=known.focal_length_px,
+    )

@@ -1,0 +1,59 @@
+"""Bounds the connections to a session's sockets: libzmq aborts the process where accepting one finds no file descriptor left.
+
+Connections beyond the limit are closed as they come; ZeroMQ clients try again by themselves until there is room.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+from collections.abc import Callable, Iterable
+
+import zmq
+from zmq.utils.monitor import parse_monitor_message
+
+from lfpipe.supervisor.limits import OPEN_FILES, allowed_files
+
+MOST_CONNECTIONS, FEWEST_CONNECTIONS = 512, 24  # the stages alone have two each
+HANDSHAKE_MS = 2000  # a connection that says nothing for so long is closed
+
+
+class ConnectionLimit:
+    """Counts the connections of sockets that will be bound, by libzmq's own events. sockets: for a poller. log: for people."""
+
+    def __init__(self, sockets: Iterable[zmq.Socket[bytes]], log: Callable[[str], None]) -> None:
+        self._watched, self._log = list(sockets), log
+        self._limit = min(MOST_CONNECTIONS, max(FEWEST_CONNECTIONS, (allowed_files() - OPEN_FILES) // 2))
+        self._open: set[int] = set()  # file descriptors of connections, as the events name them
+        self._refusing = False
+        for each in self._watched:
+            each.setsockopt(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
+        self.sockets = [each.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED) for each in self._watched]
+
+    def serve(self) -> None:
+        """Takes what has happened since the last call."""
+        for monitor in self.sockets:
+            while monitor.poll(0):
+                event = parse_monitor_message(monitor.recv_multipart())
+                if event["event"] == zmq.EVENT_DISCONNECTED:
+                    self._open.discard(event["value"])
+                elif len(self._open) < self._limit:
+                    self._open.add(event["value"])
+                    self._refusing = False
+                else:
+                    self._refuse(event["value"])
+
+    def _refuse(self, fd: int) -> None:
+        if not self._refusing:
+            self._refusing = True
+            self._log(f"{self._limit} programs are connected to the session; further ones are refused until some have left")
+        # libzmq closes the descriptor itself, perhaps by now; what has its number then is no Unix socket, or one more client.
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(fd)) as connection:
+            if connection.family == socket.AF_UNIX:
+                connection.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Ends the counting; the sockets are their owner's."""
+        for each in self._watched:
+            each.disable_monitor()

@@ -1,0 +1,72 @@
+"""The child process that looks at files for the supervisor: whatever a file does to it, the session goes on.
+
+Run as `python -m lfpipe.supervisor.file_check` with the request as JSON in the argument. Prints empty lines as a sign of
+progress, then one line of JSON, {"ok": true, "result": {...}} or {"ok": false, "error": ..., "remedy": ...}. Ends when its
+standard input does: the supervisor is gone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import resource
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+from lfpipe import config as config_module
+from lfpipe.errors import UserError
+
+MEMORY_BYTES = 3 << 30  # for packing; mapped files do not count
+
+
+def check(request: dict[str, Any]) -> dict[str, Any]:
+    """The result of one check: of a "scene" its summary, packed where necessary. Raises UserError."""
+    path = Path(request["path"])
+    if request["check"] == "trace":
+        from lfpipe.trace import check_trace
+
+        check_trace(path)
+        return {}
+    if request["check"] == "record":
+        from lfpipe.sequence.folder import check_out
+
+        check_out(path)
+        return {}
+    from lfpipe.render.scoring import choose_method
+    from lfpipe.scene.pack import open_scene
+    from lfpipe.scene.summary import summarize
+
+    settings = config_module.trusted(request["config"]).scene
+    return attrs.asdict(summarize(open_scene(path, settings, lambda *_: print(flush=True), choose_method), settings))
+
+
+def _end_with_parent() -> None:
+    with contextlib.suppress(OSError):
+        while os.read(0, 4096):
+            pass
+    os._exit(1)
+
+
+def main(text: str) -> int:
+    """Checks and prints the answer."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
+    try:
+        answer = {"ok": True, "result": check(json.loads(text))}
+    except UserError as error:
+        answer = {"ok": False, "error": error.message, "remedy": error.remedy}
+    except MemoryError:
+        answer = {"ok": False, "error": f"opening it takes more than {MEMORY_BYTES >> 30} GiB", "remedy": "a smaller scene"}
+    print(json.dumps(answer), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    code = main(sys.argv[1])
+    sys.stdout.flush()
+    os._exit(code)  # the thread still reads

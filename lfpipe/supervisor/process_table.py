@@ -1,0 +1,101 @@
+"""The process table: a stage is one row here and one module with `main(context)`. No other module names a stage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import attrs
+import numpy as np
+
+from lfpipe.config import Config, SessionOptions
+from lfpipe.eyes import EYES
+from lfpipe.transport.packet_ring import packet_dtype
+from lfpipe.transport.ring import RingSpec
+
+
+def _feeds(options: SessionOptions) -> bool:
+    return options.tracking or bool(options.record)
+
+
+@attrs.frozen
+class Stage:
+    """A process. needed: whether a session with these options runs it.
+
+    source: it makes frames, and when it has ended by itself the session ends. shows: it presents pictures, whose age is the
+    session's. optional: few sessions run it, and no picture waits for it. own_core: on two cores it does not share the first.
+    startup_timeout_s: from spawn to READY. hang_timeout_s: without a beat after that.
+    """
+
+    name: str
+    module: str
+    needed: Callable[[SessionOptions], bool]
+    reads: tuple[str, ...] = ()
+    writes: tuple[str, ...] = ()
+    source: bool = False
+    shows: bool = False
+    optional: bool = False
+    own_core: bool = False
+    startup_timeout_s: float = 15.0
+    hang_timeout_s: float = 2.0
+
+
+FRAMES_BYTES = 16 << 20  # a recorder may fall behind by as many frames as there are slots, less two
+
+STAGES = (
+    Stage("capture", "lfpipe.capture.stage", _feeds, writes=("frames",), source=True),
+    Stage(
+        "track",
+        "lfpipe.track.stage",
+        lambda options: options.tracking,
+        reads=("frames",),
+        writes=("eyes",),
+        own_core=True,
+        startup_timeout_s=30.0,
+    ),
+    Stage("render", "lfpipe.render.stage", lambda options: options.show, reads=("eyes",), shows=True),
+    Stage(
+        "record",
+        "lfpipe.replay.recorder",
+        lambda options: bool(options.record),
+        reads=("frames", "eyes"),
+        optional=True,
+        own_core=True,  # its work can wait, so it does not disturb capture and render
+    ),
+)
+NAMES = tuple(stage.name for stage in STAGES)
+SOURCE = next(stage.name for stage in STAGES if stage.source)
+SHOWN_BY = next(stage.name for stage in STAGES if stage.shows)
+CORE = tuple(stage.name for stage in STAGES if not stage.optional)  # the stages that a picture waits for
+
+
+def _frame_ring(config: Config) -> RingSpec:
+    shape = (config.camera.height_px, config.camera.width_px, 3)
+    return RingSpec(shape, np.dtype("u1"), slots=min(max(FRAMES_BYTES // math.prod(shape), 4), 8))
+
+
+def rings(config: Config) -> dict[str, RingSpec]:
+    """The rings that every session with this configuration has."""
+    return {
+        "frames": _frame_ring(config),
+        "eyes": RingSpec((), EYES, slots=8),
+    }
+
+
+def picture_ring(height_px: int, width_px: int) -> RingSpec:
+    """The ring of output pictures."""
+    return RingSpec((height_px, width_px, 3), np.dtype("u1"), slots=3)
+
+
+def packet_ring(config: Config, jpeg_px: Sequence[int]) -> RingSpec:
+    """The ring of a source's JPEGs, (width, height) jpeg_px: it takes any JPEG that is no larger than its decoded picture.
+
+    A packet stays longer than the frame decoded from it, because that frame is published after it.
+    """
+    width_px, height_px = jpeg_px
+    return RingSpec((), packet_dtype(width_px * height_px * 3), slots=_frame_ring(config).slots + 2)
+
+
+def consumers() -> dict[str, list[str]]:
+    """ring -> names of the stages that read it."""
+    return {name: [stage.name for stage in STAGES if name in stage.reads] for stage in STAGES for name in stage.writes}

@@ -1,0 +1,163 @@
+"""What a session can be asked over ctl. Each request is a pure function: state and request give a reply, or a refusal.
+
+Requests that name files come in two steps: `respond` asks for a check by a child process (`file_check`), `respond_checked` takes
+its result. A refusal is a BadMessage (not a request at all) or a UserError (with a remedy); either changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import attrs
+
+from lfpipe import config as config_module
+from lfpipe.config import SceneSummary
+from lfpipe.errors import UserError
+from lfpipe.render.geometry import check_geometry
+from lfpipe.supervisor.session_state import SessionState
+from lfpipe.transport import control
+from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.control import BadMessage
+
+LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
+
+
+@attrs.frozen
+class Reply:
+    """answer: sent back. state: to apply; where that is a new revision, the answer waits until the stages have applied it.
+    broadcast: a message for every stage. check: a request for `file_check`, whose result gives the real reply. with_stages:
+    the figures of the stages join the answer. stop: the session ends.
+    """
+
+    answer: dict[str, Any] = attrs.field(factory=dict)
+    state: SessionState | None = None
+    broadcast: dict[str, Any] | None = None
+    check: dict[str, Any] | None = None
+    with_stages: bool = False
+    stop: bool = False
+
+
+Handler = Callable[[SessionState, dict[str, Any], int], Reply]
+
+
+def respond(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
+    """The reply to a request. t_ns: now. Raises BadMessage, UserError."""
+    command = message.get("cmd")
+    if not isinstance(command, str) or command not in control.COMMANDS:
+        raise BadMessage(f"unknown command {command!r:.100}; commands are {', '.join(control.COMMANDS)}")
+    return _HANDLERS[command](state, message, t_ns)
+
+
+def _hello(state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
+    return Reply(state.message())
+
+
+def _status(state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
+    return Reply({"paused": state.paused, "config": config_module.to_dict(state.config)}, with_stages=True)
+
+
+def _set(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+    sets = message.get("set")
+    if not isinstance(sets, dict) or not sets:
+        raise BadMessage("set needs a map of keys and values")
+    config = config_module.updated(state.config, sets, live_only=True)
+    if state.options.scene:
+        check_geometry(config, state.options.scene)
+    return Reply({"set": sets}, state.changed(config))
+
+
+def _pause(state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
+    return Reply({"paused": True}, state.changed(paused=True))
+
+
+def _resume(state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
+    return Reply({"paused": False}, state.changed(paused=False))
+
+
+def _recentre(_state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
+    return Reply(broadcast={"cmd": "recentre"})
+
+
+def _stop(_state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
+    return Reply(stop=True)
+
+
+def _pictures(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
+    """A lease of the ring of pictures; a client that goes on reading asks again in time."""
+    lease_s = message.get("lease_s", LEASE_S)
+    if isinstance(lease_s, bool) or not isinstance(lease_s, int | float) or not 0 < lease_s <= MAX_LEASE_S:
+        raise BadMessage(f"pictures: lease_s {lease_s!r:.100} is not a time of up to {MAX_LEASE_S:g} s")
+    if state.options.scene is None:
+        raise UserError("the session shows no pictures", "`lfpipe up SCENE` starts one that does")
+    new = state.with_pictures(t_ns + int(lease_s * SECOND_NS))
+    return Reply({"ring": new.options.pictures}, new)
+
+
+def _load(_state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+    scene = message.get("scene")
+    if not isinstance(scene, str) or not _absolute(scene):
+        raise BadMessage("load needs the absolute path of a scene")
+    return Reply(check={"check": "scene", "path": scene})
+
+
+def _trace(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+    """Starts a timeline into the file `path`; ends the running one where path is empty."""
+    path, running = message.get("path"), state.options.timeline
+    if not isinstance(path, str) or not (_absolute(path) or not path):
+        raise BadMessage("trace needs an absolute path, an empty one to stop")
+    if path and running:
+        raise UserError(f"a trace is running already, into {running}", "`lfpipe trace stop` ends it")
+    if not path and not running:
+        raise UserError("no trace is running", "`lfpipe trace start OUT.json` starts one")
+    if path:
+        return Reply(check={"check": "trace", "path": path})
+    return Reply({"path": running}, state.changed(timeline=""))
+
+
+def _record(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+    """Starts a recording of the camera into the folder `path`; ends the running one where path is empty."""
+    path, eyes, running = message.get("path"), message.get("eyes", False), state.options.record
+    if not isinstance(path, str) or not (_absolute(path) or not path) or not isinstance(eyes, bool):
+        raise BadMessage("record needs an absolute path, an empty one to stop")
+    if path and running:
+        raise UserError(f"a recording is running already, into {running}", "`lfpipe ctl record stop` ends it")
+    if not path and not running:
+        raise UserError("no recording is running", "`lfpipe ctl record start OUT` starts one")
+    if path and not state.options.tracking:
+        raise UserError("the session has no camera: its scene is a single view", "`lfpipe record OUT` records without a scene")
+    if path:
+        return Reply(check={"check": "record", "path": path})
+    return Reply({"path": running}, state.changed(record=""))
+
+
+def respond_checked(state: SessionState, message: dict[str, Any], result: dict[str, Any], t_ns: int) -> Reply:
+    """The reply to a request whose files were checked; the state may have changed meanwhile. Raises as `respond` does."""
+    if message["cmd"] == "load":
+        scene = SceneSummary(**result)
+        check_geometry(state.config, scene)
+        return Reply({"pack": scene.pack}, state.loaded(scene))
+    respond(state, message, t_ns)  # another client may have started one
+    if message["cmd"] == "trace":
+        return Reply({"path": message["path"]}, state.changed(timeline=message["path"]))
+    return Reply({"path": message["path"]}, state.changed(record=message["path"], record_eyes=message.get("eyes", False)))
+
+
+def _absolute(path: str) -> bool:
+    """Whether a path means the same to the supervisor as to its sender."""
+    return path.startswith("/") and "\0" not in path
+
+
+_HANDLERS: dict[str, Handler] = {
+    "hello": _hello,
+    "status": _status,
+    "set": _set,
+    "pause": _pause,
+    "resume": _resume,
+    "recentre": _recentre,
+    "load": _load,
+    "pictures": _pictures,
+    "trace": _trace,
+    "record": _record,
+    "stop": _stop,
+}

@@ -1,0 +1,136 @@
+"""The state of a session: one frozen value. Every change is a pure function from one state to the next."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+
+from lfpipe import config as config_module
+from lfpipe.config import Config, QualityLevel, SceneSummary, SessionOptions
+from lfpipe.quality import ladder
+from lfpipe.supervisor.process_table import packet_ring, picture_ring
+from lfpipe.transport.ring import RingSpec
+
+
+@attrs.frozen
+class Basis:
+    """The part of the state that a stage may be unable to work with: it can be rolled back."""
+
+    config: Config
+    scene: SceneSummary | None
+    tracking: bool
+
+
+@attrs.frozen
+class SessionState:
+    """config, options, paused: what the stages work by. rev: counts changes. pictures_until_ns: end of the lease of the ring of
+    pictures, 0 without one. pictures_px: (height, width) of that ring. rings_made: numbers the rings made on demand, whose
+    names are never used twice, so that no reader maps an old one. known_good: the basis that is known to work.
+    """
+
+    config: Config
+    options: SessionOptions
+    known_good: Basis
+    paused: bool = False
+    rev: int = 1
+    pictures_until_ns: int = 0
+    pictures_px: tuple[int, int] = (0, 0)
+    rings_made: int = 0
+
+    @classmethod
+    def first(cls, config: Config, options: SessionOptions) -> SessionState:
+        """The state at the start of a session."""
+        return cls(config, options, Basis(config, options.scene, options.tracking))._with_packets()
+
+    @property
+    def basis(self) -> Basis:
+        """What the stages work by now, as far as it can be rolled back."""
+        return Basis(self.config, self.options.scene, self.options.tracking)
+
+    @property
+    def levels(self) -> tuple[QualityLevel, ...]:
+        """The quality levels allowed here; full alone where nothing may depend on load."""
+        all_levels = ladder(self.config, self.options)
+        fixed = self.options.lossless or self.config.governor.quality == "fixed"
+        return all_levels[:1] if fixed else all_levels
+
+    @property
+    def level(self) -> QualityLevel:
+        """The level in force."""
+        return self.options.level or self.levels[0]
+
+    def message(self) -> dict[str, Any]:
+        """What a stage must know, as a control message."""
+        return {
+            "cmd": "config",
+            "rev": self.rev,
+            "config": config_module.to_dict(self.config),
+            "options": self.options.to_dict(),
+            "paused": self.paused,
+        }
+
+    def rings(self) -> dict[str, RingSpec]:
+        """The rings on demand that this state asks for, by name."""
+        found: dict[str, RingSpec] = {}
+        if self.options.pictures:
+            found[self.options.pictures] = picture_ring(*self.pictures_px)
+        if self.options.packets and self.options.jpeg_px:
+            found[self.options.packets] = packet_ring(self.config, self.options.jpeg_px)
+        return found
+
+    # Changes. Each returns a new state with a new revision.
+
+    def changed(self, config: Config | None = None, paused: bool | None = None, **options: Any) -> SessionState:
+        """With another configuration, pause or options; where that changes the quality levels, quality is full again."""
+        new = attrs.evolve(
+            self,
+            config=self.config if config is None else config,
+            paused=self.paused if paused is None else paused,
+            options=attrs.evolve(self.options, **options),
+            rev=self.rev + 1,
+        )
+        if new.levels != self.levels:
+            new = attrs.evolve(new, options=attrs.evolve(new.options, level=None))
+        return new._with_packets()
+
+    def loaded(self, scene: SceneSummary) -> SessionState:
+        """With another scene."""
+        return self.changed(scene=scene, tracking=scene.needs_tracking)
+
+    def with_level(self, number: int) -> SessionState:
+        """At another level of quality."""
+        return self.changed(level=self.levels[number] if number else None)
+
+    def with_pictures(self, until_ns: int) -> SessionState:
+        """With the ring of pictures leased until then at least; self where only the lease grows longer."""
+        scene = self.options.scene
+        assert scene is not None
+        until_ns, size_px = max(until_ns, self.pictures_until_ns), (scene.height_px, scene.width_px)
+        if self.options.pictures and size_px == self.pictures_px:
+            return attrs.evolve(self, pictures_until_ns=until_ns)
+        number = self.rings_made + 1
+        new = self.changed(pictures=f"pictures.{number}")
+        return attrs.evolve(new, pictures_until_ns=until_ns, pictures_px=size_px, rings_made=number)
+
+    def without_pictures(self) -> SessionState:
+        """Without the ring of pictures."""
+        return attrs.evolve(self.changed(pictures=""), pictures_until_ns=0)
+
+    def settled(self) -> SessionState:
+        """With the basis in force known to work; the revision stays."""
+        return attrs.evolve(self, known_good=self.basis)
+
+    def rolled_back(self) -> SessionState:
+        """Back on the basis that is known to work; all else stays."""
+        good = self.known_good
+        return self.changed(config=good.config, scene=good.scene, tracking=good.tracking)
+
+    def _with_packets(self) -> SessionState:
+        """With the ring of JPEGs that a recording of a source of JPEGs needs, and else without it."""
+        wanted = bool(self.options.record and self.options.jpeg_px)
+        if wanted == bool(self.options.packets):
+            return self
+        number = self.rings_made + wanted
+        name = f"packets.{number}" if wanted else ""
+        return attrs.evolve(self, options=attrs.evolve(self.options, packets=name), rings_made=number)

@@ -1,0 +1,108 @@
+"""The processes of all stages: started when they are needed, judged, restarted, and ended in two passes."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+
+import attrs
+
+from lfpipe.config import SessionOptions
+from lfpipe.supervisor import ending
+from lfpipe.supervisor.process import StageProcess
+from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
+from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.context import StageSpec
+from lfpipe.transport.session import Session
+from lfpipe.transport.status import ENDED, Table
+
+DRAIN_NS = 2 * SECOND_NS  # how long the stages may take for what is under way when the source has ended
+
+
+@attrs.frozen
+class Ended:
+    """A stage that ended and was not supposed to."""
+
+    process: StageProcess
+    code: int
+
+
+class StageProcesses:
+    """table: the status table. spec: what a stage is told at its start. ask_to_stop: sends a stage the stop."""
+
+    def __init__(
+        self, session: Session, table: Table, spec: Callable[[Stage], StageSpec], ask_to_stop: Callable[[str], None]
+    ) -> None:
+        self._table, self._spec, self._ask_to_stop = table, spec, ask_to_stop
+        self._all = {stage.name: StageProcess(stage, session, table.rows[stage.name]) for stage in STAGES}
+        self._drain_since_ns = 0
+
+    def __iter__(self) -> Iterator[StageProcess]:
+        return iter(self._all.values())
+
+    def ensure_running(self, options: SessionOptions) -> None:
+        """Starts what is needed, and asks what is not needed any more to stop."""
+        for process in self:
+            needed = process.stage.needed(options)
+            process.wanted = needed and not self._drain_since_ns
+            if process.wanted and not process.alive and now_ns() >= process.next_start_ns:
+                process.start(self._spec(process.stage))
+            elif process.alive and not needed:
+                self._ask_to_stop(process.stage.name)
+
+    def judge(self, log: Callable[[str], None]) -> list[Ended]:
+        """Kills the stages that hang, and returns those that ended and were not supposed to."""
+        ended = []
+        for process in self:
+            name = process.stage.name
+            if why := process.overdue():
+                log(f"{name}: {why}, killed\n{process.condemn()}".rstrip())
+            code = process.reap()
+            if code is None or (code == 0 and not process.wanted):
+                continue
+            if code == 0 and name == SOURCE:
+                self._drain_since_ns = now_ns()
+                continue
+            ended.append(Ended(process, code))
+        return ended
+
+    def finished(self, every: int) -> bool:
+        """Whether the source has ended and every stage has dealt with its last frame. every: one frame in so many is tracked."""
+        if not self._drain_since_ns:
+            return False
+        last = int(self._table.rows[SOURCE]["source_seq"]) - every + 1
+        rows = [process.row for process in self if process.alive]
+        done = all(int(row["source_seq"]) >= last or row["state"] in ENDED for row in rows)
+        return done or now_ns() - self._drain_since_ns > DRAIN_NS
+
+    def idle(self, options: SessionOptions) -> bool:
+        """Whether nothing runs and nothing is needed."""
+        return not any(process.alive or process.stage.needed(options) for process in self)
+
+    def ready(self, options: SessionOptions) -> bool:
+        """Whether every stage that is needed has been ready."""
+        return all(int(process.row["ready_ns"]) > 0 for process in self if process.stage.needed(options))
+
+    def applied(self, rev: int, options: SessionOptions) -> bool:
+        """Whether every stage that is needed works by revision rev, and no other runs."""
+        return all(int(p.row["config_rev"]) >= rev for p in self if p.alive or p.stage.needed(options))
+
+    def outputs(self, options: SessionOptions) -> dict[str, int]:
+        """The number of outputs so far of every stage that is needed."""
+        return {process.stage.name: int(process.row["seq"]) for process in self if process.stage.needed(options)}
+
+    def kill(self) -> None:
+        """Ends all at once: the user asked twice."""
+        for process in self:
+            process.signal(signal.SIGKILL)
+
+    def stop(self, log: Callable[[str], None]) -> None:
+        """Two passes: all are asked, then all are waited for."""
+        for process in self:
+            process.wanted = False
+            self._ask_to_stop(process.stage.name)
+        ending.end(self._all.values(), log)
+
+    def close(self) -> None:
+        """Lets go of the status table."""
+        self._all.clear()

@@ -1,0 +1,42 @@
+"""States of made sessions, and hypothesis strategies for whatever a message can carry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hypothesis import strategies as st
+
+from lfpipe.config import Config, SceneSummary, SessionOptions, options
+from lfpipe.supervisor.session_state import SessionState
+from lfpipe.transport.control import COMMANDS
+
+SCENE = SceneSummary("/packs/one", "one", 3, 3, 48, 64, "warp", True, {"warp": 40.0, "nearest": 30.0}, 1.0, 500.0, 100.0)
+
+
+def made_state(**more: Any) -> SessionState:
+    return SessionState.first(Config(), SessionOptions(scene=SCENE, source="demo", source_hz=30.0, jpeg_px=(64, 48), **more))
+
+
+texts = st.text(max_size=20) | st.sampled_from(["", "\0", "/", "/tmp/\udcff", "a" * 5000, "\x1b[2J", *options()])
+leaves = (
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**64 - 1)
+    | st.floats(allow_nan=True, allow_infinity=True)
+    | texts
+)
+values = st.recursive(
+    leaves, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(texts, inner, max_size=4), max_leaves=12
+)
+keys = st.sampled_from([*options(), *(key.split(".")[0] for key in options()), "", ".", "render.", "a.b.c"]) | texts
+fields = st.fixed_dictionaries(
+    {},
+    optional={
+        "set": st.dictionaries(keys, values, max_size=5) | values,
+        "scene": values,
+        "path": values,
+        "lease_s": values,
+        "eyes": values,
+    },
+)
+messages = st.builds(lambda cmd, more: {"v": 1, **more, "cmd": cmd}, st.sampled_from(COMMANDS) | values, fields)

@@ -1,0 +1,180 @@
+"""The control sockets of a real session: whatever is sent there, the session goes on."""
+
+from __future__ import annotations
+
+import os
+import resource
+import socket
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+import zmq
+from hypothesis import HealthCheck, given, settings
+
+from lfpipe.supervisor import connection_limit
+from lfpipe.supervisor.connection_limit import ConnectionLimit
+from lfpipe.transport import control
+from tests.supervisor.states import messages
+from tests.world import World
+
+CAMERA = ("--camera", "demo", "--display", "none")
+
+
+def run_dir(world: World) -> Path:
+    return world.run_dir / f"lfpipe-{os.getuid()}-{world.name}"
+
+
+@pytest.fixture
+def client(world: World, scene: Path) -> Iterator[zmq.Socket[bytes]]:
+    """A client of a session that runs, with which nothing is wrong afterwards."""
+    process = world.up(scene, *CAMERA)
+    world.pictures(5)
+    with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
+        socket.connect(control.address(run_dir(world), "ctl"))
+        yield socket
+        count = len(world.lines())
+        assert ask(socket, {"v": 1, "cmd": "status"})["ok"]
+        world.pictures(count + 3)
+        assert ask(socket, {"v": 1, "cmd": "stop"})["ok"]
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 0 and "Traceback" not in err, err
+    assert not world.left()
+
+
+def ask(socket: zmq.Socket[bytes], message: dict[str, Any]) -> dict[str, Any]:
+    socket.send(msgpack.packb(message, unicode_errors="surrogatepass"))
+    assert socket.poll(20_000), f"no answer to {message!r:.200}"
+    data = socket.recv()
+    assert len(data) <= control.MAX_BYTES
+    return control.decode(data)
+
+
+def test_every_shape_of_request_is_answered_and_the_session_goes_on(client: zmq.Socket[bytes], tmp_path: Path) -> None:
+    before = ask(client, {"v": 1, "cmd": "hello"})
+
+    @settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+    @given(messages)
+    def attack(message: dict[str, Any]) -> None:
+        if message["cmd"] not in ("stop", "load", "record", "trace"):  # what these may do to a session is tested elsewhere
+            answer = ask(client, message)
+            assert answer["ok"] in (True, False) and (answer["ok"] or answer["error"])
+
+    attack()
+    for sets in ({"render": {}}, {"render": {"method": {}}}, {f"x{i}": 1 for i in range(3626)}):
+        assert ask(client, {"v": 1, "cmd": "set", "set": sets})["ok"] is False
+    for path in ("/\udcff", "/tmp/\x1b[2J", f"{tmp_path}/{'x' * 300}", "/dev/zero", "/proc/self/mem"):
+        assert ask(client, {"v": 1, "cmd": "load", "scene": path})["ok"] is False
+    assert ask(client, {"v": 1, "cmd": "resume"})["ok"]
+    after = ask(client, {"v": 1, "cmd": "hello"})
+    assert {**after["config"], "render": 0} == {**before["config"], "render": 0}
+
+
+def test_telemetry_of_any_shape_ends_nothing(client: zmq.Socket[bytes], world: World) -> None:
+    with control.context() as ctx, ctx.socket(zmq.PUSH) as bus:
+        bus.connect(control.address(run_dir(world), "bus"))
+        shapes: list[Any] = [5, None, [5], {"a": 1}, "text", [["deep"]], "\x1b[2J"]
+        for topic in ("notice", "source", "parallax", "level", 5, None, ["notice"]):
+            for shape in shapes:
+                bus.send(msgpack.packb({"v": 1, "topic": topic, "notes": shape, "text": shape}))
+        bus.send_multipart([b"two", b"parts"])
+        bus.send(b"\xc1garbage")
+        time.sleep(0.3)
+
+
+def test_a_load_of_a_fifo_among_the_views_is_answered_and_the_next_load_too(
+    client: zmq.Socket[bytes], tmp_path: Path, scene: Path
+) -> None:
+    os.mkfifo(tmp_path / "view_00_00.png")
+    assert ask(client, {"v": 1, "cmd": "load", "scene": str(tmp_path)})["ok"] is False
+    assert ask(client, {"v": 1, "cmd": "load", "scene": str(scene)})["ok"] is True
+
+
+def hold_connections(path: Path, count: int) -> subprocess.Popen[str]:
+    """A process with so many connections that say nothing."""
+    program = """
+        import resource, socket, sys, time
+        hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+        resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+        held = []
+        end = time.monotonic() + 5
+        while len(held) < int(sys.argv[2]) and time.monotonic() < end:
+            one = socket.socket(socket.AF_UNIX)
+            one.settimeout(1)
+            try:
+                one.connect(sys.argv[1])
+            except OSError:  # the queue of new connections is full, or nobody listens
+                time.sleep(0.01)
+                continue
+            held.append(one)
+        print(len(held), flush=True)
+        time.sleep(100)
+    """
+    command = [sys.executable, "-c", textwrap.dedent(program), str(path), str(count)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+def test_idle_connections_end_no_session_and_the_next_client_is_served_when_they_have_left(
+    client: zmq.Socket[bytes], world: World
+) -> None:
+    holder = hold_connections(run_dir(world) / "ctl", 1200)
+    assert holder.stdout is not None and int(holder.stdout.readline()) > connection_limit.MOST_CONNECTIONS
+    assert ask(client, {"v": 1, "cmd": "status"})["ok"], "who is connected is served"
+    holder.kill()
+    holder.wait()
+    world.wait_for(lambda: not world.run("ctl", "--session", world.name, "status").returncode, "service for new clients", 30)
+
+
+def test_connections_beyond_the_limit_are_closed_and_those_before_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection_limit, "MOST_CONNECTIONS", 8)
+    said: list[str] = []
+    with control.context() as ctx, ctx.socket(zmq.ROUTER) as ctl:
+        limit = ConnectionLimit([ctl], said.append)
+        ctl.bind(control.address(tmp_path, "ctl"))
+
+        def connect() -> socket.socket:
+            """A connection; what libzmq greets it with is taken."""
+            made = socket.socket(socket.AF_UNIX)
+            made.settimeout(10)
+            made.connect(str(tmp_path / "ctl"))
+            assert made.recv(64)
+            limit.serve()
+            return made
+
+        def closed(connection: socket.socket) -> bool:
+            connection.settimeout(0.2)
+            try:
+                return not connection.recv(64)
+            except TimeoutError:
+                return False
+            except ConnectionResetError:
+                return True
+
+        held = [connect() for _ in range(8)]
+        late = connect()
+        assert closed(late) and not any(closed(one) for one in held) and len(said) == 1
+        for one in held[:3]:
+            one.close()
+        end = time.monotonic() + 10
+        while closed(late := connect()):
+            assert time.monotonic() < end, "there is room again"
+        limit.close()
+
+
+def test_a_session_may_open_as_many_files_as_the_system_allows() -> None:
+    program = "from lfpipe.supervisor.limits import allow_files, allowed_files\nallow_files()\nprint(allowed_files())"
+    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+
+    def lower() -> None:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (200, min(hard, 3000)))
+
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, preexec_fn=lower)
+    assert int(done.stdout) == min(hard, 3000)

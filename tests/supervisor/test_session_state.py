@@ -1,0 +1,93 @@
+"""The state of a session: pure changes, rings on demand, quality levels, rollback."""
+
+from __future__ import annotations
+
+import attrs
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfpipe.config import Config, Render, SceneSummary, SessionOptions
+from lfpipe.supervisor.config_rollback import TRIAL_NS, ConfigRollback
+from lfpipe.supervisor.session_state import SessionState
+from tests.supervisor.states import SCENE, made_state
+
+OTHER = attrs.evolve(SCENE, pack="/packs/two", height_px=96)
+SINGLE = attrs.evolve(SCENE, pack="/packs/single", rows=1, cols=1)
+LOWER = Config(render=Render(method="nearest"))
+
+Change = str
+changes = st.sampled_from(
+    ["set", "load", "other", "single", "pause", "lower", "record", "stop", "pictures", "drop", "settle", "roll"]
+)
+
+
+def changed(state: SessionState, change: Change) -> SessionState:
+    steps = {
+        "set": lambda: state.changed(LOWER if state.config == Config() else Config()),
+        "load": lambda: state.loaded(SCENE),
+        "other": lambda: state.loaded(OTHER),
+        "single": lambda: state.loaded(SINGLE),
+        "pause": lambda: state.changed(paused=not state.paused),
+        "lower": lambda: state.with_level(min(1, len(state.levels) - 1)),
+        "record": lambda: state.changed(record="/out"),
+        "stop": lambda: state.changed(record=""),
+        "pictures": lambda: state.with_pictures(10),
+        "drop": lambda: state.without_pictures() if state.options.pictures else state,
+        "settle": state.settled,
+        "roll": state.rolled_back,
+    }
+    return steps[change]()
+
+
+@given(st.lists(changes, max_size=30))
+def test_whatever_happens_rings_levels_and_revisions_agree(steps: list[Change]) -> None:
+    state, names = made_state(), set[str]()
+    for step in steps:
+        before, state = state, changed(state, step)
+        same_work = (state.config, state.options, state.paused) == (before.config, before.options, before.paused)
+        assert state.rev >= before.rev and (same_work or state.rev > before.rev), "stages hear of every change"
+        rings = state.rings()
+        assert rings.keys() == {name for name in (state.options.pictures, state.options.packets) if name}
+        for name in rings.keys() - before.rings().keys():
+            assert name not in names, "a reader of an old ring never maps a new one under its name"
+            names.add(name)
+        assert bool(state.options.packets) == bool(state.options.record)
+        assert state.level in state.levels
+        assert SessionOptions.from_dict(state.options.to_dict()) == state.options
+    back = state.rolled_back()
+    assert back.basis == state.known_good
+    assert attrs.evolve(back.options, scene=None, tracking=True, level=None) == attrs.evolve(
+        state.options, scene=None, tracking=True, level=None
+    ), "a rollback takes back configuration and scene, and leaves recordings and traces alone"
+
+
+def test_a_renewed_lease_changes_nothing_that_stages_see_and_another_size_asks_for_another_ring() -> None:
+    state = made_state().with_pictures(10)
+    longer = state.with_pictures(20)
+    assert longer.rev == state.rev and longer.pictures_until_ns == 20 and longer.options == state.options
+    assert longer.with_pictures(5).pictures_until_ns == 20, "another client's shorter lease takes nothing away"
+    other = longer.loaded(OTHER)
+    assert other.options.pictures == state.options.pictures, "the old ring stays until somebody asks again"
+    assert other.with_pictures(30).options.pictures != state.options.pictures
+    assert other.with_pictures(30).rings()[other.with_pictures(30).options.pictures].shape == (96, 64, 3)
+
+
+def test_a_change_is_settled_once_every_stage_has_worked_by_it_for_a_while() -> None:
+    rollback, state = ConfigRollback(), made_state().changed(LOWER)
+    assert rollback.watch(state, False, {"render": 1}, 0) is state, "not applied yet"
+    rollback.watch(state, True, {"render": 1}, 1)
+    assert rollback.watch(state, True, {"render": 1}, 2 * TRIAL_NS).known_good != state.basis, "no output since"
+    assert rollback.watch(state, True, {"render": 2}, 2 * TRIAL_NS).known_good == state.basis
+
+
+def test_a_stage_that_fails_on_a_change_blames_it_and_one_that_is_killed_later_does_not() -> None:
+    rollback, good = ConfigRollback(), made_state()
+    state = good.changed(LOWER)
+    assert not rollback.to_blame(good, 1, True), "there is nothing to roll back"
+    assert rollback.to_blame(state, -9, False) and rollback.to_blame(state, 2, True)
+    assert not rollback.to_blame(state, -9, True), "a kill says nothing against a change that was applied"
+
+
+def test_a_scene_of_one_view_needs_no_tracking() -> None:
+    assert not made_state().loaded(SINGLE).options.tracking
+    assert SceneSummary("/p", "line", 1, 5, 4, 4, "nearest", False).needs_tracking
