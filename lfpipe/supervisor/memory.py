@@ -6,12 +6,7 @@ import contextlib
 import gc
 
 from lfpipe.config import Config
-<<<<<<< HEAD
-from lfpipe.supervisor.table import STAGES, consumers, rings
-=======
-from lfpipe.errors import UserError
 from lfpipe.supervisor.process_table import STAGES, consumers, rings
->>>>>>> a557134 (One net in the supervisor: a typed session state with pure transitions, files looked at by a child, no network control)
 from lfpipe.transport import ring, status, wake
 from lfpipe.transport.segment import Segment
 from lfpipe.transport.session import Session
