@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from multiprocessing.shared_memory import SharedMemory
 
 from lfpipe.transport import ring
 from lfpipe.transport.ring import RingSpec
+from lfpipe.transport.segment import Segment
 from lfpipe.transport.session import Session
 
 
@@ -16,14 +16,14 @@ class OnDemandRings:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._segments: dict[str, SharedMemory] = {}
+        self._segments: dict[str, Segment] = {}
 
     def make(self, wanted: Mapping[str, RingSpec]) -> None:
         """Makes the rings that are wanted and missing. Raises UserError, and leaves none of them, where memory is short."""
         made: list[str] = []
         try:
             for name in wanted.keys() - self._segments.keys():
-                self._segments[name] = ring.create(self._session.segment(name), wanted[name])
+                self._segments[name] = ring.create(self._session.segment(name), wanted[name], self._session.run_dir)
                 made.append(name)
         except Exception:
             for name in made:
