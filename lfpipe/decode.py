@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.errors import UserError
+
 JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
+
+
+def opencv_name(path: Path) -> str:
+    """path for OpenCV to open. Raises UserError where it is not UTF-8: OpenCV would crash."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise UserError(f"{path}: videos are opened under names in UTF-8 only", "rename the file or its folder") from None
+    return str(path)
 
 
 class Retrieves(Protocol):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lfpipe import cv2_log
 from lfpipe.capture.motion_jpeg import MotionJpeg
-from lfpipe.decode import fitted, is_jpeg, picture_of
+from lfpipe.decode import fitted, is_jpeg, opencv_name, picture_of
 from lfpipe.errors import UserError
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
@@ -69,7 +69,7 @@ class Video:
         self._path = path
         # One decoder thread: measured on 400x300 to 720x576, two take 20 to 40 % more CPU and are no faster.
         with quiet_cv2():
-            self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+            self._capture = cv2.VideoCapture(opencv_name(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
             readable = self._capture.isOpened() and self._capture.grab()
         if not readable:
             remedy = "give a video (mp4, mkv, avi, ...), a picture or a folder of pictures"
@@ -153,7 +153,7 @@ class Pictures:
 def _video(path: Path) -> Recording:
     with quiet_cv2():
         try:
-            return MotionJpeg(cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1]), path)
+            return MotionJpeg(cv2.VideoCapture(opencv_name(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1]), path)
         except ValueError:
             return Video(path)
 

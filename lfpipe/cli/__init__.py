@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import codecs
 import difflib
+import io
 import os
 import sys
 
@@ -82,9 +84,20 @@ for command, line in COMMANDS:
     cli.add_command(command)
 
 
+def _path_bytes(error: UnicodeError) -> tuple[str | bytes, int]:
+    """For what stdout cannot encode: a path as the bytes that it is, anything else escaped."""
+    try:
+        return codecs.lookup_error("surrogateescape")(error)
+    except UnicodeError:
+        return codecs.backslashreplace_errors(error)
+
+
 def run() -> None:
     """Runs the command line and turns mistakes of the user into one message and exit code 2."""
     protect("stderr")
+    codecs.register_error("path", _path_bytes)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="path")
     try:
         code = cli(prog_name="lfpipe", standalone_mode=False)
         sys.stdout.flush()

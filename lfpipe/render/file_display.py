@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import cv2_log
+from lfpipe.decode import opencv_name
 from lfpipe.errors import UserError
 from lfpipe.render.fit import fit_area, scale_into
 
@@ -63,7 +64,7 @@ class FileDisplay:
         self._path, self._period_ns, self._reserve = path, 1e9 / rate_hz, reserve_bytes
         # The writer would cut an odd row or column off.
         self._size = size_px[0] + size_px[0] % 2, size_px[1] + size_px[1] % 2
-        self._writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*CODEC), rate_hz, self._size)
+        self._writer = cv2.VideoWriter(opencv_name(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*CODEC), rate_hz, self._size)
         if not self._writer.isOpened():
             raise UserError(f"--display file:{path}: the video cannot be written", "another file, or --display none")
         self._queue: queue.Queue[tuple[int, NDArray[np.uint8] | None]] = queue.Queue(QUEUE_PICTURES)

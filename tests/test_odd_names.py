@@ -1,0 +1,50 @@
+"""Names that are not UTF-8, printed and opened by the real program."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ODD = os.fsdecode(b"caf\xe9-\xff.avi")
+
+
+def lfpipe(folder: Path, *words: str) -> subprocess.CompletedProcess[bytes]:
+    own = {
+        "XDG_CACHE_HOME": str(folder),
+        "XDG_CONFIG_HOME": str(folder),
+        "PYTHONUTF8": "1",
+        "PYTHONPATH": str(Path(__file__).parents[1]),
+    }
+    env = {**os.environ, **own}
+    return subprocess.run([sys.executable, "-m", "lfpipe", *words], cwd=folder, env=env, capture_output=True, timeout=60)
+
+
+def test_a_path_is_printed_as_the_bytes_that_it_is(tmp_path: Path) -> None:
+    done = lfpipe(tmp_path, "config", "init", ODD)
+    assert (done.returncode, done.stdout, done.stderr) == (0, os.fsencode(ODD) + b"\n", b"")
+
+
+def test_half_a_surrogate_pair_is_escaped(tmp_path: Path) -> None:
+    script = "import sys; sys.argv = ['lfpipe', 'x']; import lfpipe.cli as c; c.cli = lambda **_: print('a\\ud800b'); c.run()"
+    done = subprocess.run([sys.executable, "-X", "utf8", "-c", script], capture_output=True, timeout=60)
+    assert done.stdout == b"a\\ud800b\n"
+
+
+@pytest.mark.parametrize(
+    "words", [["up", "scene", "--camera", f"file:{ODD}"], ["up", "scene", "--camera", "demo", "--display", f"file:{ODD}"]]
+)
+def test_a_video_under_such_a_name_is_refused_and_crashes_nothing(
+    tmp_path: Path, scene: Path, clip: Path, words: list[str]
+) -> None:
+    shutil.copytree(scene, tmp_path / "scene")
+    if "--display" not in words:
+        shutil.copy(clip, tmp_path / ODD)
+        words = [*words, "--display", "none"]
+    done = lfpipe(tmp_path, *words, "--session", f"odd{os.getpid()}", "--duration", "1")
+    assert done.returncode == 2, done.stderr
+    assert b"UTF-8 only" in done.stderr
