@@ -84,8 +84,6 @@ class Context:
         """Opens a ring for writing; one stage a ring."""
         made = Output(self, name)
         self._open.append(made)
-        for credit in made.credits:
-            self._poller.register(credit.fd, zmq.POLLIN)
         return made
 
     def ready(self) -> None:

@@ -1,0 +1,84 @@
+"""A stage's one place to wait: what wakes it, and what does not."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from lfpipe import config
+from lfpipe.config import Config
+from lfpipe.supervisor.memory import Memory
+from lfpipe.supervisor.table import consumers
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.context import Context, StageSpec
+from lfpipe.transport.session import Session
+from lfpipe.transport.status import State
+from lfpipe.transport.wake import Wake
+
+
+@pytest.fixture
+def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    made = Session(f"c{os.getpid()}x{time.monotonic_ns() % 10**9}")
+    made.run_dir.mkdir(mode=0o700)
+    memory = Memory(made, Config())
+    yield made
+    memory.remove()
+
+
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # mappings go with the process
+
+Make = Callable[[str, bool], Context]
+
+
+@pytest.fixture
+def make(session: Session) -> Iterator[Make]:
+    """Makes the context of a stage; the second parameter: lossless."""
+    made = []
+
+    def context(name: str, lossless: bool) -> Context:
+        spec = StageSpec(name, "", session, config.to_dict(Config()), 1, {}, consumers(), (), lossless)
+        made.append(Context(spec))
+        return made[-1]
+
+    yield context
+    for each in made:
+        each.close()
+
+
+def wakes(context: Context, seconds: float) -> int:
+    """How often a stage that has nothing to do until then is woken. It beats every 100 ms."""
+    count, end_ns = 0, now_ns() + int(seconds * 1e9)
+    while now_ns() < end_ns:
+        context.wait(end_ns)
+        count += 1
+    return count
+
+
+def test_a_reader_that_has_taken_a_slot_does_not_keep_its_writer_awake(session: Session, make: Make) -> None:
+    """At pace=max, where every slot taken is told to the writer, which looks at it only when it wants to publish again."""
+    context = make("track", True)
+    eyes = context.output("eyes")
+    for reader in ("render", "record"):
+        credit = Wake(session.credit("eyes", reader))
+        credit.notify(1)
+        credit.close()
+    assert wakes(context, 0.35) <= 6
+    context.table.rows["render"]["state"] = context.table.rows["record"]["state"] = State.RUNNING
+    context.stopping = False
+    eyes.begin()
+    assert eyes.publish(0, 1, 1) == 1, "there is room"
+
+
+def test_what_wakes_a_stage_is_there_for_it(session: Session, make: Make) -> None:
+    context = make("track", False)
+    frames = context.input("frames")
+    Wake(session.wake("frames", "track")).notify(1)
+    begin_ns = now_ns()
+    context.wait(begin_ns + 10**9)
+    assert frames.wake.drain() == 1
+    assert wakes(context, 0.35) <= 6
