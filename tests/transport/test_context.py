@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe import config
-from lfpipe.config import Config
+from lfpipe.config import Config, SessionOptions
 from lfpipe.supervisor.memory import Memory
-from lfpipe.supervisor.table import consumers
+from lfpipe.supervisor.process_table import consumers
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context, StageSpec
 from lfpipe.transport.session import Session
@@ -41,7 +40,7 @@ def make(session: Session) -> Iterator[Make]:
     made = []
 
     def context(name: str, lossless: bool) -> Context:
-        spec = StageSpec(name, "", session, config.to_dict(Config()), 1, {}, consumers(), (), lossless)
+        spec = StageSpec(name, "", session, Config(), 1, SessionOptions(lossless=lossless), consumers(), ())
         made.append(Context(spec))
         return made[-1]
 
