@@ -25,7 +25,7 @@ from lfpipe.cli.sequence import sequence
 from lfpipe.cli.trace import trace
 from lfpipe.cli.up import up
 from lfpipe.errors import UserError
-from lfpipe.supervisor.streams import protect
+from lfpipe.host.streams import protect
 
 
 class Suggesting(click.Group):

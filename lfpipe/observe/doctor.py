@@ -15,6 +15,7 @@ import attrs
 
 from lfpipe.capture.v4l2 import CameraDevice, cameras, formats
 from lfpipe.errors import UserError
+from lfpipe.host.processes import usable_cores
 from lfpipe.host.shared_memory import SHM_DIR
 from lfpipe.render.open_display import has_display
 
@@ -136,7 +137,7 @@ def shared_memory(path: Path = SHM_DIR, need_bytes: int = SHM_NEED_BYTES) -> Che
 
 def cores() -> Check:
     """Cores that this process may use."""
-    count = len(os.sched_getaffinity(0))
+    count = len(usable_cores())
     remedy = "" if count > 1 else "two cores are what it is made for; on one the rates will be lower"
     return Check("cores", True, str(count), remedy)
 

@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.observe.keyboard import Keyboard
+from lfpipe.host.keyboard import Keyboard
 from lfpipe.observe.latency_table import latency_table
 from lfpipe.observe.remote import Remote
 from lfpipe.observe.screen import Doing, Screen

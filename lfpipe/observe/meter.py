@@ -1,24 +1,21 @@
-"""What a session does lately: rates, times and load over the last seconds, from the status table and /proc alone."""
+"""What a session does lately: rates, times and load over the last seconds, read from the status table and the system."""
 
 from __future__ import annotations
 
-import os
 from collections import deque
-from pathlib import Path
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.supervisor.snapshot import busy, quality, scheduling
+from lfpipe.host.processes import cpu_ns, rss_bytes, scheduling
+from lfpipe.supervisor.snapshot import busy, quality
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.status import State, Table, rate_hz
 
 WINDOW_S = 10.0
 KINDS = ("wait", "busy", "age", "horizon")
-_TICK_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
-_PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 Counts = NDArray[np.int64]
 
@@ -99,23 +96,6 @@ def times(counts: Counts) -> Times:
     return Times(total, *(round(float(value) / 1e3, 3) for value in MIDDLES_US[at]))
 
 
-def cpu_ns(pid: int) -> int:
-    """User and system time of a process so far; 0 where it is gone."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return 0
-    return (int(fields[11]) + int(fields[12])) * _TICK_NS
-
-
-def rss_mb(pid: int) -> float:
-    """Resident memory of a process, shared pages included; 0 where it is gone."""
-    try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE_BYTES / 1e6
-    except OSError:
-        return 0.0
-
-
 class Meter:
     """Reads a table at any pace; the window is what lies between the reading of WINDOW_S ago and now."""
 
@@ -159,7 +139,7 @@ class Meter:
             worst=times(self._since_zero(now, "render", "age")),
             horizon=times(now.counts["render", "horizon"] - then.counts["render", "horizon"]),
             age_now_ms=age_now.p50_ms if age_now.n else None,
-            supervisor=(self._cpu(now, then, self._supervisor_pid), rss_mb(self._supervisor_pid)),
+            supervisor=(self._cpu(now, then, self._supervisor_pid), rss_bytes(self._supervisor_pid) / 1e6),
         )
 
     def _since_zero(self, now: _Moment, name: str, kind: str) -> Counts:
@@ -185,7 +165,7 @@ class Meter:
             dropped=dropped if self._zero is None else dropped - self._zero.drops[name],
             restarts=int(row["restarts"]),
             cpu_percent=self._cpu(now, then, pid),
-            rss_mb=rss_mb(pid),
+            rss_mb=rss_bytes(pid) / 1e6,
             cpus=tuple(cores),
             nice=nice,
             wait=times(now.counts[name, "wait"] - then.counts[name, "wait"]),

@@ -10,7 +10,6 @@ Emits: notice (a recording ended, frames that were lost).
 from __future__ import annotations
 
 import json
-import os
 import queue
 import threading
 import time
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import to_dict
 from lfpipe.eyes import EYES as EYES_TYPE
+from lfpipe.host.processes import yield_to_others
 from lfpipe.line_file import LineFile
 from lfpipe.replay.incoming import Incoming
 from lfpipe.sequence.folder import EYES, MANIFEST, begin_manifest, end_manifest
@@ -77,7 +77,7 @@ class Store:
     def _run(self) -> None:
         # Gives way to what wakes up for a live picture. A lower priority would be wrong: held back with the interpreter's lock
         # in its hand, this thread would keep the other one from the ring.
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+        yield_to_others()
         while (taken := self._waiting.get()) is not None:
             if not self.failure:
                 self._store(*taken)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from pathlib import Path
 import cv2
 
 from lfpipe.errors import UserError
+from lfpipe.host.processes import usable_cores
 from lfpipe.scene.demo_layers import Solid, render_view
 from lfpipe.scene.demo_still_life import OFFSET_PX, WALL_D, still_life
 
@@ -61,7 +61,7 @@ def render_demo(folder: Path, grid: int, size_px: int, progress: Progress) -> No
         _write_view(folder, index, row == col == middle, solids, size_px, col - middle, row - middle)
 
     # Threads do: nearly all of it happens inside OpenCV, without the interpreter's lock.
-    with ThreadPoolExecutor(max(1, len(os.sched_getaffinity(0)))) as pool:
+    with ThreadPoolExecutor(len(usable_cores())) as pool:
         for done, _ in enumerate(pool.map(one, range(grid * grid)), 1):
             progress("rendering the demo scene", done, grid * grid)
     (folder / "parameters.cfg").write_text(parameters(grid, size_px))

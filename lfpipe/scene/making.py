@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
@@ -14,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.host.processes import usable_cores
 from lfpipe.scene import tone
 from lfpipe.scene.orientation import Orientation
 from lfpipe.scene.place import nearest_present
@@ -31,7 +31,7 @@ class NotGreyError(Exception):
 
 def workers() -> int:
     """Threads that decode and estimate: the cores this process may use, four at most (each holds a few views)."""
-    return min(4, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+    return min(4, len(usable_cores()))
 
 
 def in_parallel(work: Callable[[T], None], items: Iterable[T], done: Callable[[], None]) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import faulthandler
 import importlib
 import os
@@ -14,29 +12,15 @@ from pathlib import Path
 from types import FrameType
 
 from lfpipe.errors import UserError
-from lfpipe.supervisor import rundir, signals, streams
+from lfpipe.host import processes, signals, streams
+from lfpipe.host.parent import end_with_parent
+from lfpipe.supervisor import rundir
 from lfpipe.supervisor.placement import settle
 from lfpipe.transport.context import Context, StageSpec
 from lfpipe.transport.status import State
 
-PR_SET_PDEATHSIG, PR_SET_TIMERSLACK = 1, 29
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
-KEPT_BYTES = 32 << 20  # the most that glibc takes; a frame of 4K has 25 MB
 EXIT_USER = 2  # a mistake of the user's: starting again cannot help
 EXIT_TERMINATED = 128 + signal.SIGTERM
-
-
-def _prctl(option: int, value: int) -> None:
-    ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
-
-
-def _keep_memory() -> None:
-    """Has malloc keep what is freed for the next frame: pictures given back to the kernel and faulted in anew, page by page, cost
-    1 ms a frame of 640x480."""
-    with contextlib.suppress(AttributeError):  # another C library: it does as it does
-        libc = ctypes.CDLL(None)
-        libc.mallopt(M_MMAP_THRESHOLD, KEPT_BYTES)
-        libc.mallopt(M_TRIM_THRESHOLD, 2 * KEPT_BYTES)
 
 
 def error_file(run_dir: Path, stage: str) -> Path:
@@ -53,12 +37,9 @@ def run(spec: StageSpec, parent_pid: int) -> None:
     """Entry of a spawned process."""
     signals.ignore()  # the terminal sends them to the whole group; the supervisor decides
     streams.protect("stdout", "stderr")
-    _prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != parent_pid:
-        return  # it died before the line above
-    _prctl(PR_SET_TIMERSLACK, 1)  # sleeps end on time, not up to 50 us after
-    _keep_memory()
-    Path("/proc/self/comm").write_text(f"lfpipe-{spec.name}"[:15])
+    if not end_with_parent(parent_pid):
+        return
+    processes.set_up(f"lfpipe-{spec.name}")
     run_dir = spec.session.run_dir
     stack = stack_file(run_dir, spec.name).open("w")
     faulthandler.enable(stack)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
-from lfpipe.supervisor.limits import OPEN_FILES, allowed_files
+from lfpipe.host.limits import OPEN_FILES, allowed_files
 
 MOST_CONNECTIONS, FEWEST_CONNECTIONS = 512, 24  # the stages alone have two each
 HANDSHAKE_MS = 2000  # a connection that says nothing for so long is closed

@@ -21,9 +21,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.supervisor import progress
+from lfpipe.host import activity
+from lfpipe.host.activity import Sample
 from lfpipe.supervisor.process_table import Stage
-from lfpipe.supervisor.progress import Sample, Spent
+from lfpipe.supervisor.progress import Spent
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.status import State, busy_words
 
@@ -37,7 +38,7 @@ class Judge:
     """Of one process. row: its record of the status table. sample: reads /proc."""
 
     def __init__(
-        self, stage: Stage, row: NDArray[np.void], pid: int, sample: Callable[[int], Sample | None] = progress.sample
+        self, stage: Stage, row: NDArray[np.void], pid: int, sample: Callable[[int], Sample | None] = activity.sample
     ) -> None:
         self._stage, self._row, self._pid, self._sample = stage, row, pid, sample
         self._judged_ns = self._excused_ns = now_ns()

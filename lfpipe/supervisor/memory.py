@@ -6,8 +6,9 @@ import contextlib
 import gc
 
 from lfpipe.config import Config
+from lfpipe.host import wake
 from lfpipe.supervisor.process_table import STAGES, consumers, rings
-from lfpipe.transport import ring, status, wake
+from lfpipe.transport import ring, status
 from lfpipe.transport.segment import Segment
 from lfpipe.transport.session import Session
 

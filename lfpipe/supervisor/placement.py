@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
 
 from lfpipe.errors import UserError
+from lfpipe.host.processes import set_scheduling
 
 LOWEST, HIGHEST = -20, 19  # niceness, as the kernel has it
 
@@ -61,13 +61,10 @@ def niceness(text: str, names: Iterable[str]) -> dict[str, int]:
     return found
 
 
-def settle(where: tuple[int, ...], nice: int | None) -> None:
+def settle(cores: tuple[int, ...], nice: int | None) -> None:
     """Moves the calling process there. Raises UserError where it may not have that niceness."""
-    if where:
-        os.sched_setaffinity(0, where)
-    if nice is not None:
-        try:
-            os.setpriority(os.PRIO_PROCESS, 0, nice)
-        except PermissionError:
-            remedy = "a higher number, or a higher limit (`ulimit -e`; `nice` in limits.conf)"
-            raise UserError(f"governor.nice: {nice} is not allowed to you", remedy) from None
+    try:
+        set_scheduling(cores, nice)
+    except PermissionError:
+        remedy = "a higher number, or a higher limit (`ulimit -e`; `nice` in limits.conf)"
+        raise UserError(f"governor.nice: {nice} is not allowed to you", remedy) from None

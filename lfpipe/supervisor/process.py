@@ -12,7 +12,8 @@ from multiprocessing.process import BaseProcess
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.supervisor import child, signals
+from lfpipe.host import signals
+from lfpipe.supervisor import child
 from lfpipe.supervisor.judge import Judge
 from lfpipe.supervisor.process_table import Stage
 from lfpipe.transport.clock import now_ns

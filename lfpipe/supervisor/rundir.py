@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-import signal
 import stat
 import time
 from collections.abc import Iterator
@@ -17,7 +16,7 @@ from pathlib import Path
 import zmq
 
 from lfpipe.errors import UserError
-from lfpipe.host import shared_memory
+from lfpipe.host import processes, shared_memory
 from lfpipe.host.file_lock import lock as lock_file
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.transport import control, segment, status
@@ -227,8 +226,8 @@ def _waken(name: str) -> None:
         table.close()
         for pid in pids:
             with contextlib.suppress(OSError):  # gone; or the number is now another program's, who is left alone
-                if pid > 0 and Path(f"/proc/{pid}/comm").read_text().startswith("lfpipe-"):
-                    os.kill(pid, signal.SIGCONT)
+                if pid > 0 and processes.name_of(pid).startswith("lfpipe-"):
+                    processes.resume(pid)
 
 
 def sweep() -> list[str]:

@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.host.processes import scheduling
+from lfpipe.supervisor.process_table import CORE, SHOWN_BY, SOURCE
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import summary_ms
 from lfpipe.transport.status import State, Table, busy_words, rate_hz
 
-CORE = ("capture", "track", "render")  # always told of; a stage that few sessions have is, once it has run
 BUSY_SHOWN_S = 0.5  # what keeps a stage for less is nobody's business
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
-
-
-def scheduling(pid: int) -> tuple[list[int], int]:
-    """Cores that a process may run on, and its niceness; ([], 0) where it is gone."""
-    try:
-        return (sorted(os.sched_getaffinity(pid)), os.getpriority(os.PRIO_PROCESS, pid)) if pid > 0 else ([], 0)
-    except OSError:
-        return [], 0
 
 
 def spans(cpus: Iterable[int]) -> str:
@@ -95,11 +87,11 @@ def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
             "cpus": cores,
             "nice": nice,
         }
-    age, horizon = (summary_ms(table.rows["render"][name]) for name in ("age", "horizon"))
+    age, horizon = (summary_ms(table.rows[SHOWN_BY][name]) for name in ("age", "horizon"))
     return {
         "session": session,
         "uptime_s": round((now_ns() - started_ns) / 1e9, 2),
-        "camera_fps": stages["capture"]["fps"],
+        "camera_fps": stages[SOURCE]["fps"],
         **quality(table),
         "stages": stages,
         "end_to_end": {"n": age["n"], **{key: age[key] for key in QUANTILES}},

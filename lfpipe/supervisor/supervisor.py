@@ -17,7 +17,9 @@ from typing import Any
 import zmq
 
 from lfpipe.config import Config, SessionOptions
-from lfpipe.supervisor import child, limits, placement, rundir, signals, streams
+from lfpipe.host import limits, signals, streams
+from lfpipe.host.processes import usable_cores
+from lfpipe.supervisor import child, placement, rundir
 from lfpipe.supervisor.config_rollback import ConfigRollback
 from lfpipe.supervisor.control_server import ControlServer
 from lfpipe.supervisor.memory import Memory
@@ -48,7 +50,7 @@ class Supervisor:
         self._outcome: Outcome | None = None
         self._signals: list[int] = []
         where = "none" if options.lossless and config.governor.affinity == "auto" else config.governor.affinity
-        self._cpus = placement.cores(where, {stage.name: stage.own_core for stage in STAGES}, os.sched_getaffinity(0))
+        self._cpus = placement.cores(where, {stage.name: stage.own_core for stage in STAGES}, usable_cores())
         self._nice = placement.niceness(config.governor.nice, NAMES)
         self._store = SessionStore(session, SessionState.first(config, options), self._broadcast)
         self._rollback = ConfigRollback()

@@ -12,12 +12,12 @@ import zmq
 
 from lfpipe import config as config_module
 from lfpipe.config import Config, SessionOptions
+from lfpipe.host.wake import Wake
 from lfpipe.transport import control, status
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.ends import Input, Output
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
-from lfpipe.transport.wake import Wake
 
 BEAT_NS = 100 * MS_NS  # the longest a stage may wait without showing that it lives
 

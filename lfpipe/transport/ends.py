@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
+from lfpipe.host.wake import Wake
 from lfpipe.transport import ring
 from lfpipe.transport.status import ENDED
-from lfpipe.transport.wake import Wake
 
 if TYPE_CHECKING:
     from lfpipe.transport.context import Context

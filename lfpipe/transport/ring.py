@@ -21,10 +21,7 @@ A recorder reads in order: slot n, the one after its last, by the same rule with
 
 from __future__ import annotations
 
-import ctypes
 import json
-import platform
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +29,7 @@ import attrs
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from lfpipe.host.fence import fence
 from lfpipe.transport import segment
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.segment import Segment
@@ -40,16 +38,6 @@ MAGIC = b"LFRING1\0"
 PAGE = 4096
 PUBLISHED, EPOCH, DESCRIPTION = 128, 192, 256
 SLOT_HEADER = 64
-
-
-def _make_fence() -> Callable[[], None]:
-    if platform.machine() in ("x86_64", "AMD64", "i686"):
-        return lambda: None  # stores are seen in program order there (TSO)
-    atomic = ctypes.CDLL("libatomic.so.1")
-    return lambda: atomic.atomic_thread_fence(5)  # memory_order_seq_cst
-
-
-_fence = _make_fence()
 
 
 @attrs.frozen
@@ -166,7 +154,7 @@ class Writer(_Ring):
         """The payload to fill next, in place; it stays invisible until `publish`."""
         i = self.published % self.slots
         self._heads[i][0] = 0
-        _fence()  # SYNC: the slot is marked unreadable before its first byte changes
+        fence()  # SYNC: the slot is marked unreadable before its first byte changes
         return self._payloads[i]
 
     def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None) -> int:
@@ -174,9 +162,9 @@ class Writer(_Ring):
         p = self.published
         head = self._heads[p % self.slots]
         head[1:6] = source_seq, self.epoch if epoch is None else epoch, t_sensor_ns, t_read_ns, now_ns()
-        _fence()  # SYNC: payload and stamps are out before the slot says that it holds them
+        fence()  # SYNC: payload and stamps are out before the slot says that it holds them
         head[0] = p + 1
-        _fence()  # SYNC: the slot is whole before the counter leads readers to it
+        fence()  # SYNC: the slot is whole before the counter leads readers to it
         self._published[0] = p + 1
         return p + 1
 
@@ -210,7 +198,7 @@ class Reader(_Ring):
 
     def whole(self, stamp: Stamp) -> bool:
         """Whether the slot of stamp, lent before, has not been touched by the writer since."""
-        _fence()  # SYNC: all that was read of the slot was read before the counter is looked at again
+        fence()  # SYNC: all that was read of the slot was read before the counter is looked at again
         return self.published - stamp.seq <= self.slots - 2
 
     def _read(self, out: NDArray[Any], in_order: bool) -> Stamp | None:
@@ -230,13 +218,13 @@ class Reader(_Ring):
         p = self.published
         if p == self.last_seq:
             return None
-        _fence()  # SYNC: pairs with the writer's last fence: the counter first, then the slot it points to
+        fence()  # SYNC: pairs with the writer's last fence: the counter first, then the slot it points to
         return max(self.last_seq + 1, p - self.slots + 2) if in_order else p
 
     def _stamp(self, n: int) -> Stamp | None:
         """Header of slot number n, which is now the last read; None when the writer may have touched it meanwhile."""
         seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns = self._heads[(n - 1) % self.slots][:6].tolist()
-        _fence()  # SYNC: the copy is complete before the counter is looked at again
+        fence()  # SYNC: the copy is complete before the counter is looked at again
         if self.published - n > self.slots - 2 or seq != n:
             self.retries += 1
             return None

@@ -15,13 +15,15 @@ import numpy as np
 import pytest
 
 from lfpipe.config import Config, SessionOptions
-from lfpipe.supervisor import judge, progress
+from lfpipe.host import activity
+from lfpipe.host.activity import Sample, Thread
+from lfpipe.supervisor import judge
 from lfpipe.supervisor.ending import end
 from lfpipe.supervisor.judge import Judge
 from lfpipe.supervisor.memory import Memory
 from lfpipe.supervisor.process import StageProcess
 from lfpipe.supervisor.process_table import Stage, consumers
-from lfpipe.supervisor.progress import Sample, Spent, Thread
+from lfpipe.supervisor.progress import Spent
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
@@ -138,20 +140,20 @@ def _watched(command: list[str], seconds: float = 2.0, before: Callable[[int], N
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     before(process.pid)
     time.sleep(0.3)
-    spent, last = Spent(), progress.sample(process.pid)
+    spent, last = Spent(), activity.sample(process.pid)
     assert last is not None
     t_ns = now_ns()
     begin_ns = t_ns
     while t_ns - begin_ns < seconds * 1e9:
         time.sleep(0.1)
-        now, before_ns = progress.sample(process.pid), t_ns
+        now, before_ns = activity.sample(process.pid), t_ns
         t_ns = now_ns()
         assert now is not None
         spent.add(last, now, t_ns - before_ns)
         last = now
     process.kill()
     process.communicate()
-    assert progress.sample(process.pid) is None
+    assert activity.sample(process.pid) is None
     return spent
 
 

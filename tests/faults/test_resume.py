@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import lfpipe
+from lfpipe.host.activity import Sample, Thread
 from lfpipe.render.refresh import Refresh
 from lfpipe.supervisor.judge import ASLEEP_S, Judge
 from lfpipe.supervisor.process_table import STAGES
-from lfpipe.supervisor.progress import Sample, Thread
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import ROW, State, Table

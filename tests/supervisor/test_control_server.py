@@ -170,7 +170,7 @@ def test_connections_beyond_the_limit_are_closed_and_those_before_are_kept(
 
 
 def test_a_session_may_open_as_many_files_as_the_system_allows() -> None:
-    program = "from lfpipe.supervisor.limits import allow_files, allowed_files\nallow_files()\nprint(allowed_files())"
+    program = "from lfpipe.host.limits import allow_files, allowed_files\nallow_files()\nprint(allowed_files())"
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
 
     def lower() -> None:

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from lfpipe.config import Config, SessionOptions
+from lfpipe.host.wake import Wake
 from lfpipe.supervisor.memory import Memory
 from lfpipe.supervisor.process_table import consumers
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context, StageSpec
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
-from lfpipe.transport.wake import Wake
 
 
 @pytest.fixture

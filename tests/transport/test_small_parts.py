@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.transport import control, segment, status, wake
+from lfpipe.host import wake
+from lfpipe.transport import control, segment, status
 from lfpipe.transport.clock import Ticker
 from lfpipe.transport.histogram import BUCKETS, HISTOGRAM, Histogram, bucket_of, middle_us, summary_ms
 from lfpipe.transport.segment import WrongSegment

@@ -1,0 +1,62 @@
+"""The activity of a process as the kernel counts it: thread states, time on a CPU and in its queue, bytes moved (/proc)."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+import attrs
+
+TICK_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
+STATE, MAJOR_FAULTS, USER_TICKS, SYSTEM_TICKS = 0, 9, 11, 12  # of the fields behind the name in /proc/PID/stat
+
+
+@attrs.frozen
+class Thread:
+    """cpu_ns: time on a CPU. queued_ns: time in which it could have run and another one did. state: R, S, D, T, ..."""
+
+    cpu_ns: int = 0
+    queued_ns: int = 0
+    state: str = "S"
+
+
+@attrs.frozen
+class Sample:
+    """A process at one moment. disk: pages and bytes that came from or went to a disk; bytes: all that it read and wrote, from
+    pipes and caches too. Both only grow.
+    """
+
+    threads: dict[int, Thread]
+    disk: int
+    bytes: int
+
+
+def _stat(path: Path) -> list[str]:
+    return (path / "stat").read_text().rpartition(")")[2].split()
+
+
+def _thread(path: Path) -> Thread:
+    fields = _stat(path)
+    try:
+        cpu_ns, queued_ns, _ = (int(word) for word in (path / "schedstat").read_text().split())
+    except (OSError, ValueError):  # a kernel that does not count it
+        cpu_ns, queued_ns = (int(fields[USER_TICKS]) + int(fields[SYSTEM_TICKS])) * TICK_NS, 0
+    return Thread(cpu_ns, queued_ns, fields[STATE])
+
+
+def sample(pid: int) -> Sample | None:
+    """Process pid now; None where it is gone."""
+    folder, threads = Path(f"/proc/{pid}"), {}
+    try:
+        for path in (folder / "task").iterdir():
+            with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # this thread has ended
+                threads[int(path.name)] = _thread(path)
+        faults = int(_stat(folder)[MAJOR_FAULTS])
+    except (OSError, IndexError):
+        return None
+    counts: dict[str, int] = {}
+    with contextlib.suppress(OSError, ValueError):  # a kernel that does not count it
+        counts = {name: int(n) for name, _, n in (line.partition(":") for line in (folder / "io").read_text().splitlines())}
+    disk = faults + counts.get("read_bytes", 0) + counts.get("write_bytes", 0)
+    return Sample(threads, disk, faults + counts.get("rchar", 0) + counts.get("wchar", 0))
