@@ -12,6 +12,7 @@ EYES = np.dtype(
         ("raw_px", "<f8", (2, 2)),
         ("filtered_px", "<f8", (2, 2)),
         ("velocity_px_s", "<f8", (2, 2)),
+        ("apart_px", "<f8"),  # between the eyes as if the head were not turned; 0: not known
         ("confidence", "<f8"),
         ("width_px", "<i4"),
         ("height_px", "<i4"),

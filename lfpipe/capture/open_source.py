@@ -5,6 +5,7 @@ from __future__ import annotations
 import attrs
 
 from lfpipe import config
+from lfpipe.capture.oriented import oriented
 from lfpipe.capture.source import Source, SourceInfo
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
 from lfpipe.capture.v4l2 import cameras
@@ -27,6 +28,7 @@ def resolve(text: str) -> Spec:
 def open_source(text: str, camera: config.Camera) -> Source:
     """The source that text names, opened: `camera:N`, `camera:/dev/videoN`, `file:PATH[?...]`, `demo`, "" for the first camera.
 
+    A camera or a video is turned as camera.rotate and camera.mirror say; a recorded sequence was when it was recorded.
     Raises UserError where it cannot be opened, with the reason.
     """
     spec = resolve(text)
@@ -39,14 +41,14 @@ def open_source(text: str, camera: config.Camera) -> Source:
             return SequenceSource(spec, camera)
         from lfpipe.capture.file import FileSource
 
-        return FileSource(spec, camera)
+        return oriented(FileSource(spec, camera), camera)
     if isinstance(spec, DemoSpec):
         from lfpipe.capture.demo import DemoSource
 
         return DemoSource(camera)
     from lfpipe.capture.camera import open_camera
 
-    return open_camera(spec, camera)
+    return oriented(open_camera(spec, camera), camera)
 
 
 def open_lasting(text: str, camera: config.Camera) -> Source:
@@ -58,7 +60,7 @@ def open_lasting(text: str, camera: config.Camera) -> Source:
     from lfpipe.capture.lasting import LastingCamera
 
     info = SourceInfo(f"camera:{spec.path}", camera.width_px, camera.height_px, camera.rate_hz, live=True)
-    return LastingCamera(info, lambda: device.open_camera(spec, camera))
+    return oriented(LastingCamera(info, lambda: device.open_camera(spec, camera)), camera)
 
 
 @attrs.frozen

@@ -42,7 +42,8 @@ class Frame:
 class Source(Protocol):
     """One picture after the other. Errors of the device or the file are UserError."""
 
-    info: SourceInfo
+    @property
+    def info(self) -> SourceInfo: ...
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """Decodes the next frame into out, uint8 (height, width, 3) BGR, scaling where sizes differ; None at the end.

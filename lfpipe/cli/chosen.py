@@ -21,7 +21,7 @@ def lines(config: Config, field: LightField, plan: Plan, camera: str, display: s
             "alpha   none: there is no other view to come to",
             f"picture {render.anaglyph} in {render.light} light, to {display}",
         ]
-    chosen = parallax(config, field, config.camera.width_px, None)
+    chosen = parallax(config, field, config.camera.frame_px[0], None)
     depth = "" if chosen.compression is None else f", {chosen.compression:.0%} of true depth"
     asked = "by hand" if isinstance(render.alpha_px, float) else f"{render.alpha_px}, at {chosen.distance_mm:.0f} mm"
     clock = f"every refresh at {render.rate_hz:g} Hz" if render.clock == "display" else "every camera frame"

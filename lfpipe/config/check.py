@@ -25,7 +25,7 @@ def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
     shape: Any = get_origin(kind)
     parts: tuple[Any, ...] = get_args(kind) if shape in (Union, UnionType) else (kind,)
     words = [word for part in parts if not isinstance(part, type) for word in get_args(part)]  # of its Literal
-    if isinstance(value, str) and value in words:
+    if any(type(value) is type(word) and value == word for word in words):
         return None
     if isinstance(value, int | float) and not isinstance(value, bool) and (float in parts or int in parts):
         if int in parts and not isinstance(value, int):
@@ -40,8 +40,9 @@ def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
     wanted = {int: "a whole number", float: "a number", bool: "true or false", str: "a text"}
     names = [wanted[part] for part in parts if part in wanted]
     if words and not names:
-        close = difflib.get_close_matches(value, words, 1, 0.5) if isinstance(value, str) and len(value) < 40 else []
-        return f"{shown(value)} is not one of {', '.join(words)}" + (f" (did you mean {close[0]!r}?)" if close else "")
+        texts = [str(word) for word in words]
+        close = difflib.get_close_matches(value, texts, 1, 0.5) if isinstance(value, str) and len(value) < 40 else []
+        return f"{shown(value)} is not one of {', '.join(texts)}" + (f" (did you mean {close[0]!r}?)" if close else "")
     return f"{shown(value)} is not {' or '.join([*names, *map(repr, words)])}"
 
 

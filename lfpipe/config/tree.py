@@ -27,8 +27,16 @@ class Camera:
     height_px: Annotated[int, Opt("frame height asked of the camera", "px", 16, 4320)] = 480
     rate_hz: Annotated[float, Opt("frame rate asked of the camera, and of a file without a rate of its own", "Hz", 0.1, 1000)] = 30.0
     format: Annotated[Literal["auto", "MJPG", "YUYV"], Opt("pixel format asked of the camera; auto: YUYV up to 640x480, MJPG above")] = "auto"
+    rotate: Annotated[Literal[0, 90, 180, 270], Opt("turns the picture clockwise, for a camera that is mounted upside down or sideways", "deg")] = 0
+    mirror: Annotated[bool, Opt("mirrors the picture, after the turn, for a driver that delivers it mirrored")] = False
     focal_px: Annotated[float | Literal["auto"], Opt("focal length at width_px, as `lfpipe calibrate` finds it; auto: from fov_deg", "px", 1, 100000, live=True)] = "auto"
     fov_deg: Annotated[float, Opt("horizontal field of view, used while focal_px is auto", "deg", 5, 175, live=True)] = 56.0
+
+    @property
+    def frame_px(self) -> tuple[int, int]:
+        """(width, height) of a frame after the turn."""
+        upright = self.rotate % 180 == 0
+        return (self.width_px, self.height_px) if upright else (self.height_px, self.width_px)
 
 
 @attrs.frozen
@@ -120,7 +128,7 @@ def choices(key: str) -> tuple[str, ...]:
     """The words that key may be, in their order."""
     kind = options()[key][0]
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    return tuple(word for part in parts if not isinstance(part, type) for word in get_args(part))
+    return tuple(word for part in parts if not isinstance(part, type) for word in get_args(part) if isinstance(word, str))
 
 
 def trusted(tree: Mapping[str, Any]) -> Config:

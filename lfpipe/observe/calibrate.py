@@ -24,7 +24,8 @@ RESTLESS = UserError("the eyes never kept still for long enough", "rest your hea
 
 
 def _frame(config: Config) -> NDArray[np.uint8]:
-    return np.empty((config.camera.height_px, config.camera.width_px, 3), np.uint8)
+    width_px, height_px = config.camera.frame_px
+    return np.empty((height_px, width_px, 3), np.uint8)
 
 
 def _mark(picture: NDArray[np.uint8], x: float, y: float) -> None:
@@ -43,7 +44,7 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
         if has_display():
             from lfpipe.render.guide import Guide
 
-            guide = Guide((config.camera.width_px, config.camera.height_px), "lfpipe calibrate")
+            guide = Guide(config.camera.frame_px, "lfpipe calibrate")
         while not (gauge.full and gauge.steady and (guide is None or guide.enter)):
             if source.read(picture) is None or missed > PATIENCE_FRAMES:
                 raise RESTLESS if gauge.median_px else NOBODY
@@ -77,7 +78,7 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
     source, picture, frozen = open_source(camera or config.camera.source, config.camera), _frame(config), False
     from lfpipe.render.guide import Guide
 
-    guide = Guide((config.camera.width_px, config.camera.height_px), "lfpipe calibrate")
+    guide = Guide(config.camera.frame_px, "lfpipe calibrate")
     try:
         while True:
             if not frozen:

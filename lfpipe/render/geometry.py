@@ -54,9 +54,11 @@ class Parallax:
 
 def camera_focal_px(config: Config, frame_width_px: int) -> float:
     """Focal length of the webcam in px of a frame that wide, from camera.focal_px or camera.fov_deg."""
-    if config.camera.focal_px != "auto":
-        return float(config.camera.focal_px) * frame_width_px / config.camera.width_px
-    return frame_width_px / 2 / math.tan(math.radians(config.camera.fov_deg) / 2)
+    camera = config.camera
+    scale = frame_width_px / camera.frame_px[0]
+    if camera.focal_px != "auto":
+        return float(camera.focal_px) * scale
+    return scale * camera.width_px / 2 / math.tan(math.radians(camera.fov_deg) / 2)
 
 
 def focal_px_from(size_px: float, size_mm: float, distance_mm: float) -> float:

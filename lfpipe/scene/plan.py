@@ -103,7 +103,8 @@ def _reach(field: LightField, config: Config) -> tuple[int, int, int, int]:
     rows, cols = field.rows, field.cols
     if not isinstance(config.render.alpha_px, int | float):
         return 0, rows - 1, 0, cols - 1
-    spans = config.camera.height_px / config.render.alpha_px, config.camera.width_px / config.render.alpha_px
+    width_px, height_px = config.camera.frame_px
+    spans = height_px / config.render.alpha_px, width_px / config.render.alpha_px
     ends: list[int] = []
     for count, span in zip((rows, cols), spans, strict=True):
         middle = (count - 1) / 2

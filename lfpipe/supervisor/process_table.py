@@ -70,7 +70,8 @@ CORE = tuple(stage.name for stage in STAGES if not stage.optional)  # the stages
 
 
 def _frame_ring(config: Config) -> RingSpec:
-    shape = (config.camera.height_px, config.camera.width_px, 3)
+    width_px, height_px = config.camera.frame_px
+    shape = (height_px, width_px, 3)
     return RingSpec(shape, np.dtype("u1"), slots=min(max(FRAMES_BYTES // math.prod(shape), 4), 8))
 
 

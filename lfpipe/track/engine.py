@@ -13,20 +13,27 @@ from numpy.typing import NDArray
 class Face:
     """One face. eyes_px: float64 (2, 2), [[left x, y], [right x, y]] of the viewer's own eyes in px of the picture given,
     confidence 0..1, box_px: (x0, y0, x1, y1). iris_px: diameter of the irises, 0 where it is not known or the face is turned to
-    the side, so that it does not compare with the distance between the eyes."""
+    the side, so that it does not compare with the distance between the eyes. apart_px: distance between the eyes as it would be
+    if the head were not turned, 0 where it is not known."""
 
     eyes_px: NDArray[np.float64]
     confidence: float
     box_px: tuple[float, float, float, float]
     iris_px: float = 0.0
+    apart_px: float = 0.0
 
 
 class Engine(Protocol):
     name: str
     model: str  # file name and version, for `doctor`
+    rotated_deg: int  # clockwise turn of the picture that would put a face upright which stands otherwise; 0: none was seen
 
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
         """The viewer's face in uint8 (height, width, 3) BGR, or None. Keeps its own region of interest between calls."""
+        ...
+
+    def examine(self, image: NDArray[np.uint8]) -> None:
+        """Looks for other faces in the picture last given to `detect`, now and then; call it when there is time."""
         ...
 
     def reset(self) -> None:

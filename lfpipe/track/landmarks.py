@@ -5,6 +5,9 @@ The 468 points, and the 5 + 5 of the iris that follow them when refined, are tho
 
 from __future__ import annotations
 
+import math
+
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,16 +20,45 @@ FRONTAL = 0.12  # of `turn`: a head turned by some 7 degrees, in which eyes stan
 
 EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the face
 
-_EYE_LINE = (33, 263)  # outer corners of the eyes, right to left: what a face's region is turned by
-_KEY = np.concatenate([LEFT_EYE, RIGHT_EYE, _EYE_LINE])
+EYE_LINE = (33, 263)  # outer corners of the eyes, right to left: what a face's region is turned by
+_LIDS = 9  # corners and lower lid: the first of LEFT_EYE and RIGHT_EYE. A blink moves the upper lid by a third of an eye
+_KEY = np.concatenate([LEFT_EYE[:_LIDS], RIGHT_EYE[:_LIDS], EYE_LINE])
+# From the mean of these points to that of all 16 in open eyes, in distances between the eyes: upwards, and away from the nose.
+# Medians of 60 pictures of 10 people (0.0355, 0.0073) and of 429 frames of one who talks (0.0370, 0.0062).
+_RAISE, _SPREAD = 0.036, 0.0067
 
 
-def key_points(points: NDArray[np.floating]) -> list[tuple[float, float]]:
-    """points: (2, 468), x and y of the mesh. Returns (x, y) of the left and of the right eye's centre, each the mean of its 16
-    periocular points (what the paper uses), and of the outer corners of the right and of the left eye."""
+@attrs.frozen
+class EyePoints:
+    """Centres of the eyes and outer corners, (x, y) each. apart: distance between the centres in space, in the same unit."""
+
+    left: tuple[float, float]
+    right: tuple[float, float]
+    left_corner: tuple[float, float]
+    right_corner: tuple[float, float]
+    apart: float
+
+
+def eye_points(points: NDArray[np.floating], depth: NDArray[np.floating]) -> EyePoints:
+    """Eye centres that stay where they are in a blink, from points (2, 468), x and y of the mesh, and depth (468,), its z.
+
+    A centre is the mean of the eye's corners and lower lid, moved to where the mean of all 16 periocular points, the paper's
+    centre, is while the eye is open.
+    """
     xs, ys = points[:, _KEY].tolist()  # then plain numbers: a call to numpy that follows a pause costs 15 us
-    centres = [(sum(xs[k : k + 16]) / 16, sum(ys[k : k + 16]) / 16) for k in (0, 16)]
-    return [*centres, (xs[32], ys[32]), (xs[33], ys[33])]
+    zs = depth[_KEY[: 2 * _LIDS]].tolist()
+    n = _LIDS
+    lx, ly, lz = sum(xs[:n]) / n, sum(ys[:n]) / n, sum(zs[:n]) / n
+    rx, ry, rz = sum(xs[n : 2 * n]) / n, sum(ys[n : 2 * n]) / n, sum(zs[n:]) / n
+    dx, dy = lx - rx, ly - ry
+    up_x, up_y, out_x, out_y = _RAISE * dy, -_RAISE * dx, _SPREAD * dx, _SPREAD * dy
+    return EyePoints(
+        (lx + up_x + out_x, ly + up_y + out_y),
+        (rx + up_x - out_x, ry + up_y - out_y),
+        (xs[-1], ys[-1]),
+        (xs[-2], ys[-2]),
+        (1 + 2 * _SPREAD) * math.sqrt(dx * dx + dy * dy + (lz - rz) ** 2),
+    )
 
 
 def iris_diameter(irises: NDArray[np.float64]) -> float:

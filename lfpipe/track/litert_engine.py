@@ -1,7 +1,8 @@
 """Engine "litert": MediaPipe's landmark network run in this thread, on a region of interest kept from picture to picture.
 
-The same network, regions and thresholds as the FaceMesh graph, without its scheduler: the detector runs for the first
-face and after a loss only. Where FaceMesh takes the surest face, this takes the viewer's (`choice.py`).
+The same network and regions as the FaceMesh graph, without its scheduler. A detector runs for the first face, after a loss, and
+about once a second on the side. Where FaceMesh takes the surest face, this takes the viewer's (`selector.py`), and where the
+landmark network refuses a candidate it tries the next.
 """
 
 from __future__ import annotations
@@ -12,18 +13,23 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.track.choice import Viewer
-from lfpipe.track.detector import Detection, Detector
+from lfpipe.track.detector import FULL, Detection, Detector
 from lfpipe.track.engine import Face
 from lfpipe.track.iris import Irises
-from lfpipe.track.landmarks import FRONTAL, TURN, iris_diameter, key_points, turn
+from lfpipe.track.landmarks import FRONTAL, TURN, eye_points, iris_diameter, turn
 from lfpipe.track.network import Network, model_file
 from lfpipe.track.picture import as_bgr8
 from lfpipe.track.roi import Roi, around, fill, portable_warp, warp
+from lfpipe.track.selector import FaceSelector
 
 SIZE_PX = 192
 POINTS = 468
-MIN_CONFIDENCE = 0.5
+FOUND = 0.5  # confidence that a new face needs
+KEPT = 0.2  # confidence that a face followed needs: a hand before it costs confidence first, and accuracy later
+CANDIDATES = 6  # faces of one picture tried on the landmark network, 1.3 ms each
+FAR_EVERY = 8  # pictures without a face between two looks with the full-range detector, which takes 10 ms
+UPRIGHT_DEG = 80.0  # a head leans by no more: a face that does stands in a picture that is turned
+ROTATED_LOOKS = 10  # such faces before anything is said
 
 
 class LitertEngine:
@@ -39,12 +45,23 @@ class LitertEngine:
         self._warp = portable_warp if portable else warp
         path = model_file("modules/face_landmark/face_landmark.tflite")
         self._network = Network(path, (1, SIZE_PX, SIZE_PX, 3), (POINTS * 3, 1))
-        self._detector = Detector(self._warp)
+        self._near = Detector(warp=self._warp)
+        self._far: Detector | None = None  # loaded when it is first needed
         self._irises = Irises(self._warp) if refine else None
         self.model = self._network.name + (f" + {self._irises.model}" if self._irises else "")
-        self._roi: Roi | None = None
+        self.rotated_deg = 0
+        self._rotated: dict[int, int] = {}  # turn -> faces seen so
         self._size: tuple[int, ...] = ()
-        self._viewer = Viewer()
+        self.reset()
+
+    def reset(self) -> None:
+        self._roi: Roi | None = None
+        self._followed: Face | None = None
+        self._selector = FaceSelector()
+        self._without = 0  # pictures since there was a face
+
+    def close(self) -> None:
+        self.reset()
 
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
         """See Engine.detect; also takes grey, BGRA and 16-bit pictures. Raises UserError for other arrays."""
@@ -52,52 +69,92 @@ class LitertEngine:
         if bgr.shape[:2] != self._size:  # px of another picture mean nothing here
             self._size = bgr.shape[:2]
             self.reset()
-        face = self._followed(bgr, self._roi) if self._roi else self._found(bgr)
-        if face and self._viewer.due:
-            back = self._viewer.back(self._detector.detect(bgr), face.box_px)
-            face = (self._followed(bgr, _region(back)) if back else None) or face
+        face = self._measure(bgr, self._roi, KEPT) if self._roi else None
+        face = face or self._search(bgr)
+        self._followed = face
         if face is None:
             self._roi = None
+            self._without += 1
         else:
-            self._viewer.followed(face.box_px)
+            self._selector.follow(face.box_px)
+            self._without = 0
         return face
 
-    def reset(self) -> None:
-        self._roi, self._viewer = None, Viewer()
+    def examine(self, image: NDArray[np.uint8]) -> None:
+        """See Engine.examine. Whoever should be followed instead is, from the next picture on."""
+        if self._followed is None or not self._selector.due:
+            return
+        bgr = as_bgr8(image)
+        height_px, width_px = bgr.shape[:2]
+        rival = self._selector.rival(self._near.detect(bgr), self._followed.box_px, width_px, height_px)
+        kept = self._roi
+        if rival is None or (face := self._measure(bgr, _region(rival), FOUND)) is None:
+            self._roi = kept
+            return
+        self._selector.change(face.box_px)
 
-    def close(self) -> None:
-        self.reset()
-
-    def _found(self, bgr: NDArray[np.uint8]) -> Face | None:
+    def _search(self, bgr: NDArray[np.uint8]) -> Face | None:
         """A face anywhere in the picture."""
-        found = self._detector.detect(bgr)
-        if not found:
-            return None
-        return self._followed(bgr, _region(self._viewer.choose(found, bgr.shape[1], bgr.shape[0])))
+        height_px, width_px = bgr.shape[:2]
+        candidates = self._selector.rank(self._near.detect(bgr), width_px, height_px)
+        if self._without % FAR_EVERY == FAR_EVERY - 1:
+            candidates += self._selector.rank(self._look_far(bgr), width_px, height_px)
+        for candidate in candidates[:CANDIDATES]:
+            if face := self._measure(bgr, _region(candidate), FOUND):
+                return face
+        return None
 
-    def _followed(self, bgr: NDArray[np.uint8], roi: Roi) -> Face | None:
-        """The face in roi; its own region becomes the one for the next picture."""
+    def _look_far(self, bgr: NDArray[np.uint8]) -> list[Detection]:
+        """Small faces, in turn in the whole picture and, larger, in three parts that cover its width."""
+        if self._far is None:
+            self._far = Detector(FULL, self._warp)
+        height_px, width_px = bgr.shape[:2]
+        part = self._without // FAR_EVERY % 4
+        if part == 0:
+            return self._far.detect(bgr)
+        side_px = 0.6 * max(width_px, height_px)
+        x_px, y_px = (min(max(share * length, side_px / 2), max(length - side_px / 2, length / 2)) for share, length in
+                      (((0.5, 0.0, 1.0)[part - 1], width_px), (0.4, height_px)))  # fmt: skip
+        return self._far.detect(bgr, Roi(x_px, y_px, side_px, 0.0))
+
+    def _measure(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Face | None:
+        """The face in roi; its own region becomes the one for the next picture. least: the confidence it needs."""
         crop = roi.crop(bgr, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
         fill(self._network.input, crop, 0.0, 1.0)
         values, logit = self._network.run()
         confidence = 1 / (1 + math.exp(-min(max(float(logit[0]), -80.0), 80.0)))
+        if confidence < least:
+            return None
         matrix, mesh = roi.matrix(SIZE_PX), values.reshape(POINTS, 3)
         x, y = matrix[:, 2].tolist()
         points = matrix[:, :1] * mesh[:, 0] + matrix[:, 1:2] * mesh[:, 1]  # (2, 468) px from (x, y)
         (x0, y0), (x1, y1) = points.min(axis=1).tolist(), points.max(axis=1).tolist()
-        left, right, start, end = ((px + x, py + y) for px, py in key_points(points))
+        scale = roi.side_px / SIZE_PX
+        found = eye_points(points, mesh[:, 2] * np.float32(scale))
         edges = x0 + x, y0 + y, x1 + x, y1 + y
-        region = around(edges, start, end)
+        region = around(edges, found.right_corner, found.left_corner)
         # not one pixel wide, or not a number: nothing to look at next time
-        if confidence < MIN_CONFIDENCE or not 1.0 <= region.side_px < math.inf:
+        if not 1.0 <= region.side_px < math.inf or not self._upright(region.angle):
             return None
         self._roi = region
         if self._irises is None:
-            return Face(np.array((left, right)), confidence, edges)
+            eyes = np.add((found.left, found.right), (x, y))
+            return Face(eyes, confidence, edges, apart_px=found.apart)
         mesh_px = points.T + matrix[:, 2]
         irises = self._irises.find(bgr, mesh_px)
         frontal = abs(turn(mesh_px[list(TURN)])) <= FRONTAL
-        return Face(irises[:, 0], confidence, edges, iris_diameter(irises) if frontal else 0.0)
+        return Face(irises[:, 0], confidence, edges, iris_diameter(irises) if frontal else 0.0, found.apart)
+
+    def _upright(self, angle: float) -> bool:
+        """Whether a head can lean by angle, radians clockwise. One that cannot is counted: the picture may be turned."""
+        lean_deg = math.degrees(math.remainder(angle, 2 * math.pi))
+        if abs(lean_deg) <= UPRIGHT_DEG:
+            return True
+        turned = round(-lean_deg / 90) * 90 % 360
+        self._rotated[turned] = self._rotated.get(turned, 0) + 1
+        if self._rotated[turned] >= ROTATED_LOOKS:
+            self.rotated_deg = turned
+        return False
 
 
 def _region(face: Detection) -> Roi:

@@ -14,6 +14,7 @@ from lfpipe.errors import UserError
 from lfpipe.track.engine import Face
 from lfpipe.track.landmarks import (
     EDGES,
+    EYE_LINE,
     FRONTAL,
     LEFT_EYE,
     LEFT_IRIS,
@@ -38,6 +39,7 @@ class MediapipeEngine:
     """
 
     name = "mediapipe"
+    rotated_deg = 0
 
     def __init__(self, refine: bool = False) -> None:
         os.environ.setdefault("GLOG_minloglevel", "2")
@@ -75,11 +77,18 @@ class MediapipeEngine:
             np.array([[(marks[j].x, marks[j].y) for j in part] for part in parts]) * (width_px, height_px)
             for parts in (self._eyes, (EDGES,))
         )
+        right, left = (np.array((marks[j].x, marks[j].y * height_px / width_px, marks[j].z)) for j in EYE_LINE)
+        centres = eyes.mean(axis=1)
+        flat = float(np.hypot(*(left - right)[:2]))
+        apart_px = float(np.hypot(*(centres[0] - centres[1]))) * float(np.linalg.norm(left - right)) / max(flat, 1e-9)
         if not self._refine:
-            return Face(eyes.mean(axis=1), 1.0, box(edges[0]))
+            return Face(centres, 1.0, box(edges[0]), apart_px=apart_px)
         ahead = np.array([(marks[j].x * width_px, marks[j].y * height_px) for j in TURN])
         frontal = abs(turn(ahead)) <= FRONTAL
-        return Face(np.ascontiguousarray(eyes[:, 0]), 1.0, box(edges[0]), iris_diameter(eyes) if frontal else 0.0)
+        return Face(np.ascontiguousarray(eyes[:, 0]), 1.0, box(edges[0]), iris_diameter(eyes) if frontal else 0.0, apart_px)
+
+    def examine(self, image: NDArray[np.uint8]) -> None:
+        """Nothing: the graph holds on to the face it found."""
 
     def reset(self) -> None:
         with quiet_stderr():

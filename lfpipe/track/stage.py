@@ -3,7 +3,7 @@
 Reads: ring "frames", the newest.
 Writes: ring "eyes", one record per frame taken, with or without a face.
 Commands: recentre (chooses the face anew), stop; filter settings by configuration; frames to leave out by option "level".
-Emits: engine (name and model), face (found or lost).
+Emits: engine (name and model), face (found or lost), notice (faces that do not stand upright).
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import time
 import numpy as np
 
 from lfpipe.quality import tracked_every
-from lfpipe.track.choice import same_place
 from lfpipe.track.engines import make_engine
 from lfpipe.track.eye_distance import EyeDistance
 from lfpipe.track.filters import make_filter
+from lfpipe.track.selector import same_place
 from lfpipe.track.smoothing import MAX_STEP_NS
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context
@@ -31,7 +31,7 @@ def main(context: Context) -> None:
     velocity = np.zeros((2, 2))
     apart = EyeDistance()
     epoch, generation, seen = -1, 0, False
-    box, t_seen_ns = (0.0, 0.0, 0.0, 0.0), 0
+    box, t_seen_ns, hinted = (0.0, 0.0, 0.0, 0.0), 0, 0
     context.emit("engine", name=engine.name, model=engine.model)
     context.ready()
     try:
@@ -73,6 +73,7 @@ def main(context: Context) -> None:
                 context.emit("face", found=seen, source_seq=stamp.source_seq)
             record = eyes.begin()
             record["raw_px"], record["filtered_px"], record["velocity_px_s"] = raw, position, velocity
+            record["apart_px"] = face.apart_px if face is not None else 0.0
             record["confidence"] = face.confidence if face is not None else 0.0
             record["width_px"], record["height_px"] = image.shape[1], image.shape[0]
             record["face"], record["generation"], record["eyes_mm"] = seen, generation, apart.mm
@@ -81,6 +82,11 @@ def main(context: Context) -> None:
             eyes.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch)
             context.row.tick(stamp.source_seq)
             context.row.measure(t_taken_ns - stamp.t_publish_ns, t_tracked_ns - t_taken_ns, t_tracked_ns - stamp.t_sensor_ns)
+            engine.examine(image)  # after the eyes are on their way
+            if engine.rotated_deg != hinted and not seen:
+                hinted = engine.rotated_deg
+                upright = (context.config.camera.rotate + hinted) % 360
+                context.emit("notice", text=f"a face stands in the picture, but not upright: camera.rotate={upright} turns it")
             context.row["face"], context.row["cpu_ns"] = seen, time.process_time_ns()
     finally:
         engine.close()

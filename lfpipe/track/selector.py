@@ -1,0 +1,111 @@
+"""Which face is the viewer's, where there are several: the nearest and most central at first, then continuity.
+
+`FaceSelector` counts pictures, not time: an engine has no clock, and a replay must decide as the session did.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from lfpipe.track.detector import Detection
+
+SAME = 0.2  # overlap of one face's boxes in neighbouring pictures: 2 m/s at arm's length and 30 Hz still share 0.3
+HOME = 0.45  # overlap with the viewer's usual place: sides that differ by less than a third, so nobody who stands behind
+PERIOD = 30  # pictures between two looks at the whole picture: about a second
+HURRY = 10  # the same while somebody else may be the viewer
+LOOKS = 4  # looks in a row that a nearer face must win: HURRY pictures apart, about a second
+NEARER = 1.6  # by how much it must win; equals never change places
+HOME_SHARE = 0.02  # of the newest picture in the viewer's usual place: 50 pictures
+MEMORY = 150  # pictures away from the usual place after which the new place is the usual one
+
+Box = tuple[float, float, float, float]
+
+
+def overlap(a: Box, b: Box) -> float:
+    """Intersection over union of two boxes (x0, y0, x1, y1)."""
+    width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+    common = max(width, 0.0) * max(height, 0.0)
+    union = (a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - common
+    return common / union if union > 0 else 0.0
+
+
+def same_place(a: Box, b: Box) -> bool:
+    """Whether boxes of two pictures can be one face's: where it was, and of its size."""
+    return overlap(a, b) > SAME
+
+
+def prominence(box: Box, width_px: int, height_px: int) -> float:
+    """How much a face looks like the viewer's: its area, less the further it is from the centre (half at a half diagonal)."""
+    x0, y0, x1, y1 = box
+    away = math.hypot((x0 + x1 - width_px) / width_px, (y0 + y1 - height_px) / height_px) / math.sqrt(2)
+    return (x1 - x0) * (y1 - y0) / (1 + away * away)
+
+
+class FaceSelector:
+    """Remembers where the viewer usually is. Ranks the faces of a picture, and says who should be followed instead.
+
+    A face at the usual place, while another one elsewhere is followed, is the viewer whom a passer-by hid: it is taken back at
+    once. A face that is clearly nearer and more central (NEARER) for LOOKS looks takes over.
+    """
+
+    def __init__(self) -> None:
+        self._home: Box | None = None
+        self._away = 0  # pictures since the face followed left the usual place
+        self._pictures = 0  # since the last look
+        self._rival: Box | None = None
+        self._wins = 0
+
+    def follow(self, box: Box) -> None:
+        """The face followed in this picture is in box."""
+        self._pictures += 1
+        if self._home is None or self._away > MEMORY:
+            self._home, self._away = box, 0
+        elif overlap(self._home, box) > HOME:
+            self._home = _between(self._home, box, HOME_SHARE)
+            self._away = 0
+        else:
+            self._away += 1
+
+    @property
+    def due(self) -> bool:
+        """Whether it is time to look at the whole picture for other faces."""
+        return self._pictures >= (HURRY if self._away or self._wins else PERIOD)
+
+    def rank(self, found: Sequence[Detection], width_px: int, height_px: int) -> list[Detection]:
+        """Faces of a picture in which none is followed, the most promising first: at the usual place, else by prominence."""
+
+        def order(face: Detection) -> tuple[bool, float]:
+            return self._at_home(face.box_px), prominence(face.box_px, width_px, height_px)
+
+        return sorted(found, key=order, reverse=True)
+
+    def rival(self, found: Sequence[Detection], followed: Box, width_px: int, height_px: int) -> Detection | None:
+        """Who among found should be followed instead of the face in the box followed; None: nobody, or not yet."""
+        self._pictures = 0
+        others = [face for face in found if not same_place(followed, face.box_px)]
+        back = [face for face in others if self._at_home(face.box_px)]
+        if self._away and back:
+            return max(back, key=lambda face: face.score)
+        mine = max(found, key=lambda face: overlap(followed, face.box_px), default=None)
+        box = mine.box_px if mine is not None and same_place(followed, mine.box_px) else followed
+        least = NEARER * prominence(box, width_px, height_px)
+        best = max(others, key=lambda face: prominence(face.box_px, width_px, height_px), default=None)
+        if best is None or prominence(best.box_px, width_px, height_px) < least:
+            self._wins = 0
+            return None
+        again = self._wins > 0 and self._rival is not None and same_place(self._rival, best.box_px)
+        self._rival, self._wins = best.box_px, self._wins + 1 if again else 1
+        return best if self._wins >= LOOKS else None
+
+    def change(self, box: Box) -> None:
+        """The face in box is followed from now on: its place is the usual one."""
+        self._home, self._away, self._wins, self._rival = box, 0, 0, None
+
+    def _at_home(self, box: Box) -> bool:
+        return self._home is not None and overlap(self._home, box) > HOME
+
+
+def _between(a: Box, b: Box, share: float) -> Box:
+    x0, y0, x1, y1 = (p + share * (q - p) for p, q in zip(a, b, strict=True))
+    return x0, y0, x1, y1

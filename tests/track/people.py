@@ -1,0 +1,100 @@
+"""Videos of real people, composed from portraits with known eyes, and whole sessions that watch them.
+
+The portraits are the sample faces beside the checkout; where they are absent, tests that need them are skipped.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.world import World
+
+FACES = Path(__file__).parents[3] / "shared" / "data" / "faces"  # beside the checkout
+SIZE = (640, 480)
+RATE_HZ = 30.0
+needs_faces = pytest.mark.skipif(not (FACES / "eyes_truth.csv").is_file(), reason=f"the sample faces are not in {FACES}")
+
+Picture = NDArray[np.uint8]
+
+
+@lru_cache(maxsize=1)
+def _truth() -> dict[tuple[str, str, str], NDArray[np.float64]]:
+    with (FACES / "eyes_truth.csv").open(newline="") as file:
+        return {
+            (row["set"], row["frame_or_file"].removesuffix(".jpg"), row["kind"]): np.array(
+                [
+                    [float(row["subject_left_x"]), float(row["subject_left_y"])],
+                    [float(row["subject_right_x"]), float(row["subject_right_y"])],
+                ]
+            )
+            for row in csv.DictReader(file)
+        }
+
+
+@lru_cache(maxsize=16)
+def portrait(name: str) -> tuple[Picture, NDArray[np.float64]]:
+    """A picture of the set imm by its name, as in "03-1m", and its true eyes (2, 2), left first."""
+    image = cv2.imread(str(FACES / "imm" / f"{name}.jpg"))
+    assert image is not None
+    return np.asarray(image, np.uint8), _truth()["imm", name, "contour8_mean"]
+
+
+def backdrop(seed: int = 1) -> Picture:
+    """A room out of focus."""
+    rng = np.random.default_rng(seed)
+    small = rng.integers(60, 150, (6, 8, 3), dtype=np.uint8)
+    return np.asarray(cv2.resize(small, SIZE, interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+def placed(picture: Picture, name: str, x: float, y: float, apart_px: float, roll_deg: float = 0.0) -> Picture:
+    """picture with the head of a portrait before it: eyes apart_px apart, their middle at (x, y), turned clockwise."""
+    head, eyes = portrait(name)
+    between = eyes[0] - eyes[1]
+    middle, wide = eyes.mean(axis=0), float(np.hypot(*between))
+    turn = np.deg2rad(roll_deg) - np.arctan2(between[1], between[0])
+    c, s = np.cos(turn) * apart_px / wide, np.sin(turn) * apart_px / wide
+    matrix = np.array([[c, -s, x - c * middle[0] + s * middle[1]], [s, c, y - s * middle[0] - c * middle[1]]])
+    mask = np.zeros(head.shape[:2], np.float32)
+    oval = (int(middle[0]), int(middle[1] + 0.45 * wide)), (int(1.35 * wide), int(1.95 * wide))
+    cv2.ellipse(mask, *oval, 0, 0, 360, 1.0, -1)
+    mask = cv2.GaussianBlur(mask, (0, 0), 0.06 * wide)
+    if apart_px < wide:  # with proper averaging: a warp alone would alias
+        head = np.asarray(cv2.GaussianBlur(head, (0, 0), 0.4 * wide / apart_px), np.uint8)
+    share = np.asarray(cv2.warpAffine(mask, matrix, SIZE, flags=cv2.INTER_LINEAR), np.float32)[..., None]
+    drawn = cv2.warpAffine(head, matrix, SIZE, flags=cv2.INTER_LINEAR)
+    return np.asarray(np.rint(share * drawn + (1 - share) * picture), np.uint8)
+
+
+def write_video(path: Path, frames: Iterable[Picture]) -> Path:
+    """frames as Motion JPEG of high quality, with a little sensor noise."""
+    rng = np.random.default_rng(7)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), RATE_HZ, SIZE)
+    writer.set(cv2.VIDEOWRITER_PROP_QUALITY, 95)
+    for frame in frames:
+        noisy = np.clip(frame + rng.normal(0, 2, frame.shape), 0, 255)
+        writer.write(noisy.astype(np.uint8))
+    writer.release()
+    return path
+
+
+def watched(world: World, scene: Path, video: Path, *sets: str) -> list[dict[str, Any]]:
+    """The trace of a whole session that plays video once, a line per frame."""
+    fixed = ("--set", "render.clock=camera", *(word for text in sets for word in ("--set", text)))
+    process = world.up(scene, *fixed, camera=f"file:{video}?loop=0&pace=max")
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    return world.lines()
+
+
+def middle(line: dict[str, Any]) -> NDArray[np.float64]:
+    """The point between the eyes as measured in the frame of a line, px."""
+    return np.mean([line["eyes_raw"]["left"], line["eyes_raw"]["right"]], axis=0)
