@@ -26,7 +26,7 @@ class Range:
 
 # A viewer at a desk, 1.1 ms; and, in 11 ms, faces down to a fortieth of the picture's width: 3 m from an ordinary webcam.
 SHORT = Range("modules/face_detection/face_detection_short_range.tflite", 128, ((16, 2), (8, 6)), 0.5)
-FULL = Range("modules/face_detection/face_detection_full_range_sparse.tflite", 192, ((48, 1),), 0.5)
+FULL = Range("modules/face_detection/face_detection_full_range_sparse.tflite", 192, ((48, 1),), 0.3)
 
 
 @attrs.frozen(eq=False)

@@ -14,13 +14,14 @@ class Face:
     """One face. eyes_px: float64 (2, 2), [[left x, y], [right x, y]] of the viewer's own eyes in px of the picture given,
     confidence 0..1, box_px: (x0, y0, x1, y1). iris_px: diameter of the irises, 0 where it is not known or the face is turned to
     the side, so that it does not compare with the distance between the eyes. apart_px: distance between the eyes as it would be
-    if the head were not turned, 0 where it is not known."""
+    if the head were not turned, 0 where it is not known. lean_deg: towards the shoulder, clockwise in the picture."""
 
     eyes_px: NDArray[np.float64]
     confidence: float
     box_px: tuple[float, float, float, float]
     iris_px: float = 0.0
     apart_px: float = 0.0
+    lean_deg: float = 0.0
 
 
 class Engine(Protocol):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +26,14 @@ from lfpipe.track.selector import FaceSelector
 SIZE_PX = 192
 POINTS = 468
 FOUND = 0.5  # confidence that a new face needs
+FOUND_FAR = 0.9  # the same of a small one: the detector for those sees faces in much, the landmark network is sure of real ones
 KEPT = 0.2  # confidence that a face followed needs: a hand before it costs confidence first, and accuracy later
 CANDIDATES = 6  # faces of one picture tried on the landmark network, 1.3 ms each
 FAR_EVERY = 8  # pictures without a face between two looks with the full-range detector, which takes 10 ms
 UPRIGHT_DEG = 80.0  # a head leans by no more: a face that does stands in a picture that is turned
-ROTATED_LOOKS = 10  # such faces before anything is said
+LEANING_DEG, SETTLING = 30.0, 4  # a new face that leans by more is measured again, up to so often
+QUARTERS = (math.pi, math.pi / 2, -math.pi / 2)
+ROTATED_LOOKS = 3  # such faces before anything is said
 
 
 class LitertEngine:
@@ -88,7 +92,7 @@ class LitertEngine:
         height_px, width_px = bgr.shape[:2]
         rival = self._selector.rival(self._near.detect(bgr), self._followed.box_px, width_px, height_px)
         kept = self._roi
-        if rival is None or (face := self._measure(bgr, _region(rival), FOUND)) is None:
+        if rival is None or (face := self._acquire(bgr, _region(rival), FOUND)) is None:
             self._roi = kept
             return
         self._selector.change(face.box_px)
@@ -96,13 +100,35 @@ class LitertEngine:
     def _search(self, bgr: NDArray[np.uint8]) -> Face | None:
         """A face anywhere in the picture."""
         height_px, width_px = bgr.shape[:2]
-        candidates = self._selector.rank(self._near.detect(bgr), width_px, height_px)
+        looks = [(FOUND, self._near.detect(bgr))]
         if self._without % FAR_EVERY == FAR_EVERY - 1:
-            candidates += self._selector.rank(self._look_far(bgr), width_px, height_px)
-        for candidate in candidates[:CANDIDATES]:
-            if face := self._measure(bgr, _region(candidate), FOUND):
-                return face
+            looks.append((FOUND_FAR, self._look_far(bgr)))
+        elif self._without % FAR_EVERY == FAR_EVERY // 2:
+            self._look_rotated(bgr)
+        for least, found in looks:
+            for candidate in self._selector.rank(found, width_px, height_px)[:CANDIDATES]:
+                if face := self._acquire(bgr, _region(candidate), least):
+                    return face
         return None
+
+    def _acquire(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Face | None:
+        """A new face in roi. One that leans much is measured until its own region is found. One that stands upside down is often
+        taken for an upright one, but the network is surer of it in the region turned."""
+        face = self._measure(bgr, roi, least)
+        for _ in range(SETTLING):
+            if face is None or abs(face.lean_deg) < LEANING_DEG:
+                break
+            assert self._roi is not None
+            face = self._measure(bgr, self._roi, KEPT)
+        if face is None or self._roi is None:
+            return None
+        kept, counted, sure = self._roi, sum(self._rotated.values()), self._run(bgr, self._roi)[1]
+        for angle in QUARTERS:
+            turned = attrs.evolve(kept, angle=kept.angle + angle)
+            if self._run(bgr, turned)[1] > sure:
+                self._measure(bgr, turned, FOUND)
+        self._roi = kept
+        return None if sum(self._rotated.values()) > counted else face
 
     def _look_far(self, bgr: NDArray[np.uint8]) -> list[Detection]:
         """Small faces, in turn in the whole picture and, larger, in three parts that cover its width."""
@@ -117,12 +143,25 @@ class LitertEngine:
                       (((0.5, 0.0, 1.0)[part - 1], width_px), (0.4, height_px)))  # fmt: skip
         return self._far.detect(bgr, Roi(x_px, y_px, side_px, 0.0))
 
-    def _measure(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Face | None:
-        """The face in roi; its own region becomes the one for the next picture. least: the confidence it needs."""
+    def _look_rotated(self, bgr: NDArray[np.uint8]) -> None:
+        """Faces that stand upside down or sideways are counted: the detector overlooks many of them in the picture as it is."""
+        height_px, width_px = bgr.shape[:2]
+        angle = QUARTERS[self._without // FAR_EVERY % 3]
+        whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), angle)
+        for candidate in self._near.detect(bgr, whole)[:1]:
+            self._measure(bgr, _region(candidate), FOUND)
+
+    def _run(self, bgr: NDArray[np.uint8], roi: Roi) -> tuple[NDArray[np.float32], float]:
+        """The network's points in px of the crop, flat, and the logit of its confidence."""
         crop = roi.crop(bgr, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
         fill(self._network.input, crop, 0.0, 1.0)
         values, logit = self._network.run()
-        confidence = 1 / (1 + math.exp(-min(max(float(logit[0]), -80.0), 80.0)))
+        return values, float(logit[0])
+
+    def _measure(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Face | None:
+        """The face in roi; its own region becomes the one for the next picture. least: the confidence it needs."""
+        values, logit = self._run(bgr, roi)
+        confidence = 1 / (1 + math.exp(-min(max(logit, -80.0), 80.0)))
         if confidence < least:
             return None
         matrix, mesh = roi.matrix(SIZE_PX), values.reshape(POINTS, 3)
@@ -133,21 +172,21 @@ class LitertEngine:
         found = eye_points(points, mesh[:, 2] * np.float32(scale))
         edges = x0 + x, y0 + y, x1 + x, y1 + y
         region = around(edges, found.right_corner, found.left_corner)
+        lean_deg = math.degrees(region.angle)
         # not one pixel wide, or not a number: nothing to look at next time
-        if not 1.0 <= region.side_px < math.inf or not self._upright(region.angle):
+        if not 1.0 <= region.side_px < math.inf or not self._upright(lean_deg):
             return None
         self._roi = region
         if self._irises is None:
             eyes = np.add((found.left, found.right), (x, y))
-            return Face(eyes, confidence, edges, apart_px=found.apart)
+            return Face(eyes, confidence, edges, apart_px=found.apart, lean_deg=lean_deg)
         mesh_px = points.T + matrix[:, 2]
         irises = self._irises.find(bgr, mesh_px)
         frontal = abs(turn(mesh_px[list(TURN)])) <= FRONTAL
-        return Face(irises[:, 0], confidence, edges, iris_diameter(irises) if frontal else 0.0, found.apart)
+        return Face(irises[:, 0], confidence, edges, iris_diameter(irises) if frontal else 0.0, found.apart, lean_deg)
 
-    def _upright(self, angle: float) -> bool:
-        """Whether a head can lean by angle, radians clockwise. One that cannot is counted: the picture may be turned."""
-        lean_deg = math.degrees(math.remainder(angle, 2 * math.pi))
+    def _upright(self, lean_deg: float) -> bool:
+        """Whether a head can lean by so much, clockwise. One that cannot is counted: the picture may be turned."""
         if abs(lean_deg) <= UPRIGHT_DEG:
             return True
         turned = round(-lean_deg / 90) * 90 % 360

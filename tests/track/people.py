@@ -76,12 +76,14 @@ def placed(picture: Picture, name: str, x: float, y: float, apart_px: float, rol
 
 def write_video(path: Path, frames: Iterable[Picture]) -> Path:
     """frames as Motion JPEG of high quality, with a little sensor noise."""
-    rng = np.random.default_rng(7)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), RATE_HZ, SIZE)
-    writer.set(cv2.VIDEOWRITER_PROP_QUALITY, 95)
+    rng, writer = np.random.default_rng(7), None
     for frame in frames:
+        if writer is None:
+            writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), RATE_HZ, (frame.shape[1], frame.shape[0]))
+            writer.set(cv2.VIDEOWRITER_PROP_QUALITY, 95)
         noisy = np.clip(frame + rng.normal(0, 2, frame.shape), 0, 255)
         writer.write(noisy.astype(np.uint8))
+    assert writer is not None
     writer.release()
     return path
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Track
 from lfpipe.errors import UserError
+from lfpipe.track.engine import Face
 from lfpipe.track.engines import make_engine
 from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.mediapipe_engine import MediapipeEngine
@@ -31,6 +32,13 @@ def engine() -> LitertEngine:
 @pytest.fixture(autouse=True)
 def fresh(engine: LitertEngine) -> None:
     engine.reset()
+
+
+def followed(engine: LitertEngine, picture: Picture) -> Face | None:
+    """One picture as the stage treats it."""
+    face = engine.detect(picture)
+    engine.examine(picture)
+    return face
 
 
 def apart(eyes_px: NDArray[np.float64]) -> float:
@@ -58,7 +66,9 @@ def test_same_eyes_as_facemesh_on_a_moving_face(engine: LitertEngine, placed: Pl
             errors.append(ours.eyes_px - theirs.eyes_px)
     finally:
         mesh.close()
-    assert float(np.sqrt(np.square(errors).sum(axis=-1).mean())) < 0.2
+    apart_px = 0.7 * 89
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.02 * apart_px  # ours rest on corners and lower lid, theirs on both lids
+    assert float(np.sqrt(np.square(errors - np.mean(errors, axis=0)).sum(axis=-1).mean())) < 0.005 * apart_px
 
 
 def test_subpixel_moves_are_followed(engine: LitertEngine, placed: Placed) -> None:
@@ -104,12 +114,12 @@ def test_a_passer_by_does_not_steal_the_view_and_recentre_chooses_anew(engine: L
 def test_a_viewer_out_of_sight_for_a_moment_is_followed_again(engine: LitertEngine, placed: Placed) -> None:
     viewer, guest = (160.0, 200.0, 0.45), (470.0, 200.0, 0.7)
     for _ in range(3):
-        engine.detect(placed(viewer, (*guest[:2], 0.3)))
+        followed(engine, placed(viewer, (*guest[:2], 0.3)))
     for _ in range(8):  # the viewer's face is covered
-        face = engine.detect(placed(guest))
+        face = followed(engine, placed(guest))
     assert face is not None and abs(face.eyes_px[:, 0].mean() - 470) < 20
     for _ in range(12):
-        face = engine.detect(placed(viewer, guest))
+        face = followed(engine, placed(viewer, guest))
     assert face is not None and abs(face.eyes_px[:, 0].mean() - 160) < 15
 
 
