@@ -6,6 +6,7 @@ Its memory is found by its name and says whose it is (`transport.segment`): noth
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shutil
 import stat
@@ -69,8 +70,8 @@ def filled(session: Session) -> Iterator[None]:
         yield
     except (OSError, zmq.ZMQError) as error:
         path = getattr(error, "filename", None) or session.run_dir
-        remedy = "make room there, or set XDG_RUNTIME_DIR to another directory"
-        raise UserError(f"{path}: {error.strerror}", remedy) from None
+        what = "make room there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
+        raise UserError(f"{path}: {error.strerror}", f"{what}, or set XDG_RUNTIME_DIR to another directory") from None
 
 
 def _lock(path: Path, make: bool = False) -> int | None:
@@ -82,7 +83,7 @@ def _lock(path: Path, make: bool = False) -> int | None:
         if make:
             _own(path.parent)
         try:
-            fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+            fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
         except FileNotFoundError:
             if make:
                 continue

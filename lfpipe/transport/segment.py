@@ -149,9 +149,8 @@ def _owner(fd: int) -> Path | None:
         return None
     page = os.pread(fd, PAGE, found.st_size - PAGE)
     magic, length = _OWNER.unpack_from(page)
-    if magic != MAGIC or not 0 <= length <= PAGE - _OWNER.size:
-        return None
-    return Path(os.fsdecode(page[_OWNER.size : _OWNER.size + length]))
+    path = page[_OWNER.size : _OWNER.size + max(0, length)]
+    return Path(os.fsdecode(path)) if magic == MAGIC and len(path) == length and b"\0" not in path else None
 
 
 def _opened(prefix: str) -> Iterator[tuple[str, int, Path]]:

@@ -47,6 +47,11 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
+def _check_name(name: str, said: str) -> None:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.]{0,31}", name):
+        raise UserError(f"{said} is not a name", "1 to 32 letters, digits, _ and ., the first a letter or digit")
+
+
 @attrs.frozen
 class Session:
     """One session's names."""
@@ -55,8 +60,7 @@ class Session:
 
     @name.validator
     def _check(self, _: object, value: str) -> None:
-        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.]{0,31}", value):
-            raise UserError(f"--session {value!r} is not a name", "1 to 32 letters, digits, _ and ., the first a letter or digit")
+        _check_name(value, f"--session {value!r}")
 
     @property
     def run_dir(self) -> Path:
@@ -92,5 +96,7 @@ class Session:
 
 
 def default_name() -> str:
-    """The session that commands mean when none is named."""
-    return os.environ.get("LFPIPE_SESSION", "default")
+    """The session that commands mean when none is named. Raises UserError where LFPIPE_SESSION is no name."""
+    name = os.environ.get("LFPIPE_SESSION") or "default"
+    _check_name(name, f"LFPIPE_SESSION={name!r}")
+    return name

@@ -311,6 +311,18 @@ def test_an_entry_of_another_kind_shuts_nobody_out(base: Path, name: str, strang
     assert (strange[1] / "lock").is_symlink() and not Path("/nowhere").exists(), "a link is not followed"
 
 
+@pytest.mark.parametrize("kind", ["directory", "link"])
+def test_a_lock_that_is_none_is_named_and_its_remedy_works(base: Path, name: str, kind: str) -> None:
+    lock = Session(name).lock
+    lock.parent.mkdir(mode=0o700)
+    squat(lock, kind)
+    said = Holder(base, name).failed()
+    assert str(lock) in said and "remove it" in said
+    remove(lock)
+    with holding(base, name):
+        pass
+
+
 def test_what_lies_in_a_dead_run_directory_goes_with_it(base: Path, name: str, tmp_path: Path) -> None:
     """Also folders, and links without what they lead to."""
     kept = tmp_path / "kept"
@@ -385,8 +397,19 @@ def test_the_remedy_for_a_path_too_long_for_sockets_works(tmp_path: Path, monkey
 HOSTILE = ["", " ", ".", "..", "../x", "a/b", "a\nb", "a\n", "-a", "a b", "a" * 33, "é", "١", "a-b", "a*", "\0", "a\0", "$(id)"]
 
 
-@pytest.mark.parametrize("text", [*HOSTILE, "%s", "\udcff"])
+@pytest.mark.parametrize("text", [*HOSTILE, "\udcff"])
 def test_a_session_name_that_cannot_be_is_named_with_a_remedy(text: str) -> None:
     with pytest.raises(UserError) as error:
         Session(text)
     assert repr(text) in error.value.message and "1 to 32" in error.value.remedy
+
+
+@pytest.mark.parametrize("text", ["../x", "a\nb", "\udcff"])
+def test_a_session_name_in_the_environment_is_checked_as_well(base: Path, text: str) -> None:
+    for words in (["monitor", "--once"], ["ctl", "status"], ["up", "--demo"]):
+        env = {**os.environ, "LFPIPE_SESSION": text}
+        done = subprocess.run(
+            [sys.executable, "-m", "lfpipe", *words], capture_output=True, text=True, errors="replace", env=env, cwd=base
+        )
+        assert done.returncode == 2 and "LFPIPE_SESSION=" in done.stderr and "Traceback" not in done.stderr, done.stderr
+    assert not list(base.iterdir())

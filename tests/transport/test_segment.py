@@ -1,0 +1,145 @@
+"""Segments say whose they are and whether their session lives, whatever lies in shared memory beside them."""
+
+from __future__ import annotations
+
+import signal
+import string
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from lfpipe.host import shared_memory
+from lfpipe.supervisor import rundir
+from lfpipe.transport import segment
+from lfpipe.transport.session import Session
+
+PAGE = segment.PAGE
+
+
+@pytest.fixture
+def prefix() -> Iterator[str]:
+    """Of names that are removed afterwards."""
+    made = f"{segment.PREFIX}{time.monotonic_ns() % 10**12:012d}-"
+    yield made
+    for name in shared_memory.names(made):
+        shared_memory.unlink(name)
+
+
+def page(path: bytes, length: int | None = None, magic: bytes = segment.MAGIC) -> bytes:
+    return (magic + (len(path) if length is None else length).to_bytes(8, "little", signed=True) + path)[:PAGE].ljust(PAGE, b"\0")
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    last=st.one_of(
+        st.binary(max_size=64),
+        st.binary(max_size=PAGE).map(page),
+        st.builds(page, st.binary(max_size=30), st.integers(-(2**63), 2**63 - 1)),
+        st.builds(page, st.text(string.printable, max_size=30).map(lambda text: b"/nowhere/" + text.encode())),
+    ),
+    pages=st.integers(0, 2),
+)
+@example(last=page(b"/nowhere/a\0b"), pages=1)
+@example(last=page(b"/nowhere/" + b"x" * 4000), pages=1)
+@example(last=page(b"/" + b"x/" * 2030), pages=1)
+@example(last=page(b"\xff\xfe"), pages=1)
+@example(last=page(b"", 2**62), pages=1)
+def test_whatever_a_file_says_of_itself_nothing_fails(prefix: str, base: Path, last: bytes, pages: int) -> None:
+    """And what does not bear the mark is there afterwards."""
+    path = shared_memory.SHM_DIR / f"{prefix}x"
+    path.write_bytes(bytes(pages * PAGE) + last)
+    marked = path.name in segment.owned()
+    assert marked == (path.name in dict(segment.abandoned(prefix))) and not segment.living(prefix)
+    rundir.sweep()
+    Session("any").segment("frames")
+    assert marked or path.exists()
+    path.unlink(missing_ok=True)
+
+
+@pytest.fixture
+def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path
+
+
+NAMES = st.text(string.ascii_letters + string.digits + "_.", min_size=1, max_size=32).filter(lambda text: text[0] not in "_.")
+PARTS = st.one_of(
+    st.sampled_from(["status", "frames", "eyes"]),
+    st.builds("{}.{}".format, st.sampled_from(["packets", "pictures"]), st.integers(1, 10**12)),
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(each=st.sets(st.tuples(NAMES, PARTS), max_size=20))
+def test_every_ring_of_every_session_has_a_name_of_its_own(base: Path, each: set[tuple[str, str]]) -> None:
+    names = [Session(name).segment(part) for name, part in each]
+    assert len(set(names)) == len(each) and all(len(f"/{name}") <= 31 for name in names)
+
+
+def test_a_segment_lives_as_long_as_the_process_that_made_it(prefix: str) -> None:
+    made = segment.create(f"{prefix}x", 100, Path("/nowhere/run"))
+    assert segment.living(prefix) == [f"{prefix}x"] and not list(segment.abandoned(prefix))
+    assert segment.owned(prefix) == {f"{prefix}x": Path("/nowhere/run")}
+    reader = segment.attach(f"{prefix}x")
+    made.close()
+    assert dict(segment.abandoned(prefix)) == {f"{prefix}x": Path("/nowhere/run")}, "readers do not keep it"
+    reader.close()
+    made.unlink()
+    assert not segment.owned(prefix)
+
+
+def test_unlink_removes_that_segment_and_no_other_of_its_name(prefix: str) -> None:
+    first = segment.create(f"{prefix}x", 100)
+    shared_memory.unlink(f"{prefix}x")
+    second = segment.create(f"{prefix}x", 100)
+    with pytest.raises(FileNotFoundError):
+        first.unlink()
+    second.unlink()
+    with pytest.raises(FileNotFoundError):
+        second.unlink()
+    first.close()
+    second.close()
+
+
+MAKE = """
+import sys
+from lfpipe.transport import segment
+print(flush=True)
+for k in range(10**9):
+    made = segment.create(f"{sys.argv[1]}{k % 20}", 10000)
+    if k >= 20 - 10:
+        old = f"{sys.argv[1]}{(k - 10) % 20}"
+        kept.pop(0).unlink()
+    kept = [*(kept if k else []), made]
+"""
+
+
+def test_a_process_killed_at_any_moment_leaves_whole_segments_only(prefix: str) -> None:
+    for k in range(8):
+        maker = subprocess.Popen(
+            [sys.executable, "-c", MAKE, f"{prefix}{k}."], stdout=subprocess.PIPE, cwd=Path(__file__).parents[2]
+        )
+        assert maker.stdout is not None
+        maker.stdout.readline()
+        time.sleep(0.01 + 0.0037 * k)
+        maker.send_signal(signal.SIGKILL)
+        maker.communicate()
+    found = shared_memory.names(prefix)
+    assert found and found == sorted(segment.owned(prefix)) == sorted(name for name, _ in segment.abandoned(prefix))
+    for name, _ in segment.abandoned(prefix):
+        shared_memory.unlink(name)
+    assert not shared_memory.names(prefix)
+
+
+def test_no_process_is_started_and_nothing_is_written_for_a_segment(prefix: str) -> None:
+    """Python's tracker would be one, and has something to say of what its process left."""
+    script = f"from lfpipe.transport import segment; segment.create('{prefix}x', 100); import os; os._exit(0)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=Path(__file__).parents[2])
+    assert done.returncode == 0 and not done.stderr and segment.owned(prefix)
+    assert (shared_memory.SHM_DIR / f"{prefix}x").stat().st_size == 2 * PAGE
