@@ -77,7 +77,7 @@ def main(context: Context) -> None:
         if not info.live and not context.wait_for_others():
             return
         while context.wait(now_ns()):
-            context.applied()
+            context.ack_config()
             t_begin_ns = now_ns()
             try:
                 frame = _read(context, source, frames.begin())
@@ -95,7 +95,7 @@ def main(context: Context) -> None:
                 while now_ns() < t_sensor_ns:
                     if not context.wait(t_sensor_ns):
                         return
-                    context.applied()  # from this frame on, which nobody has seen yet
+                    context.ack_config()  # from this frame on, which nobody has seen yet
                 t_read_ns = now_ns()
                 if lateness.drops(frame.t_sensor_ns, t_read_ns):
                     context.row["drops"] += 1

@@ -62,7 +62,7 @@ def main(context: Context) -> None:
             if refresh is not None and refresh.rate_hz != config.render.rate_hz:
                 refresh = Refresh(config.render.rate_hz, now_ns())
             presenter.follow(context.options)
-            context.applied()
+            context.ack_config()
             if any(word == "recentre" for word, _ in context.commands()):
                 viewer.recentre()
                 presenter.redraw()

@@ -35,8 +35,8 @@ class Incoming:
 
     def take(self, spare: Callable[[], NDArray[np.uint8]]) -> tuple[Stamp, NDArray[np.uint8] | bytes] | None:
         """The next frame: its JPEG, or else its picture, copied into an array of `shape` that spare gives; None for none yet."""
-        while (lent := self._frames.lend(in_order=True)) is not None:
-            stamp, slot = lent
+        while (peeked := self._frames.peek(in_order=True)) is not None:
+            stamp, slot = peeked
             packet = self._packets.of(stamp) if self._packets else None
             if packet is not None:
                 self._begun = True
@@ -46,7 +46,7 @@ class Incoming:
                 continue
             picture = spare()
             np.copyto(picture, slot)
-            if self._frames.whole(stamp):
+            if self._frames.still_valid(stamp):
                 return stamp, picture
         return None
 

@@ -28,8 +28,8 @@ from lfpipe.sequence.folder import EYES, MANIFEST, begin_manifest, end_manifest
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
-from lfpipe.transport.ends import Input
 from lfpipe.transport.ring import Stamp
+from lfpipe.transport.ring_ends import RingInput
 from lfpipe.versions import versions
 
 ROOM_BYTES = 128 << 20  # frames that wait for their encoding: seconds, so that a slow disk costs no frame
@@ -114,7 +114,7 @@ class Store:
 class EyesLog:
     """One line of JSON per eyes record; without a path they are taken and not written, so that no writer waits for us."""
 
-    def __init__(self, source: Input, path: Path | None) -> None:
+    def __init__(self, source: RingInput, path: Path | None) -> None:
         """Raises OSError where path cannot be written."""
         self._source, self._file = source, LineFile(path) if path else None
         self._record = np.empty((), EYES_TYPE)
@@ -160,13 +160,13 @@ def main(context: Context) -> None:
         frames.skip()
         eyes.skip()
     context.ready()
-    context.applied()
+    context.ack_config()
     try:
         while context.wait():
             while not store.full and (taken := frames.take(store.spare)) is not None:
                 store.put(*taken)
                 first = first or (taken[0].epoch, taken[0].source_seq)
-            context.applied()
+            context.ack_config()
             context.row["cpu_ns"] = time.process_time_ns()
             try:
                 eyes.serve(since=first)
@@ -198,6 +198,6 @@ def _refused(context: Context, folder: Path, error: OSError) -> None:
     context.ready()
     context.emit("notice", text=f"recording {folder}: {error.strerror}; nothing is recorded")
     context.request("record", path="")
-    context.applied()
+    context.ack_config()
     while context.wait():
-        context.applied()
+        context.ack_config()

@@ -16,7 +16,8 @@ from lfpipe.host import processes, signals, streams
 from lfpipe.host.parent import end_with_parent
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.placement import settle
-from lfpipe.transport.context import Context, StageSpec
+from lfpipe.transport.context import Context
+from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import State
 
 EXIT_USER = 2  # a mistake of the user's: starting again cannot help

@@ -17,8 +17,8 @@ from lfpipe.supervisor import child
 from lfpipe.supervisor.judge import Judge
 from lfpipe.supervisor.process_table import Stage
 from lfpipe.transport.clock import now_ns
-from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
+from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import State, busy_words
 
 WINDOW_S, MAX_FAILURES = 60.0, 5

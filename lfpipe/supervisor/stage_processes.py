@@ -12,8 +12,8 @@ from lfpipe.supervisor import ending
 from lfpipe.supervisor.process import StageProcess
 from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
 from lfpipe.transport.clock import SECOND_NS, now_ns
-from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
+from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import ENDED, Table
 
 DRAIN_NS = 2 * SECOND_NS  # how long the stages may take for what is under way when the source has ended

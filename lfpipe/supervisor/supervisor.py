@@ -33,8 +33,8 @@ from lfpipe.supervisor.snapshot import snapshot
 from lfpipe.supervisor.stage_processes import Ended, StageProcesses
 from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
-from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
+from lfpipe.transport.stage_spec import StageSpec
 
 TICK_MS = 100
 

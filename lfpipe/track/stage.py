@@ -39,21 +39,21 @@ def main(context: Context) -> None:
             if context.config.track != settings:
                 settings = context.config.track
                 smooth = make_filter(settings)
-            context.applied()
+            context.ack_config()
             if any(word == "recentre" for word, _ in context.commands()):
                 engine.reset()
                 seen = False
-            lent = frames.lend()
-            if lent is None:
+            peeked = frames.peek()
+            if peeked is None:
                 continue
             t_taken_ns = now_ns()
-            stamp, image = lent
+            stamp, image = peeked
             if stamp.source_seq % tracked_every(context.options):
                 context.row["left_out"] += 1  # at a lowered quality; nothing is measured, so nothing is published
                 context.row["source_seq"] = stamp.source_seq
                 continue
             face = engine.detect(image)
-            if not frames.whole(stamp):
+            if not frames.still_valid(stamp):
                 continue  # the writer has lapped us: what was seen may be half of another frame
             if face is not None:
                 away_ns = stamp.t_sensor_ns - t_seen_ns

@@ -1,53 +1,28 @@
-"""What a stage is given: its configuration, its rings with their wakes, its status row, and one place to wait."""
+"""What a stage works with: its configuration, its rings with their wake-ups, its status row, and one place to wait."""
 
 from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-import attrs
 import zmq
 
 from lfpipe import config as config_module
-from lfpipe.config import Config, SessionOptions
+from lfpipe.config import SessionOptions
 from lfpipe.host.wake import Wake
 from lfpipe.transport import control, status
 from lfpipe.transport.clock import MS_NS, now_ns
-from lfpipe.transport.ends import Input, Output
-from lfpipe.transport.session import Session
+from lfpipe.transport.ring_ends import RingInput, RingOutput
+from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import State
 
 BEAT_NS = 100 * MS_NS  # the longest a stage may wait without showing that it lives
 
 
-@attrs.frozen
-class StageSpec:
-    """All that a stage's process gets at its start, pickled.
-
-    consumers: ring -> stages that read it. others: the other stages of the session. cpus: cores to run on, none for all.
-    nice: niceness, None for the supervisor's.
-    """
-
-    name: str
-    module: str
-    session: Session
-    config: Config
-    rev: int
-    options: SessionOptions
-    consumers: dict[str, list[str]]
-    others: tuple[str, ...]
-    cpus: tuple[int, ...] = ()
-    nice: int | None = None
-
-    def ring_index(self, name: str) -> int:
-        """Where a ring's credit lies in a status row."""
-        return list(self.consumers).index(name)
-
-
 class Context:
-    """A stage's world. `wait` is the only place where a stage sleeps: it beats, takes commands and notices the stop."""
+    """Everything a stage needs. It sleeps in `wait` only, which beats, takes commands and notices the stop."""
 
     def __init__(self, spec: StageSpec) -> None:
         self.spec = spec
@@ -58,8 +33,8 @@ class Context:
         self.stopping = False
         self.paused = False
         self._poller = zmq.Poller()
-        self._inputs: list[Input] = []
-        self._open: list[Input | Output] = []  # kept to the end: their mappings go with the process, not before their views
+        self._inputs: list[RingInput] = []
+        self._open: list[RingInput | RingOutput] = []  # kept to the end: their mappings must outlive their views
         self._commands: list[tuple[str, dict[str, Any]]] = []
         self._zmq = control.context()
         self._ctl = self._zmq.socket(zmq.DEALER)
@@ -72,30 +47,30 @@ class Context:
         self._ctl.send(control.encode({"cmd": "hello", "stage": spec.name}))
         self._rev = spec.rev
 
-    def input(self, name: str) -> Input:
+    def input(self, name: str) -> RingInput:
         """Opens a ring for reading and makes `wait` wake for it."""
-        made = Input(self, name)
+        made = RingInput(self.spec, name, self.row)
         self._inputs.append(made)
         self._open.append(made)
         self._poller.register(made.wake.fd, zmq.POLLIN)
         return made
 
-    def output(self, name: str) -> Output:
+    def output(self, name: str) -> RingOutput:
         """Opens a ring for writing; one stage a ring."""
-        made = Output(self, name)
+        made = RingOutput(self.spec, name, self.table, self._wait_for, self.done)
         self._open.append(made)
         return made
 
     def ready(self) -> None:
-        """Set-up is over: from now on a missing beat means a hang."""
+        """Ends the set-up: from now on a missing beat means a hang."""
         self.row["epoch"] += 1
-        self.row.beat()  # before it counts: who is held up between the two lines has not hung
+        self.row.beat()  # first: a stage held up between these lines has not hung
         self.row["ready_ns"] = now_ns()
         self.row["state"] = State.RUNNING
 
     @contextlib.contextmanager
     def busy_with(self, words: str) -> Iterator[None]:
-        """Around calls that may wait for a disk: meanwhile the stage is judged by what it does, not by its beat.
+        """Wrap calls that may wait for a disk: meanwhile the stage is judged by its progress, not by its beat.
 
         words: what it does, for monitors, at most 32 bytes. See `lfpipe.supervisor.judge`.
         """
@@ -123,17 +98,14 @@ class Context:
             yield
 
     def wait_for_others(self) -> bool:
-        """Waits until every other stage is ready, so that a recording begins when there is somebody to see it.
-
-        Returns False once the stage must end.
-        """
+        """Waits until every other stage is ready: no frame of a recording is lost. Returns False once the stage must end."""
         while not all(int(self.table.rows[name]["ready_ns"]) for name in self.spec.others):
             if not self.wait(now_ns() + 5 * MS_NS):
                 return False
         return True
 
     def emit(self, topic: str, **values: Any) -> None:
-        """Telemetry for whoever listens on the tap; lost when nobody takes it."""
+        """Sends telemetry to the subscribers of the tap; it is lost where nobody takes it."""
         try:
             self._bus.send(control.encode({"topic": topic, "stage": self.spec.name, "t_ns": now_ns(), **values}), zmq.NOBLOCK)
         except zmq.Again:
@@ -143,19 +115,19 @@ class Context:
         """Sends the supervisor a command, as `lfpipe ctl` would; the answer is not waited for."""
         self._ctl.send(control.encode({"cmd": word, **values}))
 
-    def applied(self) -> None:
-        """The stage works by `config`, `options` and `paused` as they are now; the supervisor may tell who asked."""
+    def ack_config(self) -> None:
+        """Reports that the stage works by `config`, `options` and `paused` as they are now."""
         self.row["config_rev"] = self._rev
 
     def commands(self) -> list[tuple[str, dict[str, Any]]]:
-        """What arrived since the last call: (word, message). A change of configuration is already in `config`."""
+        """Commands since the last call, as (command, message). A change of configuration is already in `config`."""
         taken, self._commands = self._commands, []
         return taken
 
     def wait(self, until_ns: int | None = None) -> bool:
-        """Sleeps until an input has something, a command came, the stop, or until_ns (BEAT_NS at the longest).
+        """Sleeps until an input has something, a command or the stop comes, or until_ns; for BEAT_NS at most.
 
-        Returns False once the stage must end. The poll counts in ms: what is left below one is slept.
+        Returns False once the stage must end. The poll counts in ms: the rest below 1 ms is slept.
         """
         t_ns = now_ns()
         limit_ns = t_ns + BEAT_NS
@@ -175,11 +147,11 @@ class Context:
         return not self.stopping
 
     def done(self) -> None:
-        """All that was taken from the inputs is dealt with."""
+        """Everything taken from the inputs is dealt with."""
         for each in self._inputs:
             each.done()
 
-    def wait_for(self, condition: Callable[[], bool], credits: list[Wake]) -> None:
+    def _wait_for(self, condition: Callable[[], bool], credits: Sequence[Wake]) -> None:
         """Waits until condition holds or the stop; woken by credits."""
         poller = zmq.Poller()
         poller.register(self._ctl, zmq.POLLIN)

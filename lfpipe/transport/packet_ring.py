@@ -71,11 +71,11 @@ class PacketInput:
     def of(self, stamp: Stamp) -> bytes | None:
         """The packet of the frame with that stamp; frames are asked for in order. None where there was none, or it is gone."""
         wanted = (stamp.epoch, stamp.source_seq)
-        while self._at < wanted and (lent := self._ring.lend(in_order=True)) is not None:
-            found, slot = lent
+        while self._at < wanted and (peeked := self._ring.peek(in_order=True)) is not None:
+            found, slot = peeked
             self._at = (found.epoch, found.source_seq)
             data = slot["data"][: int(slot["bytes"])].tobytes() if self._at >= wanted else None
-            self._data = data if self._ring.whole(found) else None
+            self._data = data if self._ring.still_valid(found) else None
         return self._data if self._at == wanted else None
 
     def close(self) -> None:

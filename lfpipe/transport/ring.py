@@ -188,16 +188,16 @@ class Reader(_Ring):
         """As `read`, but copies the slot after the last one read; or the oldest still there where the writer was too fast."""
         return self._read(out, in_order=True)
 
-    def lend(self, in_order: bool = False) -> tuple[Stamp, NDArray[Any]] | None:
-        """The slot itself instead of a copy, read-only: what is made of it counts only if `whole` says so afterwards."""
+    def peek(self, in_order: bool = False) -> tuple[Stamp, NDArray[Any]] | None:
+        """The slot itself instead of a copy, read-only: what is made of it counts only if `still_valid` says so afterwards."""
         while (n := self._next(in_order)) is not None:
             stamp = self._stamp(n)
             if stamp is not None:
                 return stamp, self._payloads[(n - 1) % self.slots]
         return None
 
-    def whole(self, stamp: Stamp) -> bool:
-        """Whether the slot of stamp, lent before, has not been touched by the writer since."""
+    def still_valid(self, stamp: Stamp) -> bool:
+        """Whether the slot of stamp, peeked at before, has not been touched by the writer since."""
         fence()  # SYNC: all that was read of the slot was read before the counter is looked at again
         return self.published - stamp.seq <= self.slots - 2
 

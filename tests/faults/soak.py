@@ -191,13 +191,13 @@ class Soak:
         reader = ring.Reader(self._session.session.segment("frames"))
         try:
             reader.last_seq = max(0, reader.published - 1)
-            lent = reader.lend()
-            assert lent is not None
+            peeked = reader.peek()
+            assert peeked is not None
             time.sleep(1.0)
-            good = is_whole(lent[1])
-            assert good or not reader.whole(lent[0]), "torn, and said to be whole"
+            good = is_whole(peeked[1])
+            assert good or not reader.still_valid(peeked[0]), "torn, and said to be whole"
         finally:
-            lent = None
+            peeked = None
             reader.close()
 
     def _hogs_2_s(self, _: str) -> None:

@@ -25,8 +25,8 @@ from lfpipe.supervisor.process import StageProcess
 from lfpipe.supervisor.process_table import Stage, consumers
 from lfpipe.supervisor.progress import Spent
 from lfpipe.transport.clock import MS_NS, now_ns
-from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
+from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import ROW, State, busy_words
 from tests.faults.odd_stage import FIFO
 

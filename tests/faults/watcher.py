@@ -114,11 +114,11 @@ class Watcher(threading.Thread):
                     self.torn_pictures += bool((picture != picture[0, 0]).any())  # each is of one colour
 
     def _look_at_frames(self) -> None:
-        while (lent := self._frames.lend(in_order=True)) is not None:
-            stamp, frame = lent
+        while (peeked := self._frames.peek(in_order=True)) is not None:
+            stamp, frame = peeked
             good = is_whole(frame)
             self.missed += stamp.skipped
-            if not self._frames.whole(stamp):
+            if not self._frames.still_valid(stamp):
                 self.lapped += 1
             else:
                 self.seen += 1

@@ -14,8 +14,9 @@ from lfpipe.host.wake import Wake
 from lfpipe.supervisor.memory import Memory
 from lfpipe.supervisor.process_table import consumers
 from lfpipe.transport.clock import now_ns
-from lfpipe.transport.context import Context, StageSpec
+from lfpipe.transport.context import Context
 from lfpipe.transport.session import Session
+from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import State
 
 

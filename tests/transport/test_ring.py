@@ -162,7 +162,7 @@ def test_in_order_every_slot_comes_once_or_is_counted_and_all_that_are_still_the
         for _ in range(asked):
             expected = max(last + 1, published - slots + 2)
             if lent:
-                found = reader.lend(in_order=True)
+                found = reader.peek(in_order=True)
                 stamp, value = (None, -1) if found is None else (found[0], int(found[1][0]))
                 del found
             else:
@@ -186,9 +186,9 @@ def test_a_slot_that_was_lent_counts_until_the_writer_may_have_touched_it(name: 
     writer, reader = Writer(name), Reader(name)
     writer.begin()
     writer.publish(0, 0, 0)
-    stamp = reader.lend()[0]  # type: ignore[index]
+    stamp = reader.peek()[0]  # type: ignore[index]
     for more in range(slots + 1):
-        assert reader.whole(stamp) == (more <= slots - 2), "one slot is being written, unseen"
+        assert reader.still_valid(stamp) == (more <= slots - 2), "one slot is being written, unseen"
         writer.begin()
         writer.publish(0, 0, 0)
     writer.close()
