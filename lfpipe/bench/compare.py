@@ -15,6 +15,7 @@ from lfpipe.bench.results import Measured, Results
 from lfpipe.bench.subjects import SUBJECTS
 from lfpipe.bench.timing import REFERENCE
 from lfpipe.errors import UserError
+from lfpipe.untrusted import Fields
 
 Kind = Literal["time", "apart", "error"]
 # Ratio up to which a difference is not worth a word, and none is called whatever the number of samples. apart: times of runs that
@@ -88,15 +89,17 @@ def compare_results(a: Results, b: Results) -> list[Difference]:
 
     Raises UserError where the two measured different things.
     """
+    remedy = "measure both with the same --scene, --sequence and --quick"
+    one, other = (Fields(run.about, "about", remedy).table("identity") for run in (a, b))
     for key in ("scenes", "sequence", "quick"):
-        if a.about["identity"][key] != b.about["identity"][key]:
-            raise UserError(f"the two runs differ in {key}", "measure both with the same --scene, --sequence and --quick")
+        if key not in one.values or one.values[key] != other.values.get(key):
+            raise UserError(f"the two runs differ in {key}", remedy)
     pairs: list[Paired] = []
-    for name, one in a.subjects.items():
-        other = b.subjects.get(name)
-        for candidate in one.measured:
-            if other is not None and candidate in other.measured:
-                pairs += paired(name, one.measured[candidate], other.measured[candidate])
+    for name, found in a.subjects.items():
+        there = b.subjects.get(name)
+        for candidate in found.measured:
+            if there is not None and candidate in there.measured:
+                pairs += paired(name, found.measured[candidate], there.measured[candidate])
     return judge(pairs)
 
 
@@ -107,18 +110,22 @@ def timed(figure: Figure) -> bool:
 
 def paired(subject: str, a: Measured, b: Measured) -> Iterator[Paired]:
     """Every figure that both hold, sample by sample."""
-    for figure in SUBJECTS[subject].figures:
+    for figure in SUBJECTS[subject].figures if subject in SUBJECTS else ():
         if figure.key in a.errors and figure.key in b.errors:
             ratios = error_ratios(a.errors[figure.key], b.errors[figure.key])
             if ratios:
                 yield Paired(subject, a.name, figure, "error", ratios)
         elif figure.key in a.turns and figure.key in b.turns and timed(figure):
-            yield Paired(subject, a.name, figure, "apart", time_ratios(a.turns, b.turns, figure.key))
+            ratios = time_ratios(a.turns, b.turns, figure.key)
+            if ratios:
+                yield Paired(subject, a.name, figure, "apart", ratios)
 
 
 def error_ratios(a: Sequence[float], b: Sequence[float]) -> list[float]:
-    """B over A for each sample; where A is 0 so must B be, or it is far worse. Empty where the two hold different samples."""
-    return [ratio(x, y) for x, y in zip(a, b, strict=True)] if len(a) == len(b) else []
+    """B over A for each sample; where A is 0 so must B be, or it is far worse. Empty where the two hold different
+    samples, or one that is not finite."""
+    known = len(a) == len(b) and all(map(math.isfinite, (*a, *b)))
+    return [ratio(x, y) for x, y in zip(a, b, strict=True)] if known else []
 
 
 def ratio(x: float, y: float) -> float:
@@ -129,14 +136,13 @@ def ratio(x: float, y: float) -> float:
 
 
 def time_ratios(a: dict[str, list[float]], b: dict[str, list[float]], key: str) -> list[float]:
-    """B over A for each turn, each over the machine's own time at that turn."""
-    steady = [_steady(turns, key) for turns in (a, b)]
-    count = min(map(len, steady))
-    return [ratio(x, y) for x, y in zip(steady[0][:count], steady[1][:count], strict=True)]
+    """B over A for each turn, each over the machine's own time at that turn; turns that are not finite are left out."""
+    pairs = zip(_steady(a, key), _steady(b, key), strict=False)
+    return [ratio(x, y) for x, y in pairs if math.isfinite(x) and math.isfinite(y)]
 
 
 def _steady(turns: dict[str, list[float]], key: str) -> list[float]:
     own = turns.get(REFERENCE)
-    return (
-        [value / machine for value, machine in zip(turns[key], own, strict=True)] if own and "copies" not in key else turns[key]
-    )
+    if own and "copies" not in key:
+        return [value / machine if machine else math.nan for value, machine in zip(turns[key], own, strict=False)]
+    return turns[key]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import platform
 import subprocess
@@ -19,9 +20,12 @@ from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.model import Cell, Diagram, Figure, Profile, Skipped, Subject, Table
 from lfpipe.bench.numbers import FEWEST, noise
 from lfpipe.errors import UserError
+from lfpipe.files import read_bytes, reason
+from lfpipe.untrusted import Fields, json_fields
 from lfpipe.versions import versions
 
 FORMAT = 1
+MAX_BYTES, MAX_ITEMS = 64 << 20, 1_000_000  # of results.json, and of any list in it
 
 
 @attrs.define
@@ -99,24 +103,47 @@ def _rounded(value: Any) -> Any:
 def read(folder: Path) -> Results:
     """The results in a folder. Raises UserError where there are none, or of another format."""
     path = folder / "results.json" if folder.is_dir() else folder
+    remedy = "a folder that `lfpipe bench --out` wrote"
     try:
-        told = json.loads(path.read_text())
-        if told["format"] != FORMAT:
-            raise UserError(f"{path}: format {told['format']}, this is {FORMAT}", "measure anew")
-        subjects = {name: _subject(part) for name, part in told["subjects"].items()}
-        return Results(told["about"], subjects)
+        told = json_fields(read_bytes(path, MAX_BYTES), str(path), remedy)
+        if told.values.get("format") != FORMAT:
+            raise UserError(f"{path}: format {told.values.get('format')!r:.100}, this is {FORMAT}", "measure anew")
+        about, parts = told.table("about"), told.table("subjects")
+        return Results(dict(about.values), {name: _subject(parts.table(name)) for name in parts.values})
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise UserError(f"{path}: no results of `lfpipe bench`: {error}", "a folder that --out wrote") from None
+        why = reason(error) if isinstance(error, OSError | ValueError) else f"not in their form: {error!r:.200}"
+        raise UserError(f"{path}: no results of `lfpipe bench`: {why}", remedy) from None
 
 
-def _subject(part: dict[str, Any]) -> SubjectResults:
+def _subject(part: Fields) -> SubjectResults:
     tables = [
         Table(t["title"], t["note"], tuple(t["head"]), tuple(tuple(Cell(**cell) for cell in row) for row in t["rows"]))
-        for t in part["tables"]
+        for t in part.items("tables", MAX_ITEMS)
     ]
-    measured = {name: Measured(**value) for name, value in part["measured"].items()}
-    skipped = [Skipped(**value) for value in part["skipped"]]
-    return SubjectResults(part["name"], measured, part["omissions"], skipped, tables, part["seconds"], part["done"])
+    found = part.table("measured")
+    measured = {name: _measured(found.table(name)) for name in found.values}
+    skipped = [Skipped(**value) for value in part.items("skipped", MAX_ITEMS)]
+    omissions = part.table("omissions")
+    reasons = {name: omissions.text(name) for name in omissions.values}
+    return SubjectResults(
+        part.text("name"), measured, reasons, skipped, tables, part.number("seconds", 0, math.inf), part.flag("done")
+    )
+
+
+def _measured(part: Fields) -> Measured:
+    samples = {name: _samples(part.table(name)) for name in ("errors", "turns", "parts")}
+    return Measured(part.text("curve"), part.text("knob"), part.flag("paper"), **samples, line=part.text("line"))
+
+
+def _samples(part: Fields) -> dict[str, list[float]]:
+    """Samples by figure; null, which stands for what was not finite, as NaN."""
+    found: dict[str, list[float]] = {}
+    for name in part.values:
+        listed = part.items(name, MAX_ITEMS)
+        if not all(each is None or (isinstance(each, int | float) and not isinstance(each, bool)) for each in listed):
+            raise UserError(f"{part.where}: {name} holds what is no number", part.remedy)
+        found[name] = [math.nan if each is None else float(each) for each in listed]
+    return found
 
 
 def _said(command: list[str]) -> str:

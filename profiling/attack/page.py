@@ -137,13 +137,14 @@ def request(rng: random.Random, server: Server) -> tuple[str, bytes, bool]:
     return way, data, known
 
 
-def exchange(server: Server, data: bytes, limit_s: float) -> bytes | None:
-    """What the server answers, up to 64 KiB of it; None where it says nothing for limit_s."""
+def exchange(server: Server, data: bytes, limit_s: float, ends: bool = True) -> bytes | None:
+    """What the server answers, up to 64 KiB of it; None where it says nothing for limit_s. ends: data is the last of ours."""
     answer = b""
     with socket.create_connection((server.host, server.port), timeout=limit_s) as made:
-        with contextlib.suppress(ConnectionError):
+        with contextlib.suppress(OSError):  # it may have said no, and gone, before it heard all
             made.sendall(data)
-            made.shutdown(socket.SHUT_WR)
+            if ends:
+                made.shutdown(socket.SHUT_WR)
         try:
             while len(answer) < 65_536 and (part := made.recv(65_536)):
                 answer += part
@@ -222,7 +223,7 @@ class Campaign:
         """Whether server, session and configuration are what they were."""
         token = f"?token={self.server.token}" if self.server.token else ""
         hello = f"GET /{token} HTTP/1.1\r\nHost: {self.server.host}:{self.server.port}\r\nConnection: close\r\n\r\n".encode()
-        answer = exchange(self.server, hello, 10.0) or b""
+        answer = exchange(self.server, hello, 10.0, ends=False) or b""
         if not answer.startswith(b"HTTP/1.1 200"):
             self.fail("look", "hang", "the page is not served any more", answer[:500].decode("latin-1"), hello, number)
         said = self.log.read_text()

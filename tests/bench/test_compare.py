@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
+import os
+import random
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +15,9 @@ from lfpipe.bench.builds import is_build
 from lfpipe.bench.compare import Difference, Paired, compare_results, error_ratios, judge, time_ratios
 from lfpipe.bench.model import Figure
 from lfpipe.bench.results import Measured, Results, SubjectResults, read
+from lfpipe.bench.timing import REFERENCE
 from lfpipe.errors import UserError
+from profiling.attack.mutations import changed_json
 
 TRIES, FIGURES = 20, 40
 TIME = Figure("time_ms", "time", "ms")
@@ -106,6 +112,37 @@ def test_a_folder_without_results_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no results"):
         read(tmp_path)
     (tmp_path / "results.json").write_text('{"format": 1, "about": {}}')
-    with pytest.raises(UserError, match="no results"):
+    with pytest.raises(UserError, match="subjects is missing"):
         read(tmp_path)
     assert is_build(Path(__file__).parents[2]) and not is_build(tmp_path)
+
+
+WHOLE = Path(__file__).parents[2] / "profiling" / "results" / "bench-quick" / "results.json"
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_damaged_results_are_refused_or_compared(tmp_path: Path, seed: int) -> None:
+    (tmp_path / "results.json").write_bytes(changed_json(random.Random(seed), WHOLE.read_bytes()))
+    with contextlib.suppress(UserError):
+        compare_results(read(tmp_path), read(WHOLE))
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "{}", '{"format": 1}', "1e999"])
+def test_what_is_no_results_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "results.json").write_text(text)
+    with pytest.raises(UserError) as told:
+        read(tmp_path)
+    assert told.value.remedy
+
+
+def test_results_of_gigabytes_are_not_read(tmp_path: Path) -> None:
+    (tmp_path / "results.json").touch()
+    os.truncate(tmp_path / "results.json", 1 << 33)
+    with pytest.raises(UserError, match="bytes"):
+        read(tmp_path)
+
+
+def test_samples_that_were_not_finite_are_left_out(tmp_path: Path) -> None:
+    turns = {"a": [1.0, math.nan, 3.0], REFERENCE: [1.0, 1.0, 0.0]}
+    assert time_ratios(turns, {"a": [2.0, 2.0, 2.0]}, "a") == [2.0]
+    assert error_ratios([1.0, math.nan], [1.0, 1.0]) == []
