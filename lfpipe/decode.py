@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.picture_header import MAX_DECODING_BYTES, header_of
 
 JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
 
@@ -35,8 +36,17 @@ def is_jpeg(data: NDArray[np.uint8]) -> bool:
 
 
 def picture_of(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
-    """The picture, uint8 (height, width, 3) BGR, of an encoded one, uint8 (n,), turned as that says; None where there is none."""
-    found = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    """The picture, uint8 (height, width, 3) BGR, of an encoded one, uint8 (n,), turned as that says; None where there is none.
+
+    The header is read first: a picture that would take too much memory is not decoded.
+    """
+    header = header_of(data.data)
+    if header is None or 2 * header.decoded_bytes > MAX_DECODING_BYTES or header.problem(data.size):  # imdecode takes it twice
+        return None
+    try:
+        found = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    except cv2.error:
+        return None
     return None if found is None else np.asarray(found, np.uint8)
 
 

@@ -13,12 +13,11 @@ from typing import Any, TypeVar
 
 import attrs
 
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, shown
 
 MAX_DEPTH = 32
 MAX_INTEGER = (1 << 63) - 1  # what NumPy, msgpack and every other reader can hold
 _MAX_DIGITS = 19
-_MAX_SHOWN = 60
 
 T = TypeVar("T")
 
@@ -47,7 +46,7 @@ def json_fields(data: bytes | str, where: str, remedy: str) -> Fields:
     """The JSON object in data, to be read field by field."""
     value = parse_json(data, where, remedy)
     if not isinstance(value, dict):
-        raise UserError(f"{where}: a JSON object is expected, not {_shown(value)}", remedy)
+        raise UserError(f"{where}: a JSON object is expected, not {shown(value)}", remedy)
     return Fields(value, where, remedy)
 
 
@@ -116,7 +115,7 @@ class Fields:
         return value
 
     def _wrong(self, key: str, expected: str) -> UserError:
-        return UserError(f"{self.where}: {key} is {_shown(self.values[key])}, {expected} is expected", self.remedy)
+        return UserError(f"{self.where}: {key} is {shown(self.values[key])}, {expected} is expected", self.remedy)
 
 
 def _integer(text: str) -> int:
@@ -156,11 +155,3 @@ def _checked(value: Any, where: str, remedy: str) -> Any:
                 raise UserError(f"{where}: holds half of a surrogate pair, which is no character", remedy)
         level, depth = below, depth + 1
     return value
-
-
-def _shown(value: Any) -> str:
-    """value in a message: containers by their type, the rest by a short repr."""
-    if isinstance(value, dict | list):
-        return f"{'an object' if isinstance(value, dict) else 'a list'} of {len(value)} items"
-    text = repr(value)
-    return text if len(text) <= _MAX_SHOWN else f"{text[:_MAX_SHOWN]}..."

@@ -1,23 +1,30 @@
-"""Looking into folders and pictures that somebody else made: bounded, inside the folder, and clear about what is wrong."""
+"""Folders and pictures that somebody else made: bounded, inside the folder, and clear about what is wrong."""
 
 from __future__ import annotations
 
 import os
 import re
+import stat
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, shown
+from lfpipe.files import open_regular, reason
+from lfpipe.picture_header import Header, Read, read_header
 
 MAX_FILES = 20_000  # a light field of 100x100 views is half of this; beyond it the folder is something else
-MAX_PIXELS = 1 << 28  # of one picture; a 16k x 16k mosaic
+MAX_FILE_BYTES = 1 << 36  # of any file of a scene; an hour of lossless light-field video has less
 PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".pnm", ".bmp", ".tif", ".tiff", ".webp")
+MAX_MAP_BYTES = 80_000_000  # of a float32 map, which is held twice while it is read
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
+_JPEG_END, _TAIL = b"\xff\xd9", 1 << 16
+_STRIP_ROWS = 256
+_CHECK = "check the file and its permissions"
 
 
 @attrs.frozen
@@ -38,13 +45,17 @@ class Listing:
     def file(self, name: str) -> Path:
         """The path of one of the folder's files. Raises UserError where it is a link that leads out of the folder."""
         path = self.folder / name
-        if path.is_symlink() and not path.resolve().is_relative_to(self.folder.resolve()):
-            raise UserError(f"{path}: a link that leads out of the folder, to {path.resolve()}", "copy the file into the folder")
+        if self.folder != self.path:  # the user named this file
+            return path
+        try:
+            if path.is_symlink() and not path.resolve().is_relative_to(self.folder.resolve()):
+                raise UserError(
+                    f"{path}: a link that leads out of the folder, to {path.resolve()}", "copy the files (`cp -rL` follows links)"
+                )
+        except (OSError, RuntimeError) as error:  # Python 3.11, 3.12: RuntimeError for a loop of links
+            why = reason(error) if isinstance(error, OSError) else "links that lead in a circle"
+            raise UserError(f"{path}: cannot be read: {why}", _CHECK) from None
         return path
-
-
-_GAP = rb"\s+(?:#[^\n]*\n\s*)*"
-_PNM = re.compile(rb"P[256]" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})\s")
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:
@@ -55,83 +66,171 @@ def natural(name: str) -> list[tuple[int, int, str]]:
 def look(path: str | os.PathLike[str]) -> Listing:
     """List a scene's folder or file. Raises UserError where there is none, it cannot be read or holds too many files."""
     given = Path(path)
+    if "\n" in str(given):
+        raise UserError(f"{shown(str(given))}: a line break in the path of a scene", "rename it")
     try:
-        if given.is_file():
+        mode = given.stat().st_mode
+        if stat.S_ISREG(mode):
             return Listing(given, given.parent, (given.name,), (), True)
-        if not given.is_dir():
-            raise UserError(f"{given}: no such scene", "give the folder of the views, or the file that holds them")
-        names: list[str] = []
-        folders: list[str] = []
-        with os.scandir(given) as entries:
-            for entry in entries:
-                if entry.name.startswith("."):
-                    continue
-                (folders if entry.is_dir() else names).append(entry.name)
-                if len(names) + len(folders) > MAX_FILES:
-                    raise UserError(
-                        f"{given}: more than {MAX_FILES} files, no light field has so many views",
-                        "give the folder that holds the views of one scene only",
-                    )
+        if not stat.S_ISDIR(mode):
+            raise UserError(f"{given}: neither a file nor a folder", "give the folder of the views, or the file that holds them")
+        names, folders = _entries(given)
+    except FileNotFoundError:
+        raise UserError(f"{given}: no such scene", "give the folder of the views, or the file that holds them") from None
     except OSError as error:
-        raise UserError(f"{given}: cannot be read: {error.strerror}", "check the path and its permissions") from None
+        raise UserError(f"{given}: cannot be read: {reason(error)}", "check the path and its permissions") from None
     except ValueError as error:  # a NUL in the path
-        raise UserError(f"{str(given)!r}: not a path: {error}", "give the folder of the views") from None
+        raise UserError(f"{shown(str(given))}: not a path: {error}", "give the folder of the views") from None
     if not names and not folders:
         raise UserError(f"{given}: the folder is empty", "give the folder of the views, or the file that holds them")
     return Listing(given, given, tuple(sorted(names, key=natural)), tuple(sorted(folders, key=natural)), False)
 
 
-def read_bytes(path: Path) -> bytes:
-    """The file's bytes. Raises UserError."""
+def _entries(folder: Path) -> tuple[list[str], list[str]]:
+    """Names of files and of subfolders; hidden ones and those with a line break are left out."""
+    names: list[str] = []
+    folders: list[str] = []
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.startswith(".") or "\n" in entry.name:
+                continue
+            if not names and not folders:
+                _require_entry(folder, entry)
+            (folders if entry.is_dir() else names).append(entry.name)
+            if len(names) + len(folders) > MAX_FILES:
+                raise UserError(
+                    f"{folder}: more than {MAX_FILES} files, no light field has so many views",
+                    "give the folder that holds the views of one scene only",
+                )
+    return names, folders
+
+
+def _require_entry(folder: Path, entry: os.DirEntry[str]) -> None:
+    """Raises UserError where the folder can be listed (r) but not searched (x)."""
     try:
-        return path.read_bytes()
+        entry.stat(follow_symlinks=False)
+    except PermissionError:
+        remedy = f"chmod u+x {folder}"
+        raise UserError(f"{folder}: can be listed but not entered, search permission is missing", remedy) from None
+
+
+def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BinaryIO:
+    """A regular file, to be read. Raises UserError where it is something else, cannot be read or is larger than that."""
+    try:
+        file = open_regular(path)
     except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}", "check the file and its permissions") from None
+        raise UserError(f"{path}: cannot be read: {reason(error)}", _CHECK) from None
+    size = os.fstat(file.fileno()).st_size
+    if size > most_bytes:
+        file.close()
+        raise UserError(f"{path}: has {size} bytes, at most {most_bytes} are expected", "is this file what its name says?")
+    return file
 
 
-def _header(data: bytes) -> tuple[int, int, int] | None:
-    """(width, height, maximal value) that a PNG or PNM file claims, or None for other kinds."""
-    if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) > 25:
-        return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big"), (1 << min(data[24], 16)) - 1
-    pnm = _PNM.match(data[:512])
-    return (int(pnm[1]), int(pnm[2]), int(pnm[3])) if pnm else None
+def read_bytes(path: Path, most_bytes: int = 1 << 20) -> bytes:
+    """The bytes of a file. Raises UserError as `open_file` does."""
+    with open_file(path, most_bytes) as file:
+        try:
+            return file.read()
+        except OSError as error:
+            raise UserError(f"{path}: cannot be read: {reason(error)}", _CHECK) from None
 
 
-def read_picture(path: Path) -> tuple[NDArray[Any], int]:
+def descriptor_path(file: BinaryIO) -> str:
+    """A path to an open file for libraries that open files by name: the file that was checked, by a name of plain ASCII."""
+    return f"/proc/self/fd/{file.fileno()}"
+
+
+def _reader(file: BinaryIO) -> tuple[Read, int]:
+    """Access to the bytes of an open file, and its size."""
+    fd, size = file.fileno(), os.fstat(file.fileno()).st_size
+    return lambda offset, count: os.pread(fd, count, offset) if offset < size else b"", size
+
+
+def picture_header(path: Path) -> Header:
+    """What a picture claims to be. Raises UserError where it is none, is too large to be decoded or surely truncated."""
+    with open_file(path) as file:
+        return _examined(path, file)
+
+
+def _examined(path: Path, file: BinaryIO) -> Header:
+    try:
+        read, size = _reader(file)
+        header = read_header(read)
+        if header is None:
+            raise _unreadable(path, "truncated, damaged or another format")
+        problem = header.problem(size)
+        if not problem and header.format == "JPEG" and _JPEG_END not in read(max(0, size - _TAIL), _TAIL):
+            problem = "truncated: a JPEG file without its end"
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {reason(error)}", _CHECK) from None
+    if problem:
+        raise _unreadable(path, problem)
+    return header
+
+
+def _unreadable(path: Path, why: str) -> UserError:
+    return UserError(f"{path}: not a readable picture ({why})", "fetch or export it again")
+
+
+def _decode(file: BinaryIO, out: NDArray[Any], colour: int) -> bool:
+    """Decodes an open picture into out; False where it is damaged or not of the size and type of out.
+
+    Without `out`, OpenCV decodes and then copies: twice the memory. With it, a header that it does not understand leaves out as
+    it is and looks like success; so a mark is set, and another where the picture may have happened to equal it.
+    """
+    start = out.reshape(-1)[:16]
+    for mark in (90, 165):
+        start[:] = mark
+        try:
+            found = cv2.imread(descriptor_path(file), out, colour | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+        except cv2.error:
+            return False
+        if found is not out:
+            return False
+        if (start != mark).any():
+            return True
+    return False
+
+
+def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], int]:
     """A picture's own values and the value that stands for full: ((h, w) or (h, w, 3) RGB, uint8 or uint16, max_value).
 
     The depth of the file is kept (a 10-bit PPM holds 0..1023; OpenCV's usual read would shift it to 0..3). An alpha
-    plane is left out. Raises UserError where the file is truncated, no picture, or of more than MAX_PIXELS.
+    plane is left out. like: what `picture_header` has returned for the path. Raises UserError where the file is truncated,
+    no picture, too large, or changed since then.
     """
-    data = read_bytes(path)
-    header = _header(data)
-    if header and header[0] * header[1] > MAX_PIXELS:
-        raise UserError(f"{path}: claims {header[0]}x{header[1]} px, more than {MAX_PIXELS} px", "is this file really a picture?")
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    except cv2.error:
-        pixels = None
-    if pixels is None or pixels.dtype not in (np.uint8, np.uint16) or pixels.ndim not in (2, 3):
-        raise UserError(f"{path}: not a readable picture (truncated, damaged or another format)", "fetch or export it again")
-    if pixels.ndim == 3:
-        pixels = pixels[:, :, 0] if pixels.shape[2] < 3 else cv2.cvtColor(pixels[:, :, :3], cv2.COLOR_BGR2RGB)
-    full = 255 if pixels.dtype == np.uint8 else 65535
-    if header and header[2] > 1 and data[:1] == b"P":
-        full = header[2]
-        if (pixels.dtype == np.uint8) != (full < 256):
-            raise UserError(f"{path}: says values up to {full} but was read as {pixels.dtype}", "export it as PNG")
-    return pixels, full
+    with open_file(path) as file:
+        header = _examined(path, file)
+        if like is not None and header != like:
+            raise UserError(f"{path}: changed while it was read", "try again once the files are complete")
+        shape = (header.height_px, header.width_px) if header.grey else (header.height_px, header.width_px, 3)
+        pixels = np.empty(shape, np.uint16 if header.max_value > 255 else np.uint8)
+        if not _decode(file, pixels, cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR):
+            raise _unreadable(path, "truncated, damaged or of another kind than its header says")
+    if not header.grey:  # OpenCV's own IMREAD_COLOR_RGB leaves TIFF files of 16 bit as they are
+        for top in range(0, header.height_px, _STRIP_ROWS):
+            strip = pixels[top : top + _STRIP_ROWS]
+            cv2.cvtColor(strip, cv2.COLOR_BGR2RGB, dst=strip)
+    return pixels, header.max_value
+
+
+_PFM = re.compile(rb"Pf\s+(\d{1,6})\s+(\d{1,6})\s+(-?[\d.eE+-]{1,20})\s")
 
 
 def read_pfm(path: Path) -> NDArray[np.float32]:
     """A PFM map, top row first, float32 (h, w); values that are not finite stay as they are. Raises UserError."""
-    data = read_bytes(path)
-    found = re.match(rb"Pf\s+(\d{1,6})\s+(\d{1,6})\s+(-?[\d.eE+-]{1,20})\s", data[:128])
-    if not found:
-        raise UserError(f"{path}: not a grey PFM file", "a disparity map starts with 'Pf'")
-    width, height = int(found[1]), int(found[2])
-    body = data[found.end() :]
-    if width * height == 0 or len(body) < 4 * width * height:
-        raise UserError(f"{path}: {width}x{height} values promised, {len(body) // 4} there", "fetch the file again")
+    with open_file(path) as file:
+        found = _PFM.match(file.read(128))
+        if not found:
+            raise UserError(f"{path}: not a grey PFM file", "a disparity map starts with 'Pf'")
+        width, height = int(found[1]), int(found[2])
+        there = os.fstat(file.fileno()).st_size - found.end()
+        if width * height == 0 or there < 4 * width * height:
+            raise UserError(f"{path}: {width}x{height} values promised, {there // 4} there", "fetch the file again")
+        if 4 * width * height > MAX_MAP_BYTES:
+            raise UserError(f"{path}: {width}x{height} values, no view is so large", "is this file a disparity map?")
+        file.seek(found.end())
+        body = file.read(4 * width * height)
     order = "<f4" if found[3].startswith(b"-") else ">f4"
     return np.frombuffer(body, order, width * height).reshape(height, width)[::-1].astype(np.float32)

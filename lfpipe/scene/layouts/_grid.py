@@ -11,10 +11,13 @@ from typing import Any
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, read_picture
+from lfpipe.picture_header import MAX_DECODING_BYTES
+from lfpipe.scene.files import MAX_FILES, Listing, picture_header, read_picture
 from lfpipe.scene.source import Source
 
 Place = tuple[int, int]
+MAX_SIDE = 10_000  # views along one side of a grid
+MAX_VIEWS = MAX_FILES
 
 
 def asked_grid(text: str) -> Place | None:
@@ -24,7 +27,24 @@ def asked_grid(text: str) -> Place | None:
     found = re.fullmatch(r"\s*(\d{1,4})\s*[xX×]\s*(\d{1,4})\s*", text)
     if not found or int(found[1]) * int(found[2]) == 0:
         raise UserError(f"scene.grid: {text!r} is not ROWSxCOLS", "for example --set scene.grid=9x9")
+    require_grid(int(found[1]), int(found[2]), "scene.grid")
     return int(found[1]), int(found[2])
+
+
+def require_grid(rows: int, cols: int, what: str) -> None:
+    """Raises UserError where no light field has such a grid. what: who says so."""
+    if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE and rows * cols <= MAX_VIEWS):
+        most = f"at most {MAX_SIDE} along a side and {MAX_VIEWS} together"
+        raise UserError(
+            f"{what}: a grid of {rows}x{cols} views, {most} are expected", "give the true one with --set scene.grid=ROWSxCOLS"
+        )
+
+
+def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
+    """Raises UserError where no view is so large. what: who says so."""
+    if min(height, width) < 1 or height * width * 3 * sample_bytes > MAX_DECODING_BYTES:
+        most = f"at most {MAX_DECODING_BYTES / 1e6:.0f} MB each"
+        raise UserError(f"{what}: views of {width}x{height} px, {most} are expected", "export it with smaller views")
 
 
 def true_max(values: list[int], full: int) -> int:
@@ -56,7 +76,8 @@ def named_grid(pairs: Mapping[Place, str], listing: Listing) -> tuple[dict[Place
 
 
 def require_whole(listing: Listing, files: Mapping[Place, Path], rows: int, cols: int, example: str) -> None:
-    """Raises UserError that names the views without a file."""
+    """Raises UserError that names the views without a file, or where no light field has such a grid."""
+    require_grid(rows, cols, str(listing.path))
     holes = [(r, c) for r in range(rows) for c in range(cols) if (r, c) not in files]
     if holes:
         some = ", ".join(f"row {r} column {c}" for r, c in holes[:6]) + (f" and {len(holes) - 6} more" if len(holes) > 6 else "")
@@ -70,25 +91,24 @@ def files_source(layout: str, listing: Listing, files: Mapping[Place, Path], row
     """A Source that reads one picture file per view. Size and depth are those of the middle view; a view of another
     size or depth raises UserError when read. more: further fields of Source; extra_files joins its files."""
     middle = min(files, key=lambda place: (abs(place[0] - rows // 2) + abs(place[1] - cols // 2), place))
-    first, full = read_picture(files[middle])
-    height, width = first.shape[:2]
-    some = [files[place] for place in (min(files), max(files))]
-    top = full if full != 65535 else true_max([int(first.max()), *(int(read_picture(path)[0].max()) for path in some)], full)
+    headers = {place: picture_header(path) for place, path in files.items()}
+    first = headers[middle]
+    for place, header in headers.items():
+        for what, here, there in (
+            (" px", f"{header.width_px}x{header.height_px}", f"{first.width_px}x{first.height_px}"),
+            ("-bit", str(header.max_value.bit_length()), str(first.max_value.bit_length())),
+        ):
+            if here != there:
+                raise UserError(
+                    f"{files[place]}: {here}{what}, but {files[middle].name} has {there}{what}",
+                    "every view of a light field has the same size and depth; export this one again",
+                )
+    full = first.max_value
+    if full == 65535:
+        full = true_max([int(read_picture(files[place])[0].max()) for place in {min(files), middle, max(files)}], full)
 
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
-        path = files[row, col]
-        pixels, its_full = read_picture(path)
-        if pixels.shape[:2] != (height, width):
-            raise UserError(
-                f"{path}: {pixels.shape[1]}x{pixels.shape[0]} px, but {files[middle].name} has {width}x{height}",
-                "every view of a light field has the same size; export this one again",
-            )
-        if its_full != full:
-            raise UserError(
-                f"{path}: {its_full.bit_length()}-bit, but {files[middle].name} is {full.bit_length()}-bit",
-                "every view of a light field has the same depth; export this one again",
-            )
-        return pixels
+        return read_picture(files[row, col], headers[row, col])[0]
 
     extra = tuple(more.pop("extra_files", ()))
     missing = frozenset((r, c) for r in range(rows) for c in range(cols) if (r, c) not in files)
@@ -99,9 +119,9 @@ def files_source(layout: str, listing: Listing, files: Mapping[Place, Path], row
         rows=rows,
         cols=cols,
         read=read,
-        height_px=height,
-        width_px=width,
-        max_value=top,
+        height_px=first.height_px,
+        width_px=first.width_px,
+        max_value=full,
         missing=missing,
         **more,
     )

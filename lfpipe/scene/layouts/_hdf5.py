@@ -1,7 +1,8 @@
-"""HDF5 files that others made: opened read-only, and nothing in them may lead to another file."""
+"""HDF5 files that others made: opened read-only, nothing in them may lead to another file, and claims are checked first."""
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -11,8 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.scene.files import descriptor_path, open_file
 
-_WHOLE_BYTES = 1 << 30
+_WHOLE_BYTES = 1 << 30  # a compressed data set up to this size is unpacked once
+_SMALL_BYTES = 150_000_000  # what may be unpacked before anything is known to be wrong
+_MAX_RATIO = 100  # unpacked over stored, for what is not small; pictures pack 2 to 10 times, black ones more
+_MAX_PIECES = 1_000_000
+_REMEDY = "fetch the file again"
+# What h5py raises for damage, besides MemoryError.
+_TROUBLE = (OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError)
 
 
 class Hdf5:
@@ -24,28 +32,45 @@ class Hdf5:
         self.path = path
         self._lock = threading.Lock()
         self._whole: dict[str, Any] = {}
-        try:
-            self._file = h5py.File(path, "r")
-        except (OSError, ValueError, RuntimeError) as error:
-            reason = str(error).splitlines()[0]
-            raise UserError(f"{path}: not a readable HDF5 file: {reason}", "fetch it again (a truncated copy?)") from None
+        with open_file(path) as file:
+            try:
+                self._file = h5py.File(descriptor_path(file), "r")
+            except _TROUBLE as error:
+                raise UserError(
+                    f"{path}: not a readable HDF5 file: {_first_line(error)}", "fetch it again"
+                ) from None
         self._h5py = h5py
 
     def shape(self, key: str) -> tuple[int, ...] | None:
-        """Shape of a data set, None where there is none. Raises UserError where it leads out of the file."""
+        """Shape of a data set of numbers, None where there is none. Raises UserError where it leads out of the file or
+        claims what its file cannot hold."""
         with self._lock:
             try:
                 link = self._file.get(key, getlink=True)
-                if isinstance(link, self._h5py.ExternalLink):
-                    raise UserError(f"{self.path}: {key} leads to another file, {link.filename}", "fetch the scene as one file")
+                if isinstance(link, self._h5py.ExternalLink | self._h5py.SoftLink):  # a chain of them may end anywhere
+                    there = getattr(link, "filename", "") or link.path
+                    raise UserError(f"{self.path}: {key} leads to another file or place, {there}", "fetch the scene as one file")
                 item = self._file.get(key)
-                if not isinstance(item, self._h5py.Dataset) or item.dtype.kind not in "uif":
+                if not isinstance(item, self._h5py.Dataset) or item.dtype.kind not in "uif" or item.shape is None:
                     return None
                 if item.external or item.is_virtual:
                     raise UserError(f"{self.path}: {key} is kept in other files", "fetch the whole scene as one file")
-                return tuple(int(n) for n in item.shape)
-            except (KeyError, OSError, RuntimeError, ValueError, TypeError) as error:
-                raise UserError(f"{self.path}: {key} cannot be read: {error}", "fetch the file again") from None
+                shape = tuple(int(n) for n in item.shape)
+                self._require_plausible(key, item, shape)
+                return shape
+            except _TROUBLE as error:
+                raise UserError(f"{self.path}: {key} cannot be read: {_first_line(error)}", _REMEDY) from None
+
+    def _require_plausible(self, key: str, item: Any, shape: tuple[int, ...]) -> None:
+        size, stored = math.prod(shape) * item.dtype.itemsize, int(item.id.get_storage_size())
+        claim = f"{self.path}: {key} claims {shape} values of {item.dtype}, {size / 1e6:.0f} MB"
+        if size > _SMALL_BYTES and size > _MAX_RATIO * stored:
+            raise UserError(f"{claim}, but {stored} bytes are stored", _REMEDY)
+        if item.chunks:
+            piece = math.prod(item.chunks) * item.dtype.itemsize
+            pieces = math.prod(-(-n // c) for n, c in zip(shape, item.chunks, strict=True))
+            if piece > _SMALL_BYTES or pieces > _MAX_PIECES:
+                raise UserError(f"{claim} in {pieces} pieces of {piece} bytes", "save it again with smaller or fewer chunks")
 
     def type(self, key: str) -> np.dtype[Any]:
         """Number type of a data set that `shape` has found."""
@@ -57,33 +82,46 @@ class Hdf5:
         return sorted(str(name) for name in self._file)
 
     def attributes(self) -> dict[str, float]:
-        """Numeric attributes of the root."""
+        """Numeric attributes of the root; those of several numbers are left out."""
         found: dict[str, float] = {}
-        for name in self._file.attrs:
-            try:
-                found[str(name)] = float(np.asarray(self._file.attrs[name]).ravel()[0])
-            except (TypeError, ValueError, IndexError, OSError):
-                continue
+        try:
+            attrs = self._file.attrs
+            for name in attrs:
+                about = attrs.get_id(name)
+                if about.dtype.kind in "uif" and math.prod(about.shape) == 1:
+                    found[str(name)] = float(np.asarray(attrs[name]).ravel()[0])
+        except _TROUBLE as error:
+            raise UserError(f"{self.path}: its attributes cannot be read: {_first_line(error)}", _REMEDY) from None
         return found
 
     def piece(self, key: str, index: Any) -> NDArray[Any]:
-        """A part of a data set. Raises UserError where the file is damaged there."""
+        """A part of a data set that `shape` has found. Raises UserError where the file is damaged there."""
         with self._lock:
             try:
                 if key not in self._whole:
                     found = self._file[key]
                     # A view may cross every compressed chunk: unpacking them all once beats doing so for each view.
-                    self._whole[key] = found[()] if found.chunks and found.nbytes <= _WHOLE_BYTES else found
+                    if found.chunks and found.nbytes <= _WHOLE_BYTES:
+                        if found.nbytes > _SMALL_BYTES:
+                            for part in found.iter_chunks():  # damage shows here, while little memory is taken
+                                found[part]
+                        found = found[()]
+                    self._whole[key] = found
                 return np.asarray(self._whole[key][index])
-            except (OSError, RuntimeError, ValueError, KeyError, IndexError) as error:
-                raise UserError(f"{self.path}: {key} is damaged: {str(error).splitlines()[0]}", "fetch the file again") from None
+            except _TROUBLE as error:
+                raise UserError(f"{self.path}: {key} is damaged: {_first_line(error)}", _REMEDY) from None
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def is_hdf5(path: Path) -> bool:
-    """Whether a file is HDF5, as MATLAB's v7.3 is behind a header of its own."""
+    """Whether a file is HDF5, as MATLAB's v7.3 is behind a header of its own. Raises UserError where it cannot be read."""
     import h5py
 
-    return bool(h5py.is_hdf5(path))
+    with open_file(path) as file:
+        return bool(h5py.is_hdf5(descriptor_path(file)))
 
 
 def unsigned(values: NDArray[Any], path: Path, full: Callable[[], float] = lambda: 1.0) -> NDArray[Any]:
@@ -94,5 +132,6 @@ def unsigned(values: NDArray[Any], path: Path, full: Callable[[], float] = lambd
         raise UserError(f"{path}: values of type {values.dtype}", "export them as uint8, uint16 or float")
     if not np.isfinite(values).all():
         raise UserError(f"{path}: holds values that are no numbers (NaN or infinite)", "export it again")
-    share = np.clip(values.astype(np.float32) / np.float32(full()), 0, 1)
+    with np.errstate(over="ignore"):
+        share = np.clip(values.astype(np.float32) / np.float32(full()), 0, 1)
     return np.asarray(np.rint(share * np.float32(65535)), np.uint16)

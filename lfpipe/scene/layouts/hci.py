@@ -18,13 +18,15 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, read_bytes, read_pfm
-from lfpipe.scene.layouts._grid import asked_grid, files_source, require_whole
+from lfpipe.scene.layouts._grid import MAX_SIDE, asked_grid, files_source, require_whole
 from lfpipe.scene.lightfield import Geometry
 from lfpipe.scene.source import Source, Turn
 
 NAME = "hci"
 _VIEW = re.compile(r"input_Cam(\d{3,5})\.(?:png|jpe?g|ppm)", re.IGNORECASE)
 _TRUTH = re.compile(r"gt_disp_lowres(?:_Cam(\d{3,5}))?\.pfm", re.IGNORECASE)
+
+_NOT_NEEDED = "correct it or move the file away, it is not needed"
 
 
 def detect(listing: Listing) -> int | None:
@@ -38,28 +40,30 @@ def _parameters(path: Path) -> configparser.SectionProxy:
         parser.read_string(read_bytes(path).decode("utf-8", "replace"))
     except configparser.Error as error:
         reason = str(error).splitlines()[0]
-        raise UserError(f"{path}: not in the form of parameters.cfg: {reason}", "move it away, it is not needed") from None
+        raise UserError(f"{path}: not in the form of parameters.cfg: {reason}", _NOT_NEEDED) from None
     whole = configparser.ConfigParser(interpolation=None)
     whole.read_dict({"all": {key: value for section in parser.sections() for key, value in parser[section].items()}})
     return whole["all"]
 
 
-def _number(table: configparser.SectionProxy, key: str) -> float | None:
-    """A finite number above zero, or None."""
+def _number(path: Path, table: configparser.SectionProxy, key: str, low: float, high: float) -> float | None:
+    """The number at key; None where there is none, or zero or text for "not known". Raises UserError where it is out of range."""
     try:
-        value = float(table.get(key, "nan"))
+        value = float(table.get(key, "0"))
     except ValueError:
         return None
-    return value if math.isfinite(value) and value > 0 else None
+    if value and not low <= value <= high:
+        raise UserError(f"{path}: {key} = {value:g}, a number from {low:g} to {high:g} is expected", _NOT_NEEDED)
+    return value or None
 
 
-def _geometry(table: configparser.SectionProxy) -> Geometry:
+def _geometry(path: Path, table: configparser.SectionProxy) -> Geometry:
     """Baseline and focus distance in mm; the focal length in px of the longer side of a view."""
-    focal, sensor = _number(table, "focal_length_mm"), _number(table, "sensor_size_mm")
-    sides = [_number(table, f"image_resolution_{axis}_px") or 0.0 for axis in "xy"]
-    focus = _number(table, "focus_distance_m")
+    focal, sensor = _number(path, table, "focal_length_mm", 1e-2, 1e5), _number(path, table, "sensor_size_mm", 1e-2, 1e5)
+    sides = [_number(path, table, f"image_resolution_{axis}_px", 1, 1e5) or 0.0 for axis in "xy"]
+    focus = _number(path, table, "focus_distance_m", 1e-4, 1e6)
     return Geometry(
-        baseline_mm=_number(table, "baseline_mm"),
+        baseline_mm=_number(path, table, "baseline_mm", 1e-6, 1e7),
         focus_distance_mm=focus * 1000 if focus else None,
         focal_length_px=focal / sensor * max(sides) if focal and sensor and max(sides) else None,
     )
@@ -73,8 +77,8 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     geometry, grid = Geometry(), asked_grid(scene.grid)
     if cfg:
         table = _parameters(cfg)
-        geometry = _geometry(table)
-        said = _number(table, "num_cams_y"), _number(table, "num_cams_x")
+        geometry = _geometry(cfg, table)
+        said = _number(cfg, table, "num_cams_y", 1, MAX_SIDE), _number(cfg, table, "num_cams_x", 1, MAX_SIDE)
         if grid is None and said[0] and said[1]:
             grid = int(said[0]), int(said[1])
     if grid is None:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing
+from lfpipe.scene.layouts._grid import require_grid, require_view
 from lfpipe.scene.layouts._hdf5 import Hdf5, unsigned
-from lfpipe.scene.layouts.hci_text import disparity_of_depth
+from lfpipe.scene.layouts.hci_text import disparity_of_depth, require_plausible
 from lfpipe.scene.source import Source, Turn
 
 NAME = "hci-old"
@@ -45,7 +46,10 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     if len(shape) != 5 or shape[4] not in (1, 3) or 0 in shape:
         raise UserError(f"{path}: LF has shape {shape}, (rows, columns, y, x, 3) expected", "export it again")
     rows, cols, height, width, _ = shape
+    require_grid(rows, cols, f"{path}: LF")
+    require_view(height, width, data.type("LF").itemsize, f"{path}: LF")
     known = data.attributes()
+    require_plausible(known, path)
     truth = {}
 
     def read_truth(row: int, col: int) -> NDArray[np.float32]:

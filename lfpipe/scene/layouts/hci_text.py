@@ -5,8 +5,9 @@ Wanner, Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Lig
 
 from __future__ import annotations
 
-import math
 import re
+from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,13 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, look, read_bytes
-from lfpipe.scene.layouts._grid import files_source, named_grid, require_whole
+from lfpipe.scene.layouts._grid import MAX_SIDE, files_source, named_grid, require_whole
 from lfpipe.scene.source import Source, Turn
 
 NAME = "hci-text"
 _VIEW = re.compile(r"(\d{1,3})_(\d{1,3})\.(?:png|jpe?g|ppm)", re.IGNORECASE)
+
+_USED, _MOST = ("dH", "focalLength", "shift", "hRes", "vRes"), 1e9
 
 
 def detect(listing: Listing) -> int | None:
@@ -38,6 +41,16 @@ def attributes(text: str) -> dict[str, float]:
     return found
 
 
+def require_plausible(known: Mapping[str, float], path: Path) -> None:
+    """Raises UserError where one of the attributes that are used here is not finite or out of range."""
+    for name in _USED:
+        value = known.get(name, 0.0)
+        if not -_MOST <= value <= _MOST:
+            raise UserError(
+                f"{path}: {name} = {value:g}, a number up to {_MOST:g} is expected", "fetch the scene again"
+            )
+
+
 def disparity_of_depth(depth: NDArray[np.float32], d_h: float, focal: float, shift: float) -> NDArray[np.float32]:
     """Disparity in px per view of the first HCI data set's depth: dH * focalLength / depth - shift."""
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -48,13 +61,14 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     if "attributes.dat" not in listing.names or "lf" not in listing.folders:
         raise UserError(f"{listing.path}: no attributes.dat beside a folder lf/", "give the folder that holds both")
     known = attributes(read_bytes(listing.file("attributes.dat")).decode("utf-8", "replace"))
+    require_plausible(known, listing.folder / "attributes.dat")
     inner = look(listing.file("lf"))
     pairs = {(int(found[1]), int(found[2])): name for name in inner.names if (found := _VIEW.fullmatch(name))}
     if not pairs:
         raise UserError(f"{inner.path}: no views ROW_COLUMN.png", "fetch the scene again")
     files, rows, cols = named_grid(pairs, inner)
     said = known.get("vRes", rows), known.get("hRes", cols)
-    if said != (rows, cols) and all(math.isfinite(n) and 0 < n < 1000 for n in said):
+    if said != (rows, cols) and all(1 <= n <= MAX_SIDE for n in said):
         rows, cols = int(said[0]), int(said[1])
     require_whole(inner, files, rows, cols, next(iter(pairs.values())))
     truth, extra = {}, [listing.file("attributes.dat")]
@@ -64,7 +78,7 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
         extra.append(depth_file := listing.file("depth.bin"))
 
         def read_truth() -> NDArray[np.float32]:
-            data = read_bytes(depth_file)
+            data = read_bytes(depth_file, max(4 * size[0] * size[1], 1 << 20))
             if len(data) != 4 * size[0] * size[1]:
                 raise UserError(
                     f"{depth_file}: {len(data)} bytes, {4 * size[0] * size[1]} expected of {size[1]}x{size[0]} float32",

@@ -5,18 +5,21 @@ v7.3 files are HDF5 and hold the axes in reverse order; older ones need scipy (`
 
 from __future__ import annotations
 
+import math
+import os
+import zlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts._grid import true_max
+from lfpipe.scene.files import Listing, open_file
+from lfpipe.scene.layouts._grid import require_grid, require_view, true_max
 from lfpipe.scene.layouts._hdf5 import Hdf5, is_hdf5, unsigned
 from lfpipe.scene.layouts._plenoptic import bright_part
 from lfpipe.scene.source import Source, Turn
@@ -24,6 +27,8 @@ from lfpipe.scene.source import Source, Turn
 NAME = "mat"
 _KEYS = ("LF", "lf", "LightField", "lightfield")
 _PLANES = (1, 3, 4, 5)  # grey, colour, and colour with weights behind it
+_PIECE_BYTES = 1 << 20
+_SMALL_BYTES, _MAX_RATIO = 150_000_000, 100  # bytes unpacked before anything is known to be wrong; unpacked over stored
 
 
 def _file(listing: Listing) -> Path | None:
@@ -64,16 +69,63 @@ def _open(path: Path) -> tuple[str, tuple[int, ...], np.dtype[Any], Callable[[An
     except ImportError:
         remedy = "pip install 'lfpipe[scipy]', or save it with -v7.3"
         raise UserError(f"{path}: a .mat file older than v7.3 needs scipy", remedy) from None
-    try:
-        held = scipy.io.loadmat(path, variable_names=list(_KEYS))
-    except Exception as error:  # scipy raises whatever its parser stumbles over
-        raise UserError(f"{path}: not a readable .mat file: {error!r}"[:300], "save it again, with -v7.3") from None
+    with open_file(path) as file:
+        try:
+            shape = next((shape for name, shape, _ in scipy.io.whosmat(file) if name in _KEYS), None)
+            if shape is None:
+                raise UserError(f"{path}: no variable LF", "save the light field as LF")
+            _require_whole(path, file, shape)
+            file.seek(0)
+            held = scipy.io.loadmat(file, variable_names=list(_KEYS))
+        except UserError:
+            raise
+        except Exception as error:  # scipy raises whatever its parser stumbles over
+            raise UserError(f"{path}: not a readable .mat file: {error!r}"[:300], "save it again, with -v7.3") from None
     for key in _KEYS:
         if isinstance(values := held.get(key), np.ndarray):
             if values.dtype.kind not in "uif":
                 raise UserError(f"{path}: {key} holds {values.dtype}, no pictures", "save it as uint8, uint16 or float")
             return key, values.shape, values.dtype, partial(np.ndarray.__getitem__, values), [key]
     raise UserError(f"{path}: no variable LF", "save the light field as LF")
+
+
+def _require_whole(path: Path, file: BinaryIO, shape: tuple[int, ...]) -> None:
+    """Raises UserError where the variables of a .mat file (5.0) are not whole, or unpack to much more than pictures do.
+
+    Each is a tag of type and size, 4 bytes each, and zlib data where the type is 15; it is unpacked here piece by piece.
+    """
+    if axis_order(shape) is None:
+        raise _wrong_axes(path, "LF", shape)
+    file.seek(0, os.SEEK_END)
+    size, at, unpacked = file.tell(), 128, 0
+    if size - at < math.prod(shape) / _MAX_RATIO:
+        raise UserError(f"{path}: LF claims {math.prod(shape)} values, the file has {size} bytes", "save it again")
+    file.seek(126)
+    order: Literal["little", "big"] = "little" if file.read(2) == b"IM" else "big"
+    while at + 8 <= size:
+        file.seek(at)
+        tag = file.read(8)
+        kind, length = (int.from_bytes(tag[k : k + 4], order) for k in (0, 4))
+        if at + 8 + length > size:
+            raise UserError(f"{path}: ends within a variable: {size} bytes, {at + 8 + length} needed", "fetch or save it again")
+        if kind == 15:
+            engine, left = zlib.decompressobj(), length
+            while left:
+                data = file.read(min(left, _PIECE_BYTES))
+                left -= len(data)
+                while data:
+                    unpacked += len(engine.decompress(data, _PIECE_BYTES))
+                    data = engine.unconsumed_tail
+                if not left and not engine.eof:
+                    raise UserError(f"{path}: a variable ends before its data does", "fetch or save it again")
+                if unpacked > _SMALL_BYTES + _MAX_RATIO * size:
+                    raise UserError(f"{path}: {size} bytes that unpack to more than {unpacked}", "save it again, with -v7.3")
+        at += 8 + length
+
+
+def _wrong_axes(path: Path, key: str, shape: tuple[int, ...]) -> UserError:
+    wrong = f"{path}: {key} has {len(shape)} axes of sizes {shape}"
+    return UserError(f"{wrong}; (rows, columns, y, x, planes) expected", "save it with these axes")
 
 
 def describe(listing: Listing, scene: config.Scene) -> Source:
@@ -83,10 +135,11 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     key, shape, kind, get, keys = _open(path)
     order = axis_order(shape)
     if order is None:
-        wrong = f"{path}: {key} has {len(shape)} axes of sizes {shape}"
-        raise UserError(f"{wrong}; (rows, columns, y, x, planes) expected", "save it with these axes")
+        raise _wrong_axes(path, key, shape)
     back = order[0] != 0
     all_rows, all_cols, height, width = (shape[axis] for axis in order[:4])
+    require_grid(all_rows, all_cols, f"{path}: {key}")
+    require_view(height, width, kind.itemsize, f"{path}: {key}")
     most = [1.0]
 
     def raw(row: int, col: int) -> NDArray[Any]:
@@ -99,7 +152,7 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
         return unsigned(pixels, path, lambda: most[0])
 
     middle = raw(all_rows // 2, all_cols // 2)
-    if kind.kind == "f" and float(np.nanmax(middle)) > 1.5:
+    if kind.kind == "f" and middle.size and float(np.nanmax(middle, initial=0)) > 1.5:
         most[0] = 255.0
     top, left, rows, cols, dark = bright_part(view, all_rows, all_cols)
     full = 255 if kind == np.uint8 else 65535

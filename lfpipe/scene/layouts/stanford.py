@@ -17,6 +17,7 @@ from lfpipe.scene.layouts._grid import files_source, named_grid, require_whole
 from lfpipe.scene.source import Source, Turn
 
 NAME = "stanford"
+_FARTHEST = 1e9  # in whatever unit: mm or px
 _NUMBER = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
 _VIEW = re.compile(rf".*?out_(\d{{1,4}})_(\d{{1,4}})_{_NUMBER}_{_NUMBER}(?:_{_NUMBER})*_?\.(?:png|jpe?g|ppm)", re.IGNORECASE)
 
@@ -38,7 +39,7 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     for place, path in files.items():
         match = found[path.name]
         stood[place] = float(match[3]), float(match[4])
-    if not np.isfinite(stood).all():
+    if not (np.abs(stood) <= _FARTHEST).all():
         raise UserError(f"{listing.path}: camera coordinates out of range in the names", "rename the files")
     turn, sure = coordinate_turn(stood)
     return files_source(
