@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -40,12 +41,13 @@ class Wish:
 
 @attrs.frozen
 class Prepared:
-    """A session that can start. files: what it will leave, for the last words."""
+    """A session that can start. files: what it will leave, for the last words. hold: keeps the pack in the cache."""
 
     config: Config
     options: SessionOptions
     duration_s: float | None
     files: tuple[Path, ...]
+    hold: object
 
 
 def say(text: str) -> None:
@@ -125,7 +127,7 @@ def prepare(wish: Wish) -> Prepared:
     duration_s = wish.duration_s or (DEMO_S if unseen else None)
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
     files = tuple(path for path in (video, still, wish.trace) if path is not None)
-    return Prepared(config, options, duration_s, files)
+    return Prepared(config, options, duration_s, files, field.hold)
 
 
 def _checked(wish: Wish, config: Config, display: str) -> Checked:
@@ -166,13 +168,13 @@ def _checked(wish: Wish, config: Config, display: str) -> Checked:
 
 def _grid(scene: Path, config: Config) -> tuple[int, int]:
     """Rows and columns of the scene; a packed one is not looked at again."""
-    import json
-
     from lfpipe.scene.cache import find_pack
+    from lfpipe.scene.manifest import DamagedPackError, read_manifest
 
     if pack := find_pack(scene, config.scene):
-        manifest = json.loads((pack / "manifest.json").read_bytes())
-        return manifest["rows"], manifest["cols"]
+        with contextlib.suppress(DamagedPackError):  # it will be made again
+            manifest = read_manifest(pack)
+            return manifest["rows"], manifest["cols"]
     from lfpipe.scene.layouts import describe
 
     source = describe(scene, config.scene)

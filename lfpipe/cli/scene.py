@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -69,14 +70,21 @@ def _write(path: Path, picture: NDArray[np.uint8]) -> None:
     import cv2
 
     from lfpipe.errors import UserError
+    from lfpipe.files import reason, replaced
 
     try:
-        done = cv2.imwrite(str(path), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    except cv2.error:
-        done = False
-    if not done:
-        raise UserError(f"{path}: cannot be written", "a PNG in a folder that exists and that you may write to")
-    click.echo(path)
+        _, data = cv2.imencode(path.suffix, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+        with replaced(path, 0o644) as file:
+            file.write(data.tobytes())
+    except (cv2.error, OSError) as error:
+        why = f": {reason(error)}" if isinstance(error, OSError) else ""
+        raise UserError(f"{path}: cannot be written{why}", "a PNG in a folder that exists and that you may write to") from None
+    _echo_path(path)
+
+
+def _echo_path(path: Path) -> None:
+    """Prints a path as it is, whatever bytes it is made of."""
+    click.echo(os.fsencode(path))
 
 
 @click.group()
@@ -103,7 +111,7 @@ def pack(path: Path, as_json: bool, **word: Any) -> None:
         told = {"pack": str(folder), "needs_tracking": plan.needs_tracking, "method": plan.method, **field.manifest}
         click.echo(json.dumps(told))
     else:
-        click.echo(folder)
+        _echo_path(folder)
 
 
 @scene.command("list")
@@ -134,7 +142,7 @@ def list_packs(config_file: str | None, sets: tuple[str, ...], as_json: bool) ->
 @click.option("--all", "everything", is_flag=True, help="Remove every pack.")
 @with_config
 def clean(keys: tuple[str, ...], everything: bool, config_file: str | None, sets: tuple[str, ...]) -> None:
-    """Remove packs by key or name; without any, only what killed runs left."""
+    """Remove packs by key or name; without any, only what killed runs left. A pack that a session shows stays."""
     from lfpipe.config import load
     from lfpipe.errors import UserError
     from lfpipe.scene.cache import packs, remove, sweep
@@ -144,11 +152,29 @@ def clean(keys: tuple[str, ...], everything: bool, config_file: str | None, sets
     known = {word for folder, m, _ in found for word in (folder.name, m.get("name"), m.get("source"))}
     if unknown := [key for key in keys if key not in known]:
         raise UserError(f"{', '.join(unknown)}: no such pack", "`lfpipe scene list` shows keys and names")
-    gone = [p for p in found if everything or {p[0].name, p[1].get("name"), p[1].get("source")} & set(keys)]
-    for folder, _, _ in gone:
-        remove(config, folder)
+    chosen = [p for p in found if everything or {p[0].name, p[1].get("name"), p[1].get("source")} & set(keys)]
+    gone = [pack for pack in chosen if remove(pack[0])]
+    for folder, manifest, _ in chosen:
+        if folder.is_dir():
+            click.echo(f"in use, kept: {folder.name}  {manifest.get('name', '')}")
     left = sweep(config)
     click.echo(f"removed {len(gone)} packs, {sum(size for _, _, size in gone) / 1e6:.1f} MB, and {left} leftovers")
+
+
+@scene.command()
+@SCENE
+@with_word
+def check(path: Path, **word: Any) -> None:
+    """Read the pack of SCENE whole and compare it with its checksums. SCENE may be the folder of a pack, too."""
+    from lfpipe.errors import UserError
+    from lfpipe.scene.cache import find_pack
+    from lfpipe.scene.manifest import NAME
+    from lfpipe.scene.store import check_pack
+
+    pack = path if (path / NAME).is_file() else find_pack(path, _config(word).scene)
+    if pack is None:
+        raise UserError(f"{path}: is not packed", "`lfpipe scene pack` packs it")
+    click.echo(f"whole: {check_pack(pack) / 1e6:.1f} MB in {pack}")
 
 
 @scene.command()

@@ -23,10 +23,10 @@ import platformdirs
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import look
+from lfpipe.scene.files import look, open_file
+from lfpipe.scene.hold import unused
+from lfpipe.scene.manifest import VERSION, DamagedPackError, read_manifest
 from lfpipe.scene.source import Source
-
-VERSION = 1  # of the pack; another version is another key
 
 
 def cache_dir(scene: config.Scene) -> Path:
@@ -78,8 +78,9 @@ def content_key(source: Source, scene: config.Scene) -> str:
     digest = hashlib.blake2b(f"{_said(scene)}{source.layout}".encode(), digest_size=12)
     for path in source.files:
         try:
-            digest.update(f"\0{path.name}\0{path.stat().st_size}\0".encode(errors="surrogateescape"))
-            with path.open("rb") as stream:
+            with open_file(path) as stream:
+                size = os.fstat(stream.fileno()).st_size
+                digest.update(f"\0{path.name}\0{size}\0".encode(errors="surrogateescape"))
                 while block := stream.read(1 << 20):
                     digest.update(block)
         except OSError as error:
@@ -125,23 +126,26 @@ def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
     with contextlib.suppress(OSError):
         for folder in (cache_dir(scene) / "scenes").iterdir():
             if folder.is_dir() and not folder.name.startswith("."):
-                try:
-                    manifest = json.loads((folder / "manifest.json").read_bytes())
-                except (OSError, ValueError):
-                    manifest = {}
-                size = sum(file.stat().st_size for file in folder.iterdir())
-                found.append((folder, manifest if isinstance(manifest, dict) else {}, size))
+                manifest: dict[str, Any] = {}
+                with contextlib.suppress(DamagedPackError):
+                    manifest = read_manifest(folder)
+                found.append((folder, manifest, sum(file.stat().st_size for file in folder.iterdir())))
     return sorted(found, key=lambda pack: str(pack[1].get("created", "")), reverse=True)
 
 
-def remove(scene: config.Scene, folder: Path) -> None:
-    """Delete one pack; a session that has it open keeps its maps until it ends."""
-    gone = folder.with_name(f".{folder.name}.{os.getpid()}")
+def remove(folder: Path) -> bool:
+    """Delete one pack; False where a session or another process has it open, and it stays. Raises UserError."""
     try:
-        folder.replace(gone)
+        with unused(folder) as free:
+            if free:
+                gone = folder.with_name(f".{folder.name}.{os.getpid()}")
+                folder.replace(gone)
+                shutil.rmtree(gone, ignore_errors=True)
+            return free
+    except FileNotFoundError:  # another clean was quicker
+        return True
     except OSError as error:
         raise UserError(f"{folder}: cannot be removed: {error.strerror}", "check its permissions") from None
-    shutil.rmtree(gone, ignore_errors=True)
 
 
 def sweep(scene: config.Scene) -> int:

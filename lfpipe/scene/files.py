@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -112,6 +114,18 @@ def _require_entry(folder: Path, entry: os.DirEntry[str]) -> None:
     except PermissionError:
         remedy = f"chmod u+x {folder}"
         raise UserError(f"{folder}: can be listed but not entered, search permission is missing", remedy) from None
+
+
+@contextlib.contextmanager
+def refused_beyond_means(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turns into UserError what the libraries that read files raise where they or the memory cannot cope."""
+    try:
+        yield
+    except MemoryError:
+        raise UserError(f"{path}: there is not enough memory to read it", "smaller views or fewer of them") from None
+    except cv2.error as error:
+        why = (error.err or str(error)).strip().splitlines()[0]
+        raise UserError(f"{path}: OpenCV cannot work with it: {why}", "check its pictures with another program") from None
 
 
 def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BinaryIO:

@@ -45,6 +45,7 @@ class LightField:
     name: str
     method: str  # the method that `auto` stands for here: "nearest", "blend", "warp" or "warp2"
     manifest: dict[str, Any]  # provenance, as stored
+    hold: object = None  # keeps `lfpipe scene clean` from removing the pack
 
     @property
     def frames(self) -> int:

@@ -23,25 +23,30 @@ from lfpipe.scene.store import PlaneFile
 Progress = Callable[[str, int, int], None]  # what is being done, how much of it is done, of how much
 Place = tuple[int, int, int]  # frame, row, column
 T = TypeVar("T")
+_ROOM_BYTES = 200_000_000  # for views that are decoded at the same time
 
 
 class NotGreyError(Exception):
     """A view has colour although those looked at first had none."""
 
 
-def workers() -> int:
-    """Threads that decode and estimate: the cores this process may use, four at most (each holds a few views)."""
-    return min(4, len(usable_cores()))
+def workers(item_bytes: int = 0) -> int:
+    """Threads that decode and estimate: the cores this process may use, at most four, fewer where each takes much memory."""
+    return max(1, min(4, len(usable_cores()), _ROOM_BYTES // max(1, item_bytes)))
 
 
-def in_parallel(work: Callable[[T], None], items: Iterable[T], done: Callable[[], None]) -> None:
-    """work(item) for every item on a few threads, a bounded number in flight; the first error ends it."""
+def in_parallel(work: Callable[[T], None], items: Iterable[T], done: Callable[[], None], item_bytes: int = 0) -> None:
+    """work(item) for every item on a few threads, a bounded number in flight; the first error ends it.
+
+    item_bytes: memory that one of them takes.
+    """
+    count = workers(item_bytes)
     waiting: Iterator[T] = iter(items)
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)  # the pool is the parallelism
     try:
-        with ThreadPoolExecutor(workers()) as pool:
-            while batch := list(islice(waiting, 4 * workers())):
+        with ThreadPoolExecutor(count) as pool:
+            while batch := list(islice(waiting, 4 * count)):
                 for future in [pool.submit(work, item) for item in batch]:
                     future.result()
                     done()
@@ -93,14 +98,14 @@ def write_views(job: Making, out: PlaneFile, table: NDArray[np.uint8]) -> None:
         pixels = source.read(frame, *job.turn.turn.file_place(row, col, job.rows, job.cols))
         if job.channels == 1 and not tone.is_grey(pixels):
             raise NotGreyError
-        if pixels.ndim == 3 and job.channels == 1:
-            pixels = pixels[..., 0]
-        screen = tone.to_screen(pixels, table)
-        planes = [screen] * job.channels if screen.ndim == 2 else list(cv2.split(screen))
-        out.write(place, np.stack(planes))
+        for top in range(0, len(pixels), tone.STRIP_ROWS):
+            screen = tone.to_screen(pixels[top : top + tone.STRIP_ROWS], table)
+            planes = [screen] * job.channels if screen.ndim == 2 else cv2.split(screen)[: job.channels]
+            for channel, plane in enumerate(planes):
+                out.write((*place, channel, top), plane)
 
     there = [place for place in job.places() if job.present[place[1:]]]
-    in_parallel(one, there, job.ticker("views", len(there)))
+    in_parallel(one, there, job.ticker("views", len(there)), 6 * source.height_px * source.width_px)
     for place in job.places():
         if not job.present[place[1:]]:
             out.write(place, out.read((place[0], *nearest_present(job.present, *place[1:]))))

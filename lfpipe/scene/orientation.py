@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import product
@@ -19,6 +20,7 @@ from lfpipe.scene.source import Source, Turn
 _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
 _DARK = 0.2  # mean of a view below which it is lifted
 _FLOW_WINS = 0.75  # how sure the flow has to be to contradict the habit of a layout
+_FLOW_PX = 1 << 21  # of a view: more tells nothing about the order of views
 _FLAT_PX = 0.05  # per step: below this the flow is noise
 _HELP = "scene.flip=rows, cols or both and scene.transpose=yes turn it"
 
@@ -42,11 +44,17 @@ class Orientation:
         return self.turn if self.untold is None else self.untold
 
 
-def _greys(source: Source) -> Callable[[int, int], Grey]:
-    """Views by file place as the flow wants them: grey, 8 bit, and dark (linear-light) scenes lifted so that it finds texture."""
+def _greys(source: Source, most_px: float = math.inf) -> Callable[[int, int], Grey]:
+    """Views by file place as the flow wants them: grey, 8 bit, and dark (linear-light) scenes lifted so that it finds texture.
+
+    Those of more than most_px are made smaller.
+    """
+    scale = min(1.0, math.sqrt(most_px / (source.height_px * source.width_px)))
 
     def share(row: int, col: int) -> NDArray[np.float32]:
         picture = source.read(0, row, col)
+        if scale < 1:
+            picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         plane = picture if picture.ndim == 2 else cv2.transform(picture, _LUMA)
         return np.asarray(np.minimum(plane.astype(np.float32) * np.float32(1 / source.max_value), 1), np.float32)
 
@@ -64,7 +72,7 @@ def _by_flow(source: Source) -> Orientation:
     """What flow between a few views tells."""
     if min(source.height_px, source.width_px) < SMALLEST_PX:
         return Orientation(Turn(), "nothing", 0.0, "the views are too small to tell", f"the whole order; {_HELP}")
-    rows, cols, grey = source.rows, source.cols, _greys(source)
+    rows, cols, grey = source.rows, source.cols, _greys(source, _FLOW_PX)
     by_col = look_along(lambda c: grey(rows // 2, c), cols)
     by_row = look_along(lambda r: grey(r, cols // 2), rows)
     axes = [axis for axis in (by_row, by_col) if axis is not None and axis.along_px > _FLAT_PX]
@@ -122,8 +130,6 @@ def _by_truth(source: Source) -> tuple[Turn, float] | None:
         return None
     row, col = min(inner, key=lambda p: abs(p[0] - source.rows // 2) + abs(p[1] - source.cols // 2))
     disparity = source.truth[row, col]()
-    if disparity.shape != (source.height_px, source.width_px) or not np.isfinite(disparity).all():
-        return None  # the packer says what is wrong with it
     grey = _greys(source)
     here, beside = grey(row, col), {s: grey(row + s[0], col + s[1]) for s in ((0, 1), (1, 0))}
     found: dict[Turn, float] = {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import shutil
 import time
@@ -16,15 +15,18 @@ import numpy as np
 
 import lfpipe
 from lfpipe import config
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, plain
 from lfpipe.scene import cache, layouts, tone
 from lfpipe.scene.disparity_maps import write_disparity
+from lfpipe.scene.files import refused_beyond_means
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.making import Making, NotGreyError, Progress, write_views
+from lfpipe.scene.manifest import VERSION, DamagedPackError, contents, write_manifest
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.place import grid_offsets
 from lfpipe.scene.source import Source
-from lfpipe.scene.store import DamagedPackError, PlaneFile, open_pack
+from lfpipe.scene.store import PlaneFile, open_pack
+from lfpipe.scene.truth import with_plausible_truth
 
 ChooseMethod = Callable[[LightField], tuple[str, dict[str, Any]]]  # -> the best method here, and its scores
 
@@ -91,8 +93,8 @@ def _make(
         name = source.path.resolve().stem if source.path.is_file() else source.path.resolve().name
         low, high = disparity["min_px"], disparity["max_px"]
         manifest: dict[str, Any] = {
-            "version": cache.VERSION, "lfpipe": lfpipe.__version__, "key": key, "name": name,
-            "source": str(source.path.resolve()), "layout": source.layout, "files": len(source.files),
+            "version": VERSION, "lfpipe": lfpipe.__version__, "key": key, "name": plain(name, 300),
+            "source": plain(str(source.path.resolve()), 10_000), "layout": source.layout, "files": len(source.files),
             "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "rows": rows, "cols": cols, "frames": source.frames,
             "height": source.height_px, "width": source.width_px, "channels": job.channels, "bit_depth": source.bit_depth,
             "frame_rate_hz": source.frame_rate_hz, "flips": attrs.asdict(orientation.turn),
@@ -103,13 +105,14 @@ def _make(
             "disparity": disparity, "notes": list(source.notes),
             "method": "warp" if max(abs(low), abs(high)) >= 0.5 else "nearest", "scores": {},
         }  # fmt: skip
-        _finish(folder, manifest)
+        manifest["contents"] = contents(folder, [path.name for path in folder.glob("*.npy")])
+        write_manifest(folder, manifest)
         if choose is not None and rows * cols > 1:
             progress("method", 0, 1)
             manifest["method"], manifest["scores"] = choose(open_pack(folder))
             progress("method", 1, 1)
         manifest["seconds"] = round(time.monotonic() - started, 2)
-        _finish(folder, manifest)
+        write_manifest(folder, manifest)
         folder.replace(root / "scenes" / key)
     except OSError as error:
         remedy = "check the disk, or name another with --set scene.cache_dir=DIR"
@@ -117,10 +120,6 @@ def _make(
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     return root / "scenes" / key
-
-
-def _finish(folder: Path, manifest: dict[str, Any]) -> None:
-    (folder / "manifest.json").write_text(json.dumps(manifest, indent=1))
 
 
 def open_scene(
@@ -136,9 +135,16 @@ def open_scene(
     if found is not None:
         with contextlib.suppress(DamagedPackError):
             return open_pack(found)
-    say = progress or _silent
     mark = cache.stamp(path, scene)
-    source = layouts.describe(path, scene)
+    with refused_beyond_means(path):
+        return _packed(path, scene, mark, progress or _silent, choose_method)
+
+
+def _packed(
+    path: str | os.PathLike[str], scene: config.Scene, mark: str, say: Progress, choose: ChooseMethod | None
+) -> LightField:
+    """The light field of a scene that may still have to be packed."""
+    source = with_plausible_truth(layouts.describe(path, scene))
     root = cache.prepared(scene)
     key = cache.content_key(source, scene)
     folder = root / "scenes" / key
@@ -149,9 +155,9 @@ def open_scene(
             shutil.rmtree(folder, ignore_errors=True)
             grey = _is_grey(source)
             try:
-                folder = _make(root, key, source, scene, say, choose_method, grey)
+                folder = _make(root, key, source, scene, say, choose, grey)
             except NotGreyError:
-                folder = _make(root, key, source, scene, say, choose_method, False)
+                folder = _make(root, key, source, scene, say, choose, False)
             field = open_pack(folder)
         cache.remember(root, mark, key)
     return field

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import json
+import io
+import math
+import mmap
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.errors import UserError
-from lfpipe.scene.cache import VERSION
+from lfpipe.errors import UserError, shown
+from lfpipe.files import reason
+from lfpipe.scene.hold import Hold
 from lfpipe.scene.lightfield import Geometry, LightField
-
-_REMEDY = "`lfpipe scene pack` makes it again"
-
-
-class DamagedPackError(UserError):
-    """A folder that is not a whole pack of this version."""
+from lfpipe.scene.manifest import DamagedPackError, damaged, open_content, read_manifest
+from lfpipe.untrusted import Fields
 
 
 @attrs.frozen
@@ -38,19 +37,19 @@ class PlaneFile:
     @classmethod
     def create(cls, path: Path, shape: tuple[int, ...], dtype: Any, index_axes: int) -> PlaneFile:
         """A new file of zeros of that shape."""
+        header, kind = _npy_header(shape, np.dtype(dtype)), np.dtype(dtype)
         with path.open("wb") as stream:
-            kind = np.dtype(dtype)
-            np.lib.format.write_array_header_2_0(stream, {"descr": kind.str, "fortran_order": False, "shape": shape})
-            start = stream.tell()
-            stream.truncate(start + int(np.prod(shape, dtype=np.int64)) * kind.itemsize)
-        return cls(os.open(path, os.O_RDWR), shape, kind, index_axes, start)
+            stream.write(header)
+            stream.truncate(len(header) + math.prod(shape) * kind.itemsize)
+        return cls(os.open(path, os.O_RDWR), shape, kind, index_axes, len(header))
 
     def _offset(self, index: tuple[int, ...]) -> int:
-        flat = int(np.ravel_multi_index(index, self.shape[: self.index_axes]))
-        return self.start + flat * int(np.prod(self.shape[self.index_axes :])) * self.dtype.itemsize
+        flat = int(np.ravel_multi_index(index, self.shape[: len(index)]))
+        return self.start + flat * int(np.prod(self.shape[len(index) :])) * self.dtype.itemsize
 
     def write(self, index: tuple[int, ...], piece: NDArray[Any]) -> None:
-        """Put a piece of shape shape[index_axes:] at index."""
+        """Put a piece, contiguous in the file, where index begins: of shape shape[len(index):], or the first rows of that and
+        of what follows."""
         data = np.ascontiguousarray(piece, self.dtype).reshape(-1).view(np.uint8).data
         offset = self._offset(index)
         while data:
@@ -74,49 +73,87 @@ class PlaneFile:
         self.close()
 
 
-def _mapped(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+def _mapped(file: BinaryIO, path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
     """A read-only map of an .npy file. Raises DamagedPackError where it is not of that shape and type."""
-    try:
-        found = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise DamagedPackError(f"{path}: damaged: {error}", _REMEDY) from None
-    if found.shape != shape or found.dtype != dtype:
-        raise DamagedPackError(f"{path}: {found.dtype} {found.shape}, not {np.dtype(dtype)} {shape}", _REMEDY)
-    return np.asarray(found)  # a plain view: slicing np.memmap costs more
+    header, count = _npy_header(shape, np.dtype(dtype)), math.prod(shape)
+    with file:
+        size = os.fstat(file.fileno()).st_size
+        if os.pread(file.fileno(), len(header), 0) != header or size != len(header) + count * np.dtype(dtype).itemsize:
+            raise damaged(path, f"no array of {np.dtype(dtype)} {shape}")
+        whole = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
+    return np.frombuffer(whole, dtype, count, len(header)).reshape(shape)
+
+
+def _npy_header(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_2_0(stream, {"descr": dtype.str, "fortran_order": False, "shape": shape})
+    return stream.getvalue()
 
 
 def open_pack(folder: Path) -> LightField:
-    """The light field of a pack. Raises DamagedPackError where it is missing, damaged or of another version."""
+    """The light field of a pack, which `lfpipe scene clean` then leaves alone while the light field lives.
+
+    Raises DamagedPackError where it is missing, damaged, changed or of another version.
+    """
     try:
-        manifest = json.loads((folder / "manifest.json").read_bytes())
-        if manifest["version"] != VERSION:
-            raise DamagedPackError(f"{folder}: pack of version {manifest['version']}, this lfpipe reads {VERSION}", _REMEDY)
-        rows, cols, frames = (int(manifest[name]) for name in ("rows", "cols", "frames"))
-        size = int(manifest["height"]), int(manifest["width"])
-        views = _mapped(folder / "views.npy", (frames, rows, cols, int(manifest["channels"]), *size), np.uint8)
-        disparity, about = None, manifest["disparity"]
-        if about["source"] != "none":
-            halves = (size[0] + 1) // 2, (size[1] + 1) // 2
-            disparity = _mapped(folder / "disparity.npy", (frames, rows, cols, *halves), np.int8)
-        offsets = np.zeros((rows, cols, 2), np.float32)
-        if manifest["offsets"] is not None:
-            offsets = np.asarray(manifest["offsets"], np.float32).reshape(rows, cols, 2)
-        return LightField(
-            views=views,
-            disparity=disparity,
-            disparity_scale_px=float(about["scale_px"]),
-            disparity_min_px=float(about["min_px"]),
-            disparity_max_px=float(about["max_px"]),
-            disparity_source=str(about["source"]),
-            offsets=offsets,
-            present=np.asarray(manifest["present"], bool).reshape(rows, cols),
-            geometry=Geometry(**manifest["geometry"]),
-            frame_rate_hz=float(manifest["frame_rate_hz"]),
-            name=str(manifest["name"]),
-            method=str(manifest["method"]),
-            manifest=manifest,
-        )
+        hold = Hold(folder)
+    except OSError as error:
+        raise damaged(folder, f"no pack: {reason(error)}") from None
+    manifest = read_manifest(folder)
+    try:
+        return _light_field(folder, manifest, hold)
     except DamagedPackError:
         raise
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise DamagedPackError(f"{folder}: not a whole pack: {error!r}", _REMEDY) from None
+    except UserError as error:
+        raise damaged(folder, error.message) from None
+    except (ValueError, TypeError, OverflowError, OSError) as error:
+        raise damaged(folder, f"not a whole pack: {error}") from None
+
+
+def _light_field(folder: Path, manifest: dict[str, Any], hold: Hold) -> LightField:
+    """From a sealed manifest, whose values are checked all the same."""
+    fields = Fields(manifest, str(folder), "")
+    rows, cols, frames = (fields.integer(name, 1, 1 << 20) for name in ("rows", "cols", "frames"))
+    height, width = (fields.integer(name, 1, 1 << 20) for name in ("height", "width"))
+    channels, about, geometry = fields.integer("channels", 1, 3), fields.table("disparity"), fields.table("geometry")
+    views = _mapped(
+        open_content(folder, manifest, "views.npy"), folder / "views.npy", (frames, rows, cols, channels, height, width), np.uint8
+    )
+    disparity = None
+    if (source := about.text("source")) != "none":
+        shape = (frames, rows, cols, (height + 1) // 2, (width + 1) // 2)
+        disparity = _mapped(open_content(folder, manifest, "disparity.npy"), folder / "disparity.npy", shape, np.int8)
+    method = fields.text("method")
+    if channels == 2 or source not in ("truth", "estimated", "none") or method not in ("nearest", "blend", "warp", "warp2"):
+        raise damaged(folder, f"{channels} planes, disparity {shown(source)}, method {shown(method)}: no light field of lfpipe's")
+    offsets = np.zeros((rows, cols, 2), np.float32)
+    if manifest["offsets"] is not None:
+        offsets = np.asarray(fields.items("offsets", rows), np.float32).reshape(rows, cols, 2)
+        if not (np.abs(offsets) <= 1).all():
+            raise damaged(folder, "offsets of more than a grid step")
+    return LightField(
+        views=views,
+        disparity=disparity,
+        disparity_scale_px=about.number("scale_px", 1e-6, 1e3),
+        disparity_min_px=about.number("min_px", -1e5, 1e5),
+        disparity_max_px=about.number("max_px", -1e5, 1e5),
+        disparity_source=source,
+        offsets=offsets,
+        present=np.asarray(fields.items("present", rows), bool).reshape(rows, cols),
+        geometry=Geometry(**{name: geometry.number(name, 0, 1e15) for name, v in geometry.values.items() if v is not None}),
+        frame_rate_hz=fields.number("frame_rate_hz", 0, 1e4),
+        name=fields.text("name"),
+        method=method,
+        manifest=manifest,
+        hold=hold,
+    )
+
+
+def check_pack(folder: Path) -> int:
+    """The size in bytes of a pack all of whose bytes are as they were written. Raises DamagedPackError."""
+    field = open_pack(folder)
+    total = 0
+    for name in field.manifest["contents"]:
+        with open_content(folder, field.manifest, name, whole=True) as file:
+            total += os.fstat(file.fileno()).st_size
+    return total

@@ -244,7 +244,7 @@ def test_an_unwritable_cache_is_told(folder: Path, tmp_path: Path) -> None:
 def test_removing_a_pack_in_use_hurts_nobody(folder: Path, scene_config: config.Scene) -> None:
     field = pack.open_scene(folder, scene_config)
     before = field.views.sum()
-    cache.remove(scene_config, cache.packs(scene_config)[0][0])
+    cache.remove(cache.packs(scene_config)[0][0])
     assert cache.packs(scene_config) == []
     assert field.views.sum() == before
     assert cache.sweep(scene_config) == 1  # its line in the index

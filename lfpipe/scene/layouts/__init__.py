@@ -10,7 +10,7 @@ from typing import Protocol, cast
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, look
+from lfpipe.scene.files import Listing, look, refused_beyond_means
 from lfpipe.scene.source import Source
 
 
@@ -49,7 +49,11 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> Source:
             f"scene.layout: {scene.layout!r} is not a layout" + (f" (did you mean {close[0]!r}?)" if close else ""),
             f"one of: auto, {', '.join(known)}",
         )
-    listing = look(path)
+    with refused_beyond_means(path):
+        return _described(known, look(path), scene)
+
+
+def _described(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> Source:
     if scene.layout != "auto":
         return known[scene.layout].describe(listing, scene)
     marks = [(mark, layout) for layout in known.values() if (mark := layout.detect(listing)) is not None]

@@ -36,9 +36,7 @@ class Hdf5:
             try:
                 self._file = h5py.File(descriptor_path(file), "r")
             except _TROUBLE as error:
-                raise UserError(
-                    f"{path}: not a readable HDF5 file: {_first_line(error)}", "fetch it again"
-                ) from None
+                raise UserError(f"{path}: not a readable HDF5 file: {_first_line(error)}", "fetch it again") from None
         self._h5py = h5py
 
     def shape(self, key: str) -> tuple[int, ...] | None:

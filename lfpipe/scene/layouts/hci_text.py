@@ -46,14 +46,12 @@ def require_plausible(known: Mapping[str, float], path: Path) -> None:
     for name in _USED:
         value = known.get(name, 0.0)
         if not -_MOST <= value <= _MOST:
-            raise UserError(
-                f"{path}: {name} = {value:g}, a number up to {_MOST:g} is expected", "fetch the scene again"
-            )
+            raise UserError(f"{path}: {name} = {value:g}, a number up to {_MOST:g} is expected", "fetch the scene again")
 
 
 def disparity_of_depth(depth: NDArray[np.float32], d_h: float, focal: float, shift: float) -> NDArray[np.float32]:
     """Disparity in px per view of the first HCI data set's depth: dH * focalLength / depth - shift."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.asarray(np.float32(d_h * focal) / depth - np.float32(shift), np.float32)
 
 

@@ -15,46 +15,9 @@ from lfpipe.scene.files import VIDEOS, Listing, read_picture
 from lfpipe.scene.layouts._grid import asked_grid
 from lfpipe.scene.layouts._mosaic import LastPictures, find_tiles, picture_loader, tiling
 from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.video import USUAL_RATE_HZ, Video
 
 NAME = "mosaic-video"
-FOLDER_RATE_HZ = 25.0  # pictures in a folder do not say how fast they play
-
-
-class _Video:
-    """Frames of a video file as RGB, by number; read in order mostly, sought otherwise."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-        self._next = 0
-        if not self._capture.isOpened():
-            raise UserError(f"{path}: not a video that can be read", "play it with another program, or export it again")
-        rate = float(self._capture.get(cv2.CAP_PROP_FPS))
-        self.rate_hz = rate if 0.1 <= rate <= 1000 else FOLDER_RATE_HZ
-
-    def count(self) -> int:
-        """Frames there really are; the number in the header is a guess in some containers."""
-        frames = 0
-        while self._capture.grab():
-            frames += 1
-        self._reopen()
-        return frames
-
-    def _reopen(self) -> None:
-        self._capture.release()
-        self._capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
-        self._next = 0
-
-    def read(self, frame: int) -> NDArray[Any]:
-        if frame < self._next:
-            self._reopen()
-        while self._next < frame and self._capture.grab():
-            self._next += 1
-        good, picture = self._capture.read()
-        self._next += 1
-        if not good:
-            raise UserError(f"{self.path}: frame {frame} cannot be read", "export the video again")
-        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
 
 
 def _is_video(listing: Listing) -> bool:
@@ -86,11 +49,9 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     notes: tuple[str, ...] = ()
     if _is_video(listing):
         paths = [listing.file(listing.names[0])]
-        video = _Video(paths[0])
-        frames, rate, full = video.count(), video.rate_hz, 255
+        video = Video(paths[0])
+        frames, rate, full = video.about.frames, video.about.rate_hz, 255
         load = LastPictures(video.read)
-        if not frames:
-            raise UserError(f"{paths[0]}: a video without frames", "export it again")
         first = load(0)
     else:
         paths = [listing.file(name) for name in listing.pictures()]
@@ -100,7 +61,7 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
         if len(paths) > 1 and not _alike(first, read_picture(paths[1])[0]):
             notes = (f"{len(paths)} pictures that do not belong together: this is {paths[0].name}; give another by its file",)
             paths = paths[:1]
-        frames, rate = len(paths), FOLDER_RATE_HZ if len(paths) > 1 else 0.0
+        frames, rate = len(paths), USUAL_RATE_HZ if len(paths) > 1 else 0.0
         load = picture_loader(paths)
         load(0)
     if not asked_grid(scene.grid) and find_tiles(first, f"{paths[0].parent.name}/{paths[0].stem}") is None:

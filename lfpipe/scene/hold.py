@@ -1,0 +1,44 @@
+"""Who uses a pack: a shared lock on its folder, so that `lfpipe scene clean` leaves alone what a session shows."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+
+class Hold:
+    """Keeps a pack from being removed while this object lives, in whatever process. A killed process holds nothing."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises OSError where there is no such folder or it is being removed."""
+        self._fd = -1
+        self._fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        fcntl.flock(self._fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        if not os.path.samestat(os.fstat(self._fd), folder.stat()):
+            raise FileNotFoundError(2, "it was removed", str(folder))
+
+    def __del__(self) -> None:
+        if self._fd >= 0:
+            os.close(self._fd)
+
+    def __reduce__(self) -> tuple[type[None], tuple[()]]:
+        """A lock is not copied to another process: there it is None."""
+        return type(None), ()
+
+
+@contextlib.contextmanager
+def unused(folder: Path) -> Iterator[bool]:
+    """Whether nobody holds the pack; if so, nobody can until the end of the block. Raises OSError."""
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            free = True
+        except BlockingIOError:
+            free = False
+        yield free
+    finally:
+        os.close(fd)

@@ -1,0 +1,38 @@
+"""True disparity of a scene, as far as it can be true."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from lfpipe.errors import UserError
+from lfpipe.scene.source import Source
+
+
+def with_plausible_truth(source: Source) -> Source:
+    """source without the maps that claim more than a picture's side per view, which a note then says.
+
+    Such values leave a range in which the whole scene looks flat. Raises UserError where a map has another size than the views,
+    holds values that are no numbers, or cannot be read.
+    """
+    size, remedy = (source.height_px, source.width_px), "move the map away to have it estimated"
+    largest: dict[tuple[int, int], float] = {}
+    for (row, col), read in source.truth.items():
+        found = read()
+        where = f"{source.path}: true disparity of the view in row {row} column {col}"
+        if found.shape != size:
+            raise UserError(f"{where} has {found.shape[1]}x{found.shape[0]} values, the views {size[1]}x{size[0]} px", remedy)
+        if bad := int(np.count_nonzero(~np.isfinite(found))):
+            raise UserError(f"{where}: {bad} of {found.size} values are no numbers (NaN or infinite)", remedy)
+        most = float(np.abs(found).max())
+        if most > max(size):
+            largest[row, col] = most
+    if not largest:
+        return source
+    (row, col), most = next(iter(largest.items()))
+    note = (
+        f"true disparity of {len(largest)} views is not used: up to {most:g} px per view in row {row} column {col}, "
+        f"but the views have {size[1]}x{size[0]} px"
+    )
+    kept = {place: read for place, read in source.truth.items() if place not in largest}
+    return attrs.evolve(source, truth=kept, notes=(*source.notes, note))

@@ -1,0 +1,112 @@
+"""A video file whose frames are pictures of a scene; examined by another process before it is decoded in this one."""
+
+from __future__ import annotations
+
+import os
+import select
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.scene.files import descriptor_path, open_file
+from lfpipe.scene.video_probe import MAX_FRAME_PX, THREADS
+from lfpipe.untrusted import json_fields
+
+USUAL_RATE_HZ = 25.0  # where a video does not tell
+_SILENT_S = 30.0  # without a frame, then the video is given up
+_REMEDY = "play it with another program, or export it again"
+_BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")  # that MP4 and QuickTime files begin with
+
+
+@attrs.frozen
+class About:
+    """What a video holds, as counted: frames that decode, of that size."""
+
+    frames: int
+    width_px: int
+    height_px: int
+    rate_hz: float
+
+
+def _is_video(start: bytes) -> bool:
+    """Whether a file begins as MP4, QuickTime, Matroska, WebM or AVI do. FFmpeg reads more, such as lists of other files."""
+    return start[4:8] in _BOXES or start[:4] == b"\x1aE\xdf\xa3" or (start[:4] == b"RIFF" and start[8:12] == b"AVI ")
+
+
+def examine(path: Path) -> About:
+    """What the video at path holds. Raises UserError where it is none, too large, hangs or crashes its decoder."""
+    with open_file(path) as file:
+        if not _is_video(file.read(12)):
+            raise UserError(f"{path}: not a video that can be read (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY)
+        fd = file.fileno()
+        # -P: the folder that lfpipe is run in may be anybody's, and no module is imported from there.
+        command = [sys.executable, "-P", "-m", "lfpipe.scene.video_probe", str(fd)]
+        quiet: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        with subprocess.Popen(command, stdout=subprocess.PIPE, pass_fds=(fd,), **quiet) as child:
+            try:
+                head, dots, end = _answer(path, child)
+            finally:
+                child.kill()
+    fields = json_fields(head or b"{}", str(path), _REMEDY)
+    width, height = (fields.integer(key, 0, 1 << 31) if head else 0 for key in ("width_px", "height_px"))
+    if width * height > MAX_FRAME_PX:
+        raise UserError(f"{path}: a video of {width}x{height} px, at most {MAX_FRAME_PX} px are decoded", _REMEDY)
+    if not width * height:
+        raise UserError(f"{path}: not a video that can be read", _REMEDY)
+    if not end:
+        raise UserError(f"{path}: its decoder gave up or crashed after {dots} frames", _REMEDY)
+    if not dots:
+        raise UserError(f"{path}: a video without a frame that can be decoded", "export it again")
+    rate = float(fields.values.get("rate_hz") or 0.0)
+    return About(dots, width, height, rate if 0.1 <= rate <= 1000 else USUAL_RATE_HZ)
+
+
+def _answer(path: Path, child: subprocess.Popen[bytes]) -> tuple[bytes, int, bool]:
+    """What video_probe prints: its first line, the number of dots, whether it came to the end."""
+    assert child.stdout is not None
+    head, tail, dots = b"", b"", 0
+    while True:
+        if not select.select([child.stdout], [], [], _SILENT_S)[0]:
+            raise UserError(f"{path}: no frame in {_SILENT_S:g} s after {dots} frames", _REMEDY)
+        part = os.read(child.stdout.fileno(), 1 << 16)
+        if not part:
+            return head, dots, tail == b"\nend\n"
+        if not head.endswith(b"\n"):
+            start, line, part = part.partition(b"\n")
+            head += start + line
+        dots += part.count(b".")
+        tail = (tail + part)[-5:]
+
+
+class Video:
+    """Frames of an examined video as RGB, by number; read in order mostly, sought otherwise."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises UserError."""
+        self.about = examine(path)
+        self._path = path
+        self._file: BinaryIO = open_file(path)
+        self._reopen()
+
+    def _reopen(self) -> None:
+        self._capture = cv2.VideoCapture(descriptor_path(self._file), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, THREADS])
+        self._next = 0
+
+    def read(self, frame: int) -> NDArray[Any]:
+        """uint8 (height, width, 3). Raises UserError."""
+        if frame < self._next:
+            self._reopen()
+        while self._next < frame and self._capture.grab():
+            self._next += 1
+        good, picture = self._capture.read()
+        self._next += 1
+        if not good or picture.shape != (self.about.height_px, self.about.width_px, 3):
+            raise UserError(f"{self._path}: frame {frame} cannot be read", "export the video again")
+        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB, dst=picture))
