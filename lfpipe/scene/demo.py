@@ -69,12 +69,13 @@ def render_demo(folder: Path, grid: int, size_px: int, progress: Progress) -> No
 
 def _write_view(folder: Path, index: int, centre: bool, solids: list[Solid], size_px: int, u: int, v: int) -> None:
     picture, disparity = render_view(solids, size_px, size_px, u, v)
-    written = cv2.imwrite(str(folder / f"input_Cam{index:03d}.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, PNG_EFFORT])
-    written &= cv2.imwrite(str(folder / f"gt_disp_lowres_Cam{index:03d}.pfm"), disparity)
+    # Encoded first: OpenCV crashes at a path that is not UTF-8.
+    view = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, PNG_EFFORT])[1].tobytes()
+    true_map = cv2.imencode(".pfm", disparity)[1].tobytes()
+    (folder / f"input_Cam{index:03d}.png").write_bytes(view)
+    (folder / f"gt_disp_lowres_Cam{index:03d}.pfm").write_bytes(true_map)
     if centre:
-        written &= cv2.imwrite(str(folder / "gt_disp_lowres.pfm"), disparity)
-    if not written:
-        raise OSError(28, "no room for the demo scene")
+        (folder / "gt_disp_lowres.pfm").write_bytes(true_map)
 
 
 def demo_scene(cache_dir: Path, progress: Progress, grid: int = GRID, size_px: int = SIZE_PX) -> Path:

@@ -98,7 +98,10 @@ def _entries(folder: Path) -> tuple[list[str], list[str]]:
                 continue
             if not names and not folders:
                 _require_entry(folder, entry)
-            (folders if entry.is_dir() else names).append(entry.name)
+            inner = False
+            with contextlib.suppress(OSError):  # a link that leads in a circle counts only where it is needed
+                inner = entry.is_dir()
+            (folders if inner else names).append(entry.name)
             if len(names) + len(folders) > MAX_FILES:
                 raise UserError(
                     f"{folder}: more than {MAX_FILES} files, no light field has so many views",

@@ -19,8 +19,10 @@ from lfpipe.scene.files import descriptor_path, open_file
 from lfpipe.scene.video_probe import MAX_FRAME_PX, THREADS
 from lfpipe.untrusted import json_fields
 
+# -P: the folder that lfpipe is run in may be anybody's, and no module is imported from there.
+PROBE = ("-P", "-m", "lfpipe.scene.video_probe")
 USUAL_RATE_HZ = 25.0  # where a video does not tell
-_SILENT_S = 30.0  # without a frame, then the video is given up
+SILENT_S = 30.0  # without a frame, then the video is given up
 _REMEDY = "play it with another program, or export it again"
 _BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")  # that MP4 and QuickTime files begin with
 
@@ -46,8 +48,7 @@ def examine(path: Path) -> About:
         if not _is_video(file.read(12)):
             raise UserError(f"{path}: not a video that can be read (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY)
         fd = file.fileno()
-        # -P: the folder that lfpipe is run in may be anybody's, and no module is imported from there.
-        command = [sys.executable, "-P", "-m", "lfpipe.scene.video_probe", str(fd)]
+        command = [sys.executable, *PROBE, str(fd)]
         quiet: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         with subprocess.Popen(command, stdout=subprocess.PIPE, pass_fds=(fd,), **quiet) as child:
             try:
@@ -73,8 +74,8 @@ def _answer(path: Path, child: subprocess.Popen[bytes]) -> tuple[bytes, int, boo
     assert child.stdout is not None
     head, tail, dots = b"", b"", 0
     while True:
-        if not select.select([child.stdout], [], [], _SILENT_S)[0]:
-            raise UserError(f"{path}: no frame in {_SILENT_S:g} s after {dots} frames", _REMEDY)
+        if not select.select([child.stdout], [], [], SILENT_S)[0]:
+            raise UserError(f"{path}: no frame in {SILENT_S:g} s after {dots} frames", _REMEDY)
         part = os.read(child.stdout.fileno(), 1 << 16)
         if not part:
             return head, dots, tail == b"\nend\n"

@@ -31,9 +31,11 @@ def main(path: str) -> None:
     """Reads the video at path, which is trusted no more than its content."""
     _limit(OPENING_BYTES)
     capture = cv2.VideoCapture(path, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, THREADS])
+    if not capture.isOpened():
+        return
     width, height = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
     print(json.dumps({"width_px": width, "height_px": height, "rate_hz": capture.get(cv2.CAP_PROP_FPS)}), flush=True)
-    if not capture.isOpened() or not 0 < width * height <= MAX_FRAME_PX:
+    if not 0 < width * height <= MAX_FRAME_PX:
         return
     _limit(max(OPENING_BYTES, FRAME_BYTES_PX * width * height))
     for _ in range(MAX_FRAMES):

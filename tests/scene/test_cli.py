@@ -14,6 +14,7 @@ from click.testing import CliRunner, Result
 
 from lfpipe.cli.scene import scene
 from lfpipe.errors import UserError
+from lfpipe.scene.store import open_pack
 from tests.scene import made
 
 
@@ -126,6 +127,28 @@ def test_pack_list_clean(shell: Shell, folder: Path) -> None:
     assert "removed 1 packs" in shell.text("clean", "scene")
     assert shell.json("list")["packs"] == []
     shell.text("pack", folder)
+    assert "removed 1 packs" in shell.text("clean", "--all")
+
+
+def test_check_reads_the_pack_whole(shell: Shell, folder: Path) -> None:
+    assert isinstance(shell("check", folder).exception, UserError)
+    pack = Path(shell.text("pack", folder).strip())
+    assert shell.text("check", folder).startswith("whole: ")
+    assert shell.text("check", pack).startswith("whole: ")
+    with (pack / "views.npy").open("r+b") as file:
+        file.seek(-5, 2)
+        file.write(b"12345")
+    for path in (folder, pack):
+        refused = shell("check", path).exception
+        assert isinstance(refused, UserError) and "views.npy: wrong checksum" in refused.message
+
+
+def test_clean_leaves_what_is_in_use(shell: Shell, folder: Path) -> None:
+    pack = Path(shell.text("pack", folder).strip())
+    field = open_pack(pack)
+    assert f"in use, kept: {pack.name}" in shell.text("clean", "--all")
+    assert shell.json("pack", folder)["pack"] == str(pack)
+    del field
     assert "removed 1 packs" in shell.text("clean", "--all")
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,12 +16,16 @@ from types import SimpleNamespace
 import attrs
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene import cache, pack
+from lfpipe.scene import cache, manifest, pack
 from lfpipe.scene.disparity import SMALLEST_PX, estimate_disparity, quantised, scale_for
-from lfpipe.scene.store import DamagedPackError, PlaneFile, open_pack
+from lfpipe.scene.manifest import DamagedPackError
+from lfpipe.scene.store import PlaneFile, check_pack, open_pack
+from tests.hostile_files import NO_FILES, damaged_json
 from tests.scene import made
 from tests.scene.test_layouts import old_hci
 
@@ -241,13 +248,123 @@ def test_an_unwritable_cache_is_told(folder: Path, tmp_path: Path) -> None:
         pack.open_scene(folder, config.Scene(cache_dir=str(tmp_path / "file" / "cache")))
 
 
-def test_removing_a_pack_in_use_hurts_nobody(folder: Path, scene_config: config.Scene) -> None:
-    field = pack.open_scene(folder, scene_config)
-    before = field.views.sum()
-    cache.remove(cache.packs(scene_config)[0][0])
+HOLDER = (
+    "import sys; from pathlib import Path; from lfpipe.scene.store import open_pack\n"
+    "field = open_pack(Path(sys.argv[1])); print('open', flush=True); sys.stdin.read()"
+)
+
+
+def test_a_pack_in_use_stays_until_nobody_has_it_open(folder: Path, scene_config: config.Scene) -> None:
+    pack.open_scene(folder, scene_config)
+    found = cache.packs(scene_config)[0][0]
+    command = [sys.executable, "-c", HOLDER, str(found)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as session:
+        assert session.stdout is not None and session.stdout.readline() == b"open\n"
+        assert not cache.remove(found)
+        assert open_pack(found).rows == 3
+        session.kill()
+    assert cache.remove(found)
     assert cache.packs(scene_config) == []
-    assert field.views.sum() == before
     assert cache.sweep(scene_config) == 1  # its line in the index
+    with pytest.raises(DamagedPackError, match="no pack"):
+        open_pack(found)
+
+
+def packed(folder: Path, scene: config.Scene) -> Path:
+    pack.open_scene(folder, scene)
+    found = cache.find_pack(folder, scene)
+    assert found is not None
+    return found
+
+
+def alter(path: Path, place: float, keep_time: bool) -> None:
+    """Turns one bit at that share of a file."""
+    state = path.stat()
+    at = int(place * (state.st_size - 1))
+    with path.open("r+b") as file:
+        file.seek(at)
+        byte = file.read(1)[0]
+        file.seek(at)
+        file.write(bytes([byte ^ 1]))
+    if keep_time:
+        os.utime(path, ns=(state.st_atime_ns, state.st_mtime_ns))
+
+
+@pytest.mark.parametrize("name", ["views.npy", "disparity.npy"])
+@pytest.mark.parametrize("place", [0.0, 0.013, 0.5, 0.77, 1.0])
+def test_an_altered_pack_is_never_shown(folder: Path, scene_config: config.Scene, name: str, place: float) -> None:
+    found = packed(folder, scene_config)
+    alter(found / name, place, keep_time=False)
+    with pytest.raises(DamagedPackError, match=name):
+        open_pack(found)
+    assert np.array_equal(pack.open_scene(folder, scene_config).views[0].transpose(0, 1, 3, 4, 2), made.views(3, 3))
+
+
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(place=st.floats(0, 1))
+def test_a_check_of_the_whole_finds_what_keeps_its_time(
+    tmp_path_factory: pytest.TempPathFactory, folder: Path, scene_config: config.Scene, place: float
+) -> None:
+    found = packed(folder, scene_config)
+    copy = tmp_path_factory.mktemp("copy") / "pack"
+    shutil.copytree(found, copy)
+    assert check_pack(copy) == sum(path.stat().st_size for path in copy.glob("*.npy"))
+    alter(copy / "views.npy", place, keep_time=True)
+    with pytest.raises(DamagedPackError, match=r"checksum|no array"):
+        check_pack(copy)
+
+
+def test_opening_a_pack_reads_little_of_it(folder: Path, scene_config: config.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = packed(folder, scene_config)
+    monkeypatch.setattr(manifest, "_checksum", lambda file: pytest.fail("a file was read whole"))
+    assert open_pack(found).rows == 3
+    assert pack.open_scene(folder, scene_config).rows == 3
+
+
+def test_a_copy_is_read_whole_once(folder: Path, scene_config: config.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = packed(folder, scene_config)
+    os.utime(found / "views.npy", ns=(1, 1))
+    assert open_pack(found).rows == 3
+    monkeypatch.setattr(manifest, "_checksum", lambda file: pytest.fail("a file was read whole"))
+    assert open_pack(found).rows == 3
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@given(seed=st.integers(0, 1 << 32), sealed=st.booleans())
+def test_a_damaged_manifest_is_refused_or_right(folder: Path, scene_config: config.Scene, seed: int, sealed: bool) -> None:
+    """sealed: by somebody who knows how."""
+    found = packed(folder, scene_config)
+    rng, path = random.Random(seed), found / "manifest.json"
+    good = path.read_bytes()
+    body = damaged_json(rng, json.loads(good))
+    if sealed:
+        with contextlib.suppress(ValueError, RecursionError, AttributeError, TypeError):
+            tree = json.loads(body)
+            body = json.dumps({**tree, "seal": manifest._sealed(tree)}).encode()
+    path.write_bytes(body)
+    try:
+        field = open_pack(found)
+        assert np.array_equal(field.views[0].transpose(0, 1, 3, 4, 2), made.views(3, 3))
+        assert np.isfinite([field.disparity_min_px, field.disparity_max_px, field.disparity_scale_px]).all()
+        assert np.abs(field.offsets).max() <= 1
+    except DamagedPackError as error:
+        assert str(found) in error.message and error.remedy
+    finally:
+        path.write_bytes(good)
+    assert cache.packs(scene_config)
+
+
+@pytest.mark.parametrize("thing", NO_FILES)
+@pytest.mark.parametrize("name", ["views.npy", "manifest.json"])
+def test_a_pack_of_things_that_are_no_files_is_made_again(
+    folder: Path, scene_config: config.Scene, thing: str, name: str
+) -> None:
+    found = packed(folder, scene_config)
+    NO_FILES[thing](found / name)
+    with pytest.raises(DamagedPackError):
+        open_pack(found)
+    assert pack.open_scene(folder, scene_config).rows == 3
+    assert check_pack(found) > 0
 
 
 def test_scales_hold_the_range() -> None:

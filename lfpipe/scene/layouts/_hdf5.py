@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -42,22 +43,28 @@ class Hdf5:
     def shape(self, key: str) -> tuple[int, ...] | None:
         """Shape of a data set of numbers, None where there is none. Raises UserError where it leads out of the file or
         claims what its file cannot hold."""
+        with self._guarded(key):
+            link = self._file.get(key, getlink=True)
+            if isinstance(link, self._h5py.ExternalLink | self._h5py.SoftLink):  # a chain of them may end anywhere
+                there = getattr(link, "filename", "") or link.path
+                raise UserError(f"{self.path}: {key} leads to another file or place, {there}", "fetch the scene as one file")
+            item = self._file.get(key)
+            if not isinstance(item, self._h5py.Dataset) or item.dtype.kind not in "uif" or item.shape is None:
+                return None
+            if item.external or item.is_virtual:
+                raise UserError(f"{self.path}: {key} is kept in other files", "fetch the whole scene as one file")
+            shape = tuple(int(n) for n in item.shape)
+            self._require_plausible(key, item, shape)
+            return shape
+
+    @contextlib.contextmanager
+    def _guarded(self, what: str) -> Iterator[None]:
+        """One thread at a time; whatever h5py raises for damage is a UserError."""
         with self._lock:
             try:
-                link = self._file.get(key, getlink=True)
-                if isinstance(link, self._h5py.ExternalLink | self._h5py.SoftLink):  # a chain of them may end anywhere
-                    there = getattr(link, "filename", "") or link.path
-                    raise UserError(f"{self.path}: {key} leads to another file or place, {there}", "fetch the scene as one file")
-                item = self._file.get(key)
-                if not isinstance(item, self._h5py.Dataset) or item.dtype.kind not in "uif" or item.shape is None:
-                    return None
-                if item.external or item.is_virtual:
-                    raise UserError(f"{self.path}: {key} is kept in other files", "fetch the whole scene as one file")
-                shape = tuple(int(n) for n in item.shape)
-                self._require_plausible(key, item, shape)
-                return shape
+                yield
             except _TROUBLE as error:
-                raise UserError(f"{self.path}: {key} cannot be read: {_first_line(error)}", _REMEDY) from None
+                raise UserError(f"{self.path}: {what} cannot be read: {_first_line(error)}", _REMEDY) from None
 
     def _require_plausible(self, key: str, item: Any, shape: tuple[int, ...]) -> None:
         size, stored = math.prod(shape) * item.dtype.itemsize, int(item.id.get_storage_size())
@@ -72,42 +79,39 @@ class Hdf5:
 
     def type(self, key: str) -> np.dtype[Any]:
         """Number type of a data set that `shape` has found."""
-        kind: np.dtype[Any] = self._file[key].dtype
-        return kind
+        with self._guarded(key):
+            kind: np.dtype[Any] = self._file[key].dtype
+            return kind
 
     def keys(self) -> list[str]:
         """Names at the root."""
-        return sorted(str(name) for name in self._file)
+        with self._guarded("its root"):
+            return sorted(str(name) for name in self._file)
 
     def attributes(self) -> dict[str, float]:
         """Numeric attributes of the root; those of several numbers are left out."""
         found: dict[str, float] = {}
-        try:
+        with self._guarded("the attributes"):
             attrs = self._file.attrs
             for name in attrs:
                 about = attrs.get_id(name)
                 if about.dtype.kind in "uif" and math.prod(about.shape) == 1:
                     found[str(name)] = float(np.asarray(attrs[name]).ravel()[0])
-        except _TROUBLE as error:
-            raise UserError(f"{self.path}: its attributes cannot be read: {_first_line(error)}", _REMEDY) from None
         return found
 
     def piece(self, key: str, index: Any) -> NDArray[Any]:
         """A part of a data set that `shape` has found. Raises UserError where the file is damaged there."""
-        with self._lock:
-            try:
-                if key not in self._whole:
-                    found = self._file[key]
-                    # A view may cross every compressed chunk: unpacking them all once beats doing so for each view.
-                    if found.chunks and found.nbytes <= _WHOLE_BYTES:
-                        if found.nbytes > _SMALL_BYTES:
-                            for part in found.iter_chunks():  # damage shows here, while little memory is taken
-                                found[part]
-                        found = found[()]
-                    self._whole[key] = found
-                return np.asarray(self._whole[key][index])
-            except _TROUBLE as error:
-                raise UserError(f"{self.path}: {key} is damaged: {_first_line(error)}", _REMEDY) from None
+        with self._guarded(key):
+            if key not in self._whole:
+                found = self._file[key]
+                # A view may cross every compressed chunk: unpacking them all once beats doing so for each view.
+                if found.chunks and found.nbytes <= _WHOLE_BYTES:
+                    if found.nbytes > _SMALL_BYTES:
+                        for part in found.iter_chunks():  # damage shows here, while little memory is taken
+                            found[part]
+                    found = found[()]
+                self._whole[key] = found
+            return np.asarray(self._whole[key][index])
 
 
 def _first_line(error: Exception) -> str:

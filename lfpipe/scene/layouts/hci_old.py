@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,9 +44,10 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     if shape is None:
         there = ", ".join(data.keys()[:8]) or "none"
         raise UserError(f"{path}: no data set LF (there are: {there})", "is it a light field of the first HCI data set?")
-    if len(shape) != 5 or shape[4] not in (1, 3) or 0 in shape:
+    grey = shape[4:] == (1,) or (len(shape) == 4 and max(shape[:2]) <= min(shape[2:]))  # else an axis is missing
+    if not grey and (len(shape) != 5 or shape[4] != 3 or 0 in shape):
         raise UserError(f"{path}: LF has shape {shape}, (rows, columns, y, x, 3) expected", "export it again")
-    rows, cols, height, width, _ = shape
+    rows, cols, height, width = shape[:4]
     require_grid(rows, cols, f"{path}: LF")
     require_view(height, width, data.type("LF").itemsize, f"{path}: LF")
     known = data.attributes()
@@ -59,9 +61,13 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     if data.shape("GT_DEPTH") == shape[:4] and known.get("dH") and known.get("focalLength"):
         truth = {(row, col): partial(read_truth, row, col) for row in range(rows) for col in range(cols)}
     kind = data.type("LF")
+
+    def read(frame: int, row: int, col: int) -> NDArray[Any]:
+        view = unsigned(data.piece("LF", (row, col)), path)
+        return view[..., 0] if shape[4:] == (1,) else view
+
     return Source(
         layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
-        read=lambda frame, row, col: unsigned(data.piece("LF", (row, col)), path),
-        height_px=height, width_px=width, max_value=255 if kind == np.uint8 else 65535, truth=truth,
+        read=read, height_px=height, width_px=width, max_value=255 if kind == np.uint8 else 65535, truth=truth,
         turn=Turn(cols=True), turn_by="the columns of lf.h5 run from right to left",
     )  # fmt: skip

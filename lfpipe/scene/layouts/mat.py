@@ -5,7 +5,6 @@ v7.3 files are HDF5 and hold the axes in reverse order; older ones need scipy (`
 
 from __future__ import annotations
 
-import math
 import os
 import zlib
 from collections.abc import Callable
@@ -27,8 +26,9 @@ from lfpipe.scene.source import Source, Turn
 NAME = "mat"
 _KEYS = ("LF", "lf", "LightField", "lightfield")
 _PLANES = (1, 3, 4, 5)  # grey, colour, and colour with weights behind it
-_PIECE_BYTES = 1 << 20
-_SMALL_BYTES, _MAX_RATIO = 150_000_000, 100  # bytes unpacked before anything is known to be wrong; unpacked over stored
+_ORDERS: dict[bytes, Literal["little", "big"]] = {b"IM": "little", b"MI": "big"}
+_PIECE_BYTES, _MAX_PIECE_BYTES = 1 << 17, 40_000_000  # of packed data, of what it may unpack to
+_SMALL_BYTES, _MAX_RATIO = 40_000_000, 100  # unpacked over stored, for what is not small; pictures pack 2 to 10 times
 
 
 def _file(listing: Listing) -> Path | None:
@@ -70,11 +70,14 @@ def _open(path: Path) -> tuple[str, tuple[int, ...], np.dtype[Any], Callable[[An
         remedy = "pip install 'lfpipe[scipy]', or save it with -v7.3"
         raise UserError(f"{path}: a .mat file older than v7.3 needs scipy", remedy) from None
     with open_file(path) as file:
+        _require_whole(path, file)
         try:
+            file.seek(0)
             shape = next((shape for name, shape, _ in scipy.io.whosmat(file) if name in _KEYS), None)
             if shape is None:
                 raise UserError(f"{path}: no variable LF", "save the light field as LF")
-            _require_whole(path, file, shape)
+            if axis_order(shape) is None:
+                raise _wrong_axes(path, "LF", shape)
             file.seek(0)
             held = scipy.io.loadmat(file, variable_names=list(_KEYS))
         except UserError:
@@ -89,38 +92,38 @@ def _open(path: Path) -> tuple[str, tuple[int, ...], np.dtype[Any], Callable[[An
     raise UserError(f"{path}: no variable LF", "save the light field as LF")
 
 
-def _require_whole(path: Path, file: BinaryIO, shape: tuple[int, ...]) -> None:
-    """Raises UserError where the variables of a .mat file (5.0) are not whole, or unpack to much more than pictures do.
+def _require_whole(path: Path, file: BinaryIO) -> None:
+    """Raises UserError where the variables of a .mat file (version 5) are not whole, or unpack to much more than pictures do.
 
-    Each is a tag of type and size, 4 bytes each, and zlib data where the type is 15; it is unpacked here piece by piece.
+    Each is a tag of type and size, 4 bytes each, and zlib data where the type is 15; it is unpacked here piece by piece, as
+    scipy unpacks pieces of this size whole.
     """
-    if axis_order(shape) is None:
-        raise _wrong_axes(path, "LF", shape)
-    file.seek(0, os.SEEK_END)
-    size, at, unpacked = file.tell(), 128, 0
-    if size - at < math.prod(shape) / _MAX_RATIO:
-        raise UserError(f"{path}: LF claims {math.prod(shape)} values, the file has {size} bytes", "save it again")
-    file.seek(126)
-    order: Literal["little", "big"] = "little" if file.read(2) == b"IM" else "big"
+    size, at, unpacked = os.fstat(file.fileno()).st_size, 128, 0
+    order = _ORDERS.get(file.read(at)[126:])
+    if order is None:
+        raise UserError(f"{path}: not a readable .mat file of version 5 or 7.3", "save it again, with -v7.3")
     while at + 8 <= size:
         file.seek(at)
         tag = file.read(8)
-        kind, length = (int.from_bytes(tag[k : k + 4], order) for k in (0, 4))
-        if at + 8 + length > size:
-            raise UserError(f"{path}: ends within a variable: {size} bytes, {at + 8 + length} needed", "fetch or save it again")
-        if kind == 15:
-            engine, left = zlib.decompressobj(), length
-            while left:
-                data = file.read(min(left, _PIECE_BYTES))
-                left -= len(data)
+        kind, left = (int.from_bytes(tag[k : k + 4], order) for k in (0, 4))
+        at += 8 + left
+        if at > size:
+            raise UserError(f"{path}: ends within a variable: {size} bytes, {at} needed", "fetch or save it again")
+        engine = zlib.decompressobj()
+        while left and kind == 15:
+            data = file.read(min(left, _PIECE_BYTES))
+            left -= len(data)
+            before = unpacked
+            try:
                 while data:
                     unpacked += len(engine.decompress(data, _PIECE_BYTES))
                     data = engine.unconsumed_tail
-                if not left and not engine.eof:
-                    raise UserError(f"{path}: a variable ends before its data does", "fetch or save it again")
-                if unpacked > _SMALL_BYTES + _MAX_RATIO * size:
-                    raise UserError(f"{path}: {size} bytes that unpack to more than {unpacked}", "save it again, with -v7.3")
-        at += 8 + length
+            except zlib.error as error:
+                raise UserError(f"{path}: not a readable .mat file: {error}", "fetch or save it again") from None
+            if unpacked - before > _MAX_PIECE_BYTES or unpacked > _SMALL_BYTES + _MAX_RATIO * size:
+                raise UserError(f"{path}: {size} bytes that unpack to more than {unpacked}", "save it again, with -v7.3")
+        if kind == 15 and not engine.eof:
+            raise UserError(f"{path}: a variable ends before its data does", "fetch or save it again")
 
 
 def _wrong_axes(path: Path, key: str, shape: tuple[int, ...]) -> UserError:
