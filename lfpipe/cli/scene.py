@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -79,12 +78,7 @@ def _write(path: Path, picture: NDArray[np.uint8]) -> None:
     except (cv2.error, OSError) as error:
         why = f": {reason(error)}" if isinstance(error, OSError) else ""
         raise UserError(f"{path}: cannot be written{why}", "a PNG in a folder that exists and that you may write to") from None
-    _echo_path(path)
-
-
-def _echo_path(path: Path) -> None:
-    """Prints a path as it is, whatever bytes it is made of."""
-    click.echo(os.fsencode(path))
+    click.echo(path)
 
 
 @click.group()
@@ -111,7 +105,7 @@ def pack(path: Path, as_json: bool, **word: Any) -> None:
         told = {"pack": str(folder), "needs_tracking": plan.needs_tracking, "method": plan.method, **field.manifest}
         click.echo(json.dumps(told))
     else:
-        _echo_path(folder)
+        click.echo(folder)
 
 
 @scene.command("list")

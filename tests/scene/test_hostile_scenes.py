@@ -18,7 +18,7 @@ from lfpipe.scene.pack import open_scene
 from tests.hostile_files import PEAK_MB, ended
 from tests.scene.hostile_scenes import SCENES, damage, scene_path
 
-FUZZ = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
+FUZZ = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
 CHECKOUT = Path(__file__).parents[2]
 
 
@@ -56,7 +56,7 @@ def test_a_damaged_scene_is_refused_or_shown(tmp_path_factory: pytest.TempPathFa
 @pytest.mark.parametrize("name", SCENES)
 def test_refusals_take_little_memory(tmp_path: Path, name: str) -> None:
     """One process refuses or opens many damaged scenes; its peak is that of the worst."""
-    code = "import sys; from tests.scene.test_hostile_scenes import attempts; attempts(sys.argv[1], sys.argv[2], 25)"
+    code = "import sys; from tests.scene.test_hostile_scenes import attempts; attempts(sys.argv[1], sys.argv[2], 12)"
     args = [sys.executable, "-c", code, str(tmp_path), name]
     done, _, err, peak_mb = ended(args, timeout_s=110, cwd=CHECKOUT)
     assert done == 0, err[-2000:]

@@ -329,7 +329,7 @@ def test_a_copy_is_read_whole_once(folder: Path, scene_config: config.Scene, mon
     assert open_pack(found).rows == 3
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(seed=st.integers(0, 1 << 32), sealed=st.booleans())
 def test_a_damaged_manifest_is_refused_or_right(folder: Path, scene_config: config.Scene, seed: int, sealed: bool) -> None:
     """sealed: by somebody who knows how."""
