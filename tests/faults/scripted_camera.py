@@ -18,7 +18,7 @@ from lfpipe.capture import camera, stage
 from lfpipe.capture.demo import DemoSource
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.errors import UserError
-from lfpipe.supervisor import table
+from lfpipe.supervisor import process_table
 from lfpipe.transport.context import Context
 
 ANSWERS = {
@@ -79,8 +79,8 @@ def main(context: Context) -> None:
 
 if __name__ == "__main__":
     camera.open_camera = open_scripted
-    table.STAGES = tuple(
-        attrs.evolve(each, module="tests.faults.scripted_camera") if each.name == "capture" else each for each in table.STAGES
+    process_table.STAGES = tuple(
+        attrs.evolve(each, module="tests.faults.scripted_camera") if each.name == "capture" else each for each in process_table.STAGES
     )
     from lfpipe.cli import run
 
