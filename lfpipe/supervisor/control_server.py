@@ -19,6 +19,7 @@ from lfpipe.errors import UserError
 from lfpipe.supervisor.connection_limit import ConnectionLimit
 from lfpipe.supervisor.file_checker import FileChecker
 from lfpipe.supervisor.intake import Intake
+from lfpipe.supervisor.process_table import NAMES
 from lfpipe.supervisor.requests import Reply, respond, respond_checked
 from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.transport import control
@@ -111,6 +112,16 @@ class ControlServer:
         """To one stage, encoded; lost if it is not connected (it says hello when it is)."""
         self._ctl.send_multipart([stage.encode(), message], zmq.NOBLOCK)
 
+    def broadcast(self, message: bytes) -> None:
+        """To every stage, encoded."""
+        for name in NAMES:
+            self.send(name, message)
+
+    def flush(self) -> None:
+        """Broadcasts the state where it is new."""
+        if message := self._store.take_message():
+            self.broadcast(message)
+
     def publish(self, topic: str, **values: Any) -> None:
         """To every subscriber of the tap."""
         self._tap.send(control.encode({"topic": topic, "t_ns": now_ns(), **values}), zmq.NOBLOCK)
@@ -129,7 +140,7 @@ class ControlServer:
             if checking.checker.done:
                 self._checking.remove(checking)
                 self._guard(checking.client, lambda each=checking: self._checked(each))  # type: ignore[misc]
-        self._store.flush()
+        self.flush()
         self._answer_applied()
 
     def refuse_waiting(self, why: str) -> None:
@@ -172,7 +183,7 @@ class ControlServer:
             return
         answer = {"ok": True, **reply.answer, **(self._stages() if reply.with_stages else {})}
         if reply.broadcast is not None:
-            self._store.broadcast(control.encode(reply.broadcast))
+            self.broadcast(control.encode(reply.broadcast))
         rev = self._store.state.rev
         if reply.state is not None:
             self._store.apply(reply.state)

@@ -1,8 +1,6 @@
-"""The one place that stores the state of a session, makes the rings it asks for, and broadcasts it to the stages."""
+"""The one place that stores the state of a session and makes the rings it asks for."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 from lfpipe.supervisor.on_demand_rings import OnDemandRings
 from lfpipe.supervisor.session_state import SessionState
@@ -11,10 +9,10 @@ from lfpipe.transport.session import Session
 
 
 class SessionStore:
-    """state: what the session works by. broadcast: sends an encoded message to every stage."""
+    """state: what the session works by."""
 
-    def __init__(self, session: Session, state: SessionState, broadcast: Callable[[bytes], None]) -> None:
-        self.state, self.broadcast = state, broadcast
+    def __init__(self, session: Session, state: SessionState) -> None:
+        self.state = state
         self._unsent: bytes | None = None
         self._rings = OnDemandRings(session)
 
@@ -23,7 +21,7 @@ class SessionStore:
         self._rings.make(self.state.rings())
 
     def apply(self, state: SessionState) -> None:
-        """Stores a state; a new revision is broadcast by `flush`.
+        """Stores a state; a new revision is for the stages, see `take_message`.
 
         Raises UserError where memory is short, BadMessage where the stages could not read it; then nothing has changed.
         """
@@ -33,11 +31,10 @@ class SessionStore:
         self.state, self._unsent = state, message
         self._rings.keep(rings)
 
-    def flush(self) -> None:
-        """Broadcasts the newest state where it is new: of many changes at once, the stages hear the last."""
+    def take_message(self) -> bytes | None:
+        """The newest state as a message for every stage, once; None where they have it. Of many changes they hear the last."""
         message, self._unsent = self._unsent, None
-        if message is not None:
-            self.broadcast(message)
+        return message
 
     def close(self) -> None:
         """Removes the rings."""

@@ -52,7 +52,7 @@ class Supervisor:
         where = "none" if options.lossless and config.governor.affinity == "auto" else config.governor.affinity
         self._cpus = placement.cores(where, {stage.name: stage.own_core for stage in STAGES}, usable_cores())
         self._nice = placement.niceness(config.governor.nice, NAMES)
-        self._store = SessionStore(session, SessionState.first(config, options), self._broadcast)
+        self._store = SessionStore(session, SessionState.first(config, options))
         self._rollback = ConfigRollback()
         self._quality = QualityControl(lambda name: self._cpus.get(name, ()))
         self._memory: Memory | None = None
@@ -158,7 +158,8 @@ class Supervisor:
             for ended in stages.judge(self._log):
                 self._failed(ended)
             self._follow_up(stages)
-            self._store.flush()
+            server.flush()
+            self._show_level()
             self._outcome = self._outcome or rundir.lost(self._session, self._lock)
             if stages.finished(self._state.level.every):
                 self._end(Outcome(SOURCE_ENDED))
@@ -259,12 +260,6 @@ class Supervisor:
     def _applied(self, rev: int) -> bool:
         assert self._stages is not None
         return self._stages.applied(rev, self._state.options)
-
-    def _broadcast(self, message: bytes) -> None:
-        self._show_level()
-        if self._server is not None:
-            for stage in STAGES:
-                self._server.send(stage.name, message)
 
     def _ask_to_stop(self, name: str) -> None:
         if self._server is not None:
