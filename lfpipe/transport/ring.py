@@ -1,22 +1,32 @@
-"""Ring of slots in shared memory: one writer, any number of readers, the latest wins, nobody waits for anybody.
+"""A ring of slots in shared memory: one writer, any number of readers, latest wins, nobody waits.
 
     page 0   0  magic "LFRING1\\0"      8  slots      16  slot stride      24  payload bytes      32  description bytes
            128  published: slots ever published, alone on its cache line
-           192  epoch: 0 for the ring's first writer, one more for each that follows and for each gap that one tells
+           192  epoch: 0 for the ring's first writer; one more for each later writer, and for each gap that a writer reports
            256  description: JSON of shape and dtype, so that a reader needs no configuration
     slot i   0  seq | source_seq | epoch | t_sensor_ns | t_read_ns | t_publish_ns | 0 | 0        (8 x int64)
             64  payload
              :  up to the stride, a multiple of 4096
 
     published = p        slot (p-1) % N is the newest; slot p % N is the one the writer fills now, if any.
-    slot.seq = 0         being filled, or left so by a writer that died in it; nobody reads it.
+    slot.seq = 0         is being filled, or was left so by a writer that died; nobody reads it.
     slot.seq = s         holds the s-th slot ever published, s = 1, 2, ...
 
-Write: seq = 0, payload, stamps, seq = p + 1, published = p + 1. Read: note p, copy slot (p-1) % N, look at published
-again: when it reads q, the writer may be filling slot q % N, which held number q - N + 1; ours is number p, untouched
-as long as q - p <= N - 2. Else the copy may be torn and is made again from the newest. A writer that is killed anywhere
-has published only whole slots, and the next one goes on from the same counter. What a reader was too slow for is counted.
-A recorder reads in order: slot n, the one after its last, by the same rule with n for p, or the oldest that is still safe.
+Write
+  1. seq = 0, in slot p % N
+  2. payload, then stamps
+  3. seq = p + 1
+  4. published = p + 1
+
+Read
+  1. Note p = published.
+  2. Copy slot (p-1) % N, which holds number p.
+  3. Note q = published again. The writer may now be filling slot q % N, which held number q - N + 1.
+  4. The copy is valid if q - p <= N - 2. Otherwise it may be torn: start again.
+
+A reader in order takes number n, the one after its last, by the same rule with n for p; or the oldest that is still safe.
+A writer that is killed anywhere has published only whole slots, and the next writer continues from the same counter.
+Slots that a reader was too slow for are counted.
 """
 
 from __future__ import annotations
@@ -42,7 +52,7 @@ SLOT_HEADER = 64
 
 @attrs.frozen
 class RingSpec:
-    """What a ring is to hold. slots >= 3, so that a reader has a whole slot time for its copy."""
+    """Shape and type of a slot. slots >= 3: a reader then has the time of a whole slot for its copy."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
@@ -98,7 +108,7 @@ def _dtype(descr: Any) -> DTypeLike:
 
 
 class _Ring:
-    """What both sides map: views over the segment, kept so that `close` can drop them before the segment."""
+    """Views over the segment, for both sides; `close` drops them before the segment."""
 
     def __init__(self, name: str, writable: bool) -> None:
         self.name = name
@@ -127,7 +137,7 @@ class _Ring:
 
     @property
     def epoch(self) -> int:
-        """Number of the present run: 0 for the first writer's, one more for each that follows and each `new_epoch`."""
+        """Number of the current run: 0 for the first writer, one more for each later writer and each `new_epoch`."""
         return int(self._epoch[0])
 
     def close(self) -> None:
@@ -147,7 +157,7 @@ class Writer(_Ring):
         self.new_epoch()
 
     def new_epoch(self) -> None:
-        """What is published from now on has nothing to do with what was before: readers reset what they remember."""
+        """Marks a break: readers forget what they know from before."""
         self._epoch[0] += 1
 
     def begin(self) -> NDArray[Any]:

@@ -1,0 +1,95 @@
+"""Draws the rooms of the house and the imports between them, as a picture and in words.
+
+    uv run python tools/draw_rooms.py [--ref GIT_REF] OUT.png
+
+Arrows point from a room to one that it imports, as thick as the number of imports. Red: upwards, or within a circle.
+"""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+ROOT = Path(__file__).parents[1]
+
+
+def sources(ref: str) -> dict[str, str]:
+    """Path -> text of every module of lfpipe at a git reference; of the work tree where ref is empty."""
+    if not ref:
+        return {str(path.relative_to(ROOT)): path.read_text() for path in (ROOT / "lfpipe").rglob("*.py")}
+    names = _git("ls-tree", "-r", "--name-only", ref, "lfpipe").split()
+    return {name: _git("show", f"{ref}:{name}") for name in names if name.endswith(".py")}
+
+
+def _git(*words: str) -> str:
+    return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+def room(name: str) -> str:
+    """The room of a file: its folder, or the loose module itself; "" for the package's own entry points."""
+    here = name.removesuffix(".py").split("/")[1]
+    return "" if here in ("__init__", "__main__") else here
+
+
+def imports(files: dict[str, str]) -> Counter[tuple[str, str]]:
+    """(room, imported room) -> number of imports."""
+    rooms = {room(name) for name in files}
+    arrows: Counter[tuple[str, str]] = Counter()
+    for name, text in files.items():
+        here = room(name)
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "lfpipe":
+                words = node.module.split(".")
+                targets = [words[1]] if len(words) > 1 else [one.name for one in node.names]
+                for target in targets:
+                    arrows[here, target] += target in rooms and here not in ("", target)
+    return +arrows
+
+
+def floors(arrows: Counter[tuple[str, str]]) -> dict[str, int]:
+    """The floor of each room: one above the highest that it imports. Rooms within a circle share the floor above the rest."""
+    rooms = {name for arrow in arrows for name in arrow}
+    found: dict[str, int] = {}
+    while left := rooms - found.keys():
+        ready = {name for name in left if all(there in found for here, there in arrows if here == name)} or left
+        found |= {name: 1 + max((found.get(there, -1) for here, there in arrows if here == name), default=-1) for name in ready}
+    return found
+
+
+def draw(files: dict[str, str], out: Path) -> None:
+    """Writes the picture and prints the same in words."""
+    arrows = imports(files)
+    floor = floors(arrows)
+    lines: Counter[str] = Counter()
+    for name, text in files.items():
+        lines[room(name)] += text.count("\n")
+    levels = [sorted(name for name in floor if floor[name] == level) for level in range(max(floor.values()) + 1)]
+    place = {name: ((i + 0.5) / len(level), n) for n, level in enumerate(levels) for i, name in enumerate(level)}
+    figure, axes = plt.subplots(figsize=(10, 1.1 * len(levels) + 1))
+    for (here, there), count in sorted(arrows.items()):
+        up = floor[here] <= floor[there]
+        style = {"color": "#e5484d" if up else "#8b8d98", "lw": 0.4 + count / 12, "alpha": 0.9 if up else 0.5}
+        axes.annotate("", place[there], place[here], arrowprops={"arrowstyle": "-|>", "shrinkA": 14, "shrinkB": 14, **style})
+        print(f"{here:>10} -> {there:<10} {count:3}{'  upwards or in a circle' if up else ''}")
+    for name, (x, y) in place.items():
+        box = {"boxstyle": "round,pad=0.4", "fc": "white", "ec": "#3e63dd"}
+        axes.text(x, y, f"{name}\n{lines[name]} lines", ha="center", va="center", fontsize=9, bbox=box)
+    axes.set(xlim=(0, 1), ylim=(-0.6, len(levels) - 0.4))
+    axes.axis("off")
+    figure.savefig(out, dpi=110, bbox_inches="tight")
+    print(f"{sum(lines.values())} lines, {len(files)} files; written to {out}")
+
+
+if __name__ == "__main__":
+    words = sys.argv[1:]
+    if len(words) not in (1, 3) or (len(words) == 3 and words[0] != "--ref"):
+        sys.exit(__doc__)
+    draw(sources(words[1] if len(words) == 3 else ""), Path(words[-1]))
