@@ -1,4 +1,4 @@
-"""What a person can type. Each command is a few lines that call a room below; rooms are imported when a command runs."""
+"""The command line. Each command is a few lines that call a room below; rooms are imported when a command runs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from lfpipe.host.streams import protect
 
 
 class Suggesting(click.Group):
-    """A group that asks "did you mean" for its commands, as click does for options, and lists them in the order of their use."""
+    """A group that asks "did you mean" for its commands, as click does for options, and lists them in order of use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
@@ -63,19 +63,19 @@ def completion(shell: str) -> None:
     click.echo(made(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").source())
 
 
-COMMANDS = (  # in the order in which a person meets them, with the line that fits the list of them
+COMMANDS = (  # in order of use, each with its line in the list of commands
     (up, "Show a light field from where your eyes are."),
     (monitor, "Latency, rate, drops and load of a running session."),
-    (ctl, "Ask and command a running session."),
-    (scene, "Pack, list and look at light fields."),
+    (ctl, "Query and control a running session."),
+    (scene, "Pack, list and inspect light fields."),
     (cameras, "List cameras with formats, sizes and rates."),
-    (calibrate, "Find the camera's focal length and keep it."),
-    (doctor, "Check this machine, with remedies."),
+    (calibrate, "Measure the camera's focal length and store it."),
+    (doctor, "Check this machine."),
     (config, "Write, show and check the configuration."),
     (trace, "Timelines of a running session, for Perfetto."),
     (record, "Record a camera to a new folder."),
     (replay, "Run a recorded sequence; compare with a reference."),
-    (sequence, "Look at, cut, import and export recordings."),
+    (sequence, "Inspect, cut, import and export recordings."),
     (bench, "Measure error against run time."),
     (completion, "Print the completion script of a shell."),
 )
@@ -93,7 +93,7 @@ def _path_bytes(error: UnicodeError) -> tuple[str | bytes, int]:
 
 
 def run() -> None:
-    """Runs the command line and turns mistakes of the user into one message and exit code 2."""
+    """Runs the command line; a user's mistake gives one message and exit code 2."""
     protect("stderr")
     codecs.register_error("path", _path_bytes)
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -109,7 +109,7 @@ def run() -> None:
         sys.exit(2)
     except click.Abort:
         sys.exit(130)
-    except BrokenPipeError:  # the reader of our output went away: `lfpipe ... | head`
+    except BrokenPipeError:  # the reader of the output has ended: `lfpipe ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(141)
     sys.exit(code if isinstance(code, int) else 0)

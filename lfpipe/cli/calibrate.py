@@ -1,4 +1,4 @@
-"""`lfpipe calibrate`: the camera's focal length, for depth as it should be."""
+"""`lfpipe calibrate`: measures the camera's focal length, which true depth rests on."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ USUAL_DEG = (35, 110)
 
 
 @click.command()
-@click.option("--camera", "camera", metavar="SRC", help="As for `lfpipe up`; the first camera found.")
+@click.option("--camera", "camera", metavar="SRC", help="As for `lfpipe up`.  [default: the first camera]")
 @click.option("--distance", "distance_mm", type=click.FloatRange(100, 5000), default=600.0, show_default=True, metavar="MM",
               help="From the camera to your eyes, or to the card.")  # fmt: skip
 @click.option("--by", type=click.Choice(["eyes", "card"]), default="eyes", show_default=True,
-              help="What is measured: your eyes, or a bank card whose short edges you click.")  # fmt: skip
+              help="Measure your eyes, or a bank card whose short edges you click.")  # fmt: skip
 @click.option("--eyes-mm", type=click.FloatRange(40, 80), metavar="MM", help="Distance between your pupils; 63 is the mean.")
 @with_config
 def calibrate(
     camera: str | None, distance_mm: float, by: str, eyes_mm: float | None, sets: tuple[str, ...], config_file: str | None
 ) -> None:
-    """Find the camera's focal length and keep it in your settings.
+    """Measure the camera's focal length and store it in your settings.
 
     Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there, flat to the camera) and follow
-    the window. Without a screen the eyes are measured as soon as they are seen.
+    the window. Without a screen, the eyes are measured as soon as they are detected.
     """
     import math
 
@@ -42,11 +42,12 @@ def calibrate(
         write_key(user_file(), "camera", "focal_px", focal_px)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
-        raise UserError(f"{user_file()}: {why}", f"put focal_px = {focal_px} under [camera] there by hand") from None
+        raise UserError(f"{user_file()}: {why}", f"add focal_px = {focal_px} under [camera] there") from None
     click.echo(f"{size_mm:g} mm at {distance_mm:g} mm are {size_px:.1f} px")
     click.echo(f"focal length {focal_px} px, field of view {fov_deg:.1f} degrees")
     if by == "eyes" and eyes_mm is None:
-        click.echo(f"eyes taken as {EYES_MM:g} mm apart, as most are to 8 %; --eyes-mm MM or --by card is surer")
+        click.echo(f"assuming {EYES_MM:g} mm between your eyes (8 % off at most, for most people)")
+        click.echo("--eyes-mm MM or --by card is more accurate")
     if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
-        click.echo(f"webcams see {USUAL_DEG[0]} to {USUAL_DEG[1]} degrees: was it {distance_mm:g} mm?")
+        click.echo(f"most webcams see {USUAL_DEG[0]} to {USUAL_DEG[1]} degrees: was the distance really {distance_mm:g} mm?")
     click.echo(f"camera.focal_px = {focal_px} written to {user_file()}")

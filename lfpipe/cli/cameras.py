@@ -1,4 +1,4 @@
-"""`lfpipe cameras`: what may be given to --camera."""
+"""`lfpipe cameras`: lists the cameras that --camera accepts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import click
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def cameras(as_json: bool) -> None:
-    """List cameras with their pixel formats, frame sizes and rates; none is started."""
+    """List cameras with their pixel formats, frame sizes and rates, without starting them."""
     from lfpipe.capture import v4l2
 
     found: list[dict[str, Any]] = []
@@ -28,7 +28,7 @@ def cameras(as_json: bool) -> None:
         return
     for about in found:
         click.echo(f"{about['camera']}  {about['name']}")
-        for line in about["formats"] or [about["trouble"] or "tells no formats"]:
+        for line in about["formats"] or [about["trouble"] or "reports no formats"]:
             click.echo(f"  {line}")
     if not found:
-        click.echo("no camera found; --demo and --camera file:PATH need none")
+        click.echo("no camera found; --demo and --camera file:PATH work without one")

@@ -44,10 +44,10 @@ class Leading(click.Group):
 
 @click.group(cls=Leading)
 @with_session
-@click.option("--json", "as_json", is_flag=True, help="Answers as JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print answers as JSON.")
 @click.pass_context
 def ctl(context: click.Context, session_name: str | None, as_json: bool) -> None:
-    """Ask and command a running session; a change shows in the next picture.
+    """Query and control a running session; a change shows in the next picture.
 
     For a session on another machine: ssh HOST lfpipe ctl ...
     """
@@ -102,20 +102,20 @@ def _plain(word: str, text: str) -> None:
 
 
 _plain("status", "State and latency of every stage.")
-_plain("pause", "Freeze the picture; frames are thrown away.")
-_plain("resume", "Go on after pause.")
-_plain("recentre", "Where the viewer is now becomes the middle of the grid.")
+_plain("pause", "Freeze the picture; frames are discarded.")
+_plain("resume", "Continue after pause.")
+_plain("recentre", "Make the viewer's position the centre of the grid.")
 _plain("stop", "End the session.")
 
 
 @ctl.group()
 def record() -> None:
-    """Record the camera of the session while it runs."""
+    """Record the camera of a running session."""
 
 
 @record.command()
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--with-eyes", is_flag=True, help="Store what is tracked beside the frames.")
+@click.option("--with-eyes", is_flag=True, help="Store the tracked eyes beside the frames.")
 @click.pass_obj
 def start(target: Target, out: Path, with_eyes: bool) -> None:
     """Record to the new folder OUT, until `stop` or the end of the session."""

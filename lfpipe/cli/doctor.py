@@ -1,4 +1,4 @@
-"""`lfpipe doctor`: would a session run here, and if not, what to do."""
+"""`lfpipe doctor`: checks whether a session would run on this machine."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import click
 
 @click.command()
 def doctor() -> int:
-    """Check this machine; one line each, with the remedy. Exit code 1 if something would stop `lfpipe up`."""
+    """Check this machine, a line per check, with remedies. Exit code 1 if something would stop `lfpipe up`."""
     from lfpipe.observe.doctor import checks
 
     found = checks()

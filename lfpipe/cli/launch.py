@@ -1,4 +1,4 @@
-"""From what a person typed to a running session: everything is checked before the first process starts."""
+"""`lfpipe up`, from its arguments to a running session: everything is checked before the first process starts."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from lfpipe.capture.open_source import Checked
     from lfpipe.supervisor.outcome import Outcome
 
-DEMO_S = 10.0  # of the demo where nobody can see it
+DEMO_S = 10.0  # length of the demo without a screen
 
 
 @attrs.frozen
-class Wish:
+class UpArguments:
     """The arguments of `lfpipe up`."""
 
     scene: Path | None
@@ -40,8 +40,8 @@ class Wish:
 
 
 @attrs.frozen
-class Prepared:
-    """A session that can start. files: what it will leave, for the last words. hold: keeps the pack in the cache."""
+class SessionPlan:
+    """A session that can start. files: what it will write, to be listed at its end. hold: keeps the pack in the cache."""
 
     config: Config
     options: SessionOptions
@@ -51,22 +51,22 @@ class Prepared:
 
 
 def say(text: str) -> None:
-    """A line for the person, on stderr: stdout is for results."""
+    """Prints a line for people on stderr: stdout is for results."""
     click.echo(text, err=True)
 
 
-def up(wish: Wish) -> int:
+def up(arguments: UpArguments) -> int:
     """Runs a session; returns the exit code. Raises UserError before any process starts."""
     from lfpipe.observe.latency_table import latency_table
     from lfpipe.supervisor.supervisor import Supervisor
 
-    session = Session(wish.session_name or default_name())
+    session = Session(arguments.session_name or default_name())
     if session.name in rundir.running():
-        rundir.release(session, rundir.acquire(session))  # says who has it
-    prepared = prepare(wish)
-    outcome = Supervisor(session, prepared.config, prepared.options, say).run(prepared.duration_s)
+        rundir.release(session, rundir.acquire(session))  # raises the error that says what to do
+    plan = prepare(arguments)
+    outcome = Supervisor(session, plan.config, plan.options, say).run(plan.duration_s)
     latency_table(outcome.final)
-    for path in prepared.files:
+    for path in plan.files:
         if path.exists():
             click.echo(f"{path.stat().st_size / 1e6:8.2f} MB  {path}")
     if outcome.failure is None:
@@ -75,7 +75,7 @@ def up(wish: Wish) -> int:
 
 
 def exit_code(outcome: Outcome) -> int:
-    """0, or 1 with what failed said. Raises UserError where that is the user's to mend."""
+    """0, or 1 after printing what failed. Raises UserError where the user can fix it."""
     if outcome.failure is None:
         return 0
     if outcome.user_error:
@@ -84,33 +84,33 @@ def exit_code(outcome: Outcome) -> int:
     return 1
 
 
-def prepare(wish: Wish) -> Prepared:
-    """Checks the wish as a whole, packs the scene where that is still to be done, and prints what was chosen."""
-    from lfpipe.cli import chosen
-    from lfpipe.cli.packed import packed
+def prepare(arguments: UpArguments) -> SessionPlan:
+    """Checks all arguments, packs the scene unless it is packed, and prints the settings in force."""
+    from lfpipe.cli.scene_opening import open_with_progress
+    from lfpipe.cli.startup_summary import startup_lines
     from lfpipe.render.geometry import check_geometry
     from lfpipe.render.open_display import has_display
     from lfpipe.scene.plan import make_plan
     from lfpipe.scene.summary import summarize
 
-    unseen = wish.demo and wish.display is None and not has_display()
-    halved = ("render.rate_hz=30",) if unseen else ()  # lossless video is large
-    config = config_module.load(wish.config_file, (*halved, *wish.sets))
+    no_screen = arguments.demo and arguments.display is None and not has_display()
+    halved = ("render.rate_hz=30",) if no_screen else ()  # lossless video is large
+    config = config_module.load(arguments.config_file, (*halved, *arguments.sets))
     out = Path("lfpipe-demo")
-    display = wish.display or (f"file:{out / 'demo.mkv'}" if unseen else "window")
-    if unseen:
+    display = arguments.display or (f"file:{out / 'demo.mkv'}" if no_screen else "window")
+    if no_screen:
         try:
             out.mkdir(exist_ok=True)
         except OSError as error:
             remedy = "run the demo in a directory that you may write to, or with --display none"
             raise UserError(f"{out}/: {error.strerror}", remedy) from None
-        say(f"no screen here: the demo runs {wish.duration_s or DEMO_S:g} s into {out}/")
-    camera = _checked(wish, config, display)
-    field = packed(wish.scene, config.scene)
+        say(f"no screen here: the demo runs {arguments.duration_s or DEMO_S:g} s into {out}/")
+    camera = _checked(arguments, config, display)
+    field = open_with_progress(arguments.scene, config.scene)
     scene = summarize(field, config.scene)
     check_geometry(config, scene)
     plan = make_plan(field, config)
-    still = out / "demo.png" if unseen else None
+    still = out / "demo.png" if no_screen else None
     options = SessionOptions(
         scene=scene,
         source=camera.text,
@@ -118,27 +118,27 @@ def prepare(wish: Wish) -> Prepared:
         jpeg_px=camera.jpeg_px,
         tracking=plan.needs_tracking,
         display=display,
-        trace=str(wish.trace.resolve()) if wish.trace else "",
+        trace=str(arguments.trace.resolve()) if arguments.trace else "",
         still=str(still.resolve()) if still else "",
         lossless="pace=max" in camera.text,
     )
-    for line in chosen.lines(config, field, plan, camera.text, display):
+    for line in startup_lines(config, field, plan, camera.text, display):
         say(line)
-    duration_s = wish.duration_s or (DEMO_S if unseen else None)
+    duration_s = arguments.duration_s or (DEMO_S if no_screen else None)
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
-    files = tuple(path for path in (video, still, wish.trace) if path is not None)
-    return Prepared(config, options, duration_s, files, field.hold)
+    files = tuple(path for path in (video, still, arguments.trace) if path is not None)
+    return SessionPlan(config, options, duration_s, files, field.hold)
 
 
-def _checked(wish: Wish, config: Config, display: str) -> Checked:
-    """The source of frames; every mistake of the wish in one UserError."""
+def _checked(arguments: UpArguments, config: Config, display: str) -> Checked:
+    """The source of frames. Raises one UserError for all mistakes in the arguments."""
     from lfpipe.capture.open_source import Checked, check_source
     from lfpipe.render.open_display import check_display
     from lfpipe.trace import check_trace
 
-    camera = wish.camera or config.camera.source or ("demo" if wish.demo else "")
+    camera = arguments.camera or config.camera.source or ("demo" if arguments.demo else "")
     errors: list[UserError] = []
-    single = False  # one view needs no eyes, and no camera
+    single = False  # a single view needs no eyes, and no camera
 
     def attempt(check: Callable[[], Any]) -> Any:
         try:
@@ -147,16 +147,16 @@ def _checked(wish: Wish, config: Config, display: str) -> Checked:
             errors.append(error)
             return None
 
-    if wish.scene is not None:
-        scene = wish.scene
+    if arguments.scene is not None:
+        scene = arguments.scene
         rows, cols = attempt(lambda: _grid(scene, config)) or (0, 0)
         single = rows * cols == 1
-    elif not wish.demo:
-        errors.append(UserError("no SCENE given", "a folder of views, or --demo for a made one"))
+    elif not arguments.demo:
+        errors.append(UserError("no SCENE given", "a folder of views, or --demo for the built-in scene"))
     found = Checked("", 0.0) if single else attempt(lambda: check_source(camera, config.camera))
     attempt(lambda: check_display(display, str(config.screen.monitor)))
-    if wish.trace is not None:
-        trace = wish.trace
+    if arguments.trace is not None:
+        trace = arguments.trace
         attempt(lambda: check_trace(trace))
     if len(errors) > 1:
         raise UserError("\nerror: ".join(map(str, errors)))
@@ -167,12 +167,12 @@ def _checked(wish: Wish, config: Config, display: str) -> Checked:
 
 
 def _grid(scene: Path, config: Config) -> tuple[int, int]:
-    """Rows and columns of the scene; a packed one is not looked at again."""
+    """Rows and columns of the scene, from its pack where there is one."""
     from lfpipe.scene.cache import find_pack
     from lfpipe.scene.manifest import DamagedPackError, read_manifest
 
     if pack := find_pack(scene, config.scene):
-        with contextlib.suppress(DamagedPackError):  # it will be made again
+        with contextlib.suppress(DamagedPackError):  # it will be packed again
             manifest = read_manifest(pack)
             return manifest["rows"], manifest["cols"]
     from lfpipe.scene.layouts import describe

@@ -1,4 +1,4 @@
-"""`lfpipe record`: what happens in front of a camera, to disk."""
+"""`lfpipe record`: records a camera to disk."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from lfpipe.cli.options import with_config
 
 @click.command()
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--camera", metavar="SRC", help="As of `lfpipe up`; the first camera found without it.")
+@click.option("--camera", metavar="SRC", help="As for `lfpipe up`.  [default: the first camera]")
 @click.option(
-    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="End after so many seconds."
+    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S seconds."
 )
-@click.option("--with-eyes", is_flag=True, help="Track, and store the eyes beside the frames.")
+@click.option("--with-eyes", is_flag=True, help="Track the eyes and store them beside the frames.")
 @with_config
 def record(
     out: Path, camera: str | None, duration_s: float | None, with_eyes: bool, sets: tuple[str, ...], config_file: str | None

@@ -47,7 +47,7 @@ def replay(
     config_file: str | None,
 ) -> int:
     """Run SEQ through the pipeline; exit code 0: as expected, 1: it differs or is over budget, 2: bad input."""
-    from lfpipe.cli.packed import packed
+    from lfpipe.cli.scene_opening import open_with_progress
     from lfpipe.replay import run
     from lfpipe.replay.budgets import broken, read_budgets
     from lfpipe.replay.compare import Comparison, check_reference, compare
@@ -68,7 +68,7 @@ def replay(
         read_report(expect)
     with _folder(out) as folder:
         run.clear_out(folder)
-        field = packed(scene, config.scene)
+        field = open_with_progress(scene, config.scene)
         if expect is not None and not update:
             check_reference(expect, {"sequence": about_sequence(sequence), "scene": about_scene(field)})
         try:

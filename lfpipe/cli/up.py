@@ -21,12 +21,12 @@ Examples:
 @click.option(
     "--camera", "camera", metavar="SRC", help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo."
 )
-@click.option("--display", metavar="WHERE", help="window, fullscreen, none or file:OUT.mkv; a window where there is a screen.")
+@click.option("--display", metavar="WHERE", help="window, fullscreen, none or file:OUT.mkv.  [default: window]")
 @click.option(
-    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="End after so many seconds."
+    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S seconds."
 )
 @click.option("--trace", type=click.Path(path_type=Path), metavar="FILE", help="Write one JSON line per picture.")
-@click.option("--demo", is_flag=True, help="A made scene and a made face: no camera, no light field, no screen needed.")
+@click.option("--demo", is_flag=True, help="A built-in scene and face: needs no camera, light field or screen.")
 @with_session
 @with_config
 def up(
@@ -42,9 +42,9 @@ def up(
 ) -> int:
     """Show SCENE, a folder or file that holds a light field, from where the viewer's eyes are.
 
-    Nothing is asked: camera, layout, method and alpha are found out, and said in five lines. In the window h shows the keys.
+    Camera, layout, method and alpha are detected and printed in five lines. In the window, h shows the keys.
     """
     from lfpipe.cli import launch
 
-    wish = launch.Wish(scene, camera, display, duration_s, trace, demo, session_name, sets, config_file)
-    return launch.up(wish)
+    arguments = launch.UpArguments(scene, camera, display, duration_s, trace, demo, session_name, sets, config_file)
+    return launch.up(arguments)

@@ -1,4 +1,4 @@
-"""The scene of a command, packed where that is still to be done, while a bar shows how far it is."""
+"""Opens the scene of a command; packs it first where necessary, with a progress bar."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import open_scene
 
 
-def packed(scene: Path | None, settings: config.Scene) -> LightField:
-    """The light field; the demo's without a scene. Raises UserError."""
+def open_with_progress(scene: Path | None, settings: config.Scene) -> LightField:
+    """The light field at scene; the demo without one. Raises UserError."""
     with progress() as bar:
         found = scene or demo_scene(cache_dir(settings), bar)
         return open_scene(found, settings, bar, choose_method)

@@ -1,4 +1,4 @@
-"""What `lfpipe up` says it chose, in five lines: who asked for nothing reads here what there was to ask for."""
+"""The settings that `lfpipe up` starts with, in five lines."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.plan import Plan
 
 
-def lines(config: Config, field: LightField, plan: Plan, camera: str, display: str) -> list[str]:
-    """Scene, plan, camera, alpha and picture. camera: the source, made definite. display: as `--display` takes it."""
+def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, display: str) -> list[str]:
+    """Scene, plan, camera, alpha and picture. camera: the source. display: as for `--display`."""
     render = config.render
     without = ", ".join(each.what for each in plan.left_out)
-    left_out = f"; left out: {without} (`lfpipe scene plan` says why)" if without else "; nothing to be left out"
+    left_out = f"; left out: {without} (`lfpipe scene plan` says why)" if without else ""
     if not plan.needs_tracking:
         return [
             f"scene   {field.name}: one view of {field.width_px}x{field.height_px}",
-            f"plan    the view as it is{left_out}",
-            "camera  none: one view needs no eyes",
-            "alpha   none: there is no other view to come to",
+            f"plan    the view unchanged{left_out}",
+            "camera  none: a single view needs no eyes",
+            "alpha   none: there is no other view",
             f"picture {render.anaglyph} in {render.light} light, to {display}",
         ]
     chosen = parallax(config, field, config.camera.frame_px[0], None)
     depth = "" if chosen.compression is None else f", {chosen.compression:.0%} of true depth"
-    asked = "by hand" if isinstance(render.alpha_px, float) else f"{render.alpha_px}, at {chosen.distance_mm:.0f} mm"
+    asked = "set" if isinstance(render.alpha_px, float) else f"{render.alpha_px}, at {chosen.distance_mm:.0f} mm"
     clock = f"every refresh at {render.rate_hz:g} Hz" if render.clock == "display" else "every camera frame"
     return [
         f"scene   {field.name}: {field.rows}x{field.cols} views of {field.width_px}x{field.height_px}",
