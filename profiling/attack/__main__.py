@@ -56,7 +56,8 @@ def main() -> int:
     failures.mkdir(parents=True, exist_ok=True)
     book = Book(args.seed, failures)
     counts = QUICK if args.quick else COUNTS
-    with tempfile.TemporaryDirectory(prefix="lfattack") as name:
+    memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None  # a disk would be most of the time
+    with tempfile.TemporaryDirectory(prefix="lfattack", dir=memory, ignore_cleanup_errors=True) as name:
         work = Path(name)
         work.chmod(0o711)
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes start: each would compile everything anew

@@ -82,7 +82,7 @@ def judged(case: Case, folder: Path, code: int, out: str, err: str, peak_mb: flo
                 MEMORY, f"a refusal over {MOST_MB:g} MB: {re.sub(r'[0-9]+', 'N', err.strip()[-60:])}", f"{peak_mb:.0f} MB\n{err}"
             )
         return Outcome(case.kind, "refused", "", err.strip()[:200], peak_mb)
-    if "--json" in case.argv and code == 0:
+    if "--json" in case.argv and code == 0 and "--help" not in case.argv:
         try:
             json.loads(out, parse_constant=_strict)
         except ValueError as error:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import select
 import shutil
+import stat
 import subprocess
 import sys
 import threading
@@ -62,11 +64,30 @@ class Worker:
         self.process.wait()
 
 
+def copied(folder: Path, target: Path) -> None:
+    """A copy of folder, with its FIFOs and links, and holes for what is large. Devices and sockets become empty files."""
+    target.mkdir()
+    for path in folder.iterdir():
+        to, mode = target / path.name, path.lstat().st_mode
+        if path.is_symlink():
+            to.symlink_to(path.readlink())
+        elif stat.S_ISDIR(mode):
+            copied(path, to)
+        elif stat.S_ISFIFO(mode):
+            os.mkfifo(to)
+        elif stat.S_ISREG(mode):
+            with path.open("rb") as stream:
+                to.write_bytes(stream.read(1 << 22))
+            os.truncate(to, path.stat().st_size)
+        else:
+            to.touch()
+
+
 def kept(folder: Path, book: Book, part: str, number: int, outcome: Outcome) -> str:
     """Moves a failed input to where failures are kept, with the command that repeats it."""
     target = book.failures / f"{part}-{number}"
     shutil.rmtree(target, ignore_errors=True)
-    folder.rename(target)
+    copied(folder, target)
     home = 'XDG_CACHE_HOME="$PWD/cache" XDG_CONFIG_HOME="$PWD/settings" XDG_RUNTIME_DIR="$PWD/run"'
     (target / "REPEAT.txt").write_text(
         f"cd here and run, or `python -m profiling.attack --part {part} --only {number} --seed {book.seed}`:\n"
