@@ -72,7 +72,7 @@ def _write(path: Path, picture: NDArray[np.uint8]) -> None:
     from lfpipe.files import reason, replaced
 
     try:
-        _, data = cv2.imencode(path.suffix, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+        _, data = cv2.imencode(ascii(path.suffix).strip("'"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
         with replaced(path, 0o644) as file:
             file.write(data.tobytes())
     except (cv2.error, OSError) as error:

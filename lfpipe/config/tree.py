@@ -22,14 +22,25 @@ class Opt:
 
 @attrs.frozen
 class Camera:
-    source: Annotated[str, Opt("camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found")] = ""
+    source: Annotated[
+        str, Opt("camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found")
+    ] = ""
     width_px: Annotated[int, Opt("frame width asked of the camera; frames of another size are scaled", "px", 16, 7680)] = 640
     height_px: Annotated[int, Opt("frame height asked of the camera", "px", 16, 4320)] = 480
-    rate_hz: Annotated[float, Opt("frame rate asked of the camera, and of a file without a rate of its own", "Hz", 0.1, 1000)] = 30.0
-    format: Annotated[Literal["auto", "MJPG", "YUYV"], Opt("pixel format asked of the camera; auto: YUYV up to 640x480, MJPG above")] = "auto"
-    rotate: Annotated[Literal[0, 90, 180, 270], Opt("turns the picture clockwise, for a camera that is mounted upside down or sideways", "deg")] = 0
+    rate_hz: Annotated[float, Opt("frame rate asked of the camera, and of a file without a rate of its own", "Hz", 0.1, 1000)] = (
+        30.0
+    )
+    format: Annotated[
+        Literal["auto", "MJPG", "YUYV"], Opt("pixel format asked of the camera; auto: YUYV up to 640x480, MJPG above")
+    ] = "auto"
+    rotate: Annotated[
+        Literal[0, 90, 180, 270], Opt("turns the picture clockwise, for a camera that is mounted upside down or sideways", "deg")
+    ] = 0
     mirror: Annotated[bool, Opt("mirrors the picture, after the turn, for a driver that delivers it mirrored")] = False
-    focal_px: Annotated[float | Literal["auto"], Opt("focal length at width_px, as `lfpipe calibrate` finds it; auto: from fov_deg", "px", 1, 100000, live=True)] = "auto"
+    focal_px: Annotated[
+        float | Literal["auto"],
+        Opt("focal length at width_px, as `lfpipe calibrate` finds it; auto: from fov_deg", "px", 1, 100000, live=True),
+    ] = "auto"
     fov_deg: Annotated[float, Opt("horizontal field of view, used while focal_px is auto", "deg", 5, 175, live=True)] = 56.0
 
     @property
@@ -41,35 +52,103 @@ class Camera:
 
 @attrs.frozen
 class Track:
-    engine: Annotated[Literal["litert", "mediapipe"], Opt("litert: the landmark network in-thread; mediapipe: FaceMesh, as in the paper")] = "litert"
-    filter: Annotated[Literal["predictive", "one-euro", "kalman", "mean"], Opt("smoothing of the eye positions; mean is the paper's", live=True)] = "predictive"
+    engine: Annotated[
+        Literal["litert", "mediapipe"], Opt("litert: the landmark network in-thread; mediapipe: FaceMesh, as in the paper")
+    ] = "litert"
+    filter: Annotated[
+        Literal["predictive", "one-euro", "kalman", "mean"], Opt("smoothing of the eye positions; mean is the paper's", live=True)
+    ] = "predictive"
     mean_k: Annotated[int, Opt("frames in the moving average of filter = mean", "frames", 1, 1000, live=True)] = 5
-    refine: Annotated[bool, Opt("refine the eye centres with the iris network, and learn the viewer's own distance between the eyes from the iris")] = False
+    refine: Annotated[
+        bool,
+        Opt("refine the eye centres with the iris network, and learn the viewer's own distance between the eyes from the iris"),
+    ] = False
 
 
 @attrs.frozen
 class Render:
-    clock: Annotated[Literal["display", "camera"], Opt("display: a picture for every refresh, eyes predicted to it; camera: one picture per camera frame, as in the paper")] = "display"
+    clock: Annotated[
+        Literal["display", "camera"],
+        Opt("display: a picture for every refresh, eyes predicted to it; camera: one picture per camera frame, as in the paper"),
+    ] = "display"
     rate_hz: Annotated[float, Opt("refresh rate of the display clock", "Hz", 1, 1000)] = 60.0
-    method: Annotated[Literal["auto", "nearest", "blend", "warp", "warp2"], Opt("how a view between the stored views is made; nearest is the paper's", live=True)] = "auto"
-    alpha_px: Annotated[float | Literal["auto", "true"], Opt("camera pixels between neighbouring views of the grid; auto: from geometry and comfort; true: depth as in nature", "px", 1e-9, 1e9, live=True)] = "auto"
+    method: Annotated[
+        Literal["auto", "nearest", "blend", "warp", "warp2"],
+        Opt("how a view between the stored views is made; nearest is the paper's", live=True),
+    ] = "auto"
+    alpha_px: Annotated[
+        float | Literal["auto", "true"],
+        Opt(
+            "camera pixels between neighbouring views of the grid; auto: from geometry and comfort; true: depth as in nature",
+            "px",
+            1e-9,
+            1e9,
+            live=True,
+        ),
+    ] = "auto"
     anaglyph: Annotated[
-        Literal["colour", "grey", "half-colour", "wimmer", "dubois", "dubois-green-magenta", "dubois-amber-blue", "mono", "side-by-side", "row-interleaved"],
+        Literal[
+            "colour",
+            "grey",
+            "half-colour",
+            "wimmer",
+            "dubois",
+            "dubois-green-magenta",
+            "dubois-amber-blue",
+            "mono",
+            "side-by-side",
+            "row-interleaved",
+        ],
         Opt("how the two eyes' views share one picture; colour is the paper's", live=True),
     ] = "dubois"
-    light: Annotated[Literal["linear", "gamma"], Opt("where matrices with cross terms are applied: linear light, or code values", live=True)] = "linear"
-    ghost_compensation: Annotated[float, Opt("how much of the light that leaks through the other eye's glass is taken out; nothing with dubois-amber-blue", "%", 0, 100, live=True)] = 0.0
-    zero_plane_px: Annotated[float, Opt("disparity that lies in the plane of the screen", "px/view", -1000, 1000, live=True)] = 0.0
+    light: Annotated[
+        Literal["linear", "gamma"], Opt("where matrices with cross terms are applied: linear light, or code values", live=True)
+    ] = "linear"
+    ghost_compensation: Annotated[
+        float,
+        Opt(
+            "how much of the light that leaks through the other eye's glass is taken out; nothing with dubois-amber-blue",
+            "%",
+            0,
+            100,
+            live=True,
+        ),
+    ] = 0.0
+    zero_plane_px: Annotated[float, Opt("disparity that lies in the plane of the screen", "px/view", -1000, 1000, live=True)] = (
+        0.0
+    )
     extrapolate_views: Annotated[float, Opt("how far beyond the grid the viewpoint may go", "views", 0, 16, live=True)] = 2.0
     swap_eyes: Annotated[bool, Opt("exchange the eyes, for glasses worn or printed the other way round", live=True)] = False
-    display_ms: Annotated[float, Opt("time from handing a picture to the display to light, added to the prediction", "ms", 0, 1000, live=True)] = 0.0
+    display_ms: Annotated[
+        float, Opt("time from handing a picture to the display to light, added to the prediction", "ms", 0, 1000, live=True)
+    ] = 0.0
 
 
 @attrs.frozen
 class Screen:
-    monitor: Annotated[int | str, Opt("monitor for the window and for the full screen: its number or a part of its name, as `lfpipe doctor` lists them; empty: wherever the window is", "", 0, 63)] = ""
-    width_mm: Annotated[float | Literal["auto"], Opt("width of the picture on the screen; auto: as the monitor tells its size, 530 where it does not", "mm", 10, 20000, live=True)] = "auto"
-    distance_mm: Annotated[float | Literal["auto"], Opt("viewer to screen; auto: from the distance between the eyes in the camera picture", "mm", 50, 50000, live=True)] = "auto"
+    monitor: Annotated[
+        int | str,
+        Opt(
+            "monitor for the window and for the full screen: its number or a part of its name, as `lfpipe doctor` lists them; empty: wherever the window is",
+            "",
+            0,
+            63,
+        ),
+    ] = ""
+    width_mm: Annotated[
+        float | Literal["auto"],
+        Opt(
+            "width of the picture on the screen; auto: as the monitor tells its size, 530 where it does not",
+            "mm",
+            10,
+            20000,
+            live=True,
+        ),
+    ] = "auto"
+    distance_mm: Annotated[
+        float | Literal["auto"],
+        Opt("viewer to screen; auto: from the distance between the eyes in the camera picture", "mm", 50, 50000, live=True),
+    ] = "auto"
 
 
 @attrs.frozen
@@ -78,25 +157,50 @@ class Scene:
     grid: Annotated[str, Opt("ROWSxCOLS where the files do not tell it; empty: found out")] = ""
     flip: Annotated[Literal["auto", "none", "rows", "cols", "both"], Opt("turn the order of the views; auto: found out")] = "auto"
     transpose: Annotated[Literal["auto", "no", "yes"], Opt("exchange rows and columns of the grid; auto: found out")] = "auto"
-    gamma: Annotated[float | Literal["auto"], Opt("screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: found out", "", 0.1, 10)] = "auto"
+    gamma: Annotated[
+        float | Literal["auto"],
+        Opt("screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: found out", "", 0.1, 10),
+    ] = "auto"
     cache_dir: Annotated[str, Opt("where packed scenes are kept; empty: the user's cache directory")] = ""
 
 
 @attrs.frozen
 class Governor:
-    quality: Annotated[Literal["auto", "fixed"], Opt("auto: where the machine is too slow, quality is lowered level by level, and raised when there is room; fixed: never", live=True)] = "auto"
-    affinity: Annotated[str, Opt("cores of each stage, as in track=1,render=0+2; auto: on two cores tracking has one for itself; none: as the system will")] = "auto"
+    quality: Annotated[
+        Literal["auto", "fixed"],
+        Opt(
+            "auto: where the machine is too slow, quality is lowered level by level, and raised when there is room; fixed: never",
+            live=True,
+        ),
+    ] = "auto"
+    affinity: Annotated[
+        str,
+        Opt(
+            "cores of each stage, as in track=1,render=0+2; auto: on two cores tracking has one for itself; none: as the system will"
+        ),
+    ] = "auto"
     nice: Annotated[str, Opt("niceness of each stage, as in render=0,track=5; empty: as this process's")] = ""
 
 
 @attrs.frozen
 class Control:
-    bind: Annotated[Literal["ipc"], Opt("where commands are taken: ipc, sockets in the run directory; from another machine: `ssh HOST lfpipe ctl`")] = "ipc"
+    bind: Annotated[
+        Literal["ipc"],
+        Opt("where commands are taken: ipc, sockets in the run directory; from another machine: `ssh HOST lfpipe ctl`"),
+    ] = "ipc"
 
 
 @attrs.frozen
 class Replay:
-    latency_ms: Annotated[float, Opt("sensor to light, as the prediction takes it where pictures do not depend on the clock: replay in steps, pace=max", "ms", 0, 1000)] = 20.0
+    latency_ms: Annotated[
+        float,
+        Opt(
+            "sensor to light, as the prediction takes it where pictures do not depend on the clock: replay in steps, pace=max",
+            "ms",
+            0,
+            1000,
+        ),
+    ] = 20.0
 
 
 @attrs.frozen

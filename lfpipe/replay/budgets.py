@@ -1,14 +1,14 @@
 """Budgets of a replay: figures of its report that may not be left, from a TOML file.
 
-    [[budget]]
-    figure = "counts.dropped.track"        # a number in report.json, by its dotted path
-    most = 0                               # or least
-    machine = "any"                        # for which machines the bound was set ...
+[[budget]]
+figure = "counts.dropped.track"        # a number in report.json, by its dotted path
+most = 0                               # or least
+machine = "any"                        # for which machines the bound was set ...
 
-    [[budget]]
-    figure = "latency.render.busy.p95_ms"
-    over = "latency.track.busy.p95_ms"     # ... or a ratio to another figure, which no machine changes much;
-    most = 2.0                             # over = "reference" is the same figure of the reference
+[[budget]]
+figure = "latency.render.busy.p95_ms"
+over = "latency.track.busy.p95_ms"     # ... or a ratio to another figure, which no machine changes much;
+most = 2.0                             # over = "reference" is the same figure of the reference
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Replay: the real stages fed with a recorded sequence, and what came of it as a folder.
 
-    step      every frame goes through every stage before the next one starts; eyes, views and pictures are a function of the
-              sequence, the scene and the configuration alone
-    max       as fast as possible; nothing is lost, and the results are those of step
-    recorded, HZ   in real time, on the clocks of a live session; what comes too late is dropped and counted
+step      every frame goes through every stage before the next one starts; eyes, views and pictures are a function of the
+          sequence, the scene and the configuration alone
+max       as fast as possible; nothing is lost, and the results are those of step
+recorded, HZ   in real time, on the clocks of a live session; what comes too late is dropped and counted
 """
 
 from __future__ import annotations

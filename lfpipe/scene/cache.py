@@ -23,10 +23,13 @@ import platformdirs
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.files import read_bytes
 from lfpipe.scene.files import look, open_file
 from lfpipe.scene.hold import unused
 from lfpipe.scene.manifest import VERSION, DamagedPackError, read_manifest
 from lfpipe.scene.source import Source
+
+MAX_KEY_BYTES = 256  # of an entry of the index
 
 
 def cache_dir(scene: config.Scene) -> Path:
@@ -88,11 +91,16 @@ def content_key(source: Source, scene: config.Scene) -> str:
     return digest.hexdigest()
 
 
+def _read_key(entry: Path) -> str:
+    """What an entry of the index holds. Raises OSError, UnicodeDecodeError."""
+    return read_bytes(entry, MAX_KEY_BYTES).decode()
+
+
 def find_pack(path: str | os.PathLike[str], scene: config.Scene) -> Path | None:
     """The pack of an untouched scene, or None; reads no picture. Raises UserError where there is no scene."""
     mark = stamp(path, scene)
     with contextlib.suppress(OSError, UnicodeDecodeError):
-        key = (cache_dir(scene) / "index" / mark).read_text()
+        key = _read_key(cache_dir(scene) / "index" / mark)
         pack = cache_dir(scene) / "scenes" / key
         if key.isalnum() and (pack / "manifest.json").is_file():
             return pack
@@ -129,7 +137,7 @@ def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
                 manifest: dict[str, Any] = {}
                 with contextlib.suppress(DamagedPackError):
                     manifest = read_manifest(folder)
-                found.append((folder, manifest, sum(file.stat().st_size for file in folder.iterdir())))
+                found.append((folder, manifest, sum(file.lstat().st_size for file in folder.iterdir())))
     return sorted(found, key=lambda pack: str(pack[1].get("created", "")), reverse=True)
 
 
@@ -158,7 +166,7 @@ def sweep(scene: config.Scene) -> int:
             removed += 1
     for entry in (root / "index").glob("*"):
         with contextlib.suppress(OSError, UnicodeDecodeError):
-            if not (root / "scenes" / entry.read_text()).is_dir():
+            if not (root / "scenes" / _read_key(entry)).is_dir():
                 entry.unlink()
                 removed += 1
     return removed

@@ -1,9 +1,9 @@
 """A recorded sequence: a folder with manifest.json, the packets of the frames, and what was known beside them.
 
-    manifest.json  format, version, source, size, rate, versions, config; at its end also frames and checksums (sha256)
-    frames.bin, frames.jsonl   see lfpipe.sequence.packets
-    eyes.jsonl     what was tracked while recording, where that was asked for
-    truth.csv      where the eyes really are, of a made sequence: source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
+manifest.json  format, version, source, size, rate, versions, config; at its end also frames and checksums (sha256)
+frames.bin, frames.jsonl   see lfpipe.sequence.packets
+eyes.jsonl     what was tracked while recording, where that was asked for
+truth.csv      where the eyes really are, of a made sequence: source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
 """
 
 from __future__ import annotations

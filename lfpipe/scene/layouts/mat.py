@@ -27,6 +27,7 @@ NAME = "mat"
 _KEYS = ("LF", "lf", "LightField", "lightfield")
 _PLANES = (1, 3, 4, 5)  # grey, colour, and colour with weights behind it
 _ORDERS: dict[bytes, Literal["little", "big"]] = {b"IM": "little", b"MI": "big"}
+_MAX_VARIABLES = 1000
 _PIECE_BYTES, _MAX_PIECE_BYTES = 1 << 17, 40_000_000  # of packed data, of what it may unpack to
 _SMALL_BYTES, _MAX_RATIO = 40_000_000, 100  # unpacked over stored, for what is not small; pictures pack 2 to 10 times
 
@@ -102,7 +103,11 @@ def _require_whole(path: Path, file: BinaryIO) -> None:
     order = _ORDERS.get(file.read(at)[126:])
     if order is None:
         raise UserError(f"{path}: not a readable .mat file of version 5 or 7.3", "save it again, with -v7.3")
+    variables = 0
     while at + 8 <= size:
+        variables += 1
+        if variables > _MAX_VARIABLES:  # zeros behind the last one read as variables of no bytes
+            raise UserError(f"{path}: more than {_MAX_VARIABLES} variables", "save the light field alone, as LF")
         file.seek(at)
         tag = file.read(8)
         kind, left = (int.from_bytes(tag[k : k + 4], order) for k in (0, 4))

@@ -1,0 +1,61 @@
+"""What stands in the cache, or behind the last variable of a .mat file, is no file that lfpipe wrote."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import scipy.io
+from click.testing import CliRunner
+
+from lfpipe import config
+from lfpipe.cli import cli
+from lfpipe.errors import UserError
+from lfpipe.scene.cache import packs, sweep
+from lfpipe.scene.layouts import describe
+from lfpipe.scene.pack import open_scene
+from tests.scene import made
+
+
+def sparse(path: Path) -> None:
+    path.touch()
+    os.truncate(path, 1 << 40)
+
+
+@pytest.mark.parametrize("put", [os.mkfifo, Path.mkdir, sparse, lambda path: path.symlink_to("/dev/zero")])
+def test_an_entry_of_the_index_that_is_no_small_file_is_passed_over(tmp_path: Path, put: Callable[[Path], None]) -> None:
+    scene = config.Scene(cache_dir=str(tmp_path / "cache"))
+    folder = made.write_grid(tmp_path / "scene", made.views(2, 2, 24, 32))
+    first = open_scene(folder, scene)
+    entry = next((tmp_path / "cache" / "index").iterdir())
+    entry.unlink()
+    put(entry)
+    sweep(scene)
+    if not entry.is_dir():
+        assert open_scene(folder, scene).manifest["key"] == first.manifest["key"]
+
+
+def test_a_link_in_one_pack_hides_no_other(tmp_path: Path) -> None:
+    scene = config.Scene(cache_dir=str(tmp_path / "cache"))
+    for name in ("a", "b"):
+        open_scene(made.write_grid(tmp_path / name, made.views(2, 2, 24, 32 + 8 * (name == "b"))), scene)
+    for pack in (tmp_path / "cache" / "scenes").iterdir():
+        (pack / "loop").symlink_to("loop")
+    assert len(packs(scene)) == 2
+
+
+def test_zeros_behind_the_variables_of_a_mat_file_are_not_read_one_by_one(tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "a.mat", {"LF": made.views(2, 2, 24, 32)})
+    os.truncate(tmp_path / "a.mat", 1 << 35)
+    with pytest.raises(UserError, match="variables"):
+        describe(tmp_path, config.Scene())
+
+
+def test_a_picture_is_not_written_under_an_ending_that_is_not_utf8(tmp_path: Path) -> None:
+    folder = made.write_grid(tmp_path / "scene", made.views(2, 2, 24, 32))
+    out = str(tmp_path / os.fsdecode(b"a.p\xff"))
+    told = ["scene", "sheet", str(folder), "-o", out, "--set", f"scene.cache_dir={tmp_path / 'cache'}"]
+    with pytest.raises(UserError, match="cannot be written"):
+        CliRunner().invoke(cli, told, catch_exceptions=False)
