@@ -32,7 +32,7 @@ from arguments import parser_of
 from lfpipe.errors import UserError
 from lfpipe.observe.watch import Watch
 from lfpipe.supervisor.rundir import find
-from lfpipe.transport.segment import SHM_DIR
+from lfpipe.transport import segment
 
 NAME = "observe_cost"
 PICTURES_S = 0.25
@@ -138,7 +138,7 @@ def belongings(watch: Watch) -> dict[str, list[str]]:
         f"descriptors of {pid}": sorted(path.name for path in Path(f"/proc/{pid}/fd").iterdir())
         for pid in (*map(str, pids), *sorted(parents))
     }
-    found["segments"] = sorted(path.name for path in SHM_DIR.glob(f"*{NAME}*"))
+    found["segments"] = sorted(segment.owned(watch.session.segment("")))
     found["files and FIFOs"] = sorted(str(path.relative_to(run)) for path in run.rglob("*"))
     for pid in parents:
         found[f"children of {pid}"] = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()

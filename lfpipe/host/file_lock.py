@@ -1,4 +1,4 @@
-"""Locks on open files that end with the process that holds them, however it ends (`flock`)."""
+"""Locks on open files; the kernel drops them when their process ends (`flock`)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import fcntl
 
 
 def lock(fd: int, shared: bool = False) -> bool:
-    """Locks an open file without waiting; False where another process holds a lock that excludes this one. Raises OSError."""
+    """Locks an open file without waiting; False if another process holds a conflicting lock. Raises OSError."""
     try:
         fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:

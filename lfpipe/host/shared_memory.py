@@ -1,4 +1,4 @@
-"""Shared memory with names: on Linux the files of a tmpfs. `multiprocessing.shared_memory` maps what is made here."""
+"""Named shared memory: on Linux the files of a tmpfs. `multiprocessing.shared_memory` maps what is created here."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ SHM_DIR = Path("/dev/shm")
 
 
 def create(name: str, size_bytes: int, end: bytes) -> int:
-    """A new segment, 0600, of zeros but for its last bytes, end; its descriptor, which holds a shared lock.
+    """Creates a segment, mode 0600, of zeros with end as its last bytes; returns a descriptor that holds a shared lock on it.
 
-    It gets its name when it is whole and locked: a process that is killed in here leaves nothing. Its pages exist, so that a full
-    tmpfs is an error here and never a SIGBUS at the first write later. Raises OSError; FileExistsError where the name is taken.
+    It gets its name only when it is complete and locked: a process killed in here leaves nothing. Its pages exist, so that a full
+    tmpfs is an error here and never a SIGBUS at a later write. Raises OSError, FileExistsError if the name is taken.
     """
     directory = os.open(SHM_DIR, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
@@ -35,12 +35,12 @@ def create(name: str, size_bytes: int, end: bytes) -> int:
 
 
 def open_readable(name: str) -> int:
-    """Descriptor of what has that name, read-only; follows no link and waits for no pipe. Raises OSError."""
+    """Opens what has that name, read-only, without following links or waiting for pipes. Raises OSError."""
     return os.open(SHM_DIR / name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
 
 
 def names(prefix: str) -> list[str]:
-    """What has a name that begins so, of whatever kind; empty where it cannot be listed."""
+    """Names that begin with prefix, of files of any kind; empty if they cannot be listed."""
     try:
         return sorted(path.name for path in SHM_DIR.iterdir() if path.name.startswith(prefix))
     except OSError:
@@ -48,20 +48,17 @@ def names(prefix: str) -> list[str]:
 
 
 def identity(name: str) -> tuple[int, int]:
-    """Tells what has that name from anything else that ever has it: device and inode, as `fstat` of a descriptor does.
-
-    Raises FileNotFoundError.
-    """
+    """Device and inode of what has that name now, as `fstat` of a descriptor gives them. Raises FileNotFoundError."""
     found = (SHM_DIR / name).lstat()
     return found.st_dev, found.st_ino
 
 
 def unlink(name: str) -> None:
-    """Takes the name away; who maps the memory keeps it. Raises FileNotFoundError."""
+    """Removes the name; processes that map the memory keep it. Raises FileNotFoundError."""
     (SHM_DIR / name).unlink()
 
 
 def room() -> tuple[int, int]:
-    """Bytes free and in total for segments. Raises OSError."""
+    """Free and total bytes for segments. Raises OSError."""
     usage = shutil.disk_usage(SHM_DIR)
     return usage.free, usage.total

@@ -1,11 +1,11 @@
-"""Shared-memory segments: made and unlinked by the supervisor alone, attached by everybody else without tracking.
+"""Shared-memory segments: only the supervisor creates and unlinks them, everybody else attaches without tracking.
 
-The last page of a segment says whose it is: magic, length, and the path of its run directory. Its supervisor holds a shared lock
-on it (`flock`) for as long as it lives. So anybody can tell, from any directory or container, whether a segment is one of ours
-and whether its session lives; what is not ours, or lives, is never unlinked.
+The last page of a segment names its owner: magic, length, path of its run directory. The supervisor holds a shared lock (`flock`)
+on each of its segments as long as it lives. From these two any process, in any directory or container, can decide whether a
+segment is lfpipe's and whether its session lives. Nothing else is ever unlinked by name.
 
-Python's resource tracker knows of none of them. It unlinks by name when its process has died, which may be a moment after the
-next session of that name began, and up to Python 3.12 also what its process merely attached (cpython issue 82300).
+Python's resource tracker is not told of any segment. It unlinks by name after its process has died, when the next session may
+have that name already, and up to Python 3.12 also segments that its process only attached (cpython issue 82300).
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ _attach_lock = threading.Lock()
 
 
 class WrongSegment(UserError, ValueError):
-    """A segment that holds something else than its reader knows, or another version of it."""
+    """A segment that holds something else than its reader expects, or another version of it."""
 
 
 class Segment(SharedMemory):
-    """A segment that this process made. unlink removes that one, never another that has its name by now."""
+    """A segment that this process created. `unlink` never removes another segment that has its name by now."""
 
     def __init__(self, name: str) -> None:
         with _untracked():
@@ -48,16 +48,16 @@ class Segment(SharedMemory):
         lock(self._fd, shared=True)  # type: ignore[attr-defined]
 
     def unlink(self) -> None:
-        """Takes the name away. Raises FileNotFoundError where it is no longer this segment's."""
+        """Removes the name. Raises FileNotFoundError if it is no longer this segment's."""
         if shared_memory.identity(self.name) != self._identity:
             raise FileNotFoundError(errno.ENOENT, "another segment has that name", self.name)
         shared_memory.unlink(self.name)
 
 
 def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
-    """A new segment of zeros for the session of run_dir, with room for size_bytes; a full /dev/shm is an error here.
+    """Creates a segment of size_bytes zeros for the session of run_dir. Its pages exist: a full /dev/shm is an error here.
 
-    Raises UserError where there is no room, where the name is taken, and where none can be made at all.
+    Raises UserError if there is no room, if the name is taken, and if shared memory cannot be created at all.
     """
     path = os.fsencode(run_dir) if run_dir else b""
     owner = (_OWNER.pack(MAGIC, len(path)) + path).ljust(PAGE, b"\0")
@@ -85,7 +85,7 @@ def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
 
 
 def _kind(path: Path) -> str:
-    """What is at path, in words."""
+    """Describes what is at path."""
     try:
         found = path.lstat()
     except OSError:
@@ -101,14 +101,14 @@ def _kind(path: Path) -> str:
 
 
 def attach(name: str) -> SharedMemory:
-    """An existing segment, untracked. Raises FileNotFoundError where there is no such segment."""
+    """Opens an existing segment, untracked. Raises FileNotFoundError."""
     with _untracked():
         return SharedMemory(name=name)
 
 
 @contextlib.contextmanager
 def _untracked() -> Iterator[None]:
-    """Switches registering with the resource tracker off for a moment."""
+    """Keeps segments that are opened within from the resource tracker."""
     with _attach_lock:
         register = resource_tracker.register
         resource_tracker.register = lambda name, rtype: None
@@ -125,7 +125,7 @@ def buffer(memory: SharedMemory) -> memoryview:
 
 
 def check(memory: SharedMemory, magic: bytes, what: str, size_bytes: int) -> None:
-    """Raises WrongSegment, and closes memory, where it does not begin with magic or is shorter than what is said to be."""
+    """Raises WrongSegment, and closes memory, if it does not begin with magic or is too short. what: its name in words."""
     found, size = bytes(buffer(memory)[: len(magic)]), memory.size
     if found == magic and size >= size_bytes:
         return
@@ -143,7 +143,7 @@ def _identity(fd: int) -> tuple[int, int]:
 
 
 def _owner(fd: int) -> Path | None:
-    """Run directory of an open segment of this user's, empty for none; None where it is not one of ours."""
+    """Run directory of an open segment, empty if it was created without one; None if it is not lfpipe's or not this user's."""
     found = os.fstat(fd)
     if not stat.S_ISREG(found.st_mode) or found.st_uid != os.getuid() or found.st_size < PAGE:
         return None
@@ -154,12 +154,12 @@ def _owner(fd: int) -> Path | None:
 
 
 def _opened(prefix: str) -> Iterator[tuple[str, int, Path]]:
-    """Name, descriptor and run directory of this user's segments whose names begin so."""
+    """Name, descriptor and run directory of each segment of this user whose name begins with prefix."""
     for name in shared_memory.names(prefix):
         try:
             fd = shared_memory.open_readable(name)
         except OSError:
-            continue  # it has just gone, or it is another user's, a link, ...
+            continue  # just removed, another user's, a link, ...
         try:
             owner = _owner(fd)
             if owner is not None:
@@ -171,21 +171,16 @@ def _opened(prefix: str) -> Iterator[tuple[str, int, Path]]:
 
 
 def owned(prefix: str = PREFIX) -> dict[str, Path]:
-    """This user's segments whose names begin so, living or not -> their run directories."""
+    """Segments of this user whose names begin with prefix, of living and dead sessions: name -> run directory."""
     return {name: owner for name, _, owner in _opened(prefix)}
 
 
 def abandoned(prefix: str = PREFIX) -> Iterator[tuple[str, Path]]:
-    """Name and run directory of those whose supervisor is dead. Each may be unlinked, by its name, until the next is asked for:
-    nobody else does so meanwhile, and so nobody can give the name to another segment.
+    """Name and run directory of those whose supervisor is dead. The caller may unlink each by name before it takes the next:
+    until then no other process unlinks it, so that the name cannot pass to another segment.
     """
     for name, fd, owner in _opened(prefix):
         if lock(fd):
             with contextlib.suppress(FileNotFoundError):
                 if shared_memory.identity(name) == _identity(fd):
                     yield name, owner
-
-
-def living(prefix: str = PREFIX) -> list[str]:
-    """Names of those whose supervisor lives."""
-    return [name for name, fd, _ in _opened(prefix) if not lock(fd)]

@@ -1,4 +1,4 @@
-"""Names of a session: its run directory, segments, FIFOs and sockets. Pure paths; who makes them is the supervisor."""
+"""Names of a session: its run directory, segments, FIFOs and sockets. The supervisor creates what they name."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LONGEST_PART = 13  # characters of a ring's name within that of its segment
 
 
 def base_dir() -> Path:
-    """Where run directories lie: the user's runtime directory, or /tmp. Raises UserError where that cannot be a directory."""
+    """Parent of run directories: XDG_RUNTIME_DIR, or /tmp. Raises UserError if that is not an absolute path in UTF-8."""
     text = os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
     remedy = "set it to a directory of yours, or unset it: /tmp is used then"
     if not Path(text).is_absolute():
@@ -30,10 +30,10 @@ def base_dir() -> Path:
 
 
 def segment_prefix(run_dir: Path) -> str:
-    """What the names of a session's segments begin with: `lfp-`, 12 hexadecimal digits of a hash, `-`.
+    """First part of the names of a session's segments: `lfp-`, 12 hexadecimal digits of a hash, `-`.
 
-    The hash is SHA-256 of `DEVICE:INODE/NAME` with device and inode of the directory that the run directory lies in, and the run
-    directory's own name: the same by whatever path one gets there, and another in another container that shares /dev/shm.
+    The hash is the SHA-256 of `DEVICE:INODE/NAME`: device and inode of the parent of the run directory, and its own name. It is
+    the same by any path to that directory, and differs in another container that shares /dev/shm.
     """
     try:
         found = run_dir.parent.stat()
@@ -71,10 +71,10 @@ class Session:
         return self.run_dir / "lock"
 
     def segment(self, part: str) -> str:
-        """Name of a shared-memory segment: a ring, or "status"; at most 30 characters. Of "", what all begin with.
+        """Name of a shared-memory segment, at most 30 characters. part: a ring, "status", or "" for what all names begin with.
 
-        For a reader in a process with another runtime directory: where this process's has no such session, it is that of the one
-        session of this name that the user has elsewhere.
+        If this process's runtime directory has no such session, the name is that of the user's only session of this name
+        elsewhere, so that readers need not share the runtime directory of the session.
         """
         return self._segments() + (part if len(part) <= LONGEST_PART else f"_{_digest(part)}")
 
@@ -96,7 +96,7 @@ class Session:
 
 
 def default_name() -> str:
-    """The session that commands mean when none is named. Raises UserError where LFPIPE_SESSION is no name."""
+    """The session that commands use when none is named. Raises UserError if LFPIPE_SESSION is no name."""
     name = os.environ.get("LFPIPE_SESSION") or "default"
     _check_name(name, f"LFPIPE_SESSION={name!r}")
     return name

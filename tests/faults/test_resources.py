@@ -21,7 +21,7 @@ import pytest
 
 from lfpipe.line_file import LineFile
 from lfpipe.sequence.folder import open_sequence
-from lfpipe.supervisor import rundir
+from lfpipe.supervisor import run_lock
 from lfpipe.transport.session import PREFIX
 from tests.world import World
 
@@ -153,7 +153,7 @@ def test_a_run_directory_of_another_user_is_refused_and_never_spoken_to(world: W
     (theirs / "lock").touch(0o666)
     for path in (theirs / "lock", theirs):
         os.chown(path, NOBODY, NOBODY)
-    lock = rundir._lock(theirs / "lock")  # as if a session of theirs were running: it must not be taken for ours
+    lock = run_lock.take(theirs / "lock")  # as if a session of theirs were running: it must not be taken for ours
     assert lock is not None
     for command in (("up", packed, *PLAIN), ("ctl", "status"), ("monitor", "--once")):
         done = unprivileged(world, *command, "--session", world.name)

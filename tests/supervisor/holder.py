@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from lfpipe.host.shared_memory import SHM_DIR
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -58,6 +60,15 @@ def holding(base: Path, name: str) -> Iterator[list[str]]:
         holder.end()
     finally:
         holder.kill()
+
+
+def inodes(segments: list[str]) -> list[int]:
+    """Of segments that are there; raises FileNotFoundError where one is gone."""
+    return [(SHM_DIR / each).stat().st_ino for each in segments]
+
+
+def gone(segments: list[str]) -> bool:
+    return not any((SHM_DIR / each).exists() for each in segments)
 
 
 def main() -> int:

@@ -1,16 +1,14 @@
-"""Run directories and the memory that belongs to them: whose it is, who removes it, and what is left alone."""
+"""Run directories: how they are locked, swept and lost, and what in them or in the environment is refused with a remedy."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import shutil
-import signal
 import stat
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,205 +16,11 @@ import pytest
 import zmq
 
 from lfpipe.errors import UserError
-from lfpipe.observe import live
 from lfpipe.supervisor import rundir
-from lfpipe.transport import segment
-from lfpipe.transport.segment import SHM_DIR
 from lfpipe.transport.session import PREFIX, Session
-from tests.supervisor.holder import ROOT, Holder, holding
+from tests.supervisor.holder import ROOT, Holder, gone, holding
 
 NOBODY = 65534
-
-
-@pytest.fixture
-def name() -> str:
-    return f"t{os.getpid()}x{time.monotonic_ns() % 10**9}"
-
-
-@pytest.fixture
-def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The runtime directory of this process."""
-    made = tmp_path / "run"
-    made.mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(made))
-    return made
-
-
-def inodes(segments: list[str]) -> list[int]:
-    """Of segments that are there; raises FileNotFoundError where one is gone."""
-    return [(SHM_DIR / each).stat().st_ino for each in segments]
-
-
-def gone(segments: list[str]) -> bool:
-    return not any((SHM_DIR / each).exists() for each in segments)
-
-
-def test_a_session_of_the_same_name_elsewhere_leaves_a_living_one_alone(base: Path, tmp_path: Path, name: str) -> None:
-    other = tmp_path / "other"
-    other.mkdir()
-    with holding(base, name) as first:
-        before = inodes(first)
-        with holding(other, name) as second:
-            assert not set(first) & set(second)
-        assert gone(second) and inodes(first) == before
-    assert gone(first)
-
-
-def test_the_same_directory_by_another_path_is_the_same_session(base: Path, tmp_path: Path, name: str) -> None:
-    link = tmp_path / "link"
-    link.symlink_to(base)
-    with holding(link, name) as segments:
-        assert [Session(name).segment(part) for part in ("status", "frames", "eyes")] == segments
-        assert rundir.running() == [name]
-        assert "is running already" in Holder(base, name).failed()
-
-
-def test_a_reader_with_another_runtime_directory_finds_the_one_session_of_that_name(
-    base: Path, tmp_path: Path, name: str
-) -> None:
-    others = [tmp_path / "b", tmp_path / "c"]
-    for other in others:
-        other.mkdir()
-    with holding(others[0], name) as first:
-        assert [Session(name).segment(part) for part in ("status", "frames", "eyes")] == first
-        assert Session(f"{name}.2").segment("status") not in first
-        with holding(others[1], name) as second:
-            assert Session(name).segment("status") not in (*first, *second), "which of the two?"
-        with holding(base, name) as own:
-            assert Session(name).segment("status") == own[0]
-    assert rundir.running() == []
-
-
-def test_names_are_short_enough_for_every_system(base: Path) -> None:
-    names = {
-        Session(session).segment(part)
-        for session in ("a", "a" * 32)
-        for part in ("status", "frames", "eyes", "packets.1", "pictures.9999", "pictures.10000", "pictures.123456789")
-    }
-    assert len(names) == 14 and max(len(f"/{each}") for each in names) <= 31
-
-
-def squat(path: Path, kind: str) -> None:
-    """Something at path that is not a segment of ours."""
-    if kind == "directory":
-        path.mkdir()
-    elif kind == "link":
-        path.symlink_to("/dev/shm/target")
-    elif kind == "pipe":
-        os.mkfifo(path)
-    else:
-        path.write_bytes(b"" if kind == "empty file" else bytes(8192) if kind == "zeros" else b"not a segment " * 1000)
-    if kind == "file of another":
-        os.chown(path, NOBODY, NOBODY)
-
-
-def described(path: Path) -> tuple[int, ...]:
-    found = path.lstat()
-    return found.st_ino, found.st_mode, found.st_uid, found.st_size
-
-
-def remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        path.rmdir()
-    else:
-        path.unlink()
-
-
-KINDS = ["directory", "link", "pipe", "file", "empty file", "zeros"] + (["file of another"] if os.getuid() == 0 else [])
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_is_not_ours_is_left_alone_in_shared_memory(base: Path, name: str, kind: str) -> None:
-    """In the way of no ring it disturbs nobody; in the way of one, the message names it and the remedy works."""
-    beside, within = (SHM_DIR / Session(name).segment(part) for part in ("x", "frames"))
-    squat(beside, kind)
-    try:
-        before = described(beside)
-        with holding(base, name):
-            pass
-        squat(within, kind)
-        said = Holder(base, name).failed()
-        assert str(within) in said and "remove" in said and "--session" in said
-        with holding(base, f"{name}.2"):
-            pass
-        assert described(beside) == before and described(within)[1:] == before[1:]
-        remove(within)
-        with holding(base, name):
-            pass
-    finally:
-        for path in (beside, within):
-            if path.exists() or path.is_symlink():
-                remove(path)
-    assert not list(base.iterdir())
-
-
-def test_the_helpers_of_a_killed_session_do_not_take_the_memory_of_the_next(base: Path, name: str) -> None:
-    """The tracker of shared memory that Python starts outlives its process, and unlinks by name what that never unlinked."""
-    first = Holder(base, name)
-    first.ready()
-    helpers = first.children()
-    for pid in helpers:
-        os.kill(pid, signal.SIGSTOP)
-    first.process.kill()
-    first.process.wait()
-    with holding(base, name) as segments:
-        before = inodes(segments)
-        for pid in helpers:
-            os.kill(pid, signal.SIGCONT)
-        end = time.monotonic() + 20
-        while any(Path(f"/proc/{pid}").exists() and "Z" not in _state(pid) for pid in helpers) and time.monotonic() < end:
-            time.sleep(0.01)
-        assert inodes(segments) == before
-    first.kill()
-
-
-def _state(pid: int) -> str:
-    with contextlib.suppress(OSError):
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
-    return "Z"
-
-
-def test_a_killed_session_is_swept_and_a_living_one_is_not(base: Path, name: str) -> None:
-    killed = Holder(base, name)
-    left = killed.ready()
-    killed.kill()
-    assert not gone(left), "nothing to sweep: this test shows nothing"
-    with holding(base, f"{name}.2") as living:
-        assert gone(left) and not gone(living)
-        assert [path.name for path in base.iterdir()] == [f"{PREFIX}{name}.2"]
-
-
-@pytest.mark.parametrize("how", ["removed", "base removed", "moved"])
-def test_memory_whose_run_directory_is_gone_is_removed_once_its_session_is_dead(
-    base: Path, tmp_path: Path, name: str, how: str
-) -> None:
-    """By whichever session of this user begins next, wherever its run directory is."""
-    other = tmp_path / "other"
-    other.mkdir()
-    holder = Holder(base, name)
-    left = holder.ready()
-    if how == "moved":
-        (base / f"{PREFIX}{name}").rename(tmp_path / "moved")
-    else:
-        shutil.rmtree(base if how == "base removed" else base / f"{PREFIX}{name}")
-    with holding(other, "another"):
-        assert not gone(left), "its session lives"
-    holder.kill()
-    with holding(other, "another"):
-        assert gone(left)
-
-
-def test_a_session_that_lost_its_run_directory_leaves_the_next_one_alone(base: Path, name: str) -> None:
-    first = Holder(base, name)
-    first.ready()
-    shutil.rmtree(base / f"{PREFIX}{name}")
-    second = Holder(base, name)  # waits for the first
-    time.sleep(0.3)
-    first.end()
-    segments = second.ready()
-    assert rundir.running() == [name] and not gone(segments)
-    second.end()
-    assert gone(segments) and not list(base.iterdir())
 
 
 def test_a_removed_run_directory_is_noticed(base: Path, name: str) -> None:
@@ -241,26 +45,6 @@ def test_a_run_directory_without_its_lock_is_removed_all_the_same(base: Path, na
     session.lock.unlink()
     rundir.release(session, lock)
     assert not list(base.iterdir())
-
-
-def test_a_monitor_says_that_a_session_is_of_another_version(base: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    session = Session(name)
-    lock = rundir.acquire(session)
-    (session.run_dir / "session.json").write_text("{}")
-    memory = segment.create(session.segment("status"), 1 << 16, session.run_dir)
-    segment.buffer(memory)[:8] = b"LFSTAT0\0"
-    for words in (["--once"], ["--json"], ["--csv"]):
-        done = subprocess.run(
-            [sys.executable, "-m", "lfpipe", "monitor", "--session", name, *words], capture_output=True, text=True
-        )
-        assert done.returncode == 2 and "LFSTAT0" in done.stderr and "remedy" in done.stderr, done.stderr
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
-    monkeypatch.setenv("TERM", "xterm")
-    with pytest.raises(segment.WrongSegment, match="LFSTAT0"):
-        live.run(name, False, "")
-    memory.unlink()
-    memory.close()
-    rundir.release(session, lock)
 
 
 @pytest.fixture
@@ -315,10 +99,13 @@ def test_an_entry_of_another_kind_shuts_nobody_out(base: Path, name: str, strang
 def test_a_lock_that_is_none_is_named_and_its_remedy_works(base: Path, name: str, kind: str) -> None:
     lock = Session(name).lock
     lock.parent.mkdir(mode=0o700)
-    squat(lock, kind)
+    if kind == "directory":
+        lock.mkdir()
+    else:
+        lock.symlink_to("/nowhere/lock")
     said = Holder(base, name).failed()
     assert str(lock) in said and "remove it" in said
-    remove(lock)
+    lock.rmdir() if kind == "directory" else lock.unlink()
     with holding(base, name):
         pass
 

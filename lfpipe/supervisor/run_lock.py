@@ -1,0 +1,88 @@
+"""The lock file of a run directory: whoever holds it owns the session. The kernel drops it when its process ends."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import stat
+import time
+from pathlib import Path
+
+from lfpipe.errors import UserError
+from lfpipe.host.file_lock import lock
+
+ATTEMPTS = 30  # to take a lock, PAUSE_S apart
+PAUSE_S = 0.01
+
+
+def is_own_directory(path: Path) -> bool:
+    """Whether path is a directory of this user, no link: in /tmp anybody may create one under our name. Raises OSError."""
+    found = path.lstat()
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
+
+
+def _make_directory(path: Path) -> None:
+    """Creates path with mode 0700, or sets that mode if it exists. Raises UserError if it is not this user's directory."""
+    while True:
+        try:
+            path.mkdir(mode=0o700)
+            return
+        except FileExistsError:
+            with contextlib.suppress(FileNotFoundError):  # another process has just removed it: create it after all
+                if not is_own_directory(path):
+                    raise UserError(f"{path} is not a directory of yours", "remove it, or another --session name") from None
+                path.chmod(0o700)
+                return
+        except OSError as error:
+            raise UserError(f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory you may write to") from None
+
+
+def take(path: Path, make: bool = False) -> int | None:
+    """Locks the file at path, created if missing, and returns its descriptor; None if another process holds it.
+
+    make: also creates its directory. Otherwise None if that is missing. Raises OSError, and UserError for a directory of another
+    user. A sweep treats a directory that is not locked yet as a dead session's, so a lock counts only if the file is still there.
+    """
+    while True:
+        if make:
+            _make_directory(path.parent)
+        try:
+            fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
+        except FileNotFoundError:
+            if make:
+                continue
+            return None
+        if not lock(fd):
+            os.close(fd)
+            return None
+        if is_at(path, fd):
+            return fd
+        os.close(fd)
+
+
+def take_patiently(path: Path) -> int | None:
+    """As `take` with make, but tries for 0.3 s: a process that sweeps or lists sessions holds a lock for a moment."""
+    for _ in range(ATTEMPTS):
+        if (fd := take(path, make=True)) is not None:
+            return fd
+        time.sleep(PAUSE_S)
+    return None
+
+
+def is_held(path: Path) -> bool:
+    """Whether a process holds the lock at path. Raises OSError if there is none, or it cannot be opened."""
+    fd = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        return not lock(fd, shared=True)
+    finally:
+        os.close(fd)
+
+
+def is_at(path: Path, fd: int) -> bool:
+    """Whether the open file fd is the one at path. True if path cannot be examined now."""
+    try:
+        return os.path.samestat(path.lstat(), os.fstat(fd))
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError:
+        return True
