@@ -18,10 +18,10 @@ import zmq
 from lfpipe.errors import UserError
 from lfpipe.supervisor.connection_limit import ConnectionLimit
 from lfpipe.supervisor.file_checker import FileChecker
-from lfpipe.supervisor.intake import Intake
 from lfpipe.supervisor.process_table import NAMES
 from lfpipe.supervisor.requests import Reply, respond, respond_checked
 from lfpipe.supervisor.session_store import SessionStore
+from lfpipe.supervisor.throttled_socket import ThrottledSocket
 from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.control import BadMessage
@@ -80,7 +80,7 @@ class ControlServer:
             control.limit(socket)
             socket.bind(control.address(session.run_dir, name))
             (session.run_dir / name).chmod(0o600)
-        self._requests, self._telemetry = Intake(self._ctl), Intake(self._bus)
+        self._requests, self._telemetry = ThrottledSocket(self._ctl), ThrottledSocket(self._bus)
         self._waiting: deque[_Waiting] = deque()  # by revision, so by time as well
         self._checking: list[_Checking] = []
 

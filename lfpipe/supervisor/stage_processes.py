@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 import attrs
 
 from lfpipe.config import SessionOptions
-from lfpipe.supervisor import ending
-from lfpipe.supervisor.process import StageProcess
+from lfpipe.supervisor import shutdown
 from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
+from lfpipe.supervisor.stage_process import StageProcess
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.session import Session
 from lfpipe.transport.stage_spec import StageSpec
@@ -56,7 +56,7 @@ class StageProcesses:
         for process in self:
             name = process.stage.name
             if why := process.overdue():
-                log(f"{name}: {why}, killed\n{process.condemn()}".rstrip())
+                log(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
             code = process.reap()
             if code is None or (code == 0 and not process.wanted):
                 continue
@@ -101,7 +101,7 @@ class StageProcesses:
         for process in self:
             process.wanted = False
             self._ask_to_stop(process.stage.name)
-        ending.end(self._all.values(), log)
+        shutdown.wait_for_end(self._all.values(), log)
 
     def close(self) -> None:
         """Lets go of the status table."""

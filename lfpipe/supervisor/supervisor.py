@@ -22,14 +22,14 @@ from lfpipe.host.processes import usable_cores
 from lfpipe.supervisor import child, placement, rundir
 from lfpipe.supervisor.config_rollback import ConfigRollback
 from lfpipe.supervisor.control_server import ControlServer
-from lfpipe.supervisor.memory import Memory
 from lfpipe.supervisor.outcome import SOURCE_ENDED, Outcome
-from lfpipe.supervisor.process import MAX_FAILURES, WINDOW_S
 from lfpipe.supervisor.process_table import NAMES, STAGES, Stage, consumers
 from lfpipe.supervisor.quality_control import QualityControl, reason
+from lfpipe.supervisor.session_memory import SessionMemory
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.supervisor.snapshot import snapshot
+from lfpipe.supervisor.stage_process import MAX_FAILURES, MAX_RESTARTS_WINDOW_S
 from lfpipe.supervisor.stage_processes import Ended, StageProcesses
 from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
@@ -55,7 +55,7 @@ class Supervisor:
         self._store = SessionStore(session, SessionState.first(config, options))
         self._rollback = ConfigRollback()
         self._quality = QualityControl(lambda name: self._cpus.get(name, ()))
-        self._memory: Memory | None = None
+        self._memory: SessionMemory | None = None
         self._server: ControlServer | None = None
         self._stages: StageProcesses | None = None
 
@@ -97,7 +97,7 @@ class Supervisor:
             self._stages.kill()
 
     def _build(self, ctx: zmq.Context[zmq.Socket[bytes]]) -> tuple[ControlServer, StageProcesses]:
-        self._memory = Memory(self._session, self._state.config)
+        self._memory = SessionMemory(self._session, self._state.config)
         self._store.begin()
         self._show_level()
         self._started_ns = now_ns()
@@ -218,7 +218,7 @@ class Supervisor:
             self._log(f"{name} ended with {how} in {phase}{said}; restarting")
             return
         stack = process.last_stack()
-        many = f"{name} failed {MAX_FAILURES} times in {WINDOW_S:.0f} s"
+        many = f"{name} failed {MAX_FAILURES} times in {MAX_RESTARTS_WINDOW_S:.0f} s"
         self._end(
             Outcome(
                 many,

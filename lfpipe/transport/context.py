@@ -72,7 +72,7 @@ class Context:
     def busy_with(self, words: str) -> Iterator[None]:
         """Wrap calls that may wait for a disk: meanwhile the stage is judged by its progress, not by its beat.
 
-        words: what it does, for monitors, at most 32 bytes. See `lfpipe.supervisor.judge`.
+        words: what it does, for monitors, at most 32 bytes. See `lfpipe.supervisor.health_check`.
         """
         self.row.set_busy(words)
         try:

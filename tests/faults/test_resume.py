@@ -16,7 +16,7 @@ import pytest
 import lfpipe
 from lfpipe.host.activity import Sample, Thread
 from lfpipe.render.refresh import Refresh
-from lfpipe.supervisor.judge import ASLEEP_S, Judge
+from lfpipe.supervisor.health_check import ASLEEP_S, HealthCheck
 from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
 from lfpipe.transport.session import Session
@@ -74,7 +74,7 @@ def test_stopped_and_continued_each_process_and_all_are_back_at_rate(world: Worl
     before = _rows(world)
     pids = {name: [row["pid"]] for name, row in before.items()} | {"supervisor": [supervisor.pid]}
     pids["all"] = [supervisor.pid, *(row["pid"] for row in before.values())]
-    long_s, short_s = STAGES[0].hang_s + 0.4, 1.2  # longer and shorter than a stage may be silent
+    long_s, short_s = STAGES[0].hang_timeout_s + 0.4, 1.2  # longer and shorter than a stage may be silent
     plan = [("all", long_s), ("render", short_s)]
     if clock == "camera":
         plan += [("supervisor", long_s), ("capture", short_s), ("track", short_s)]
@@ -146,27 +146,27 @@ def test_after_a_gap_the_display_finds_the_cameras_new_phase_at_once(gap_s: floa
 
 def test_a_judge_that_slept_forgives_and_one_that_did_not_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
     t_ns = 10**12
-    monkeypatch.setattr("lfpipe.supervisor.judge.now_ns", lambda: t_ns)
+    monkeypatch.setattr("lfpipe.supervisor.health_check.now_ns", lambda: t_ns)
     row = np.zeros((), ROW)
     row["state"], row["ready_ns"], row["started_ns"], row["beat_ns"] = State.RUNNING, t_ns, t_ns, t_ns
     stage = STAGES[0]
-    judged = Judge(stage, row, 1, lambda pid: Sample({1: Thread()}, 0, 0))
-    for _ in range(int(10 * stage.hang_s)):
+    judged = HealthCheck(stage, row, 1, lambda pid: Sample({1: Thread()}, 0, 0))
+    for _ in range(int(10 * stage.hang_timeout_s)):
         t_ns += 100_000_000
-        assert not judged.verdict()
+        assert not judged.problem()
     t_ns += 100_000_000
-    assert "no beat" in judged.verdict(), "a hung stage is found while its judge is awake"
+    assert "no beat" in judged.problem(), "a hung stage is found while its judge is awake"
     row["beat_ns"] = t_ns
     t_ns += int(3600e9)
-    assert not judged.verdict() and ASLEEP_S < 3600, "both slept"
-    for _ in range(int(10 * stage.hang_s)):
+    assert not judged.problem() and ASLEEP_S < 3600, "both slept"
+    for _ in range(int(10 * stage.hang_timeout_s)):
         t_ns += 100_000_000
-        assert not judged.verdict()
+        assert not judged.problem()
     t_ns += 100_000_000
-    assert "no beat" in judged.verdict(), "forgiven once, not for ever"
+    assert "no beat" in judged.problem(), "forgiven once, not for ever"
     row["ready_ns"] = 0
     t_ns += int(3600e9)
-    assert not judged.verdict(), "nor is a start that was interrupted too slow"
+    assert not judged.problem(), "nor is a start that was interrupted too slow"
 
 
 def test_a_sleep_of_the_machine_is_noticed_once() -> None:

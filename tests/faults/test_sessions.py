@@ -73,7 +73,7 @@ BEGIN_AND_END = """
 import os, sys, time
 from lfpipe import config
 from lfpipe.supervisor import rundir
-from lfpipe.supervisor.memory import Memory
+from lfpipe.supervisor.session_memory import Memory
 from lfpipe.transport import segment
 from lfpipe.transport.session import Session
 session, count, end = Session(sys.argv[1]), 0, time.monotonic() + 1.5

@@ -75,7 +75,7 @@ def main() -> int:
     from lfpipe import config
     from lfpipe.errors import UserError
     from lfpipe.supervisor import rundir
-    from lfpipe.supervisor.memory import Memory
+    from lfpipe.supervisor.session_memory import SessionMemory
     from lfpipe.transport.session import Session
 
     try:
@@ -85,7 +85,7 @@ def main() -> int:
             lock = rundir.acquire(session)
         try:
             with rundir.filled(session):
-                memory = Memory(session, config.Config())
+                memory = SessionMemory(session, config.Config())
             print("ready", *(session.segment(part) for part in ("status", "frames", "eyes")), flush=True)
             sys.stdin.readline()
             memory.remove()

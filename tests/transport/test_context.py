@@ -11,8 +11,8 @@ import pytest
 
 from lfpipe.config import Config, SessionOptions
 from lfpipe.host.wake import Wake
-from lfpipe.supervisor.memory import Memory
 from lfpipe.supervisor.process_table import consumers
+from lfpipe.supervisor.session_memory import Memory
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.session import Session

@@ -10,7 +10,7 @@ WORKS_SHARE = 0.05  # of the time on a CPU: less is what a thread with a timer n
 
 
 @attrs.define
-class Spent:
+class TimeSpent:
     """Where the time of a process went, in ns, since it last gave a sign of life. Time in which it was ready to run and had no
     CPU is in none of these: nobody can tell what it would have done.
 

@@ -1,4 +1,4 @@
-"""The end of a session's processes: in order, and with time for those that still have results to write."""
+"""The end of a session's processes: in order, with time for those that still write results."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 
 import attrs
 
-from lfpipe.supervisor.process import StageProcess
+from lfpipe.supervisor.stage_process import StageProcess
 from lfpipe.transport.clock import now_ns
 
 STOP_S, TERM_S, KILL_S = 0.9, 0.5, 5.0  # how long a stage may take after "stop", after SIGTERM, after SIGKILL
@@ -19,12 +19,12 @@ class _Ending:
     process: StageProcess
     due_ns: int
     passes: int = 0
-    told: bool = False
+    logged: bool = False
 
 
-def end(processes: Iterable[StageProcess], tell: Callable[[str], None]) -> None:
-    """Waits until all processes, which were asked to stop before, have ended. One that is late gets SIGTERM, then SIGKILL;
-    one that saves results is waited for as long as it gets on with it. tell: says to the person what is waited for.
+def wait_for_end(processes: Iterable[StageProcess], log: Callable[[str], None]) -> None:
+    """Waits until all processes, which were asked to stop before, have ended. A late one gets SIGTERM, then SIGKILL, unless
+    it saves results and makes progress. log: reports to people what the session waits for.
     """
     begin_ns = now_ns()
     waiting = [_Ending(process, begin_ns + int(STOP_S * 1e9)) for process in processes if process.alive]
@@ -39,9 +39,9 @@ def end(processes: Iterable[StageProcess], tell: Callable[[str], None]) -> None:
                 continue
             elif words := process.saves:
                 each.due_ns = now_ns() + int(STOP_S * 1e9)
-                if not each.told:
-                    tell(f"{process.stage.name}: {words}; Ctrl-C again ends it at once")
-                each.told = True
+                if not each.logged:
+                    log(f"{process.stage.name}: {words}; Ctrl-C again ends it at once")
+                each.logged = True
             elif (signum := PASSES[each.passes][1]) is None:
                 waiting.remove(each)
             else:

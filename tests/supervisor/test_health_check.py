@@ -17,13 +17,13 @@ import pytest
 from lfpipe.config import Config, SessionOptions
 from lfpipe.host import activity
 from lfpipe.host.activity import Sample, Thread
-from lfpipe.supervisor import judge
-from lfpipe.supervisor.ending import end
-from lfpipe.supervisor.judge import Judge
-from lfpipe.supervisor.memory import Memory
-from lfpipe.supervisor.process import StageProcess
+from lfpipe.supervisor import health_check
+from lfpipe.supervisor.health_check import HealthCheck
 from lfpipe.supervisor.process_table import Stage, consumers
-from lfpipe.supervisor.progress import Spent
+from lfpipe.supervisor.session_memory import SessionMemory
+from lfpipe.supervisor.shutdown import wait_for_end
+from lfpipe.supervisor.stage_process import StageProcess
+from lfpipe.supervisor.time_spent import TimeSpent
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.session import Session
 from lfpipe.transport.stage_spec import StageSpec
@@ -43,7 +43,7 @@ class Bench:
         self.folder = folder
         self.session = Session(f"j{os.getpid()}x{time.monotonic_ns() % 10**9}")
         self.session.run_dir.mkdir(mode=0o700)
-        self.memory = Memory(self.session, Config())
+        self.memory = SessionMemory(self.session, Config())
         self.process = StageProcess(STAGE, self.session, self.memory.table.rows["render"])
         os.mkfifo(folder / FIFO)
 
@@ -118,7 +118,7 @@ def test_who_ends_a_session_waits_for_what_is_being_saved_and_for_nothing_else(b
     process.wanted = False
     told: list[str] = []
     _stop(process)
-    end([process], told.append)
+    wait_for_end([process], told.append)
     assert process.row["seq"] == SAVED and process.row["state"] == State.FINISHED
     assert told == ["render: writing what is left; Ctrl-C again ends it at once"]
     process.wanted = True
@@ -127,7 +127,7 @@ def test_who_ends_a_session_waits_for_what_is_being_saved_and_for_nothing_else(b
     process.row["seq"] = 0
     assert bench.until(bench.came_through) == ""
     _stop(process)
-    end([process], told.append)
+    wait_for_end([process], told.append)
     assert not process.alive and process.row["state"] == State.DEAD and len(told) == 1
 
 
@@ -135,12 +135,12 @@ def _stop(process: StageProcess) -> None:
     os.kill(int(process.row["pid"]), 15)
 
 
-def _watched(command: list[str], seconds: float = 2.0, before: Callable[[int], None] = lambda pid: None) -> Spent:
+def _watched(command: list[str], seconds: float = 2.0, before: Callable[[int], None] = lambda pid: None) -> TimeSpent:
     """Where the time of a command goes."""
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     before(process.pid)
     time.sleep(0.3)
-    spent, last = Spent(), activity.sample(process.pid)
+    spent, last = TimeSpent(), activity.sample(process.pid)
     assert last is not None
     t_ns = now_ns()
     begin_ns = t_ns
@@ -201,21 +201,21 @@ class Script:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, **row: int) -> None:
         self.t_ns = 10**12
-        monkeypatch.setattr(judge, "now_ns", lambda: self.t_ns)
+        monkeypatch.setattr(health_check, "now_ns", lambda: self.t_ns)
         self.row = np.zeros((), ROW)
         self.row["state"] = State.RUNNING
         self.row["ready_ns"] = self.row["started_ns"] = self.row["beat_ns"] = self.t_ns
         for name, value in row.items():
             self.row[name] = value
         self.thread, self.disk = Thread(), 0
-        self.judge = Judge(STAGE, self.row, 1, lambda pid: Sample({1: self.thread}, self.disk, self.disk))
+        self.judge = HealthCheck(STAGE, self.row, 1, lambda pid: Sample({1: self.thread}, self.disk, self.disk))
 
     def after(self, seconds: float, each: Callable[[], None] = lambda: None) -> str:
         """Judges ten times a second; the first verdict."""
         for _ in range(round(10 * seconds)):
             self.t_ns += 100 * MS_NS
             each()
-            if why := self.judge.verdict():
+            if why := self.judge.problem():
                 return why
         return ""
 
@@ -225,9 +225,9 @@ def test_a_disk_is_given_a_minute_for_every_byte_declared_or_not(monkeypatch: py
         script = Script(monkeypatch)
         script.row["busy_with"] = words
         script.thread = Thread(state="D")
-        assert script.after(judge.STALL_S - 1) == ""
+        assert script.after(health_check.STALL_S - 1) == ""
         script.disk += 1
-        assert script.after(judge.STALL_S - 1) == ""
+        assert script.after(health_check.STALL_S - 1) == ""
         assert "nothing for" in script.after(3)
 
 
@@ -239,7 +239,7 @@ def test_computing_has_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
         return step
 
     script = Script(monkeypatch, ready_ns=0, state=State.STARTING)
-    assert script.after(judge.LONGEST_S - 1, work(script)) == "" and "not ready" in script.after(3, work(script))
+    assert script.after(health_check.LONGEST_S - 1, work(script)) == "" and "not ready" in script.after(3, work(script))
     script = Script(monkeypatch)
     script.row["busy_with"] = b"decoding"
     assert script.after(STAGE.startup_timeout_s, work(script)) == "" and "decoding: no beat" in script.after(2, work(script))

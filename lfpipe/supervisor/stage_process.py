@@ -1,4 +1,4 @@
-"""One row of the process table at run time: its process, its failures, when it may start again."""
+"""A row of the process table at run time: its process, its failures, the restart policy."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 from lfpipe.host import signals
 from lfpipe.supervisor import child
-from lfpipe.supervisor.judge import Judge
+from lfpipe.supervisor.health_check import HealthCheck
 from lfpipe.supervisor.process_table import Stage
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.session import Session
 from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import State, busy_words
 
-WINDOW_S, MAX_FAILURES = 60.0, 5
+MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5
 FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0
-MAX_STACK = 4000  # characters of it that are told
+MAX_STACK = 4000  # characters of it that are reported
 
 
 class StageProcess:
@@ -35,8 +35,8 @@ class StageProcess:
         self.next_start_ns = 0
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
         self.wanted = False
-        self._condemned = False  # killed for a hang, and not ended yet
-        self._judge: Judge | None = None
+        self._killed = False  # for a hang, and not ended yet
+        self._health: HealthCheck | None = None
 
     @property
     def alive(self) -> bool:
@@ -50,14 +50,14 @@ class StageProcess:
             self.row["restarts"] += 1
         self.row["state"], self.row["ready_ns"], self.row["started_ns"] = State.STARTING, 0, now_ns()
         self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
-        self._condemned = False
+        self._killed = False
         self.process = multiprocessing.get_context("spawn").Process(
             target=child.run, args=(spec, os.getpid()), name=f"lfpipe-{self.stage.name}", daemon=True
         )
         with signals.blocked():
             self.process.start()
         self.row["pid"] = self.process.pid
-        self._judge = Judge(self.stage, self.row, int(self.row["pid"]))
+        self._health = HealthCheck(self.stage, self.row, int(self.row["pid"]))
 
     def reap(self) -> int | None:
         """Exit code when the process has ended since the last call, else None."""
@@ -68,20 +68,20 @@ class StageProcess:
         self.process.close()
         self.process = None
         in_order = (0,) if self.wanted else (0, child.EXIT_TERMINATED)
-        finished = code in in_order and (not self.wanted or self.stage.source)  # it was told to end, or its source has ended
+        finished = code in in_order and (not self.wanted or self.stage.source)  # it was asked to end, or its source has ended
         self.row["state"], self.row["dead_ns"] = State.FINISHED if finished else State.DEAD, now_ns()
         self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
         if code == 0:
-            self.row["taken_seq"] = 0  # its work was over: the next one begins anew and has missed nothing
+            self.row["taken_seq"] = 0  # its work was done: the next one has missed nothing
         return int(code)
 
     def overdue(self) -> str:
-        """Why the process counts as hung, or nothing; see `judge`. Ask often."""
-        return "" if self.process is None or self._judge is None or self._condemned else self._judge.verdict()
+        """Why the process counts as hung, or nothing; see `health_check`. Call often."""
+        return "" if self.process is None or self._health is None or self._killed else self._health.problem()
 
     @property
     def saves(self) -> str:
-        """What results the process writes at its end, in words, as long as it gets on with it; else nothing."""
+        """The results that the process writes at its end, in words, while it makes progress; else nothing."""
         if self.row["state"] != State.STOPPING or self.overdue():
             return ""
         return busy_words(self.row)
@@ -91,31 +91,31 @@ class StageProcess:
         if self.process is not None:
             self.process.join(timeout_s)
 
-    def condemn(self) -> str:
-        """Kills a hung process, once; what it did before, as faulthandler sees it. On a stalled machine its end may take long."""
+    def kill_hung(self) -> str:
+        """Kills a hung process, once, and returns its stack. On a stalled machine its end may take long."""
         self.signal(signal.SIGUSR1)
         time.sleep(0.05)
         stack = self.last_stack()
         self.signal(signal.SIGKILL)
-        self._condemned = True
+        self._killed = True
         return stack
 
     def last_stack(self) -> str:
-        """What the process was asked for, or left when it died of an error; empty where it was killed."""
+        """The stack that the process left, on request or when it failed; empty where it was killed."""
         path = child.stack_file(self._session.run_dir, self.stage.name)
         return path.read_text(errors="replace")[-MAX_STACK:].rstrip() if path.exists() else ""
 
     def failed(self) -> bool:
-        """Counts a failure and sets the next start; True when there were too many of them."""
+        """Restart policy: counts a failure and sets the time of the next start; True after too many failures."""
         t_ns = now_ns()
         self.failures.append(t_ns)
-        recent = [f for f in self.failures if t_ns - f < WINDOW_S * 1e9]
+        recent = [f for f in self.failures if t_ns - f < MAX_RESTARTS_WINDOW_S * 1e9]
         backoff_s = min(FIRST_BACKOFF_S * 2 ** (len(recent) - 1), MAX_BACKOFF_S)
         self.next_start_ns = t_ns + int(backoff_s * 1e9)
         return len(recent) >= MAX_FAILURES
 
     def died_of(self) -> tuple[str, str] | None:
-        """(message, remedy) when the stage ended over a mistake of the user's."""
+        """(message, remedy) where the stage ended because of a user's mistake."""
         path = child.error_file(self._session.run_dir, self.stage.name)
         if not path.exists():
             return None

@@ -1,4 +1,4 @@
-"""What a session stands on: the status table, the rings, the wake-ups. Made and removed by the supervisor alone."""
+"""The memory of a session: status table, rings, wake-ups. Only the supervisor makes and removes it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from lfpipe.transport.segment import Segment
 from lfpipe.transport.session import Session
 
 
-class Memory:
-    """The segments and FIFOs of a session of this configuration.
+class SessionMemory:
+    """The segments and FIFOs of a session with this configuration.
 
     Raises UserError where memory is short, OSError where no FIFO can be made; leaves nothing behind then.
     """
@@ -37,7 +37,7 @@ class Memory:
 
     @property
     def table(self) -> status.Table:
-        """The status table, whose rows nobody may hold any more when the memory is removed."""
+        """The status table. No one may hold a row of it when the memory is removed."""
         assert self._table is not None
         return self._table
 
@@ -47,7 +47,7 @@ class Memory:
             with contextlib.suppress(FileNotFoundError):
                 memory.unlink()
         if self._table is not None:
-            gc.collect()  # an error answered on the way may still hold its frames, and these the rows of the table
+            gc.collect()  # frames of an exception may still hold rows of the table
             self._table.close()
         for memory in self._segments:
             memory.close()

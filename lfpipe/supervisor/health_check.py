@@ -1,17 +1,17 @@
-"""When a stage counts as hung: a rule for each phase, made so that neither a slow machine nor a slow disk ends a stage.
+"""When a stage counts as hung: a rule for each phase, such that neither a slow machine nor a slow disk ends a stage.
 
-Time in which the process was ready to run and had no CPU never counts (`progress.Spent`), nor does time in which the judge
-itself did not look for ASLEEP_S: then the machine slept, or starved everybody alike.
+Time in which the process was ready to run and had no CPU never counts (`time_spent`). Time in which nobody checked for ASLEEP_S
+does not count either: then the machine slept, or starved every process alike.
 
-Setting up, from the start to READY and within `Context.setting_up`: hung once it has done nothing for startup_timeout_s, neither
-computed nor moved a byte; or has computed for LONGEST_S without a byte.
-Running or ending, within `Context.busy_with` and `saving` (calls that may wait for a disk): hung once it has computed for
-startup_timeout_s without a byte, or has done nothing for STALL_S.
-Running, elsewhere: hung hang_timeout_s after its last beat. Time in which it waits for a disk, undeclared (a page of a mapped
-file), does not count. Ending, elsewhere: `ending` has the limits.
+Setting up (from the start to READY, and within `Context.setting_up`): hung after startup_timeout_s without computing or moving a
+byte, or after LONGEST_S of computing without a byte.
+Running or stopping within `Context.busy_with` and `saving`, calls that may wait for a disk: hung after startup_timeout_s of
+computing without a byte, or after STALL_S of doing nothing.
+Running otherwise: hung hang_timeout_s after its last beat. Waiting for a disk undeclared (a page of a mapped file) does not
+count. Stopping otherwise: `shutdown` has the limits.
 
-In every phase a stage that waits for a disk is given up when no byte has come for STALL_S, and one that is stopped (SIGSTOP)
-is hung after startup_timeout_s while it sets up, after hang_timeout_s when it runs.
+In every phase, a stage that waits for a disk is hung when no byte has come for STALL_S; one that is stopped (SIGSTOP) is hung
+after startup_timeout_s while it sets up, after hang_timeout_s when it runs.
 """
 
 from __future__ import annotations
@@ -24,34 +24,34 @@ from numpy.typing import NDArray
 from lfpipe.host import activity
 from lfpipe.host.activity import Sample
 from lfpipe.supervisor.process_table import Stage
-from lfpipe.supervisor.progress import Spent
+from lfpipe.supervisor.time_spent import TimeSpent
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.status import State, busy_words
 
-ASLEEP_S = 1.0  # a supervisor that has not judged for so long was stopped or starved, and most likely the stages with it
+ASLEEP_S = 1.0  # a supervisor that has not checked for so long was stopped or starved, most likely the stages too
 STALL_S = 60.0  # a disk that wakes up, a network that comes back
 LONGEST_S = 600.0  # of computing in one go: imports and tables of a large scene on an emulated machine
-LOOK_AFTER_NS, LOOK_NS = 500 * MS_NS, 50 * MS_NS  # /proc is read only of a stage that has been silent for a while
+SAMPLE_AFTER_NS, SAMPLE_NS = 500 * MS_NS, 50 * MS_NS  # /proc is read only of a stage that has been silent for a while
 
 
-class Judge:
-    """Of one process. row: its record of the status table. sample: reads /proc."""
+class HealthCheck:
+    """The health of one process. row: its record of the status table. sample: reads /proc."""
 
     def __init__(
         self, stage: Stage, row: NDArray[np.void], pid: int, sample: Callable[[int], Sample | None] = activity.sample
     ) -> None:
         self._stage, self._row, self._pid, self._sample = stage, row, pid, sample
-        self._judged_ns = self._excused_ns = now_ns()
+        self._checked_ns = self._excused_ns = now_ns()
         self._sign = (0, 0, 0, 0)
-        self._spent = Spent()
+        self._spent = TimeSpent()
         self._last: tuple[int, Sample] | None = None
 
-    def verdict(self) -> str:
-        """Why the process counts as hung, or nothing. Ask often."""
+    def problem(self) -> str:
+        """Why the process counts as hung, or nothing. Call often."""
         t_ns = now_ns()
-        if t_ns - self._judged_ns > ASLEEP_S * 1e9:
+        if t_ns - self._checked_ns > ASLEEP_S * 1e9:
             self._excused_ns, self._sign = t_ns, (0, 0, 0, 0)
-        self._judged_ns = t_ns
+        self._checked_ns = t_ns
         row = self._row
         state, ready_ns = int(row["state"]), int(row["ready_ns"])
         words = busy_words(row)
@@ -61,25 +61,25 @@ class Judge:
         if sign != self._sign:
             self._sign, self._last = sign, None
         silent_ns = t_ns - max(int(row["beat_ns"]), int(row["started_ns"]), self._excused_ns)
-        if silent_ns < LOOK_AFTER_NS or not self._look(t_ns, silent_ns):
+        if silent_ns < SAMPLE_AFTER_NS or not self._take_sample(t_ns, silent_ns):
             return ""
-        return self._judged(state == State.STARTING or not ready_ns, words, silent_ns / 1e9)
+        return self._diagnose(state == State.STARTING or not ready_ns, words, silent_ns / 1e9)
 
-    def _look(self, t_ns: int, silent_ns: int) -> bool:
-        """Takes a sample where it is time for one; whether the process is there."""
-        if self._last is not None and t_ns - self._last[0] < LOOK_NS:
+    def _take_sample(self, t_ns: int, silent_ns: int) -> bool:
+        """Samples the process where it is time to; returns whether it is there."""
+        if self._last is not None and t_ns - self._last[0] < SAMPLE_NS:
             return True
         now = self._sample(self._pid)
         if now is None:
             return False
         if self._last is None:
-            self._spent = Spent(able=silent_ns)
+            self._spent = TimeSpent(able=silent_ns)
         else:
             self._spent.add(self._last[1], now, t_ns - self._last[0])
         self._last = t_ns, now
         return True
 
-    def _judged(self, sets_up: bool, words: str, silent_s: float) -> str:
+    def _diagnose(self, sets_up: bool, words: str, silent_s: float) -> str:
         spent, stage = self._spent, self._stage
         at = f"{words}: " if words else ""
         if spent.stalled > STALL_S * 1e9:
