@@ -73,14 +73,14 @@ BEGIN_AND_END = """
 import os, sys, time
 from lfpipe import config
 from lfpipe.supervisor import rundir
-from lfpipe.supervisor.session_memory import Memory
+from lfpipe.supervisor.session_memory import SessionMemory
 from lfpipe.transport import segment
 from lfpipe.transport.session import Session
 session, count, end = Session(sys.argv[1]), 0, time.monotonic() + 1.5
 while time.monotonic() < end:
     rundir.sweep()
     fd = rundir.acquire(session)
-    memory = Memory(session, config.Config())
+    memory = SessionMemory(session, config.Config())
     assert os.fstat(fd).st_ino == session.lock.stat().st_ino and session.name in rundir.running()
     memory.table.rows["render"]["pid"] = os.getpid()
     again = segment.attach(session.segment("status"))

@@ -12,7 +12,7 @@ import pytest
 from lfpipe.config import Config, SessionOptions
 from lfpipe.host.wake import Wake
 from lfpipe.supervisor.process_table import consumers
-from lfpipe.supervisor.session_memory import Memory
+from lfpipe.supervisor.session_memory import SessionMemory
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.session import Session
@@ -25,7 +25,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     made = Session(f"c{os.getpid()}x{time.monotonic_ns() % 10**9}")
     made.run_dir.mkdir(mode=0o700)
-    memory = Memory(made, Config())
+    memory = SessionMemory(made, Config())
     yield made
     memory.remove()
 
