@@ -1,0 +1,145 @@
+"""Every example of README and docs/ does what it says: code runs, commands parse, files are accepted."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+import textwrap
+import time
+import tomllib
+from pathlib import Path
+
+import click
+import cv2
+import numpy as np
+import pytest
+
+from lfpipe import config
+from lfpipe.cli import cli
+from lfpipe.scene import layouts
+from tests.world import World
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    """The fenced blocks of that language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.M | re.S)
+
+
+def commands() -> list[tuple[str, str]]:
+    """(page, command line) of everything in a shell block, and of every `lfpipe ...` in the text."""
+    found = []
+    for page in PAGES:
+        lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
+        lines += re.findall(r"`((?:uv run )?lfpipe [^`]+)`", page.read_text())
+        for line in lines:
+            for part in re.split(r"&&|\|\|", line.split(" #")[0]):
+                words = part.strip().removeprefix("uv run ").removeprefix("ssh HOST ")
+                if words.startswith("lfpipe "):
+                    found.append((page.name, words))
+    return sorted(set(found))
+
+
+@pytest.mark.parametrize(("page", "line"), commands())
+def test_commands_exist_with_their_options(page: str, line: str) -> None:
+    words = [word for word in shlex.split(line)[1:] if word not in ("...", "…")]
+    context = click.Context(cli)
+    command: click.Command = cli
+    while isinstance(command, click.Group) and words and not words[0].startswith("-"):
+        name = words.pop(0)
+        found = command.get_command(context, name)
+        assert found is not None, f"{page}: {line}: there is no command {name!r}"
+        command = found
+    options = {option for parameter in command.params for option in parameter.opts} | {"--help"}
+    for word in words:
+        name = word.split("=")[0]
+        assert not name.startswith("--") or name in options or isinstance(command, click.Group), f"{page}: {line}: no {name}"
+    keys = config.options()
+    for key in re.findall(r"(?:--set |ctl set |^)([a-z]+\.[a-z_]+)=", line):
+        assert key in keys, f"{page}: {line}: no key {key}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_blocks_of_data_are_well_formed(page: Path) -> None:
+    for block in blocks(page, "toml"):
+        tomllib.loads(block)
+    for block in blocks(page, "json"):
+        json.loads(block)
+
+
+def test_the_budgets_of_the_replay_page_are_accepted(tmp_path: Path) -> None:
+    from lfpipe.replay.budgets import read_budgets
+
+    path = tmp_path / "budgets.toml"
+    path.write_text(blocks(ROOT / "docs" / "replay.md", "toml")[0])
+    assert len(read_budgets(path)) == 3
+
+
+def test_the_ring_example_reads_a_frame(live: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    example = next(block for block in blocks(ROOT / "docs" / "contracts.md", "python") if "Reader" in block)
+    path = live.root / "ring_example.py"
+    path.write_text(example.replace('Session("default")', f'Session("{live.name}")'))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(live.run_dir))
+    runpy.run_path(str(path))
+    seq, t_sensor_ns, _skipped, mean = capsys.readouterr().out.split()
+    assert int(seq) > 0 and time.monotonic_ns() - int(t_sensor_ns) < 10_000_000_000 and 0 < float(mean) < 255
+
+
+def test_the_layout_example_opens_its_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    example = next(block for block in blocks(ROOT / "docs" / "extending.md", "python") if "def detect" in block)
+    (tmp_path / "trio.py").write_text(example)
+    monkeypatch.setattr(layouts, "__path__", [*layouts.__path__, str(tmp_path)])
+    importlib.invalidate_caches()
+    scene = tmp_path / "scene"
+    scene.mkdir()
+    for value, name in enumerate(("left", "middle", "right")):
+        cv2.imwrite(str(scene / f"{name}.png"), np.full((8, 8, 3), 10 * value, np.uint8))
+    found = layouts.describe(scene, config.Scene())
+    assert (found.layout, found.rows, found.cols) == ("trio", 1, 3)
+
+
+RUNNER = """
+    from lfpipe.supervisor import process_table
+    from lfpipe.supervisor.process_table import Stage
+
+    if __name__ == "__main__":
+        process_table.STAGES = (*process_table.STAGES, {row})
+        process_table.NAMES = tuple(stage.name for stage in process_table.STAGES)
+        from lfpipe.cli import run
+
+        run()
+"""
+
+
+def test_the_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "extending.md").read_text()
+    row = re.search(r"`(Stage\(.*?\))`\.", page, re.S)
+    assert row is not None
+    example = next(block for block in blocks(ROOT / "docs" / "extending.md", "python") if "def main" in block)
+    (tmp_path / "blink.py").write_text(example)
+    (tmp_path / "runner.py").write_text(textwrap.dedent(RUNNER).format(row=row[1].replace("lfpipe.track.blink", "blink")))
+    env = {**world.env, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    words = ("up", scene, "--camera", "demo", "--display", "none", "--session", world.name)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "runner", *map(str, words)], cwd=tmp_path, env=env, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        world.wait_for(lambda: _count(world) > 5, "outputs of the stage", 60)
+    finally:
+        process.terminate()
+        _, err = process.communicate(timeout=20)
+    assert process.returncode == 0 and "failed" not in err, err
+
+
+def _count(world: World) -> int:
+    done = world.run("monitor", "--once", "--json", "--session", world.name)
+    stages = json.loads(done.stdout)["stages"] if done.returncode == 0 else {}
+    return int(stages.get("blink", {}).get("count", 0))
