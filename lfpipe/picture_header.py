@@ -16,6 +16,8 @@ MAX_DECODING_BYTES = 240_000_000  # 8192x8192 px of 8-bit colour; with the progr
 Read = Callable[[int, int], bytes]  # (offset, count) -> the bytes there, fewer at the end of the file
 
 _MAX_SEGMENTS = 1000  # of a JPEG ahead of its picture, entries of a TIFF directory
+_MAX_SCANS = 100  # of a JPEG; encoders make 10 or so
+_MAX_CHUNKS, _MAX_OTHER_CHUNKS = 100_000, 500  # of a PNG; others than the picture's data, each good for a warning on stderr
 _DEFLATE_RATIO = 1040  # deflate packs at most 1032 bytes into one
 _GAP = rb"\s+(?:#[^\r\n]*[\r\n]\s*)*"
 _PNM = re.compile(rb"P([1-6])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})(?:" + _GAP + rb"(\d{1,9}))?\s")
@@ -70,13 +72,28 @@ def header_of(data: bytes | memoryview) -> Header | None:
     return read_header(lambda offset, count: bytes(data[offset : offset + count]))
 
 
-def _png(start: bytes, _: Read) -> Header | None:
+def _png(start: bytes, read: Read) -> Header | None:
     size, kind, width, height, depth, colour = struct.unpack_from(">I4sIIBB", start, 8)
     samples = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}.get(colour)
     if (size, kind) != (13, b"IHDR") or samples is None or depth not in (1, 2, 4, 8, 16):
         return None
+    if not _png_is_whole(read):
+        return None
     raw = height * (1 + (width * samples * depth + 7) // 8)
     return Header("PNG", width, height, colour == 0, 65535 if depth == 16 else 255, 0, raw // _DEFLATE_RATIO)
+
+
+def _png_is_whole(read: Read) -> bool:
+    """Whether every chunk lies within the file, up to the last: OpenCV makes room for what a chunk claims, and fills it."""
+    at, others = 8, 0
+    for _ in range(_MAX_CHUNKS):
+        size, kind = struct.unpack(">I4s", read(at, 8))
+        at, others = at + 12 + size, others + (kind != b"IDAT")
+        if len(read(at - 4, 4)) < 4 or others > _MAX_OTHER_CHUNKS:
+            return False
+        if kind == b"IEND":
+            return True
+    return False
 
 
 def _jpeg(_: bytes, read: Read) -> Header | None:
@@ -94,9 +111,19 @@ def _jpeg(_: bytes, read: Read) -> Header | None:
                 return None
             frame = part[1:2] + read(at + 4, size - 2)
         if marker == 0xDA:
-            return _jpeg_frame(frame, part[4]) if frame else None
+            header = _jpeg_frame(frame, part[4]) if frame else None
+            return None if header is None or (header.extra_bytes and _scans(read, at) > _MAX_SCANS) else header
         at += 2 + size
     return None
+
+
+def _scans(read: Read, at: int) -> int:
+    """How many scans a JPEG has at most: each costs the time of a whole picture, and a short file can have thousands."""
+    scans, last = 0, b""
+    while data := read(at, 1 << 20):
+        scans += (last + data).count(b"\xff\xda")
+        at, last = at + len(data), data[-1:]
+    return scans
 
 
 def _jpeg_frame(frame: bytes, scanned: int) -> Header | None:

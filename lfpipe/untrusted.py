@@ -59,6 +59,13 @@ def finite(text: str, low: float = -math.inf, high: float = math.inf) -> float |
     return value if math.isfinite(value) and low <= value <= high else None
 
 
+def in_range(value: float, low: float, high: float, what: str, remedy: str) -> float:
+    """value, if it is finite and in low .. high. what: for the message, the file and the name of the number in it."""
+    if not low <= value <= high:
+        raise UserError(f"{what} is {value:g}, a number from {low:g} to {high:g} is expected", remedy)
+    return value
+
+
 @attrs.frozen
 class Fields:
     """A mapping from a file; each method reads one field of a given type and range, inclusive, or raises UserError."""

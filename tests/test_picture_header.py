@@ -17,7 +17,7 @@ from lfpipe.decode import picture_of
 from lfpipe.errors import UserError
 from lfpipe.picture_header import MAX_DECODING_BYTES, header_of
 from lfpipe.scene.files import picture_header, read_picture
-from tests.hostile_files import damaged_bytes, jpeg_claiming, png_of
+from tests.hostile_files import damaged_bytes, jpeg_claiming, png_chunk, png_of
 
 JPEG = {"baseline": [], "progressive": [cv2.IMWRITE_JPEG_PROGRESSIVE, 1], "restarts": [cv2.IMWRITE_JPEG_RST_INTERVAL, 1],
         "optimised": [cv2.IMWRITE_JPEG_OPTIMIZE, 1]}  # fmt: skip
@@ -124,7 +124,10 @@ def webp_claiming(width: int, height: int) -> bytes:
 
 
 SMALL = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
+PROGRESSIVE = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+SCAN = PROGRESSIVE[PROGRESSIVE.index(b"\xff\xda") : -2]
 CLAIMS = {
+    "jpeg of a thousand scans": PROGRESSIVE[:-2] + SCAN * 1000 + b"\xff\xd9",
     "png": png_of(20_000, 20_000, b"\0" * 400),
     "png, 16 bit": png_of(8192, 8192, b"\0" * 400, depth=16),
     "jpeg": jpeg_claiming(SMALL, 20_000, 20_000),
@@ -138,6 +141,9 @@ CLAIMS = {
     "tiff, other byte order": tiff_claiming(20_000, 20_000, ">"),
     "tiff of one large tile": tiff_claiming(64, 64, "<", (16384, 16384)),
     "webp": webp_claiming(16_000, 16_000),
+    "png, a large chunk": png_of(8, 8)[:33] + struct.pack(">I4s", 934_000_000, b"IDAT") + b"\0" * 400,
+    "png, an endless row of chunks": png_of(8, 8)[:33] + png_chunk(b"tEXt", b"") * 200_000,
+    "png without an end": png_of(8, 8)[:-12],
     "no width": png_of(0, 5, b"\0" * 400),
 }
 

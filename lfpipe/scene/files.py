@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe import cv2_log
 from lfpipe.errors import UserError, shown
 from lfpipe.files import open_regular, reason
 from lfpipe.picture_header import Header, Read, read_header
@@ -120,8 +121,10 @@ def _require_entry(folder: Path, entry: os.DirEntry[str]) -> None:
 
 
 @contextlib.contextmanager
-def refused_beyond_means(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turns into UserError what the libraries that read files raise where they or the memory cannot cope."""
+def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turns what the libraries that read files raise, where they or the memory cannot cope, into UserError, and keeps OpenCV
+    from printing what it thinks of the files."""
+    before = cv2_log.set_log_level(cv2_log.SILENT)
     try:
         yield
     except MemoryError:
@@ -129,6 +132,10 @@ def refused_beyond_means(path: str | os.PathLike[str]) -> Iterator[None]:
     except cv2.error as error:
         why = (error.err or str(error)).strip().splitlines()[0]
         raise UserError(f"{path}: OpenCV cannot work with it: {why}", "check its pictures with another program") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {reason(error)}", _CHECK) from None
+    finally:
+        cv2_log.set_log_level(before)
 
 
 def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BinaryIO:

@@ -18,7 +18,7 @@ from lfpipe import config
 from lfpipe.errors import UserError, plain
 from lfpipe.scene import cache, layouts, tone
 from lfpipe.scene.disparity_maps import write_disparity
-from lfpipe.scene.files import refused_beyond_means
+from lfpipe.scene.files import library_errors
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.making import Making, NotGreyError, Progress, write_views
 from lfpipe.scene.manifest import VERSION, DamagedPackError, contents, write_manifest
@@ -136,7 +136,7 @@ def open_scene(
         with contextlib.suppress(DamagedPackError):
             return open_pack(found)
     mark = cache.stamp(path, scene)
-    with refused_beyond_means(path):
+    with library_errors(path):
         return _packed(path, scene, mark, progress or _silent, choose_method)
 
 

@@ -118,6 +118,16 @@ def virtual(folder: Path) -> Path:
     return folder
 
 
+def chunk_bomb(folder: Path) -> Path:
+    """A chunk of 34 kB as 1 MB that unpacks to 1 GB."""
+    with h5py.File(folder / "lf.h5", "w") as file:
+        made_here = file.create_dataset("LF", GRID.shape, np.uint8, chunks=GRID.shape, compression="gzip")
+        engine = zlib.compressobj(9)
+        packed = b"".join(engine.compress(b"\0" * (1 << 24)) for _ in range(64)) + engine.flush()
+        made_here.id.write_direct_chunk((0,) * 5, packed)
+    return folder
+
+
 def mat_bomb(name: str) -> Callable[[Path], Path]:
     """1.5 MB that unpack to 1.5 GB, as the light field or beside it."""
 
@@ -173,13 +183,13 @@ def concatenation(folder: Path) -> Path:
 
 
 ATTACKS: list[tuple[str, Callable[[Path], Path], str]] = [
-    ("num_cams_x", parameters("num_cams_x", "1e18"), r"parameters\.cfg: num_cams_x = 1e\+18"),
+    ("num_cams_x", parameters("num_cams_x", "1e18"), r"parameters\.cfg: num_cams_x is 1e\+18"),
     ("num_cams_y", parameters("num_cams_y", "99999"), "num_cams_y"),
     ("many cameras", parameters("num_cams_x", "10000"), "views"),
-    ("baseline", parameters("baseline_mm", "1e307"), "baseline_mm = 1e[+]307"),
-    ("focus", parameters("focus_distance_m", "nan"), "focus_distance_m = nan"),
-    ("far cameras", far_cameras, "coordinates out of range"),
-    ("attributes", large_attribute, r"attributes\.dat: dH = 1e\+308"),
+    ("baseline", parameters("baseline_mm", "1e307"), "baseline_mm is 1e[+]307"),
+    ("focus", parameters("focus_distance_m", "nan"), "focus_distance_m is nan"),
+    ("far cameras", far_cameras, "camera coordinate is -?1e"),
+    ("attributes", large_attribute, r"attributes\.dat: dH is 1e\+308"),
     ("2 TB view", sparse("input_Cam004.png"), r"input_Cam004\.png: has 2199023255552 bytes"),
     ("2 TB parameters", sparse("parameters.cfg"), r"parameters\.cfg: has 2199023255552 bytes"),
     ("2 TB map", sparse("gt_disp_lowres.pfm"), r"gt_disp_lowres\.pfm: has 2199023255552 bytes"),
@@ -197,6 +207,7 @@ ATTACKS: list[tuple[str, Callable[[Path], Path], str]] = [
     (".mat 7.3", claiming_h5("a.mat", (3, 4000, 4000, 9, 9)), "0 bytes are stored"),
     ("chain of links", chained_links, "leads to another"),
     ("virtual data set", virtual, "kept in other files"),
+    ("HDF5 bomb", chunk_bomb, "is packed to"),
     (".mat bomb", mat_bomb("LF"), "unpack to more"),
     (".mat bomb beside", mat_bomb("xx"), "unpack to more"),
     ("film, header", large_film, "9000x9000"),
@@ -296,6 +307,19 @@ def test_hdf5_of_one_plane(tmp_path: Path, planes: str, layout: str) -> None:
     field = open_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache"), flip="cols" if layout == "hci-old" else "none"))
     assert np.array_equal(field.views[0, :, :, 0], GRID[..., 0])
     assert field.channels == 1
+
+
+@pytest.mark.parametrize(
+    "options",
+    [dict(compression="gzip", fletcher32=True, shuffle=True), dict(compression="lzf"), dict(fletcher32=True), dict(chunks=True)],
+)
+@pytest.mark.parametrize("noise", [False, True])
+def test_ways_to_pack_hdf5(tmp_path: Path, options: dict[str, bool], noise: bool) -> None:
+    grid = np.random.default_rng(1).integers(0, 255, GRID.shape, np.uint8) if noise else GRID
+    with h5py.File(tmp_path / "lf.h5", "w") as file:
+        file.create_dataset("LF", data=grid[:, ::-1], **options)
+    field = open_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache"), flip="cols"))
+    assert np.array_equal(field.views[0].transpose(0, 1, 3, 4, 2), grid)
 
 
 ODD_NAMES = [b"\xff\xfe", b"sc\xe9ne", "日本".encode(), b"a b;'\"", b"\x1b[2J\x07"]

@@ -10,7 +10,7 @@ from typing import Protocol, cast
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, look, refused_beyond_means
+from lfpipe.scene.files import Listing, library_errors, look
 from lfpipe.scene.source import Source
 
 
@@ -49,7 +49,7 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> Source:
             f"scene.layout: {scene.layout!r} is not a layout" + (f" (did you mean {close[0]!r}?)" if close else ""),
             f"one of: auto, {', '.join(known)}",
         )
-    with refused_beyond_means(path):
+    with library_errors(path):
         return _described(known, look(path), scene)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,8 @@ from lfpipe.scene.files import descriptor_path, open_file
 _WHOLE_BYTES = 1 << 30  # a compressed data set up to this size is unpacked once
 _SMALL_BYTES = 150_000_000  # what may be unpacked before anything is known to be wrong
 _MAX_RATIO = 100  # unpacked over stored, for what is not small; pictures pack 2 to 10 times, black ones more
-_MAX_PIECES = 1_000_000
+_MAX_PIECES = 200_000
+_DEFLATE, _SHUFFLE, _FLETCHER32, _LZF, _LZF_RATIO = 1, 2, 3, 32000, 90
 _REMEDY = "fetch the file again"
 # What h5py raises for damage, besides MemoryError.
 _TROUBLE = (OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError)
@@ -105,13 +107,37 @@ class Hdf5:
             if key not in self._whole:
                 found = self._file[key]
                 # A view may cross every compressed chunk: unpacking them all once beats doing so for each view.
-                if found.chunks and found.nbytes <= _WHOLE_BYTES:
-                    if found.nbytes > _SMALL_BYTES:
-                        for part in found.iter_chunks():  # damage shows here, while little memory is taken
-                            found[part]
-                    found = found[()]
+                if found.chunks:
+                    _require_bounded(found)
+                    found = found[()] if found.nbytes <= _WHOLE_BYTES else found
                 self._whole[key] = found
             return np.asarray(self._whole[key][index])
+
+
+def _require_bounded(dataset: Any) -> None:
+    """Raises ValueError where a chunk does not unpack, or unpacks to more than its size, as the library does without end."""
+    size = math.prod(dataset.chunks) * dataset.dtype.itemsize
+    made = dataset.id.get_create_plist()
+    filters = [made.get_filter(number)[0] for number in range(made.get_nfilters())]
+    packers = [number for number, word in enumerate(filters) if word not in (_SHUFFLE, _FLETCHER32)]
+    if not packers:
+        return
+    if len(packers) > 1 or filters[packers[0]] not in (_DEFLATE, _LZF) or _SHUFFLE in filters[packers[0] :]:
+        raise ValueError(f"filters {filters} are not read here; save it with gzip")
+    stored: list[tuple[tuple[int, ...], int]] = []
+    dataset.id.chunk_iter(lambda about: stored.append((about.chunk_offset, about.size)))
+    for offset, packed in stored:
+        if packed > size * 1.1 + 1024 or (filters[packers[0]] == _LZF and packed * _LZF_RATIO > _SMALL_BYTES):
+            raise ValueError(f"a chunk of {size} bytes is packed to {packed}")
+        mask, data = dataset.id.read_direct_chunk(offset)
+        if filters[packers[0]] == _DEFLATE and not mask >> packers[0] & 1:
+            engine = zlib.decompressobj()
+            try:
+                whole = len(engine.decompress(data, size + 5)) <= size + 4 and engine.eof  # 4 of a checksum within
+            except zlib.error:
+                whole = False
+            if not whole:
+                raise ValueError(f"the chunk at {offset} does not unpack to its {size} bytes")
 
 
 def _first_line(error: Exception) -> str:
@@ -123,7 +149,10 @@ def is_hdf5(path: Path) -> bool:
     import h5py
 
     with open_file(path) as file:
-        return bool(h5py.is_hdf5(descriptor_path(file)))
+        try:
+            return bool(h5py.is_hdf5(descriptor_path(file)))
+        except OSError as error:
+            raise UserError(f"{path}: cannot be read: {_first_line(error)}", _REMEDY) from None
 
 
 def unsigned(values: NDArray[Any], path: Path, full: Callable[[], float] = lambda: 1.0) -> NDArray[Any]:

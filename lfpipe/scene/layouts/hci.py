@@ -21,6 +21,7 @@ from lfpipe.scene.files import Listing, read_bytes, read_pfm
 from lfpipe.scene.layouts._grid import MAX_SIDE, asked_grid, files_source, require_whole
 from lfpipe.scene.lightfield import Geometry
 from lfpipe.scene.source import Source, Turn
+from lfpipe.untrusted import in_range
 
 NAME = "hci"
 _VIEW = re.compile(r"input_Cam(\d{3,5})\.(?:png|jpe?g|ppm)", re.IGNORECASE)
@@ -52,9 +53,7 @@ def _number(path: Path, table: configparser.SectionProxy, key: str, low: float, 
         value = float(table.get(key, "0"))
     except ValueError:
         return None
-    if value and not low <= value <= high:
-        raise UserError(f"{path}: {key} = {value:g}, a number from {low:g} to {high:g} is expected", _NOT_NEEDED)
-    return value or None
+    return in_range(value, low, high, f"{path}: {key}", _NOT_NEEDED) if value else None
 
 
 def _geometry(path: Path, table: configparser.SectionProxy) -> Geometry:

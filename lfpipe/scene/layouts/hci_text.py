@@ -17,6 +17,7 @@ from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, look, read_bytes
 from lfpipe.scene.layouts._grid import MAX_SIDE, files_source, named_grid, require_whole
 from lfpipe.scene.source import Source, Turn
+from lfpipe.untrusted import in_range
 
 NAME = "hci-text"
 _VIEW = re.compile(r"(\d{1,3})_(\d{1,3})\.(?:png|jpe?g|ppm)", re.IGNORECASE)
@@ -44,9 +45,7 @@ def attributes(text: str) -> dict[str, float]:
 def require_plausible(known: Mapping[str, float], path: Path) -> None:
     """Raises UserError where one of the attributes that are used here is not finite or out of range."""
     for name in _USED:
-        value = known.get(name, 0.0)
-        if not -_MOST <= value <= _MOST:
-            raise UserError(f"{path}: {name} = {value:g}, a number up to {_MOST:g} is expected", "fetch the scene again")
+        in_range(known.get(name, 0.0), -_MOST, _MOST, f"{path}: {name}", "fetch the scene again")
 
 
 def disparity_of_depth(depth: NDArray[np.float32], d_h: float, focal: float, shift: float) -> NDArray[np.float32]:

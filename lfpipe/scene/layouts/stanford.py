@@ -15,6 +15,7 @@ from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source, named_grid, require_whole
 from lfpipe.scene.source import Source, Turn
+from lfpipe.untrusted import in_range
 
 NAME = "stanford"
 _FARTHEST = 1e9  # in whatever unit: mm or px
@@ -38,9 +39,8 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     stood = np.full((rows, cols, 2), np.nan)
     for place, path in files.items():
         match = found[path.name]
-        stood[place] = float(match[3]), float(match[4])
-    if not (np.abs(stood) <= _FARTHEST).all():
-        raise UserError(f"{listing.path}: camera coordinates out of range in the names", "rename the files")
+        what, remedy = f"{path}: a camera coordinate", "rename the file"
+        stood[place] = [in_range(float(match[axis]), -_FARTHEST, _FARTHEST, what, remedy) for axis in (3, 4)]
     turn, sure = coordinate_turn(stood)
     return files_source(
         NAME, listing, files, rows, cols, coordinates=stood if sure else None,
