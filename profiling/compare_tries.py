@@ -21,7 +21,7 @@ import attrs
 from arguments import parser_of
 
 from lfpipe.bench.builds import CHOSEN, compare_builds
-from lfpipe.bench.compare import Difference
+from lfpipe.bench.comparison import Difference
 from lfpipe.bench.inputs import demo_sequence
 from lfpipe.scene.demo import demo_scene
 

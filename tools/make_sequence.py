@@ -9,7 +9,7 @@ Writes OUT.avi (640x480 Motion JPEG of high quality: every frame stands alone, c
 one row per frame: source_seq counts frames from 0; t_ns is the frame's time from the start of the video; eye centres (mean of the
 16 periocular landmarks, the viewer's own left and right) in px of the unmirrored picture, with pixel centres at whole numbers;
 visible is 1 while both eyes are inside the picture; phase is still, reach, sway, stop, approach, retreat, leave or enter.
-The path is lfpipe.capture.motion.viewer_path. The landmarks are found once, on a noise-free picture of the portrait; from then on
+The path is lfpipe.bench.motion.viewer_path. The landmarks are found once, on a noise-free picture of the portrait; from then on
 truth is the known map from portrait to picture. Without --portrait: the photograph in matplotlib's sample data.
 """
 
@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.motion import Place, duration_s, place_at, viewer_path
+from lfpipe.bench.motion import Position, duration_s, position_at, viewer_path
 from lfpipe.errors import UserError
 from lfpipe.track.litert_engine import LitertEngine
 
@@ -75,21 +75,21 @@ class Puppet:
             raise UserError("the face of the portrait is lost when scaled", "give a larger or sharper picture")
         self._eyes = (face.eyes_px - map_[:, 2]) @ np.linalg.inv(map_[:, :2]).T
 
-    def map(self, place_mm: Place) -> NDArray[np.float64]:
+    def map(self, position_mm: Position) -> NDArray[np.float64]:
         """Affine (2, 3) from px of the scaled portrait to px of the picture."""
-        x, y, z = place_mm
+        x, y, z = position_mm
         scale = HOME_MM / z
         middle = np.array([(WIDTH_PX - 1) / 2 + FOCAL_PX * x / z, (HEIGHT_PX - 1) / 2 + FOCAL_PX * y / z])
         return np.column_stack([np.eye(2) * scale, middle - self._middle * scale])
 
-    def eyes_px(self, place_mm: Place) -> NDArray[np.float64]:
+    def eyes_px(self, position_mm: Position) -> NDArray[np.float64]:
         """True eye centres, (2, 2), left first."""
-        map_ = self.map(place_mm)
+        map_ = self.map(position_mm)
         return np.asarray(self._eyes @ map_[:, :2].T + map_[:, 2], np.float64)
 
-    def draw(self, place_mm: Place) -> NDArray[np.float32]:
+    def draw(self, position_mm: Position) -> NDArray[np.float32]:
         """The picture without noise: float32 (480, 640, 3), 0..255."""
-        map_, size = self.map(place_mm), (WIDTH_PX, HEIGHT_PX)
+        map_, size = self.map(position_mm), (WIDTH_PX, HEIGHT_PX)
         face = cv2.warpAffine(self._picture, map_, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         mask = np.asarray(cv2.warpAffine(self._mask, map_, size, flags=cv2.INTER_LINEAR), np.float32)[..., None]
         return np.asarray(mask * face + (1 - mask) * BACKGROUND, np.float32)
@@ -131,7 +131,7 @@ def write(out: Path, portrait: Path, seconds: float | None, rate_hz: float, nois
         rows = csv.writer(file)
         rows.writerow(["source_seq", "t_ns", "left_x_px", "left_y_px", "right_x_px", "right_y_px", "visible", "phase"])
         for seq in range(frames):
-            place, phase = place_at(path, seq / rate_hz)
+            place, phase = position_at(path, seq / rate_hz)
             image = puppet.draw(place) + rng.standard_normal((HEIGHT_PX, WIDTH_PX, 3), np.float32) * np.float32(noise_dn)
             writer.write(np.clip(np.rint(image), 0, 255).astype(np.uint8))
             eyes = puppet.eyes_px(place)

@@ -1,4 +1,4 @@
-"""Subject: anaglyph encodings through simulated glasses: fused colour, rivalry, ghost, and time against a copy."""
+"""Subject: anaglyph encodings through simulated glasses. Fused colour, rivalry, ghosts, and time compared with a copy."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.bench.colour_metric import GREEN_MAGENTA, RED_CYAN, fused_error, ghost, rivalry
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Skipped, Subject
-from lfpipe.bench.timing import times_ms
+from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Samples, Skipped, Subject
+from lfpipe.bench.timing import median_ms, time_figures, times_ms
 from lfpipe.render.anaglyph import MATRICES, Mixer, decoded, encode, encoded, recipe
-from lfpipe.render.colour_metric import GREEN_MAGENTA, RED_CYAN, fused_error, ghost, rivalry
 from lfpipe.scene.lightfield import LightField
 
-SIDE_PX = 1024  # a picture of 1.05 megapixels
+SIDE_PX = 1024
+MEGAPIXELS = SIDE_PX * SIDE_PX / 1e6
 TURN_PICTURES = 8
 
 
@@ -37,7 +38,7 @@ def exact(picture: NDArray[np.uint8], name: str, light: str) -> NDArray[np.float
 
 
 class Mixing:
-    """The mixing of ready planes of SIDE_PX x SIDE_PX: `mix()` draws one picture, `copy()` copies its bytes."""
+    """Mixes planes of SIDE_PX x SIDE_PX: `mix()` draws one picture, `copy()` copies its bytes."""
 
     def __init__(self, name: str, light: str, ghost_compensation: float = 0.0) -> None:
         how = recipe(name, light, ghost_compensation)
@@ -58,11 +59,11 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
     """Encodings x light x ghost compensation."""
     field = inputs.field
     if field.channels == 1:
-        yield Skipped("saturated colours", "a grey scene: fused error is of grey pictures")
-    yield Skipped("dubois-amber-blue", "no spectra of amber and blue glasses are at hand")
+        yield Skipped("saturated colours", "a grey scene: the error is of grey pictures")
+    yield Skipped("dubois-amber-blue", "no spectra of amber and blue glasses are available")
     step = max(1, min(field.height_px, field.width_px) // (128 if inputs.quick else 256))
-    places = {(0, 0), (field.rows // 2, field.cols // 2), (field.rows - 1, field.cols - 1)}
-    views = [view_bgr(field, *place)[::step, ::step] for place in sorted(places)]
+    indices = {(0, 0), (field.rows // 2, field.cols // 2), (field.rows - 1, field.cols - 1)}
+    views = [view_bgr(field, *index)[::step, ::step] for index in sorted(indices)]
     for name in MATRICES:
         if name == "dubois-amber-blue":
             continue
@@ -79,25 +80,22 @@ def _prepare(views: list[NDArray[np.uint8]], name: str, light: str, share: float
     glasses = GREEN_MAGENTA if name == "dubois-green-magenta" else RED_CYAN
     mixing = Mixing(name, light, share)
 
-    def errors() -> dict[str, list[float]]:
+    def errors() -> Samples:
         mixed = [encode(view, view, how) for view in views]
-        found: dict[str, list[float]] = {
+        samples: Samples = {
             "fused": [fused_error(view, out, glasses) for view, out in zip(views, mixed, strict=True)],
-            "rivalry": [round(rivalry(out, glasses)[0], 9) for out in mixed],
+            "rivalry": [round(rivalry(out, glasses), 9) for out in mixed],
             "ghost": [100 * max(abs(leak) for leak in ghost(lambda a, b: encode(a, b, how), 0.5, glasses))],
         }
         if not share:
             wrong = [np.abs(out - exact(view, name, light)) for view, out in zip(views, mixed, strict=True)]
-            found["table_error"] = [float(part.mean()) for part in wrong]
-        return found
+            samples["table_error"] = [float(part.mean()) for part in wrong]
+        return samples
 
     def turn() -> dict[str, float]:
-        copy = float(np.median(times_ms(mixing.copy, TURN_PICTURES)))
-        times = np.array(times_ms(mixing.mix, TURN_PICTURES)) / (SIDE_PX * SIDE_PX / 1e6)
-        copy_mp = copy / (SIDE_PX * SIDE_PX / 1e6)
-        middle = float(np.median(times))
-        told = {"time_ms_mp": middle, "time_p95_ms_mp": float(np.percentile(times, 95)), "copy_ms_mp": copy_mp}
-        return told | {"copies": middle / copy_mp}
+        copy_ms = median_ms(mixing.copy, TURN_PICTURES) / MEGAPIXELS
+        figures = time_figures(times_ms(mixing.mix, TURN_PICTURES), "ms_mp", 1 / MEGAPIXELS)
+        return figures | {"copy_ms_mp": copy_ms, "copies": figures["time_ms_mp"] / copy_ms}
 
     return Prepared(errors, turn)
 
@@ -106,23 +104,24 @@ SUBJECT = Subject(
     "anaglyph",
     "Anaglyph encodings",
     "What both eyes see through simulated glasses, for views of the scene: error of the fused colour, difference in lightness"
-    " between the eyes, light of the other eye on mid grey; and what a megapixel costs beside a copy of its bytes.",
+    " between the eyes, and the other eye's light on mid grey. The time per megapixel is compared with a copy of its bytes.",
     (
         Figure("fused", "error of the fused colour", "CIELAB", "mean"),
         Figure("rivalry", "rivalry between the eyes", "L*", "mean"),
         Figure("ghost", "ghost of the other eye on grey", "% of its light", "max"),
-        Figure("table_error", "tables against the matrix in floating point", "levels", "mean"),
+        Figure("table_error", "error of the tables against the exact matrix", "levels", "mean"),
         Figure("time_ms_mp", "time per megapixel, p50", "ms"),
         Figure("time_p95_ms_mp", "time per megapixel, p95", "ms"),
         Figure("copy_ms_mp", "a copy of the same bytes", "ms"),
-        Figure("copies", "time over that of a copy", "x"),
+        Figure("copies", "time over the time of a copy", "x"),
     ),
-    (
-        Diagram(
-            "anaglyph-colour", "Error of colour against time", "time_ms_mp", "fused", "time_p95_ms_mp", ("copy_ms_mp", "a copy")
-        ),
-        Diagram("anaglyph-rivalry", "Rivalry against time", "time_ms_mp", "rivalry", "time_p95_ms_mp", ("copy_ms_mp", "a copy")),
-        Diagram("anaglyph-ghost", "Ghost against time", "time_ms_mp", "ghost", "time_p95_ms_mp", ("copy_ms_mp", "a copy")),
+    tuple(
+        Diagram(f"anaglyph-{name}", f"{title} against time", "time_ms_mp", y, "time_p95_ms_mp", ("copy_ms_mp", "a copy"))
+        for name, title, y in (
+            ("colour", "Error of colour", "fused"),
+            ("rivalry", "Rivalry", "rivalry"),
+            ("ghost", "Ghost", "ghost"),
+        )
     ),
     candidates,
     paper="colour: red of the left view, green and blue of the right",

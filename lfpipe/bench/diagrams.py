@@ -1,4 +1,4 @@
-"""Diagrams with matplotlib, each in a light and a dark dress."""
+"""Diagrams with matplotlib, in a light and a dark theme."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ from typing import Any
 
 import attrs
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from lfpipe.bench.model import Diagram, Profile, Subject
-from lfpipe.bench.numbers import pareto
 from lfpipe.bench.results import Measured, SubjectResults
+from lfpipe.bench.stats import pareto
 
 SIZE_IN, DPI = (9.0, 5.4), 110
-ABOVE_RIM = 1.8  # no tick of a logarithm up to here over the rim that stands for 0
+ABOVE_EDGE = 1.8  # no tick closer than this factor to the edge that represents 0
 MARKERS = "osD^vPX<>h"
 
 
 @attrs.frozen
-class Dress:
-    """Colours of one appearance. curves: told apart by readers with a colour vision deficiency too, and by their markers."""
+class Theme:
+    """Colours. curves: distinguishable with a colour vision deficiency, and by their markers."""
 
     name: str
     paper: str
@@ -37,14 +38,14 @@ class Dress:
     front: str
 
 
-LIGHT = Dress("light", "#ffffff", "#1b1f24", "#57606a", "#e4e7eb",
+LIGHT = Theme("light", "#ffffff", "#1b1f24", "#57606a", "#e4e7eb",
               ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86"), "#1b1f24")  # fmt: skip
-DARK = Dress("dark", "#14171c", "#e8eaed", "#a4abb5", "#2b3038",
+DARK = Theme("dark", "#14171c", "#e8eaed", "#a4abb5", "#2b3038",
              ("#56b4e9", "#ff9150", "#3ccf9f", "#e58fc6", "#e8c547", "#9aa0ff", "#b5bac2"), "#e8eaed")  # fmt: skip
 
 
 def short(value: float) -> str:
-    """A number as people write it: 0.05, 3.2, 120, 2e-06."""
+    """A number in short form: 0.05, 3.2, 120, 2e-06."""
     if value != 0 and not 1e-3 <= abs(value) < 1e5:
         return f"{value:.0e}"
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
@@ -52,8 +53,8 @@ def short(value: float) -> str:
 
 @attrs.frozen
 class Point:
-    """A candidate on a diagram; x95: end of its whisker or NaN. zero: whether its x, its y is exactly 0, which no logarithm
-    shows: it stands apart then, where the axis says 0."""
+    """A candidate on a diagram. x95: end of its whisker, or NaN. zero: whether x and y are exactly 0; they are then drawn at the
+    edge, because a logarithmic axis has no 0."""
 
     one: Measured
     x: float
@@ -63,7 +64,7 @@ class Point:
 
 
 def points(subject: Subject, found: SubjectResults, diagram: Diagram) -> list[Point]:
-    """The candidates that have both figures. An error of exactly 0 stands on the lower rim, well below the least other one."""
+    """The candidates that have both figures. 0 is drawn at a third of the smallest other value."""
     fx, fy = subject.figure(diagram.x), subject.figure(diagram.y)
     some = [(one, one.value(fx), one.value(fy)) for one in found.measured.values()]
     some = [(one, x, y) for one, x, y in some if math.isfinite(x) and math.isfinite(y) and x >= 0 and y >= 0]
@@ -77,44 +78,44 @@ def points(subject: Subject, found: SubjectResults, diagram: Diagram) -> list[Po
     ]
 
 
-def draw(subject: Subject, found: SubjectResults, diagram: Diagram | Profile, dress: Dress = LIGHT) -> Canvas:
-    """The diagram as a matplotlib figure. It must hold a point: `results.empty_diagrams` tells."""
+def draw(subject: Subject, found: SubjectResults, diagram: Diagram | Profile, theme: Theme = LIGHT) -> Canvas:
+    """The diagram as a matplotlib figure. It must hold a point (see `results.empty_diagrams`)."""
     style: Any = {
-        "svg.hashsalt": "lfpipe", "font.size": 10, "font.family": "DejaVu Sans", "text.color": dress.ink,
-        "axes.labelcolor": dress.ink, "axes.edgecolor": dress.soft, "xtick.color": dress.soft, "ytick.color": dress.soft,
-        "axes.facecolor": dress.paper, "figure.facecolor": dress.paper, "savefig.facecolor": dress.paper,
+        "svg.hashsalt": "lfpipe", "font.size": 10, "font.family": "DejaVu Sans", "text.color": theme.ink,
+        "axes.labelcolor": theme.ink, "axes.edgecolor": theme.soft, "xtick.color": theme.soft, "ytick.color": theme.soft,
+        "axes.facecolor": theme.paper, "figure.facecolor": theme.paper, "savefig.facecolor": theme.paper,
     }  # fmt: skip
     with mpl.rc_context(style):
         canvas = Canvas(figsize=SIZE_IN, dpi=DPI, layout="constrained")
         axes = canvas.add_subplot()
-        told, shown = list[Point](), list[Point]()
+        labelled, shown = list[Point](), list[Point]()
         if isinstance(diagram, Diagram):
-            told, shown = _work_precision(axes, subject, found, diagram, dress)
+            labelled, shown = _work_precision(axes, subject, found, diagram, theme)
         else:
-            _profile(axes, subject, found, diagram, dress)
-        axes.set_title(diagram.title, loc="left", fontsize=12, fontweight="bold", color=dress.ink)
-        axes.grid(True, which="major", color=dress.grid, linewidth=0.8)
+            _profile(axes, subject, found, diagram, theme)
+        axes.set_title(diagram.title, loc="left", fontsize=12, fontweight="bold", color=theme.ink)
+        axes.grid(True, which="major", color=theme.grid, linewidth=0.8)
         axes.set_axisbelow(True)
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
         handles, labels = axes.get_legend_handles_labels()
-        canvas.legend(handles, labels, loc="outside right upper", frameon=False, fontsize=9, labelcolor=dress.ink)
-        canvas.draw_without_rendering()  # the places of points in px are known from here on
+        canvas.legend(handles, labels, loc="outside right upper", frameon=False, fontsize=9, labelcolor=theme.ink)
+        canvas.draw_without_rendering()  # from here on the positions of points in px are known
         canvas.set_layout_engine("none")
-        _label(axes, told, shown, dress)
+        _label(axes, labelled, shown, theme)
         return canvas
 
 
 def _work_precision(
-    axes: Axes, subject: Subject, found: SubjectResults, diagram: Diagram, dress: Dress
+    axes: Axes, subject: Subject, found: SubjectResults, diagram: Diagram, theme: Theme
 ) -> tuple[list[Point], list[Point]]:
-    """Draws it; returns the points whose knobs should be written beside them, the most telling first, and all points."""
+    """Draws the points. Returns those to label with their knobs, most important first, and all points."""
     shown = points(subject, found, diagram)
     curves: dict[str, list[Point]] = {}
     for point in shown:
         curves.setdefault(point.one.curve, []).append(point)
     for k, (name, of) in enumerate(curves.items()):
-        colour, marker = dress.curves[k % len(dress.curves)], MARKERS[k % len(MARKERS)]
+        colour, marker = theme.curves[k % len(theme.curves)], MARKERS[k % len(MARKERS)]
         xs, ys = [p.x for p in of], [p.y for p in of]
         whiskers = [max(0.0, p.x95 - p.x) if math.isfinite(p.x95) else 0.0 for p in of]
         if any(whiskers):
@@ -128,17 +129,17 @@ def _work_precision(
             axes.plot(*zip(*part, strict=True), marker=marker, color=colour, linewidth=1.4, markersize=6, label=label, alpha=0.95)
     front = [shown[i] for i in pareto([(p.x, p.y) for p in shown])]
     xs, ys = [p.x for p in front], [p.y for p in front]
-    axes.step(xs, ys, where="post", color=dress.front, linewidth=1.0, linestyle=(0, (1, 2)), zorder=1)
-    axes.scatter(xs, ys, s=110, facecolors="none", edgecolors=dress.front, linewidths=1.2, zorder=4, label="Pareto front")
+    axes.step(xs, ys, where="post", color=theme.front, linewidth=1.0, linestyle=(0, (1, 2)), zorder=1)
+    axes.scatter(xs, ys, s=110, facecolors="none", edgecolors=theme.front, linewidths=1.2, zorder=4, label="Pareto front")
     paper = [p for p in shown if p.one.paper]
     if paper:
-        axes.scatter([p.x for p in paper], [p.y for p in paper], s=230, marker="*", color="#e5484d", edgecolors=dress.paper,
+        axes.scatter([p.x for p in paper], [p.y for p in paper], s=230, marker="*", color="#e5484d", edgecolors=theme.paper,
                      linewidths=0.8, zorder=5, label="the paper")  # fmt: skip
     if diagram.guide:
         figure = subject.figure(diagram.guide[0])
         values = [v for v in (one.value(figure) for one in found.measured.values()) if math.isfinite(v)]
         if values:
-            axes.axvline(sorted(values)[len(values) // 2], color=dress.soft, linewidth=1, linestyle="--", label=diagram.guide[1])
+            axes.axvline(float(np.median(values)), color=theme.soft, linewidth=1, linestyle="--", label=diagram.guide[1])
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.09, 0.12)
@@ -150,17 +151,17 @@ def _work_precision(
         axis.set_major_formatter(FuncFormatter(lambda value, _: short(value)))
         axis.set_minor_formatter(NullFormatter())
         axis.set_label_text(subject.figure(key).axis)
-        rim = next(((p.x, p.y)[key == diagram.y] for p in shown if p.zero[key == diagram.y]), None)
-        if rim is not None:
-            above = [float(tick) for tick in locator.tick_values(low, high) if rim * ABOVE_RIM < tick <= high]
-            axis.set_ticks([rim, *above], labels=["0", *map(short, above)])
+        edge = next(((p.x, p.y)[key == diagram.y] for p in shown if p.zero[key == diagram.y]), None)
+        if edge is not None:
+            above = [float(tick) for tick in locator.tick_values(low, high) if edge * ABOVE_EDGE < tick <= high]
+            axis.set_ticks([edge, *above], labels=["0", *map(short, above)])
             axis.set_minor_locator(NullLocator())
     return [*paper, *(p for p in front if not p.one.paper)], shown
 
 
-def _label(axes: Axes, wanted: list[Point], shown: list[Point], dress: Dress) -> None:
-    """Knobs beside points (names of curves where those have one knob only), each in the first of a few places where it meets no
-    other label and no point; left out where none is free."""
+def _label(axes: Axes, wanted: list[Point], shown: list[Point], theme: Theme) -> None:
+    """Labels points with their knobs (with curve names if there is only one knob), each at the first of a few positions that
+    overlaps no other label and no point; without a free position there is no label."""
     several = len({point.one.knob for point in wanted}) > 1
     taken: list[tuple[float, float, float, float]] = []
     points_px = [axes.transData.transform((p.x, p.y)) for p in shown]
@@ -177,17 +178,17 @@ def _label(axes: Axes, wanted: list[Point], shown: list[Point], dress: Dress) ->
             if free and box[0] >= left and box[2] <= right + 20 and box[1] >= bottom and box[3] <= top + 10:
                 taken.append(box)
                 scale = 72 / DPI
-                halo = [Stroke(linewidth=2.6, foreground=dress.paper), Normal()]  # lines end where a letter begins
+                halo = [Stroke(linewidth=2.6, foreground=theme.paper), Normal()]  # keeps letters readable on lines
                 axes.annotate(text, (point.x, point.y), (dx * scale, dy * scale), textcoords="offset points", fontsize=8,
-                              color=dress.ink, zorder=7, path_effects=halo)  # fmt: skip
+                              color=theme.ink, zorder=7, path_effects=halo)  # fmt: skip
                 break
 
 
-def _profile(axes: Axes, subject: Subject, found: SubjectResults, profile: Profile, dress: Dress) -> None:
+def _profile(axes: Axes, subject: Subject, found: SubjectResults, profile: Profile, theme: Theme) -> None:
     figures = [(x, subject.figure(key)) for x, key in profile.keys]
     for k, one in enumerate(one for one in found.measured.values() if one.knob in profile.knobs):
         ys = [one.value(figure) for _, figure in figures]
-        colour = "#e5484d" if one.paper else dress.curves[k % len(dress.curves)]
+        colour = "#e5484d" if one.paper else theme.curves[k % len(theme.curves)]
         label = f"{one.curve}, {one.knob} (the paper)" if one.paper else one.curve
         marker = "*" if one.paper else MARKERS[k % len(MARKERS)]
         axes.plot([x for x, _ in figures], ys, marker=marker, markersize=10 if one.paper else 6, color=colour, linewidth=1.6,
@@ -201,17 +202,17 @@ def _profile(axes: Axes, subject: Subject, found: SubjectResults, profile: Profi
 
 
 def as_svg(canvas: Canvas) -> str:
-    """The figure as SVG text, without a date, so that equal results give equal files."""
+    """The figure as SVG, without a date: equal results give equal files."""
     out = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": "lfpipe"}):
         canvas.savefig(out, format="svg", metadata={"Date": None, "Creator": "lfpipe bench"})
     return out.getvalue()
 
 
-def in_dress(svg: str, dress: Dress) -> str:
-    """A diagram drawn in LIGHT, in another dress: every colour of LIGHT is a word of its own in the SVG."""
-    fields = [(getattr(LIGHT, f.name), getattr(dress, f.name)) for f in attrs.fields(Dress) if f.name not in ("name", "curves")]
-    colours = dict([*fields, *zip(LIGHT.curves, dress.curves, strict=True)])
+def in_theme(svg: str, theme: Theme) -> str:
+    """Recolours a diagram drawn in LIGHT."""
+    fields = [(getattr(LIGHT, f.name), getattr(theme, f.name)) for f in attrs.fields(Theme) if f.name not in ("name", "curves")]
+    colours = dict([*fields, *zip(LIGHT.curves, theme.curves, strict=True)])
     return re.sub("|".join(colours), lambda found: colours[found[0]], svg)
 
 
@@ -219,7 +220,7 @@ def write(canvas: Canvas, path: Path) -> tuple[str, str]:
     """Writes path.png, path.svg and path-dark.svg of a diagram drawn in LIGHT; returns both SVGs."""
     canvas.savefig(path.with_suffix(".png"), metadata={"Software": "lfpipe bench"})
     svg = as_svg(canvas)
-    dark = in_dress(svg, DARK)
+    dark = in_theme(svg, DARK)
     path.with_suffix(".svg").write_text(svg)
     path.with_name(f"{path.name}-dark.svg").write_text(dark)
     return svg, dark

@@ -1,7 +1,8 @@
-"""Subject: filters of the eye positions on a known motion: error at the moment of display, still jitter, time per update."""
+"""Subject: filters of eye positions on a known motion. Error at the moment of display, still jitter, time per update."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from functools import lru_cache, partial
 
@@ -9,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Profile, Skipped, Subject
-from lfpipe.bench.timing import times_ms
-from lfpipe.capture.motion import duration_s, place_at, viewer_path
+from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Profile, Samples, Skipped, Subject
+from lfpipe.bench.motion import duration_s, position_at, viewer_path
+from lfpipe.bench.timing import time_figures, times_ms
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
 from lfpipe.track.kalman import Kalman, Predictive
@@ -19,66 +20,61 @@ from lfpipe.track.smoothing import EyeFilter, Mean, OneEuro
 
 HORIZONS_MS = (0, 20, 40, 60, 80, 100, 120)
 RATES_HZ = (30, 60, 120)
-SHOWN_MS = 40  # horizon of the work-precision diagrams: a picture's age at 30 Hz and 60 Hz refresh
+SHOWN_MS = 40  # horizon of the diagrams: age of a picture at 30 Hz and 60 Hz refresh
 NOISE_PX = 0.15  # of the landmarks at 30 Hz and a sensor noise of 5 DN
-FOCAL_PX, HOME_MM, EYES_MM, MIDDLE_PX = 600.0, 600.0, 63.0, (319.5, 239.5)
-SETTLED_S = 0.4
+FOCAL_PX, HOME_MM, EYES_MM, CENTRE_PX = 600.0, 600.0, 63.0, (319.5, 239.5)
+SETTLED_S, MIN_REST = 0.4, 6
 
 Float = NDArray[np.float64]
 
 
 @lru_cache(maxsize=1)
 def known_motion() -> tuple[Float, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Every millisecond of a viewer's path: eyes (n, 2, 2) px, whether both are in a picture of 640x480, whether the head has
-    been still for SETTLED_S. A pinhole camera, eyes EYES_MM apart."""
+    """The path of a viewer before a pinhole camera of 640x480, in steps of 1 ms.
+
+    Returns eyes (n, 2, 2) px, whether both are in the picture, and whether the head has rested for SETTLED_S.
+    """
     path = viewer_path(HOME_MM, 320 * HOME_MM / FOCAL_PX)
     count = int(duration_s(path) * 1000)
-    places, phases = zip(*(place_at(path, k / 1000) for k in range(count)), strict=True)
-    x, y, z = np.array(places).T
-    right_px = MIDDLE_PX[0] + FOCAL_PX * (x[:, None] + np.array([EYES_MM / 2, -EYES_MM / 2])) / z[:, None]
-    down_px = np.repeat((MIDDLE_PX[1] + FOCAL_PX * y / z)[:, None], 2, axis=1)
-    seen = ((right_px >= 0) & (right_px < 640)).all(axis=1)
-    still = np.zeros(count, bool)
-    run = 0
-    for k, phase in enumerate(phases):
-        run = run + 1 if phase == "still" else 0
-        still[k] = run > SETTLED_S * 1000 and seen[k]
-    return np.stack([right_px, down_px], axis=2), seen, still
+    positions, phases = zip(*(position_at(path, k / 1000) for k in range(count)), strict=True)
+    x, y, z = np.array(positions).T
+    u = CENTRE_PX[0] + FOCAL_PX * (x[:, None] + np.array([EYES_MM / 2, -EYES_MM / 2])) / z[:, None]
+    v = np.repeat((CENTRE_PX[1] + FOCAL_PX * y / z)[:, None], 2, axis=1)
+    visible = ((u >= 0) & (u < 640)).all(axis=1)
+    moving = np.array(phases) != "still"
+    since_ms = np.arange(count) - np.maximum.accumulate(np.where(moving, np.arange(count), -1))
+    return np.stack([u, v], axis=2), visible, (since_ms > SETTLED_S * 1000) & visible
 
 
-def followed(one: EyeFilter, rate_hz: int, horizons_ms: tuple[int, ...] = HORIZONS_MS) -> dict[str, list[float]]:
-    """Samples of a filter at a camera rate: RMS error in px of each second at every horizon, and still jitter of SHOWN_MS."""
-    eyes, seen, still = known_motion()
+def follow(filter_: EyeFilter, rate_hz: int, horizons_ms: tuple[int, ...] = HORIZONS_MS) -> Samples:
+    """Samples of a filter at a camera rate: RMS error in px of each second, at every horizon, and still jitter SHOWN_MS ahead."""
+    eyes, visible, still = known_motion()
     rng = np.random.default_rng(rate_hz)
     per_second: dict[int, dict[int, list[float]]] = {h: {} for h in horizons_ms}
-    rest: list[Float] = []
-    stretches: list[list[float]] = []
-    resting = False
+    rests: list[list[Float]] = [[]]
     for k in range(int(len(eyes) * rate_hz / 1000)):
         t_ns = round(k * 1e9 / rate_hz)
         ms = min(t_ns // 1_000_000, len(eyes) - 1)
-        if not seen[ms]:
+        if not visible[ms]:
             continue
-        one.update(t_ns, eyes[ms] + rng.normal(0.0, NOISE_PX, (2, 2)))
+        filter_.update(t_ns, eyes[ms] + rng.normal(0.0, NOISE_PX, (2, 2)))
         for horizon in horizons_ms:
-            if ms + horizon < len(eyes) and seen[ms + horizon]:
-                away = one.predict(t_ns + horizon * 1_000_000) - eyes[ms + horizon]
-                per_second[horizon].setdefault(ms // 1000, []).append(float(np.square(away).sum() / 2))
+            if ms + horizon < len(eyes) and visible[ms + horizon]:
+                error = filter_.predict(t_ns + horizon * 1_000_000) - eyes[ms + horizon]
+                per_second[horizon].setdefault(ms // 1000, []).append(float(np.square(error).sum() / 2))
         if still[ms]:
-            rest.append(one.predict(t_ns + SHOWN_MS * 1_000_000))
-        elif resting and len(rest) > 5:
-            stretches.append((np.array(rest) - np.mean(rest, axis=0)).ravel().tolist())
-        if not still[ms]:
-            rest = []
-        resting = bool(still[ms])
-    if len(rest) > 5:
-        stretches.append((np.array(rest) - np.mean(rest, axis=0)).ravel().tolist())
-    out = {f"error_{h}ms_{rate_hz}hz": [float(np.sqrt(np.mean(part))) for part in per_second[h].values()] for h in horizons_ms}
-    return out | {f"jitter_{rate_hz}hz": [float(np.sqrt(2 * np.mean(np.square(part)))) for part in stretches]}
+            rests[-1].append(filter_.predict(t_ns + SHOWN_MS * 1_000_000))
+        elif rests[-1]:
+            rests.append([])
+    samples = {
+        f"error_{h}ms_{rate_hz}hz": [float(np.sqrt(np.mean(part))) for part in per_second[h].values()] for h in horizons_ms
+    }
+    jitter = [float(np.sqrt(2 * np.var(rest, axis=0).mean())) for rest in rests if len(rest) >= MIN_REST]
+    return samples | {f"jitter_{rate_hz}hz": jitter}
 
 
 def sweeps() -> dict[str, list[tuple[str, Callable[[], EyeFilter]]]]:
-    """Curve -> (knob, filter) in order of the knob; "default" is what the configuration's name stands for."""
+    """Curve -> (knob, filter) in the order of the knob. "default" has the parameters of the configuration."""
     ones = [(f"beta {beta:g}", partial(OneEuro, 1.0, beta, 4.0)) for beta in (0.3, 1.0, 5.0, 20.0)]
     motions = [(f"agility {a:.0e}", partial(Kalman, a)) for a in (1e1, 1e2, 1e3, 1e5, 1e6)]
     gates = [(f"gate {gate:g}", partial(_predictive, gate)) for gate in (0.1, 0.2, 0.4, 0.8, 1.6)]
@@ -95,9 +91,9 @@ def _predictive(gate: float) -> EyeFilter:
 
 
 def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
-    """mean(k), One-Euro, Kalman and the default, with their parameters swept."""
+    """The mean, One-Euro, Kalman and predictive filters over a range of their parameters."""
     if inputs.quick:
-        yield Skipped("60 and 120 Hz of the swept parameters", "--quick sweeps at 30 Hz; the defaults run at all rates")
+        yield Skipped("other parameters at 60 and 120 Hz", "--quick varies them at 30 Hz only; the defaults run at all rates")
     for curve, knobs in sweeps().items():
         for knob, make in knobs:
             paper = (curve, knob) == ("mean", "k = 5")
@@ -108,25 +104,16 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
 
 
 def _prepare(make: Callable[[], EyeFilter], rates_hz: tuple[int, ...], horizons_ms: tuple[int, ...]) -> Prepared:
-    def errors() -> dict[str, list[float]]:
-        found: dict[str, list[float]] = {}
-        for rate_hz in rates_hz:
-            found |= followed(make(), rate_hz, horizons_ms)
-        return found
+    def errors() -> Samples:
+        return {key: values for rate_hz in rates_hz for key, values in follow(make(), rate_hz, horizons_ms).items()}
 
-    one, eyes = make(), known_motion()[0]
-    at = 0
+    filter_, eyes, frames = make(), known_motion()[0], itertools.count(1)
 
     def step() -> None:
-        nonlocal at
-        at += 1
-        one.update(at * 33_333_333, eyes[at * 33 % len(eyes)])
+        k = next(frames)
+        filter_.update(k * 33_333_333, eyes[k * 33 % len(eyes)])
 
-    def turn() -> dict[str, float]:
-        times = times_ms(step, 200)
-        return {"time_us": float(np.median(times)) * 1e3, "time_p95_us": float(np.percentile(times, 95)) * 1e3}
-
-    return Prepared(errors, turn)
+    return Prepared(errors, lambda: time_figures(times_ms(step, 200), "us", 1e3))
 
 
 _ERRORS = tuple(
@@ -138,7 +125,7 @@ _PROFILES = tuple(
     Profile(
         f"filters-horizon-{rate}hz",
         f"Error at the moment of display, camera at {rate} Hz",
-        "from the frame to the display, ms",
+        "from frame to display, ms",
         "error, RMS, px",
         tuple((float(h), f"error_{h}ms_{rate}hz") for h in HORIZONS_MS),
         ("default", "k = 5"),
@@ -149,8 +136,8 @@ _PROFILES = tuple(
 SUBJECT = Subject(
     "filters",
     "Filtering and predicting",
-    "A viewer's known motion (reaches up to 450 mm/s, sway, sudden stops, approach, leaving) before a pinhole camera, landmarks"
-    f" with {NOISE_PX} px of noise: how far are the eyes that a picture is made for from the eyes that look at it?",
+    "A known motion (reaches up to 450 mm/s, sway, sudden stops, approach, leaving the picture), landmarks with"
+    f" {NOISE_PX} px of noise. How far are the eyes that a picture is made for from the viewer's eyes when it is shown?",
     (
         *_ERRORS,
         *(Figure(f"jitter_{rate}hz", f"still jitter at {rate} Hz, RMS", "px", "rms") for rate in RATES_HZ),
@@ -163,6 +150,6 @@ SUBJECT = Subject(
         *_PROFILES,
     ),
     candidates,
-    paper="mean of k = 5, shown as it is",
+    paper="mean of k = 5, without prediction",
     budget_s=(3.0, 30.0),
 )

@@ -1,4 +1,4 @@
-"""What subjects are measured on: a scene, a sequence of frames with or without truth, and a folder to work in."""
+"""Inputs of the subjects: scenes, a sequence of frames with or without true eyes, and a work folder."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from lfpipe.scene.lightfield import LightField
 Progress = Callable[[str, int, int], None]
 
 SIZE_PX = (640, 480)
-STILL_S, MOVING_S = 2.0, (2.5, 10.0)  # of the demo sequence: quick and not
-FRAMES = (135, 360)  # the most that are taken of a sequence
+STILL_S, MOVING_S = 2.0, (2.5, 10.0)  # of the demo sequence: quick and full
+MAX_FRAMES = (135, 360)  # of a sequence: quick and full
 NOISE_DN = 2.0
 DEMO_SIDE_PX = 256  # of the views of the quick demo scene
 
 
 @attrs.frozen(eq=False)
 class Sequence:
-    """frames: uint8 (n, height, width, 3) BGR. truth: None where there is none beside the video."""
+    """frames: uint8 (n, height, width, 3) BGR. truth: None if no table of true eyes is beside the video."""
 
     path: Path
     frames: NDArray[np.uint8]
@@ -38,9 +38,9 @@ class Sequence:
 
 @attrs.frozen(eq=False)
 class Inputs:
-    """fields: the scenes as (where they lie, light field), the first one is the one that views are made from.
+    """fields: the scenes as (path, light field); views are rendered from the first. demo: the sequence is the demo's.
 
-    work: a folder for what is made on the way, kept from run to run. demo: the sequence is the demo's.
+    work: a folder for generated files, which later runs use again.
     """
 
     fields: tuple[tuple[Path, LightField], ...]
@@ -59,32 +59,34 @@ class Inputs:
 
 
 def read_sequence(path: Path, frames: int) -> Sequence:
-    """At most that many frames of a video, or of pictures in a folder; the truth is PATH with the suffix .csv.
+    """Up to `frames` frames of a video, or of pictures in a folder. The truth is PATH with the suffix .csv.
 
-    Raises UserError where there is none, or one that cannot be read.
+    Raises UserError if one of them cannot be read.
     """
     from lfpipe.capture.pictures import open_recording
 
     recording = open_recording(path)
-    kept: list[NDArray[np.uint8]] = []
+    read: list[NDArray[np.uint8]] = []
     size = (recording.height_px, recording.width_px, 3)
-    while len(kept) < frames:
+    while len(read) < frames:
         frame = np.empty(size, np.uint8)
         if recording.next(frame) is None:
             break
-        kept.append(frame)
+        read.append(frame)
     recording.close()
-    side = path.with_suffix(".csv")
-    truth = Truth.read(side) if side.is_file() else None
-    if truth is not None and len(truth.t_ns) < len(kept):
-        raise UserError(f"{side}: {len(truth.t_ns)} rows for {len(kept)} frames or more", "one row per frame of the sequence")
-    return Sequence(path, np.stack(kept), recording.rate_hz or config.Camera().rate_hz, truth)
+    table = path.with_suffix(".csv")
+    truth = Truth.read(table) if table.is_file() else None
+    if truth is not None and len(truth.t_ns) < len(read):
+        raise UserError(
+            f"{table}: {len(truth.t_ns)} rows for at least {len(read)} frames", "give one row per frame of the sequence"
+        )
+    return Sequence(path, np.stack(read), recording.rate_hz or config.Camera().rate_hz, truth)
 
 
 def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
-    """The demo's viewer as a video with its truth: still for STILL_S, then on the demo's path; made where it is not there yet.
+    """The demo's viewer as a video with its truth, generated unless it exists: still for STILL_S, then on the demo's path.
 
-    Sensor noise is fresh in every frame, or a still face would be one picture for ever.
+    Every frame has its own sensor noise: a still face would otherwise be a constant picture.
     """
     path = folder / f"demo-{moving_s:g}s-{rate_hz:g}hz.avi"
     if path.is_file() and path.with_suffix(".csv").is_file():
@@ -98,7 +100,7 @@ def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
     codec, quality = cv2.VideoWriter.fourcc(*"MJPG"), [cv2.VIDEOWRITER_PROP_QUALITY, 95]
     writer = cv2.VideoWriter(str(part), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, SIZE_PX, quality)
     if not writer.isOpened():
-        raise UserError(f"{part}: cannot be written", "name a folder with room: --out DIR")
+        raise UserError(f"{part}: cannot be written", "choose a folder on a disk with room: --set scene.cache_dir=DIR")
     frame, noise = np.empty((height_px, width_px, 3), np.uint8), np.empty((height_px, width_px, 3), np.int16)
     still, moving = round(STILL_S * rate_hz), round(moving_s * rate_hz)
     cv2.setRNGSeed(1)
@@ -120,7 +122,7 @@ def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
 
 
 def make_inputs(scenes: tuple[Path, ...], sequence: Path | None, quick: bool, settings: config.Config, say: Progress) -> Inputs:
-    """Scenes opened (packed where they are not yet) and the sequence read; what is not given is the demo's. Raises UserError."""
+    """Opens the scenes (packing new ones) and reads the sequence; the demo's for those not given. Raises UserError."""
     from lfpipe.render.scoring import choose_method
     from lfpipe.scene.cache import cache_dir
     from lfpipe.scene.demo import demo_scene
@@ -131,10 +133,10 @@ def make_inputs(scenes: tuple[Path, ...], sequence: Path | None, quick: bool, se
     try:
         work.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UserError(f"{work}: {error.strerror}", "name another place with --set scene.cache_dir=DIR") from None
+        raise UserError(f"{work}: {error.strerror}", "choose another folder: --set scene.cache_dir=DIR") from None
     path = sequence or demo_sequence(work, MOVING_S[0 if quick else 1])
-    read = read_sequence(path, FRAMES[0 if quick else 1])
+    frames = read_sequence(path, MAX_FRAMES[0 if quick else 1])
     if not scenes:
         scenes = (demo_scene(cache, say, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache, say),)
     fields = tuple((scene, open_scene(scene, settings.scene, say, choose_method)) for scene in scenes)
-    return Inputs(fields, read, quick, sequence is None, work)
+    return Inputs(fields, frames, quick, sequence is None, work)

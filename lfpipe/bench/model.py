@@ -1,4 +1,4 @@
-"""What a subject is made of: candidates with figures, drawn in diagrams, and tables of cells."""
+"""Parts of a subject: candidates with figures, drawn in diagrams, and tables of cells."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ if TYPE_CHECKING:
     from lfpipe.bench.inputs import Inputs
 
 State = Literal["", "ok", "degraded", "failed"]
+Samples = dict[str, list[float]]  # by the key of a figure
 Turn = Mapping[str, float | list[float]]
 
 
 @attrs.frozen
 class Figure:
-    """A quantity that candidates are measured by. reduce: how its samples become one number."""
+    """A measured quantity. reduce: how samples become one number."""
 
     key: str
     label: str
@@ -30,34 +31,35 @@ class Figure:
         return f"{self.label}, {self.unit}" if self.unit else self.label
 
     def of(self, samples: list[float]) -> float:
-        """The one number of samples; NaN where there are none."""
+        """The samples as one number; NaN if there are none."""
         if not samples:
             return float("nan")
-        values = np.array(samples, np.float64)
         if self.reduce == "rms":
-            return float(np.sqrt(np.mean(values**2)))
+            return float(np.sqrt(np.mean(np.square(samples))))
         if self.reduce == "max":
-            return float(np.max(values))
-        return float(np.median(values) if self.reduce == "median" else np.mean(values))
+            return max(samples)
+        return float(np.median(samples) if self.reduce == "median" else np.mean(samples))
 
 
 @attrs.frozen(eq=False)
 class Prepared:
     """A candidate ready to be measured.
 
-    errors: samples of each figure, measured once; the k-th sample of two builds is of the same frame, view or second. turn: one
-    timed turn, a sample of each figure, or those of its parts where a turn is long; None where nothing is to be timed.
+    errors: samples of each figure, measured once; sample k of two builds is of the same frame, view or second. turn: one timed
+    turn with one sample per figure, or with the samples of its parts if a turn is long; None if nothing is timed.
     """
 
-    errors: Callable[[], dict[str, list[float]]]
+    errors: Callable[[], Samples]
     turn: Callable[[], Turn] | None = None
     close: Callable[[], None] = lambda: None
 
 
 @attrs.frozen(eq=False)
 class Candidate:
-    """One point: the `curve` it lies on, the `knob` that moves it along; together its name. paper: what the paper does. line: the
-    points of a curve that are joined, where its knob is more than one thing."""
+    """One point of a diagram. curve and knob (the setting that varies along the curve) together are its name.
+
+    paper: this is what the paper does. line: points with the same line are joined, if a curve has more than one setting.
+    """
 
     curve: str
     knob: str
@@ -72,7 +74,7 @@ class Candidate:
 
 @attrs.frozen
 class Skipped:
-    """What makes no sense for the inputs, and why."""
+    """A measurement that does not apply to the inputs, and why."""
 
     what: str
     why: str
@@ -80,9 +82,9 @@ class Skipped:
 
 @attrs.frozen
 class Diagram:
-    """Figure y against figure x, one curve per method, both axes logarithmic; less is better on both.
+    """Work and precision of all candidates: keys of the figures on both axes, logarithmic, less is better.
 
-    whisker: figure of the 95th percentile of x. guide: (figure, label) of a vertical line: what no method can be faster than.
+    whisker: figure of the 95th percentile of x. guide: (figure, label) of a vertical line, a lower bound of x.
     """
 
     name: str
@@ -95,7 +97,7 @@ class Diagram:
 
 @attrs.frozen
 class Profile:
-    """One line per candidate whose knob is in `knobs`: the figures of keys over their place on x. paper's line is dashed."""
+    """One line per candidate whose knob is in `knobs`. keys: (position on x, figure)."""
 
     name: str
     title: str
@@ -113,7 +115,7 @@ class Cell:
 
 @attrs.frozen
 class Table:
-    """rows of cells under a head; note says what is seen."""
+    """Rows of cells under a head. note: explains the cells."""
 
     title: str
     note: str
@@ -123,9 +125,9 @@ class Table:
 
 @attrs.frozen(eq=False)
 class Subject:
-    """candidates or tables: a plain function from the inputs; `paper` names the paper's point for the report.
+    """candidates or tables: a function of the inputs. paper: what the paper does, for the report.
 
-    budget_s: seconds of timing, quick and not; turns: the fewest turns of each candidate, quick and not.
+    Pairs are for quick and full runs. budget_s: seconds of timing. turns: minimum number of turns of each candidate.
     """
 
     name: str

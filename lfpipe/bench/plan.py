@@ -1,16 +1,17 @@
-"""Subject: what each scene does not need, what leaving it out saves, and the measured error of leaving it out."""
+"""Subject: what each scene does not need, the saving, and the measured error of leaving it out."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe.bench.anaglyph import view_bgr
+from lfpipe.bench.holdout import viewpoint_walk
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.kept import walk
 from lfpipe.bench.model import Cell, Skipped, State, Subject, Table
 from lfpipe.bench.timing import median_ms
 from lfpipe.config import Config, load, updated
@@ -25,57 +26,52 @@ VIEWS, PICTURES = 7, 12
 
 
 def without_warp(field: LightField, plan: Plan) -> Cell:
-    """dB lost on left-out views against the best method that warps."""
+    """Loss in dB on left-out views, compared with the best method that warps."""
     if field.disparity is None:
-        return Cell("cannot be told: there is no disparity to warp by")
-    places = left_out(field, VIEWS) if min(field.rows, field.cols) >= 3 else []
-    if not places:
-        return Cell("cannot be told: the grid has no view to leave out")
-    best = max(score(field, method, places) for method in METHODS if method.startswith("warp"))
-    lost = best - score(field, plan.method, places)
+        return Cell("unknown: there is no disparity to warp by")
+    views = left_out(field, VIEWS) if min(field.rows, field.cols) >= 3 else []
+    if not views:
+        return Cell("unknown: the grid has no view to leave out")
+    best = max(score(field, method, views) for method in METHODS if method.startswith("warp"))
+    lost = best - score(field, plan.method, views)
     state: State = "ok" if lost < WORTH_DB else "degraded"
-    return Cell(
-        f"{max(lost, 0.0):.2f} dB on left-out views" if lost > 0 else f"0 (left-out views are {-lost:.2f} dB better)", state
-    )
+    return Cell(f"{lost:.2f} dB on left-out views" if lost > 0 else f"0 ({-lost:.2f} dB better on left-out views)", state)
 
 
 def without_planes(field: LightField, config: Config) -> Cell:
-    """Largest difference of a picture at stored views from one that is made of both views whole."""
+    """Largest difference between a picture at stored views and one encoded from both complete views."""
     if config.render.anaglyph not in MATRICES:
-        return Cell("cannot be told for this mode")
+        return Cell("unknown for this mode")
     render, row = config.render, field.rows // 2
     compositor, how = Compositor(field, render), recipe(render.anaglyph, render.light, render.ghost_compensation)
-    worst = 0
+    pairs = []
     for left, right in (((0, 0), (field.rows - 1, field.cols - 1)), ((row, 0), (row, field.cols - 1))):
-        whole = encode(view_bgr(field, *left), view_bgr(field, *right), how)
-        picture = compositor.compose((float(left[0]), float(left[1])), (float(right[0]), float(right[1])))
-        worst = max(worst, int(np.abs(whole.astype(np.int16) - picture).max()))
-    return _levels(worst)
+        picture = compositor.compose((float(left[0]), float(left[1])), (float(right[0]), float(right[1]))).copy()
+        pairs.append((encode(view_bgr(field, *left), view_bgr(field, *right), how), picture))
+    return _difference(pairs)
 
 
 def without_rows(field: LightField, config: Config) -> Cell:
     """Largest difference between pictures for eyes anywhere up and down."""
     mapper = Mapper(field.rows, field.cols, config.render, 30.0, (320.0, 240.0))
-    compositor, worst = Compositor(field, attrs.evolve(config.render, extrapolate_views=0.0)), 0
-    pictures = [compositor.compose(*mapper.views([[350.0, v], [290.0, v]])).copy() for v in (240.0, 0.0, 479.0, -1e6)]
-    for picture in pictures[1:]:
-        worst = max(worst, int(np.abs(pictures[0].astype(np.int16) - picture).max()))
-    return _levels(worst)
+    compositor = Compositor(field, attrs.evolve(config.render, extrapolate_views=0.0))
+    first, *others = [compositor.compose(*mapper.views([[350.0, v], [290.0, v]])).copy() for v in (240.0, 0.0, 479.0, -1e6)]
+    return _difference((first, other) for other in others)
 
 
 def without_tracking(field: LightField, config: Config, plan: Plan) -> Cell:
     """Largest difference between pictures for eyes anywhere."""
     compositor = Compositor(field, updated(config, {"render.method": plan.method}).render)
     mapper = Mapper(field.rows, field.cols, config.render, 30.0, (320.0, 240.0))
-    places = [[[320.0 + x, 240.0], [260.0 + x, 240.0]] for x in (0.0, -300.0, 300.0)]
-    pictures = [compositor.compose(*mapper.views(eyes)).astype(np.int16) for eyes in places]
-    return _levels(max(int(np.abs(pictures[0] - picture).max()) for picture in pictures))
+    eyes = ([[320.0 + x, 240.0], [260.0 + x, 240.0]] for x in (0.0, -300.0, 300.0))
+    first, *others = [compositor.compose(*mapper.views(pair)).copy() for pair in eyes]
+    return _difference((first, other) for other in others)
 
 
 def without_views(field: LightField, config: Config, plan: Plan) -> Cell:
-    """Share of viewpoints, for eyes anywhere in the camera's picture, that fall outside of the views kept."""
+    """Number of viewpoints outside the kept views, for eyes anywhere in the camera's picture."""
     if isinstance(config.render.alpha_px, str):
-        return Cell("cannot be told: alpha is found out while it runs")
+        return Cell("unknown: alpha is measured while a session runs")
     width, height = config.camera.width_px, config.camera.height_px
     mapper = Mapper(field.rows, field.cols, config.render, config.render.alpha_px, (width / 2, height / 2))
     first_row, last_row, first_col, last_col = plan.reach
@@ -90,19 +86,20 @@ def without_views(field: LightField, config: Config, plan: Plan) -> Cell:
 
 
 def without_colour(field: LightField) -> Cell:
-    """A grey scene: three equal planes of its view give the same picture as its one."""
+    """A grey scene: difference between a picture of three equal planes and one of a single plane."""
     how = recipe("dubois")
     view = view_bgr(field, field.rows // 2, field.cols // 2)
-    away = np.abs(encode(view, view, how).astype(np.int16) - view)
-    return _levels(int(away.max()))
+    return _difference([(view, encode(view, view, how))])
 
 
-def _levels(worst: int) -> Cell:
+def _difference(pairs: Iterable[tuple[NDArray[np.uint8], NDArray[np.uint8]]]) -> Cell:
+    """Largest difference in levels between two pictures of a pair."""
+    worst = max(int(np.abs(a.astype(np.int16) - b).max()) for a, b in pairs)
     return Cell("0" if worst == 0 else f"{worst} levels at most", "ok" if worst <= 1 else "failed")
 
 
 def error_of(item: LeftOut, field: LightField, config: Config, plan: Plan) -> Cell:
-    """The measured error of one thing left out."""
+    """The measured error of leaving one item out."""
     what = item.what
     if what in ("warping", "disparity maps"):
         return without_warp(field, plan)
@@ -116,11 +113,11 @@ def error_of(item: LeftOut, field: LightField, config: Config, plan: Plan) -> Ce
         return without_planes(field, config)
     if what.endswith("views"):
         return without_views(field, config, plan)
-    return Cell("none: the configuration gives what it would find out", "ok")
+    return Cell("none: the configuration sets the result", "ok")
 
 
 def tables(inputs: Inputs) -> Iterator[Table | Skipped]:
-    """One table per scene: the default configuration, and the paper's."""
+    """One table per scene, with the default configuration and the paper's."""
     for path, field in inputs.fields:
         rows = []
         for named, config in (("default", Config()), ("paper", load("paper"))):
@@ -129,14 +126,14 @@ def tables(inputs: Inputs) -> Iterator[Table | Skipped]:
                 cell = error_of(item, field, config, plan)
                 rows.append((Cell(named), Cell(item.what), Cell(item.why), Cell(item.saves), cell))
             cost = f"{_picture_ms(field, config):.2f} ms a picture"
-            rows.append((Cell(named), Cell("what is left"), Cell(f"method {plan.method}"), Cell(cost), Cell("")))
+            rows.append((Cell(named), Cell("the rest"), Cell(f"method {plan.method}"), Cell(cost), Cell("")))
         head = ("configuration", "left out", "because", "saves", "error of leaving it out")
         title = f"{field.name or path.name}: {field.rows}x{field.cols} views of {field.width_px}x{field.height_px}"
-        yield Table(title, "The last line of each configuration is what is left: the cost of a picture.", head, tuple(rows))
+        yield Table(title, "The last line of each configuration is the cost of a picture without these items.", head, tuple(rows))
 
 
 def _picture_ms(field: LightField, config: Config) -> float:
-    compositor, step = Compositor(field, config.render), walk(field)
+    compositor, step = Compositor(field, config.render), viewpoint_walk(field)
     compositor.compose(*step())
     return median_ms(lambda: compositor.compose(*step()), PICTURES)
 
@@ -144,6 +141,6 @@ def _picture_ms(field: LightField, config: Config) -> float:
 SUBJECT = Subject(
     "plan",
     "What the scene does not need",
-    "What the plan leaves out for each scene, why, what that saves, and the error it makes, measured.",
+    "What the plan leaves out for each scene, why, what it saves, and the measured error.",
     tables=tables,
 )

@@ -1,4 +1,4 @@
-"""The report of a run: one HTML page that needs nothing else, the diagrams as PNG and SVG, and a Markdown summary."""
+"""The report of a run: a self-contained HTML page, the diagrams as PNG and SVG, and a Markdown summary."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pathlib import Path
 
 from lfpipe.bench.diagrams import draw, points, short, write
 from lfpipe.bench.model import Diagram, Figure, Subject, Table
-from lfpipe.bench.numbers import pareto
 from lfpipe.bench.results import Measured, Results, SubjectResults, empty_diagrams
+from lfpipe.bench.stats import pareto
 from lfpipe.bench.subjects import SUBJECTS
 
 STYLE = """
@@ -39,7 +39,7 @@ td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowra
 
 
 def write_report(results: Results, out: Path) -> Path:
-    """Writes report.html, summary.md and the diagrams into out; returns the path of the report."""
+    """Writes report.html, summary.md and the diagrams to out; returns the path of the page."""
     pictures = out / "diagrams"
     pictures.mkdir(exist_ok=True)
     sections = [_section(SUBJECTS[name], found, pictures) for name, found in results.subjects.items()]
@@ -69,11 +69,11 @@ def _about(results: Results) -> str:
     }
     body = "".join(f"<tr><th>{key}</th><td>{value}</td></tr>" for key, value in rows.items())
     how = (
-        "Times are medians of turns taken in a shuffled order between methods, after a turn to warm up, until the 95 % interval"
-        " of the median is narrower than 5 % or the time is up; ± is half that interval (of whole sessions: over their half"
-        " seconds), and where turns are too few for one their number is told. Whiskers end at the 95th percentile."
-        " Both axes are logarithmic, an exact 0 stands apart from them; down and left is better. Rings: no other point is better"
-        " in both. Red star: what the paper does."
+        "Times are medians. After a warm-up, methods take turns in random order until the 95 % interval of the median is narrower"
+        " than 5 % or the time budget is spent; ± is half that interval (of whole sessions: over parts of half a second)."
+        " If there are too few turns for an interval, their number and range are shown. Whiskers end at the 95th percentile."
+        " Both axes are logarithmic; an exact 0 is drawn at the edge. Lower left is better. Rings: no other point is better in"
+        " both. Red star: what the paper does."
     )
     return f'<div class="wide"><table>{body}</table></div><p class="soft">{how}</p>'
 
@@ -87,14 +87,14 @@ def _section(subject: Subject, found: SubjectResults, pictures: Path) -> str:
         if diagram.name not in empty:
             parts.append(_picture(*write(draw(subject, found, diagram), pictures / diagram.name), diagram.title))
     parts += [_cells(table) for table in found.tables]
-    parts += _left(found, empty)
+    parts += _omitted(found, empty)
     if found.measured:
         parts.append(_figures(subject, found))
     return "".join(parts)
 
 
 def _prose(text: str) -> str:
-    """Escaped, with what stands between backticks as code."""
+    """Escaped, with backticks as code."""
     return re.sub("`([^`]*)`", r"<code>\1</code>", html.escape(text))
 
 
@@ -104,17 +104,15 @@ def _picture(light: str, dark: str, title: str) -> str:
     return f'<picture>{source}<img alt="{html.escape(title)}" src="{data[0]}"></picture>'
 
 
-def _left(found: SubjectResults, empty: dict[str, str]) -> Iterator[str]:
-    """What failed and what makes no sense, by name."""
-    failed = "".join(f"<li>{html.escape(name)}: {html.escape(reason)}</li>" for name, reason in found.omissions.items())
-    yield f"<h3>Omissions</h3><ul>{failed}</ul>" if failed else "<h3>Omissions</h3><p>None: no method threw or gave NaN.</p>"
-    reasons = [f"{item.what}: {item.why}" for item in found.skipped] + list(empty.values())
-    if reasons:
-        yield (
-            "<h3>Left out, as it makes no sense here</h3><ul>"
-            + "".join(f"<li>{html.escape(text)}</li>" for text in reasons)
-            + "</ul>"
-        )
+def _omitted(found: SubjectResults, empty: dict[str, str]) -> Iterator[str]:
+    failed = [f"{name}: {reason}" for name, reason in found.omissions.items()]
+    yield _list("Failures", failed) if failed else "<h3>Failures</h3><p>None: no method raised an exception or returned NaN.</p>"
+    if reasons := [f"{item.what}: {item.why}" for item in found.skipped] + list(empty.values()):
+        yield _list("Not applicable here", reasons)
+
+
+def _list(title: str, items: list[str]) -> str:
+    return f"<h3>{title}</h3><ul>{''.join(f'<li>{html.escape(item)}</li>' for item in items)}</ul>"
 
 
 def fronts(subject: Subject, found: SubjectResults) -> set[str]:
@@ -128,8 +126,8 @@ def fronts(subject: Subject, found: SubjectResults) -> set[str]:
 
 
 def number(one: Measured, figure: Figure) -> str:
-    """The figure of a candidate as text; where it was timed with half its interval, or with the number of runs that are too few
-    for one and the least and the largest of them."""
+    """The figure of a candidate as text. If timed: with half its interval, or with the number and range of its turns if they are
+    too few for an interval."""
     value = one.value(figure)
     if not math.isfinite(value):
         return ""
@@ -138,9 +136,8 @@ def number(one: Measured, figure: Figure) -> str:
     spread, turns = one.noise(figure.key) / 2, one.turns[figure.key]
     if math.isfinite(spread):
         return f"{short(value)} ± {100 * spread:.0f} %"
-    return f"{short(value)} (" + (
-        "1 run)" if len(turns) == 1 else f"{len(turns)} runs, {short(min(turns))} to {short(max(turns))})"
-    )
+    spread_of = "1 run" if len(turns) == 1 else f"{len(turns)} runs, {short(min(turns))} to {short(max(turns))}"
+    return f"{short(value)} ({spread_of})"
 
 
 def _used(subject: Subject, found: SubjectResults) -> list[Figure]:
@@ -167,22 +164,25 @@ def _cells(table: Table) -> str:
         "<tr>" + "".join(f'<td class="{cell.state}">{html.escape(cell.text)}</td>' for cell in row) + "</tr>"
         for row in table.rows
     )
-    counted = counts(table)
-    told = ", ".join(f"{count} {state}" for state, count in counted.items() if count)
+    counted = _counted(table)
     return (
-        f"<h3>{html.escape(table.title)}</h3><p class='soft'>{html.escape(table.note)} {told and f'<b>{told}</b>.'}</p>"
+        f"<h3>{html.escape(table.title)}</h3><p class='soft'>{html.escape(table.note)} {counted and f'<b>{counted}</b>.'}</p>"
         f'<div class="wide"><table><tr>{head}</tr>{rows}</table></div>'
     )
 
 
 def counts(table: Table) -> dict[str, int]:
-    """How many cells are ok, degraded and failed."""
+    """The number of cells that are ok, degraded and failed."""
     cells = [cell.state for row in table.rows for cell in row]
     return {state: cells.count(state) for state in ("ok", "degraded", "failed")}
 
 
+def _counted(table: Table) -> str:
+    return ", ".join(f"{count} {state}" for state, count in counts(table).items() if count)
+
+
 def summary(results: Results) -> str:
-    """The run in Markdown, for a pull request: what is on a front, what the paper does, what failed."""
+    """The run in Markdown, for a pull request: candidates on a front, the paper's, and failures."""
     about = results.about
     lines = ["## lfpipe bench", "", f"`{about['command']}` at {about['commit']}, {about['machine']['processor']},"]
     lines += [f"{about['machine']['cores']} cores. {'; '.join(about['scenes'])}. {about['sequence']}.", ""]
@@ -197,14 +197,12 @@ def summary(results: Results) -> str:
             lines.append("|---|" + "---:|" * len(figures))
             for one in found.measured.values():
                 if one.name in front or one.paper or not front:
-                    told = " | ".join(number(one, figure) for figure in figures)
-                    lines.append(f"| {one.name}{' ★' if one.paper else ''} | {told} |")
+                    cells = " | ".join(number(one, figure) for figure in figures)
+                    lines.append(f"| {one.name}{' ★' if one.paper else ''} | {cells} |")
             lines.append("")
-        for table in found.tables:
-            told = ", ".join(f"{count} {state}" for state, count in counts(table).items() if count)
-            lines.append(f"- {table.title}: {told or 'see the report'}")
-        lines += [f"- omitted: {name}: {reason}" for name, reason in found.omissions.items()]
-        lines += [f"- left out: {item.what}: {item.why}" for item in found.skipped]
-        lines += [f"- left out: {text}" for text in empty_diagrams(subject, found).values()]
+        lines += [f"- {table.title}: {_counted(table) or 'see the report'}" for table in found.tables]
+        lines += [f"- failed: {name}: {reason}" for name, reason in found.omissions.items()]
+        lines += [f"- not applicable: {item.what}: {item.why}" for item in found.skipped]
+        lines += [f"- not applicable: {text}" for text in empty_diagrams(subject, found).values()]
         lines.append("")
-    return "\n".join([*lines, "★ what the paper does; the others are on a Pareto front of their subject.", ""])
+    return "\n".join([*lines, "★ what the paper does. The others are on a Pareto front of their subject.", ""])

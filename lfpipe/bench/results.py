@@ -1,4 +1,4 @@
-"""results.json: every sample, with the machine, versions, commit and command line; written whole, read back to go on."""
+"""results.json: every sample, with the machine, versions, commit and command line."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ import attrs
 
 import lfpipe
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.model import Cell, Diagram, Figure, Profile, Skipped, Subject, Table
-from lfpipe.bench.numbers import FEWEST, noise
+from lfpipe.bench.model import Cell, Diagram, Figure, Samples, Skipped, Subject, Table
+from lfpipe.bench.stats import MIN_SAMPLES, noise
 from lfpipe.errors import UserError
 from lfpipe.files import read_bytes, reason
 from lfpipe.untrusted import Fields, json_fields
@@ -30,15 +30,14 @@ MAX_BYTES, MAX_ITEMS = 64 << 20, 1_000_000  # of results.json, and of any list i
 
 @attrs.define
 class Measured:
-    """One candidate: samples of each figure, from the one measurement (errors) and from timed turns; parts: samples within turns
-    that are long."""
+    """Samples of each figure of one candidate: errors, measured once; turns, timed; parts of long turns."""
 
     curve: str
     knob: str
     paper: bool
-    errors: dict[str, list[float]] = attrs.Factory(dict)
-    turns: dict[str, list[float]] = attrs.Factory(dict)
-    parts: dict[str, list[float]] = attrs.Factory(dict)
+    errors: Samples = attrs.Factory(dict)
+    turns: Samples = attrs.Factory(dict)
+    parts: Samples = attrs.Factory(dict)
     line: str = ""
 
     @property
@@ -46,19 +45,19 @@ class Measured:
         return f"{self.curve}, {self.knob}" if self.knob else self.curve
 
     def value(self, figure: Figure) -> float:
-        """The figure as one number; NaN where it was not measured."""
+        """The figure as one number; NaN if it was not measured."""
         return figure.of(self.errors.get(figure.key) or self.turns.get(figure.key) or [])
 
     def noise(self, key: str) -> float:
-        """Width of the 95 % interval of the median of a timed figure, over the median: of its turns, or of their parts where
-        the turns are too few. Infinite where both are."""
+        """Width of the 95 % interval of the median of a timed figure, over the median. Uses the parts if there are too few turns;
+        infinite if there are too few of both."""
         turns = self.turns.get(key, [])
-        return noise(turns if len(turns) >= FEWEST else self.parts.get(key, []))
+        return noise(turns if len(turns) >= MIN_SAMPLES else self.parts.get(key, []))
 
 
 @attrs.define
 class SubjectResults:
-    """What was found of one subject. omissions: candidates that failed, with the reason. skipped: what makes no sense here."""
+    """omissions: candidates that failed, with the reason. skipped: what does not apply to the inputs."""
 
     name: str
     measured: dict[str, Measured] = attrs.Factory(dict)
@@ -71,28 +70,26 @@ class SubjectResults:
 
 @attrs.define
 class Results:
-    """A whole run. about: machine, versions, commit, command line, inputs."""
+    """A run. about: machine, versions, commit, command line, inputs."""
 
     about: dict[str, Any]
     subjects: dict[str, SubjectResults] = attrs.Factory(dict)
 
     def write(self, folder: Path) -> None:
-        """Writes results.json whole or not at all. Raises UserError where the folder cannot be written."""
-        told = {"format": FORMAT, **attrs.asdict(self)}
+        """Replaces results.json atomically. Raises UserError if the folder cannot be written."""
+        content = {"format": FORMAT, **attrs.asdict(self)}
         part = folder / f".results.{os.getpid()}"
         try:
-            part.write_text(json.dumps(_rounded(told), indent=1, allow_nan=False))
+            part.write_text(json.dumps(_rounded(content), indent=1, allow_nan=False))
             part.replace(folder / "results.json")
         except OSError as error:
-            raise UserError(
-                f"{folder}: results cannot be written: {error.strerror}", "name another folder with --out DIR"
-            ) from None
+            raise UserError(f"{folder}: cannot be written: {error.strerror}", "choose another folder with --out DIR") from None
 
 
 def _rounded(value: Any) -> Any:
-    """Floats at seven digits, what is not finite as null: a tenth of the bytes, and nothing that matters."""
+    """Floats with seven digits, null if not finite: a tenth of the bytes, and no loss that matters."""
     if isinstance(value, float):
-        return float(f"{value:.7g}") if value - value == 0 else None
+        return float(f"{value:.7g}") if math.isfinite(value) else None
     if isinstance(value, dict):
         return {key: _rounded(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
@@ -101,17 +98,18 @@ def _rounded(value: Any) -> Any:
 
 
 def read(folder: Path) -> Results:
-    """The results in a folder. Raises UserError where there are none, or of another format."""
+    """The results in a folder. Raises UserError if there are none, or if they have another format."""
     path = folder / "results.json" if folder.is_dir() else folder
-    remedy = "a folder that `lfpipe bench --out` wrote"
+    remedy = "give a folder written by `lfpipe bench --out`"
     try:
-        told = json_fields(read_bytes(path, MAX_BYTES), str(path), remedy)
-        if told.values.get("format") != FORMAT:
-            raise UserError(f"{path}: format {told.values.get('format')!r:.100}, this is {FORMAT}", "measure anew")
-        about, parts = told.table("about"), told.table("subjects")
+        content = json_fields(read_bytes(path, MAX_BYTES), str(path), remedy)
+        if content.values.get("format") != FORMAT:
+            found = f"{content.values.get('format')!r:.100}"
+            raise UserError(f"{path}: format {found}; this version reads {FORMAT}", "measure again")
+        about, parts = content.table("about"), content.table("subjects")
         return Results(dict(about.values), {name: _subject(parts.table(name)) for name in parts.values})
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        why = reason(error) if isinstance(error, OSError | ValueError) else f"not in their form: {error!r:.200}"
+        why = reason(error) if isinstance(error, OSError | ValueError) else f"unexpected form: {error!r:.200}"
         raise UserError(f"{path}: no results of `lfpipe bench`: {why}", remedy) from None
 
 
@@ -120,13 +118,15 @@ def _subject(part: Fields) -> SubjectResults:
         Table(t["title"], t["note"], tuple(t["head"]), tuple(tuple(Cell(**cell) for cell in row) for row in t["rows"]))
         for t in part.items("tables", MAX_ITEMS)
     ]
-    found = part.table("measured")
-    measured = {name: _measured(found.table(name)) for name in found.values}
-    skipped = [Skipped(**value) for value in part.items("skipped", MAX_ITEMS)]
-    omissions = part.table("omissions")
-    reasons = {name: omissions.text(name) for name in omissions.values}
+    found, omissions = part.table("measured"), part.table("omissions")
     return SubjectResults(
-        part.text("name"), measured, reasons, skipped, tables, part.number("seconds", 0, math.inf), part.flag("done")
+        part.text("name"),
+        {name: _measured(found.table(name)) for name in found.values},
+        {name: omissions.text(name) for name in omissions.values},
+        [Skipped(**value) for value in part.items("skipped", MAX_ITEMS)],
+        tables,
+        part.number("seconds", 0, math.inf),
+        part.flag("done"),
     )
 
 
@@ -135,18 +135,18 @@ def _measured(part: Fields) -> Measured:
     return Measured(part.text("curve"), part.text("knob"), part.flag("paper"), **samples, line=part.text("line"))
 
 
-def _samples(part: Fields) -> dict[str, list[float]]:
-    """Samples by figure; null, which stands for what was not finite, as NaN."""
-    found: dict[str, list[float]] = {}
+def _samples(part: Fields) -> Samples:
+    """Samples by figure; null represents a number that was not finite."""
+    found: Samples = {}
     for name in part.values:
         listed = part.items(name, MAX_ITEMS)
         if not all(each is None or (isinstance(each, int | float) and not isinstance(each, bool)) for each in listed):
-            raise UserError(f"{part.where}: {name} holds what is no number", part.remedy)
+            raise UserError(f"{part.where}: {name} holds something that is not a number", part.remedy)
         found[name] = [math.nan if each is None else float(each) for each in listed]
     return found
 
 
-def _said(command: list[str]) -> str:
+def _output(command: list[str]) -> str:
     try:
         here = Path(lfpipe.__file__).parent
         done = subprocess.run(command, capture_output=True, text=True, cwd=here, timeout=5, check=False)
@@ -156,19 +156,19 @@ def _said(command: list[str]) -> str:
 
 
 def _source() -> str:
-    """Hash of the package's own files: a changed build measures anew."""
+    """Hash of the package's own files: a changed build measures again."""
     digest = hashlib.blake2b(digest_size=8)
     for path in sorted(Path(lfpipe.__file__).parent.rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
-def about(inputs: Inputs) -> dict[str, Any]:
-    """What the figures depend on."""
+def describe_run(inputs: Inputs) -> dict[str, Any]:
+    """Everything that the figures depend on."""
     built = versions()
     processor = built.pop("processor")
-    commit = _said(["git", "rev-parse", "--short=12", "HEAD"])
-    changed = bool(_said(["git", "status", "--porcelain", "--untracked-files=no"]))
+    commit = _output(["git", "rev-parse", "--short=12", "HEAD"])
+    changed = bool(_output(["git", "status", "--porcelain", "--untracked-files=no"]))
     return {
         "identity": {
             "quick": inputs.quick,
@@ -197,17 +197,13 @@ def about(inputs: Inputs) -> dict[str, Any]:
 
 
 def empty_diagrams(subject: Subject, found: SubjectResults) -> dict[str, str]:
-    """Diagrams that make no sense for the inputs: name -> why."""
-    out = {}
+    """Diagrams that hold no point: name -> why."""
+    empty = {}
     for diagram in subject.diagrams:
         keys = [diagram.x, diagram.y] if isinstance(diagram, Diagram) else [key for _, key in diagram.keys]
         figures = [subject.figure(key) for key in keys]
-        some = [m for m in found.measured.values() if _in(diagram, m) and all(m.value(f) == m.value(f) for f in figures)]
-        if not some:
-            missing = ", ".join(f.label for f in figures[:2] if all(m.value(f) != m.value(f) for m in found.measured.values()))
-            out[diagram.name] = f'diagram "{diagram.title}": nothing measured of {missing or "it"}'
-    return out
-
-
-def _in(diagram: Diagram | Profile, one: Measured) -> bool:
-    return isinstance(diagram, Diagram) or one.knob in diagram.knobs
+        measured = [one for one in found.measured.values() if isinstance(diagram, Diagram) or one.knob in diagram.knobs]
+        if not any(all(math.isfinite(one.value(figure)) for figure in figures) for one in measured):
+            missing = [f.label for f in figures[:2] if all(math.isnan(one.value(f)) for one in found.measured.values())]
+            empty[diagram.name] = f'diagram "{diagram.title}": nothing measured of {", ".join(missing) or "it"}'
+    return empty

@@ -1,4 +1,4 @@
-"""Whole sessions, and the paper's loop, as processes of their own: their traces, their CPU."""
+"""Whole sessions, and the paper's loop, as processes of their own: their traces and their CPU."""
 
 from __future__ import annotations
 
@@ -21,47 +21,46 @@ from lfpipe.bench.anaglyph import view_bgr
 from lfpipe.bench.paper_loop import Loop
 from lfpipe.scene.lightfield import LightField
 
-STEADY_S = 1.0  # after the first picture: every stage has started and found the face
-STATUS_HZ, START_S = 20.0, 90.0
-PART_S = 0.5  # of a run: what differs from part to part is its noise
+STEADY_S = 1.0  # after the first picture every stage has started and found the face
+POLL_S, START_S = 0.05, 90.0
+PART_S = 0.5  # of a run: the differences between its parts are its noise
 
 
 @attrs.frozen
-class Ran:
-    """rows: of the trace. cpu_ms_s: CPU of the whole tree of processes in each PART_S, in ms per second, start-up left out.
-    first_s: from the start of the process to its first picture."""
+class SessionRun:
+    """rows: of the trace. cpu_ms_s: CPU of all processes in each PART_S without the start, in ms per second. first_s: from the
+    start of the process to its first picture."""
 
     rows: list[dict[str, Any]]
     cpu_ms_s: list[float]
     first_s: float
 
 
-def tree(pid: int) -> list[int]:
-    """pid and all its descendants that are alive."""
+def process_tree(pid: int) -> list[int]:
+    """pid and all its living descendants."""
     found = [pid]
     for parent in found:
         for task in Path(f"/proc/{parent}/task").glob("*/children"):
             try:
                 found += [int(child) for child in task.read_text().split()]
-            except OSError:  # it ended meanwhile
+            except OSError:  # it has ended
                 continue
     return found
 
 
 def cpu_ns(pids: Sequence[int]) -> int:
-    """CPU time that the threads of the processes have used so far; one that has ended counts nothing."""
+    """CPU time of the processes so far, by their own clocks; a process that has ended counts 0."""
     total = 0
     for pid in pids:
-        for task in Path(f"/proc/{pid}/task").glob("*/schedstat"):
-            try:
-                total += int(task.read_text().split()[0])
-            except OSError:  # it ended meanwhile
-                continue
+        try:
+            total += time.clock_gettime_ns((~pid << 3) | 2)  # clock_getcpuclockid(3)
+        except OSError:
+            continue
     return total
 
 
 def cpu_parts(pids: Sequence[int], seconds: float) -> list[float]:
-    """CPU of the processes in ms per second, in each PART_S of the coming seconds."""
+    """CPU of the processes in ms per second, for each PART_S of the next seconds."""
     end = time.monotonic() + seconds
     marks = [(time.monotonic_ns(), cpu_ns(pids))]
     while time.monotonic() + PART_S <= end:
@@ -71,44 +70,45 @@ def cpu_parts(pids: Sequence[int], seconds: float) -> list[float]:
     return [1e3 * (used1 - used0) / (t1 - t0) for (t0, used0), (t1, used1) in itertools.pairwise(marks)]
 
 
-def lines(trace: Path) -> list[dict[str, Any]]:
-    """What a trace holds so far, without a line that is just being written."""
+def read_trace(trace: Path) -> list[dict[str, Any]]:
+    """The complete lines of a trace."""
     text = trace.read_text() if trace.exists() else ""
     return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
 
 def parts(rows: Sequence[dict[str, Any]]) -> list[list[dict[str, Any]]]:
-    """Rows of a trace by the PART_S in which they were shown; a last part that is not full is left out."""
+    """Rows of a trace by the PART_S in which they were shown, without an incomplete last part."""
     if not rows:
         return []
-    last = rows[-1]["t_presented_ns"]
+    first_ns, last_ns = rows[0]["t_presented_ns"], rows[-1]["t_presented_ns"]
     found: dict[int, list[dict[str, Any]]] = {}
     for row in rows:
-        part = int((row["t_presented_ns"] - rows[0]["t_presented_ns"]) / (PART_S * 1e9))
-        if rows[0]["t_presented_ns"] + (part + 1) * PART_S * 1e9 <= last:
+        part = int((row["t_presented_ns"] - first_ns) / (PART_S * 1e9))
+        if first_ns + (part + 1) * PART_S * 1e9 <= last_ns:
             found.setdefault(part, []).append(row)
     return list(found.values())
 
 
-def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str]) -> Ran:
-    """`lfpipe up` on a scene and a video, with no display, for so many seconds from its first picture on.
+def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str], pace: str = "") -> SessionRun:
+    """`lfpipe up` on a scene and a video without a display, for `seconds` from its first picture on.
 
-    options: of the command line. Raises RuntimeError where it fails.
+    options: of the command line. pace: of the video, in Hz, or "max". Raises RuntimeError if the session fails.
     """
     with tempfile.TemporaryDirectory() as folder:
         trace = Path(folder, "trace.jsonl")
-        command = [sys.executable, "-m", "lfpipe", "up", str(scene), "--camera", f"file:{video}?loop=1"]
-        command += ["--set=governor.quality=fixed"]  # what was asked for is measured, too slow or not
+        camera = f"file:{video}?loop=1" + (f"&pace={pace}" if pace else "")
+        command = [sys.executable, "-m", "lfpipe", "up", str(scene), "--camera", camera]
+        command += ["--set=governor.quality=fixed"]  # measure the quality asked for even if it is too slow
         command += ["--display", "none", "--trace", str(trace), "--session", f"bench{os.getpid()}x{time.monotonic_ns() % 10**6}"]
-        began_ns = time.monotonic_ns()
+        started_ns = time.monotonic_ns()
         process = subprocess.Popen([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         try:
             while process.poll() is None and not (trace.exists() and trace.stat().st_size):
-                if time.monotonic_ns() - began_ns > START_S * 1e9:
+                if time.monotonic_ns() - started_ns > START_S * 1e9:
                     raise RuntimeError(f"no picture within {START_S:g} s")
-                time.sleep(1 / STATUS_HZ)
+                time.sleep(POLL_S)
             time.sleep(STEADY_S)
-            cpu = cpu_parts(tree(process.pid), max(seconds - STEADY_S, 2 * PART_S))
+            cpu = cpu_parts(process_tree(process.pid), max(seconds - STEADY_S, 2 * PART_S))
             process.send_signal(signal.SIGINT)
             _, err = process.communicate(timeout=30)
         finally:
@@ -116,35 +116,31 @@ def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str]
                 process.kill()
                 process.communicate()
         if process.returncode:
-            raise RuntimeError(f"`lfpipe up` ended with {process.returncode}: {err.strip()[-300:]}")
-        rows = lines(trace)
-        return Ran(rows, cpu, (rows[0]["t_presented_ns"] - began_ns) / 1e9)
+            raise RuntimeError(f"`lfpipe up` exited with {process.returncode}: {err.strip()[-300:]}")
+        rows = read_trace(trace)
+        return SessionRun(rows, cpu, (rows[0]["t_presented_ns"] - started_ns) / 1e9)
 
 
-def run_loop(loop: Loop) -> Ran:
-    """The paper's loop in a process of its own. Raises RuntimeError where it fails."""
+def run_loop(loop: Loop) -> SessionRun:
+    """The paper's loop in a process of its own. Raises RuntimeError if it fails."""
     with tempfile.TemporaryDirectory() as folder:
-        trace = Path(folder, "trace.jsonl")
-        given = json.dumps(attrs.asdict(attrs.evolve(loop, trace=trace)), default=str)
-        began_ns = time.monotonic_ns()
-        done = subprocess.run(
-            [sys.executable, "-m", "lfpipe.bench.paper_loop", given], capture_output=True, text=True, check=False
-        )
+        loop = attrs.evolve(loop, trace=Path(folder, "trace.jsonl"))
+        started_ns = time.monotonic_ns()
+        command = [sys.executable, "-m", "lfpipe.bench.paper_loop", json.dumps(attrs.asdict(loop), default=str)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
-            raise RuntimeError(f"the loop ended with {done.returncode}: {done.stderr.strip()[-300:]}")
-        rows = lines(trace)
-        if not rows:
-            raise RuntimeError("the loop saw no face")
-        steady = [row for row in rows if row["t_presented_ns"] > rows[0]["t_presented_ns"] + STEADY_S * 1e9]
-        ends = [part[-1] for part in parts(steady)]
-        cpu = [
-            1e3 * (b["cpu_ns"] - a["cpu_ns"]) / (b["t_presented_ns"] - a["t_presented_ns"]) for a, b in itertools.pairwise(ends)
-        ]
-        return Ran(rows, cpu, (rows[0]["t_presented_ns"] - began_ns) / 1e9)
+            raise RuntimeError(f"the loop exited with {done.returncode}: {done.stderr.strip()[-300:]}")
+        rows = read_trace(loop.trace)
+    if not rows:
+        raise RuntimeError("the loop found no face")
+    steady = [row for row in rows if row["t_presented_ns"] > rows[0]["t_presented_ns"] + STEADY_S * 1e9]
+    ends = [part[-1] for part in parts(steady)]
+    cpu = [1e3 * (b["cpu_ns"] - a["cpu_ns"]) / (b["t_presented_ns"] - a["t_presented_ns"]) for a, b in itertools.pairwise(ends)]
+    return SessionRun(rows, cpu, (rows[0]["t_presented_ns"] - started_ns) / 1e9)
 
 
 def write_views(field: LightField, folder: Path) -> Path:
-    """The views as PNG in row-major order, for the loop; written where they are not there yet."""
+    """Writes the views as PNG in row-major order for the loop, unless they exist."""
     count = field.rows * field.cols
     if len(list(folder.glob("*.png"))) != count:
         folder.mkdir(parents=True, exist_ok=True)

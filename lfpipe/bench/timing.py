@@ -1,38 +1,43 @@
-"""Timing of one turn, and a load that stays the same from build to build."""
+"""Timing of one turn, and a reference load that is the same in every build."""
 
 from __future__ import annotations
 
-import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
 
-REFERENCE = "reference_ms"  # the key of it among the samples of a turn
+REFERENCE = "reference_ms"  # its key among the samples of a turn
 _PLANE = np.random.default_rng(0).integers(0, 256, (256, 256), np.uint8)
 _OUT = np.empty_like(_PLANE)
 _Y, _X = (np.ascontiguousarray(a, np.float32) + np.float32(0.3) for a in np.mgrid[0:256, 0:256])
 
 
-def median_ms(call: Callable[[], object], count: int) -> float:
-    """Median time of count calls, in ms."""
-    return statistics.median(times_ms(call, count))
-
-
 def times_ms(call: Callable[[], object], count: int) -> list[float]:
     """Time of each of count calls, in ms."""
-    found = []
+    times = []
     for _ in range(count):
         start = time.perf_counter_ns()
         call()
-        found.append((time.perf_counter_ns() - start) / 1e6)
-    return found
+        times.append((time.perf_counter_ns() - start) / 1e6)
+    return times
+
+
+def median_ms(call: Callable[[], object], count: int) -> float:
+    """Median time of count calls, in ms."""
+    return float(np.median(times_ms(call, count)))
+
+
+def time_figures(times: Sequence[float], unit: str = "ms", scale: float = 1.0) -> dict[str, float]:
+    """The figures time_UNIT (median) and time_p95_UNIT of times, multiplied by scale."""
+    p50, p95 = np.percentile(times, (50, 95)) * scale
+    return {f"time_{unit}": float(p50), f"time_p95_{unit}": float(p95)}
 
 
 def reference_ms() -> float:
-    """What the machine does right now, in ms: one resampling of a 256x256 plane, nothing of this package in it.
+    """Speed of the machine right now: time in ms to resample a plane of 256x256, without any code of this package.
 
-    Two runs are compared by times over this one, so that a slower hour of the machine is not taken for a slower build.
+    Two runs are compared by their times over this one. A slow hour of the machine then does not look like a slow build.
     """
     return median_ms(lambda: cv2.remap(_PLANE, _X, _Y, cv2.INTER_LINEAR, _OUT, borderMode=cv2.BORDER_REPLICATE), 5)

@@ -1,7 +1,8 @@
-"""Subject: face engines. Error against the truth of a sequence, lag, and time per camera frame."""
+"""Subject: face engines. Error against the true eyes of a sequence, lag, time per camera frame."""
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -11,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Skipped, Subject
+from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Samples, Skipped, Subject
+from lfpipe.bench.timing import time_figures, times_ms
 from lfpipe.bench.truth import Truth
 from lfpipe.config import Track
 from lfpipe.track.engine import Engine
@@ -26,8 +28,8 @@ LAGS_MS = np.arange(-40.0, 201.0, 1.0)
 Float = NDArray[np.float64]
 
 
-def tracked(engine: Engine, frames: NDArray[np.uint8], every: int, scale: float) -> Float:
-    """Eyes (n, 2, 2) in px of the frames times scale, held between every `every`-th; NaN before the first face and on a miss."""
+def track_frames(engine: Engine, frames: NDArray[np.uint8], every: int, scale: float) -> Float:
+    """Eyes (n, 2, 2) in px of the frames times scale, from every `every`-th frame and held between; NaN if no face is found."""
     found = np.full((len(frames), 2, 2), np.nan)
     for k, frame in enumerate(frames):
         if k % every:
@@ -38,19 +40,19 @@ def tracked(engine: Engine, frames: NDArray[np.uint8], every: int, scale: float)
     return found
 
 
-def motion_errors(found: Float, truth: Float) -> dict[str, list[float]]:
-    """Figures of eyes found (n, 2, 2) beside the true ones, over frames with a face.
+def motion_errors(found: Float, truth: Float) -> Samples:
+    """Figures of measured eyes (n, 2, 2) against the true ones, over frames with a face.
 
-    What an engine calls the middle of an eye is its own affair (lids or iris): the median of its offset from the truth, in
-    distances between the eyes, is taken out and told as `offset`. What is left is error of following.
+    Engines define the centre of an eye differently (lids or iris). The median offset from the truth, in distances between the
+    eyes, is therefore subtracted and reported as `offset`.
     """
     seen = np.isfinite(found).all(axis=(1, 2))
-    apart_px = np.linalg.norm(truth[seen, 0] - truth[seen, 1], axis=1)[:, None, None]
-    away = (found[seen] - truth[seen]) / apart_px
-    offset = np.median(away, axis=0)
-    worst = np.linalg.norm(away - offset, axis=2).max(axis=1)
+    between_px = np.linalg.norm(truth[seen, 0] - truth[seen, 1], axis=1)
+    error = (found[seen] - truth[seen]) / between_px[:, None, None]
+    offset = np.median(error, axis=0)
+    worst = np.linalg.norm(error - offset, axis=2).max(axis=1)
     return {
-        "error_px": (worst * apart_px[:, 0, 0]).tolist(),
+        "error_px": (worst * between_px).tolist(),
         "error_share": worst.tolist(),
         "offset": [float(np.linalg.norm(offset, axis=1).max())],
         "missed": np.where(seen, 0.0, 1.0).tolist(),
@@ -58,28 +60,25 @@ def motion_errors(found: Float, truth: Float) -> dict[str, list[float]]:
 
 
 def lag_ms(found: Float, truth: Truth, t_ns: NDArray[np.int64]) -> float:
-    """By how much the eyes found come late: the shift of the truth that fits best; NaN where nothing moves."""
+    """Delay of the measured eyes: the shift of the truth that fits them best; NaN if nothing moves."""
     seen = np.isfinite(found).all(axis=(1, 2))
     if float(truth.eyes_px.std(axis=0).max()) < 1.0:
         return float("nan")
     found, t_ns = found[seen], t_ns[seen]
-    fits = []
-    for lag in LAGS_MS:
-        away = found - truth.at(t_ns - lag * 1e6)
-        fits.append(float(np.square(away - away.mean(axis=0)).mean()))
-    return float(LAGS_MS[int(np.argmin(fits))])
+    errors = (found - truth.at(t_ns - lag * 1e6) for lag in LAGS_MS)
+    return float(LAGS_MS[int(np.argmin([np.square(error - error.mean(axis=0)).mean() for error in errors]))])
 
 
 def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
     """Engines x refine x input size x every n-th frame."""
     truth = inputs.sequence.truth
     if truth is None:
-        yield Skipped("error of tracking", f"{inputs.sequence.path.name} has no truth beside it; times are measured all the same")
+        yield Skipped("error of tracking", f"{inputs.sequence.path.name} has no truth; only times are measured")
     height_px, width_px = inputs.sequence.frames.shape[1:3]
     offered = QUICK if inputs.quick else tuple((width, every) for every in EVERY for width in WIDTHS_PX)
     knobs = [knob for knob in offered if knob[0] <= width_px] or [(width_px, 1)]
     if len(knobs) < len(offered):
-        yield Skipped(f"input wider than {width_px} px", "frames of the sequence are smaller")
+        yield Skipped(f"input wider than {width_px} px", "the frames of the sequence are smaller")
     for name in ENGINES:
         for refine in (False, True):
             for width, every in knobs:
@@ -100,29 +99,23 @@ def _prepare(inputs: Inputs, track: Track, size: tuple[int, int], every: int) ->
     engine = make_engine(track)
     t_ns = np.round(np.arange(len(frames)) * 1e9 / sequence.rate_hz).astype(np.int64)
 
-    def errors() -> dict[str, list[float]]:
+    def errors() -> Samples:
         engine.reset()
-        found = tracked(engine, frames, every, scale)
+        found = track_frames(engine, frames, every, scale)
         if not np.isfinite(found).any():
             raise ValueError("no face found in any frame")
         if truth is None:
             return {"missed": np.where(np.isfinite(found).all(axis=(1, 2)), 0.0, 1.0).tolist()}
-        told = motion_errors(found, truth.eyes_px[: len(found)])
         lag = lag_ms(found, truth, t_ns)
-        return told | ({"lag_ms": [lag]} if np.isfinite(lag) else {})
+        return motion_errors(found, truth.eyes_px[: len(found)]) | ({"lag_ms": [lag]} if np.isfinite(lag) else {})
 
-    at = 0
+    upcoming = itertools.cycle(frames[::every])
 
     def turn() -> dict[str, float]:
-        nonlocal at
-        times, cpu = [], time.process_time_ns()
-        for _ in range(TURN_FRAMES):
-            start = time.perf_counter_ns()
-            engine.detect(frames[at])
-            times.append((time.perf_counter_ns() - start) / 1e6 / every)
-            at = (at + every) % len(frames)
-        cpu_ms = (time.process_time_ns() - cpu) / 1e6 / TURN_FRAMES / every
-        return {"time_ms": float(np.median(times)), "time_p95_ms": float(np.percentile(times, 95)), "cpu_ms": cpu_ms}
+        cpu_ns = time.process_time_ns()
+        times = times_ms(lambda: engine.detect(next(upcoming)), TURN_FRAMES)
+        cpu_ms = (time.process_time_ns() - cpu_ns) / 1e6 / TURN_FRAMES / every
+        return time_figures(times, scale=1 / every) | {"cpu_ms": cpu_ms}
 
     return Prepared(errors, turn, engine.close)
 
@@ -130,12 +123,12 @@ def _prepare(inputs: Inputs, track: Track, size: tuple[int, int], every: int) ->
 SUBJECT = Subject(
     "tracker",
     "Tracking the eyes",
-    "How exactly does each engine follow the eyes of the sequence, and what does a camera frame cost? Held eyes count as they are"
-    " where only every n-th frame is looked at; time is then per camera frame.",
+    "How closely does each engine follow the eyes of the sequence, and what does a camera frame cost? If an engine sees only"
+    " every n-th frame, its eyes are held between and its time is divided by n.",
     (
         Figure("error_px", "error of the worse eye, RMS", "px of the frame", "rms"),
         Figure("error_share", "error of the worse eye, RMS", "of the distance between the eyes", "rms"),
-        Figure("offset", "offset of what is called the eye", "of the distance between the eyes"),
+        Figure("offset", "offset of the eye centre", "of the distance between the eyes"),
         Figure("missed", "frames without a face", "share", "mean"),
         Figure("lag_ms", "lag", "ms"),
         Figure("time_ms", "time per camera frame, p50", "ms"),

@@ -1,13 +1,13 @@
-"""One build under comparison: answers requests on stdin, one JSON object a line, with figures on stdout.
+"""One build under comparison. It answers requests on stdin, one JSON object per line, with figures on stdout.
 
     {"prepare": SUBJECT, "curves": [CURVE, ...] or null}  ->  {"names": [...], "failed": {name: why}}
     {"errors": NAME} -> {figure: [sample, ...]}        {"turn": NAME} -> {figure: sample}
 
-With `curves` the first candidate of each. Errors and turns are measured in a child process forked for the request. How fast code
-runs depends by some percent on where its memory happens to lie, for as long as a process lives: a child prepares the candidate
-anew, in pages of its own, so that two turns are two draws and the luck of one process does not look like a difference of builds.
+With `curves` only the first candidate of each is prepared. Errors and turns are measured in a child forked for the request, which
+prepares the candidate again. The layout of a process's memory changes its speed by some percent for as long as it lives. Children
+have different layouts, so this becomes noise between turns and does not look like a difference between builds.
 
-It runs with its own checkout first on the path; which inputs, it is told in its arguments.
+The worker runs with its own checkout first on the path. Builds of other versions must understand the requests.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from lfpipe.bench.model import Candidate
 from lfpipe.bench.subjects import SUBJECTS
 from lfpipe.config import Config, updated
 
-TURN_S, MOST_TURNS = 0.008, 10  # a turn that is shorter is repeated
-PADS, PAD_BYTES = 8, 60_000  # of memory taken before a candidate's own, so that this begins somewhere else every time
+TURN_S, MAX_TURNS = 0.008, 10  # a shorter turn is repeated
+PADS, PAD_BYTES = 8, 60_000  # of memory allocated before a candidate's own, to vary its layout
 
 Answer = dict[str, Any]
 
 
 def main() -> None:
-    """Serves until stdin ends. Arguments: the folder to keep packs in; a scene and a sequence, or neither for the demo's."""
+    """Serves until stdin closes. Arguments: a folder for packs; a scene and a sequence, or neither for the demo's."""
     cv2.setNumThreads(1)
     gc.disable()
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what libraries print is no answer
+    os.dup2(2, 1)  # what libraries print is not an answer
     settings = updated(Config(), {"scene.cache_dir": sys.argv[1]})
     given = [Path(text) for text in sys.argv[2:]]
     inputs = make_inputs(tuple(given[:1]), given[1] if given else None, True, settings, lambda *_: None)
@@ -51,35 +51,35 @@ def main() -> None:
             failed: dict[str, str] = {}
             offered = SUBJECTS[request["prepare"]].candidates
             found = [one for one in (offered(inputs) if offered else ()) if isinstance(one, Candidate)]
-            for one in chosen(found, request["curves"]):
+            for one in first_of_curves(found, request["curves"]):
                 try:
-                    one.prepare().close()  # what candidates share is made once, here
+                    one.prepare().close()  # what candidates share is computed once, here
                     ready[one.name] = one
-                except Exception as error:  # told, and the others go on
+                except Exception as error:  # reported, and the others continue
                     failed[one.name] = f"{type(error).__name__}: {error}"
             answer: Answer = {"names": list(ready), "failed": failed}
         else:
-            answer = forked(lambda r=request: _answer(r, ready))  # type: ignore[misc]
+            answer = in_child(lambda r=request: _answer(r, ready))  # type: ignore[misc]
         answers.write(json.dumps(answer) + "\n")
         answers.flush()
 
 
-def chosen(found: list[Candidate], curves: list[str] | None) -> list[Candidate]:
-    """The first candidate of each curve; all of them without curves."""
+def first_of_curves(found: list[Candidate], curves: list[str] | None) -> list[Candidate]:
+    """The first candidate of each curve; all candidates if curves is None."""
     if curves is None:
         return found
     firsts = {one.curve: one for one in reversed(found)}
     return [firsts[curve] for curve in curves if curve in firsts]
 
 
-def forked(work: Callable[[], Answer]) -> Answer:
-    """What work returns in a child process; {"failed": why} where it throws or the child ends."""
+def in_child(work: Callable[[], Answer]) -> Answer:
+    """The result of work in a forked child; {"failed": why} if it raises or the child dies."""
     reading, writing = os.pipe()
     pid = os.fork()
     if pid == 0:
         try:
             answer = work()
-        except BaseException as error:  # nothing of the parent may run on in the child
+        except BaseException as error:  # the child must not continue as the parent
             answer = {"failed": f"{type(error).__name__}: {error}"}
         with os.fdopen(writing, "w") as pipe:
             json.dump(answer, pipe)
@@ -88,8 +88,7 @@ def forked(work: Callable[[], Answer]) -> Answer:
     with os.fdopen(reading) as pipe:
         text = pipe.read()
     _, status = os.waitpid(pid, 0)
-    told: Answer = json.loads(text) if text else {"failed": f"ended with {os.waitstatus_to_exitcode(status)}"}
-    return told
+    return dict(json.loads(text)) if text else {"failed": f"exited with {os.waitstatus_to_exitcode(status)}"}
 
 
 def _answer(request: Answer, ready: dict[str, Candidate]) -> Answer:
@@ -101,11 +100,11 @@ def _answer(request: Answer, ready: dict[str, Candidate]) -> Answer:
     if turn is None:
         return {}
     turn()  # warm-up
-    told, start = [turn()], time.perf_counter()
-    while time.perf_counter() - start < TURN_S and len(told) < MOST_TURNS:
-        told.append(turn())
+    turns, start = [turn()], time.perf_counter()
+    while time.perf_counter() - start < TURN_S and len(turns) < MAX_TURNS:
+        turns.append(turn())
     del pads
-    return {key: float(np.median([one[key] for one in told])) for key in told[0]}
+    return {key: float(np.median([one[key] for one in turns])) for key in turns[0]}
 
 
 if __name__ == "__main__":

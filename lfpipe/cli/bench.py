@@ -1,4 +1,4 @@
-"""`lfpipe bench`: error against run time, as a report; and what differs between two builds or two runs."""
+"""`lfpipe bench`: a report of error against run time, and differences between two builds or two runs."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import click
 
 from lfpipe.cli.options import with_config
 
-NAMES = ("tracker", "filters", "synthesis", "anaglyph", "storage", "pipeline", "stability", "plan")
+NAMES = ("tracker", "filters", "synthesis", "anaglyph", "pipeline", "stability", "plan")
 
 
 class AllByDefault(click.Group):
-    """A group whose options alone mean its command `all`."""
+    """A group that runs its command `all` if no command is given."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if not args or (args[0].startswith("-") and args[0] not in ("-h", "--help")):
@@ -25,15 +25,15 @@ class AllByDefault(click.Group):
 def bench() -> None:
     """Measure error against run time, on this machine, your scene and your sequence.
 
-    Writes a report that opens in any browser. Without input the demo's scene and viewer are measured.
+    Writes a report that opens in any browser. The default inputs are the demo's scene and viewer.
     """
 
 
-def _measured(names: tuple[str, ...], given: dict[str, Any]) -> None:
+def _measure(names: tuple[str, ...], given: dict[str, Any]) -> None:
     """Measures the subjects and writes the report."""
     from lfpipe.bench.inputs import make_inputs
-    from lfpipe.bench.measure import measure
     from lfpipe.bench.report import write_report
+    from lfpipe.bench.runner import measure
     from lfpipe.cli.progress import progress
     from lfpipe.config import load
 
@@ -44,20 +44,25 @@ def _measured(names: tuple[str, ...], given: dict[str, Any]) -> None:
     path = write_report(results, given["out"])
     for found in results.subjects.values():
         for name, reason in found.omissions.items():
-            click.echo(f"omitted {found.name}: {name}: {reason}", err=True)
+            click.echo(f"failed: {found.name}: {name}: {reason}", err=True)
     click.echo(path)
 
 
 def _command(name: str, names: tuple[str, ...], about: str) -> click.Command:
     @click.option("--scene", multiple=True, type=click.Path(path_type=Path), metavar="SCENE",
-                  help="Light field; repeated, `plan` looks at each. Without it the demo's.")  # fmt: skip
-    @click.option("--sequence", type=click.Path(path_type=Path), metavar="VIDEO", help="Frames; VIDEO with .csv holds the truth.")
+                  help="Light field; repeat it to plan several. Default: the demo's.")  # fmt: skip
+    @click.option(
+        "--sequence",
+        type=click.Path(path_type=Path),
+        metavar="VIDEO",
+        help="Frames; VIDEO.csv holds the true eyes. Default: the demo's.",
+    )
     @click.option("--out", type=click.Path(path_type=Path), default=Path("lfpipe-bench"), show_default=True, metavar="DIR",
-                  help="Where results go; a run broken off goes on from there.")  # fmt: skip
-    @click.option("--quick", is_flag=True, help="A minute and a half for all: fewer turns, smaller inputs.")
+                  help="Folder for results; an interrupted run continues there.")  # fmt: skip
+    @click.option("--quick", is_flag=True, help="Fewer turns, smaller inputs: all subjects in about a minute.")
     @with_config
     def run(**given: Any) -> None:
-        _measured(names, given)
+        _measure(names, given)
 
     return click.command(name, help=about, short_help=about)(run)
 
@@ -71,23 +76,24 @@ for _name in NAMES:
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
 @click.option("--subject", "subjects", multiple=True, type=click.Choice(["tracker", "filters", "synthesis", "anaglyph"]),
-              help="Of two builds: measure this one only; repeatable.")  # fmt: skip
+              help="For two builds: measure this subject only; repeatable.")  # fmt: skip
 @click.option(
-    "--on", nargs=2, type=click.Path(path_type=Path), metavar="SCENE VIDEO", help="Of two builds: not the demo's inputs."
+    "--on", nargs=2, type=click.Path(path_type=Path), metavar="SCENE VIDEO", help="For two builds: inputs instead of the demo's."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def compare(a: Path, b: Path, subjects: tuple[str, ...], on: tuple[Path, Path] | None, as_json: bool) -> int:
-    """Tell what B does better or worse than A, beyond noise.
+    """Report what B does better or worse than A, beyond noise.
 
-    A and B are two source checkouts of lfpipe, run in turns here and now until all is clear or a minute is over, or two folders
-    that --out wrote: of those only times are told that differ by more than a tenth. Ends with 1 where B is worse in anything.
+    A and B are two source checkouts of lfpipe, or two folders written by --out. Checkouts are run in turns for up to a minute,
+    until every difference is settled. Of folders only times that differ by more than 10 % are reported. The exit code is 1 if B
+    is worse in any figure.
     """
     import json
 
     import attrs
 
     from lfpipe.bench.builds import compare_builds, is_build
-    from lfpipe.bench.compare import compare_results
+    from lfpipe.bench.comparison import compare_results
     from lfpipe.bench.results import read
     from lfpipe.cli.progress import progress
 
@@ -98,10 +104,10 @@ def compare(a: Path, b: Path, subjects: tuple[str, ...], on: tuple[Path, Path] |
         found = compare_results(read(a), read(b))
     called, unsure = [one for one in found if one.called], sum(not one.settled for one in found)
     if as_json:
-        told = {"compared": len(found), "called": [attrs.asdict(one) for one in called], "unsure": unsure}
-        click.echo(json.dumps(told))
+        called_json = [attrs.asdict(one) for one in called]
+        click.echo(json.dumps({"compared": len(found), "called": called_json, "unsure": unsure}))
     else:
         for one in called:
             click.echo(str(one))
-        click.echo(f"{len(found)} figures compared, {len(called)} differ beyond noise, {unsure} too noisy to tell")
+        click.echo(f"{len(found)} figures compared, {len(called)} differ beyond noise, {unsure} too noisy to decide")
     return 1 if any(one.worse for one in called) else 0

@@ -10,12 +10,12 @@ from tests.world import World, write_scene
 
 
 def test_a_subject_from_the_command_line_and_again(world: World, scene: Path, clip: Path) -> None:
-    words = ("bench", "storage", "--quick", "--scene", scene, "--sequence", clip, "--out", "out")
+    words = ("bench", "anaglyph", "--quick", "--scene", scene, "--sequence", clip, "--out", "out")
     first = world.run(*words)
     assert first.returncode == 0, first.stderr
     assert first.stdout.strip() == "out/report.html" and (world.root / "out" / "report.html").is_file()
     told = json.loads((world.root / "out" / "results.json").read_text())
-    assert set(told["subjects"]) == {"storage"} and told["about"]["command"].startswith("lfpipe bench storage")
+    assert set(told["subjects"]) == {"anaglyph"} and told["about"]["command"].startswith("lfpipe bench anaglyph")
     assert told["about"]["machine"]["cores"] and told["about"]["versions"]["numpy"]
     second = world.run(*words)  # all is there: nothing is measured again
     assert second.returncode == 0, second.stderr

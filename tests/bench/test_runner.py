@@ -16,7 +16,7 @@ from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Skipped, Su
 from lfpipe.bench.report import number, write_report
 from lfpipe.bench.results import Measured, Results, SubjectResults, empty_diagrams, read
 from lfpipe.bench.runner import run
-from tests.bench.made import inputs, wall
+from tests.bench.inputs import inputs, wall
 
 FIGURES = (Figure("error_px", "error", "px", "rms"), Figure("time_ms", "time", "ms"))
 DIAGRAM = Diagram("made", "Made", "time_ms", "error_px")

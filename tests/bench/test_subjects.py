@@ -10,15 +10,15 @@ import attrs
 import numpy as np
 import pytest
 
-from lfpipe.bench import anaglyph, filters, paper_loop, pipeline, plan, stability, storage, synthesis, tracker
-from lfpipe.bench.displayed import Displayed
+from lfpipe.bench import anaglyph, filters, paper_loop, pipeline, plan, stability, synthesis, tracker
 from lfpipe.bench.inputs import Sequence, demo_sequence, read_sequence
 from lfpipe.bench.model import Candidate, Skipped
 from lfpipe.bench.report import counts
 from lfpipe.bench.sessions import parts
+from lfpipe.bench.trace_error import AlignedTrace
 from lfpipe.bench.truth import Truth
 from lfpipe.track.smoothing import Mean
-from tests.bench.made import inputs, wall, without_truth
+from tests.bench.inputs import inputs, wall, without_truth
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def test_lag_is_found() -> None:
 
 
 def test_filters_know_their_motion() -> None:
-    raw, five = (filters.followed(Mean(k), 30, (0, 40)) for k in (1, 5))
+    raw, five = (filters.follow(Mean(k), 30, (0, 40)) for k in (1, 5))
     rms = filters.SUBJECT.figure("error_0ms_30hz").of
     assert rms(raw["error_0ms_30hz"]) == pytest.approx(filters.NOISE_PX * 2**0.5, rel=0.05)  # its own noise, both axes
     assert rms(five["error_0ms_30hz"]) > 20 * rms(raw["error_0ms_30hz"])  # lags
@@ -141,22 +141,18 @@ def test_displayed_error_of_a_known_trace() -> None:
         pairs = {name: dict(zip(("left", "right"), np.asarray(pair).tolist(), strict=True)) for name, pair in
                  (("eyes_used", used), ("view", views))}  # fmt: skip
         rows.append({"t_presented_ns": ms * 1_000_000, "t_sensor_ns": 0, "source_seq": 0, "composed": True, **pairs})
-    beside = Displayed(truth, rows)
+    beside = AlignedTrace(truth, rows)
     assert beside.figures()["error"] == pytest.approx(1.0, rel=0.05) and math.isnan(beside.figures()["jitter"])
     assert beside.view_error(100.0, (400.0, 240.0), (9, 9)) == pytest.approx(0.01, rel=0.05)
     leap_ms, wrong = 3300, {"left": [0.0, 0.0], "right": [0.0, 0.0]}  # the file starts over, and the filter has yet to follow
     again = [row | {"source_seq": 120, "t_sensor_ns": leap_ms * 1_000_000, "eyes_used": wrong} for row in rows if
              row["t_presented_ns"] > leap_ms * 1_000_000]  # fmt: skip
-    looped = Displayed(truth, [row for row in rows if row["t_presented_ns"] <= leap_ms * 1_000_000] + again)
+    looped = AlignedTrace(truth, [row for row in rows if row["t_presented_ns"] <= leap_ms * 1_000_000] + again)
     assert looped.figures()["error"] == pytest.approx(1.0, rel=0.05)
 
 
-def test_storage_and_anaglyph_tell_what_is_exact(tmp_path: Path) -> None:
+def test_anaglyph_encodings_are_ranked(tmp_path: Path) -> None:
     given = inputs(wall(3, 3), tmp_path)
-    kept, _ = split(storage.candidates(given))
-    for name in ("PNG, level 3", "WebP lossless", "pack, three planes", "pack, one plane"):
-        assert set(kept[name].prepare().errors()["rmse"]) == {0.0}, name
-    assert min(kept["JPEG, quality 75"].prepare().errors()["rmse"]) > 0.5
     coded, skipped = split(anaglyph.candidates(given))
     assert "dubois-amber-blue" in skipped and coded["colour, plain"].paper
     colour, grey = (coded[f"{name}, plain"].prepare().errors() for name in ("colour", "grey"))

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.capture.motion import duration_s, place_at, reach, stop, sway, viewer_path
+from lfpipe.bench.motion import duration_s, position_at, reach, stop, sway, viewer_path
 from lfpipe.track.litert_engine import LitertEngine
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_sequence.py"
@@ -22,7 +22,7 @@ HOME = (0.0, 0.0, 600.0)
 def test_reach_is_at_rest_at_both_ends_and_peaks_at_the_speed_asked() -> None:
     piece = reach(HOME, (240.0, 0.0, 600.0), 450.0)
     t = np.linspace(0, piece.duration_s, 2001)
-    x = np.array([piece.place_mm(s)[0] for s in t])
+    x = np.array([piece.position_mm(s)[0] for s in t])
     speed = np.gradient(x, t)
     assert (x[0], x[-1]) == (0.0, pytest.approx(240.0))
     assert speed.max() == pytest.approx(450.0, rel=1e-3)
@@ -32,28 +32,28 @@ def test_reach_is_at_rest_at_both_ends_and_peaks_at_the_speed_asked() -> None:
 def test_stop_arrives_at_full_speed_and_stands_within_the_braking_time() -> None:
     piece = stop(HOME, (200.0, 0.0, 600.0), 400.0, brake_s=0.06)
     before, end = piece.duration_s - 0.06, piece.duration_s
-    fast = (piece.place_mm(before)[0] - piece.place_mm(before - 1e-3)[0]) / 1e-3
+    fast = (piece.position_mm(before)[0] - piece.position_mm(before - 1e-3)[0]) / 1e-3
     assert fast == pytest.approx(400.0, rel=1e-6)
-    assert piece.place_mm(end)[0] == pytest.approx(200.0)
-    assert 200.0 - piece.place_mm(before)[0] == pytest.approx(12.0)
+    assert piece.position_mm(end)[0] == pytest.approx(200.0)
+    assert 200.0 - piece.position_mm(before)[0] == pytest.approx(12.0)
 
 
 def test_the_path_is_continuous_and_has_every_phase() -> None:
     path = viewer_path(600.0, 320.0)
     t = np.arange(0, duration_s(path), 1 / 1000)
-    places = np.array([place_at(path, s)[0] for s in t])
+    places = np.array([position_at(path, s)[0] for s in t])
     assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= 0.4501 + 1e-3
     phases = {"still", "reach", "sway", "stop", "approach", "retreat", "leave", "enter"}
-    assert {place_at(path, s)[1] for s in t[::20]} == phases
-    assert place_at(path, -1.0)[0] == place_at(path, 0.0)[0]
-    assert math.dist(place_at(path, 1e9)[0], HOME) < 1e-9
+    assert {position_at(path, s)[1] for s in t[::20]} == phases
+    assert position_at(path, -1.0)[0] == position_at(path, 0.0)[0]
+    assert math.dist(position_at(path, 1e9)[0], HOME) < 1e-9
 
 
 def test_sway_starts_and_ends_at_rest() -> None:
     piece = sway(HOME, 25.0, 0.5, 6.0)
     for s in (0.0, 6.0):
-        assert math.dist(piece.place_mm(s), HOME) < 1e-9
-    assert max(piece.place_mm(s / 100)[0] for s in range(600)) > 20
+        assert math.dist(piece.position_mm(s), HOME) < 1e-9
+    assert max(piece.position_mm(s / 100)[0] for s in range(600)) > 20
 
 
 def run(out: Path, seconds: float, seed: int) -> None:

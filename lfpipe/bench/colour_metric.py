@@ -1,15 +1,14 @@
-"""What an anaglyph looks like through the glasses, in numbers: fused colour, retinal rivalry, ghost.
+"""Quality of an anaglyph seen through the glasses: fused colour, retinal rivalry, ghosts.
 
-Linear RGB of an ordinary LCD to the XYZ that reaches an eye, without and with each glass. The matrices are integrals of measured
-spectra (display and filters as digitised in the public project angler.js, after Woods' measurements) over the CIE 1931 observer;
-the display's white is D65 with Y = 1. Crosstalk as Woods (2012) defines it: leaking luminance over signal luminance.
+The matrices turn linear RGB of an ordinary LCD into the XYZ that reaches an eye, without and with each glass. They integrate
+spectra of display and filters (digitised in the public project angler.js, after Woods' measurements) over the CIE 1931 observer.
+The display's white is D65 with Y = 1. Crosstalk follows Woods (2012): leaking luminance over signal luminance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,18 +31,6 @@ GLASS = {
 }
 RED_CYAN = ("red", "cyan")
 GREEN_MAGENTA = ("green", "magenta")
-
-
-@attrs.frozen
-class Seen:
-    """fused_error: mean CIELAB difference (1976) of the fused picture. rivalry_mean, rivalry_p95: |L* left - L* right|.
-    leak_left, leak_right: share of the other eye's light that reaches the left and the right eye on mid grey."""
-
-    fused_error: float
-    rivalry_mean: float
-    rivalry_p95: float
-    leak_left: float
-    leak_right: float
 
 
 def seen_xyz(picture: NDArray[np.uint8], through: Float) -> Float:
@@ -69,7 +56,7 @@ def lab(xyz: Float, white: Float) -> Float:
 
 
 def fused_error(original: NDArray[np.uint8], anaglyph: NDArray[np.uint8], glasses: tuple[str, str] = RED_CYAN) -> float:
-    """Mean CIELAB difference between original and what both eyes make of its anaglyph (same picture for both eyes).
+    """Mean CIELAB difference between original and the colour that both eyes fuse from its anaglyph (same picture for both eyes).
 
     Each eye is adapted to its own white; the fused colour is the mean of the two.
     """
@@ -81,17 +68,18 @@ def fused_error(original: NDArray[np.uint8], anaglyph: NDArray[np.uint8], glasse
     return float(np.linalg.norm(difference, axis=-1).mean())
 
 
-def rivalry(anaglyph: NDArray[np.uint8], glasses: tuple[str, str] = RED_CYAN) -> tuple[float, float]:
-    """(mean, 95th percentile) of the difference in L* between the eyes, each against its own white (same picture for both)."""
+def rivalry(anaglyph: NDArray[np.uint8], glasses: tuple[str, str] = RED_CYAN) -> float:
+    """Mean difference in L* between the eyes, each relative to its own white (same picture for both)."""
     left, right = (lightness(seen_xyz(anaglyph, GLASS[name])[..., 1], GLASS[name][1].sum()) for name in glasses)
-    apart = np.abs(left - right)
-    return float(apart.mean()), float(np.percentile(apart, 95))
+    return float(np.abs(left - right).mean())
 
 
 def ghost(encode: Encoder, pedestal: float = 0.5, glasses: tuple[str, str] = RED_CYAN) -> tuple[float, float]:
-    """(left, right) leak: how much an eye's luminance changes when the other eye's view goes from black to white, over how
-    much it changes when its own does, while its own (else the other's) stays at the pedestal, a code value 0..1. Negative:
-    over-corrected."""
+    """(left, right) leak, in shares; negative if over-corrected.
+
+    An eye's leak is the change of its luminance when the other eye's view goes from black to white, over the change when its own
+    view does. The view that does not change stays at pedestal, a code value in 0..1.
+    """
 
     def grey(value: float) -> NDArray[np.uint8]:
         return np.full((1, 1, 3), round(value * 255), np.uint8)
@@ -106,16 +94,3 @@ def ghost(encode: Encoder, pedestal: float = 0.5, glasses: tuple[str, str] = RED
         leak = luminance(pedestal, 1.0) - luminance(pedestal, 0.0)
         found.append(leak / (luminance(1.0, pedestal) - luminance(0.0, pedestal)))
     return found[0], found[1]
-
-
-def measure(pictures: list[NDArray[np.uint8]], encode: Encoder, glasses: tuple[str, str] = RED_CYAN) -> Seen:
-    """All figures of an encoder, over pictures, uint8 (height, width, 3) BGR."""
-    errors, means, tails = [], [], []
-    for picture in pictures:
-        anaglyph = encode(picture, picture)
-        errors.append(fused_error(picture, anaglyph, glasses))
-        mean, tail = rivalry(anaglyph, glasses)
-        means.append(mean)
-        tails.append(tail)
-    leak_left, leak_right = ghost(encode, 0.5, glasses)
-    return Seen(float(np.mean(errors)), float(np.mean(means)), float(np.mean(tails)), leak_left, leak_right)

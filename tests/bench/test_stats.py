@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.stats import wilcoxon
 
 from lfpipe.bench.inputs import HEAD
-from lfpipe.bench.numbers import FEWEST, above, bootstrap_interval, median_interval, noise, pareto
+from lfpipe.bench.stats import MIN_SAMPLES, bootstrap_interval, median_interval, noise, p_above, pareto
 from lfpipe.bench.truth import Truth
 from lfpipe.errors import UserError
 
@@ -23,13 +23,13 @@ COORDINATE = st.integers(0, 6).map(float)
 
 def test_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
     rng = np.random.default_rng(5)
-    for count in (FEWEST, 9, 25):
+    for count in (MIN_SAMPLES, 9, 25):
         inside = 0
         for _ in range(400):
             low, high = median_interval(rng.exponential(1.0, count).tolist())
             inside += low <= math.log(2) <= high
         assert inside / 400 > 0.92, f"{count} samples: {inside} of 400"
-    assert median_interval([1.0] * (FEWEST - 1)) == (-math.inf, math.inf)
+    assert median_interval([1.0] * (MIN_SAMPLES - 1)) == (-math.inf, math.inf)
     assert noise([2.0] * 8) == 0.0 and noise([2.0] * 3) == math.inf
 
 
@@ -59,14 +59,14 @@ def test_bootstrap_interval_narrows_with_samples() -> None:
 
 @given(st.lists(st.floats(-10, 10).filter(lambda v: abs(v) > 1e-6), min_size=1, max_size=30, unique_by=abs))
 def test_signed_ranks_are_those_of_the_books(values: list[float]) -> None:
-    assert above(values) == pytest.approx(wilcoxon(values, alternative="greater", method="exact").pvalue, abs=1e-9)
+    assert p_above(values) == pytest.approx(wilcoxon(values, alternative="greater", method="exact").pvalue, abs=1e-9)
 
 
 def test_signed_ranks_err_as_seldom_as_they_say() -> None:
     rng = np.random.default_rng(8)
-    wrong = sum(above(rng.standard_cauchy(25).tolist()) <= 0.05 for _ in range(1000))  # outliers without end
+    wrong = sum(p_above(rng.standard_cauchy(25).tolist()) <= 0.05 for _ in range(1000))  # outliers without end
     assert 25 < wrong < 75
-    assert above([1.0] * 12) == 0.5**12 and above([-1.0] * 12) == 1.0
+    assert p_above([1.0] * 12) == 0.5**12 and p_above([-1.0] * 12) == 1.0
 
 
 @given(st.lists(st.tuples(COORDINATE, COORDINATE), min_size=1, max_size=30))

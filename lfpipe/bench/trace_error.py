@@ -1,0 +1,74 @@
+"""Error of the eyes that pictures on the screen were made for, over display time, from a trace and the true eyes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.bench.truth import Truth
+
+SIDES = ("left", "right")
+SETTLE_NS, STILL_NS, STEP_NS, SKIP_NS = 500_000_000, 400_000_000, 1_000_000, 1_000_000_000
+
+Float = NDArray[np.float64]
+
+
+class AlignedTrace:
+    """A trace aligned with the true eyes, sampled every STEP_NS while a picture is on the screen.
+
+    rows: of a trace, in order. A picture stays on the screen from its t_presented_ns until the next one's. Its frame aligns the
+    clocks: the truth at time t is the truth at the frame's own time plus t - t_sensor_ns. Two stretches do not count: the first
+    SKIP_NS, in which every tracker searches for the face, and SETTLE_NS after a looped file restarts, where the head jumps as no
+    real head does. Raises ValueError if nothing remains.
+    """
+
+    def __init__(self, truth: Truth, rows: list[dict[str, Any]]) -> None:
+        self.rows = rows = [row for row in rows if row["t_presented_ns"] and row["eyes_used"]]
+        if not rows:
+            raise ValueError("the trace holds no picture made for eyes")
+        shown_ns = np.array([row["t_presented_ns"] for row in rows])
+        frame_ns = truth.t_ns[[row["source_seq"] % len(truth.t_ns) for row in rows]]
+        offset_ns = frame_ns - np.array([row["t_sensor_ns"] for row in rows])
+        t_ns = np.arange(shown_ns[0] + SKIP_NS, shown_ns[-1], STEP_NS)
+        now = np.searchsorted(shown_ns, t_ns, side="right") - 1
+        true_ns = t_ns + offset_ns[now]
+        first_round = np.array([row["source_seq"] < len(truth.t_ns) for row in rows])[now]
+        inside = (true_ns >= np.where(first_round, 0, SETTLE_NS)) & (true_ns <= truth.t_ns[-1])
+        self.now: NDArray[np.intp] = now[inside]
+        true_ns = true_ns[inside]
+        if not len(true_ns):
+            raise ValueError("the trace and the truth have no time in common")
+        row = np.searchsorted(truth.t_ns, true_ns, side="right") - 1
+        self.true_px = truth.at(true_ns)
+        self.still_since_ns: NDArray[np.int64] = truth.still_ns[row]
+        self.visible: NDArray[np.bool_] = truth.visible_ns[row] >= 0
+        self.still: NDArray[np.bool_] = (self.still_since_ns >= 0) & (true_ns - self.still_since_ns > STILL_NS)
+        self.used_px = np.array([[row["eyes_used"][side] for side in SIDES] for row in rows], np.float64)
+        self.drawn = np.maximum.accumulate([i if row.get("composed", True) else 0 for i, row in enumerate(rows)])
+
+    def figures(self) -> dict[str, float]:
+        """RMS in px over both eyes. error: while both eyes are visible. jitter: deviation from the mean of each stretch in which
+        the head rests, from STILL_NS after its start; NaN if it never rests."""
+        error = self.used_px[self.now] - self.true_px
+        deviation = np.zeros_like(self.true_px)
+        for start_ns in np.unique(self.still_since_ns[self.still]):
+            stretch = self.still & (self.still_since_ns == start_ns)
+            deviation[stretch] = self.used_px[self.now[stretch]] - self.used_px[self.now[stretch]].mean(axis=0)
+        return {"error": _rms(error, self.visible), "jitter": _rms(deviation, self.still)}
+
+    def view_error(self, alpha_px: float, centre_px: tuple[float, float], grid: tuple[int, int]) -> float:
+        """RMS distance, in views, between the viewpoint on screen and that of the true eyes, over both eyes.
+
+        alpha_px, centre_px: of the mapping that made the trace. grid: rows, cols.
+        """
+        shown = np.array([[row["view"][side] for side in SIDES] for row in self.rows], np.float64)[self.drawn[self.now]]
+        rows = (grid[0] - 1) / 2 + (self.true_px[:, :, 1].mean(axis=1, keepdims=True) - centre_px[1]) / alpha_px
+        cols = (grid[1] - 1) / 2 + (centre_px[0] - self.true_px[:, :, 0]) / alpha_px
+        wanted = np.stack([np.clip(np.broadcast_to(rows, cols.shape), 0, grid[0] - 1), np.clip(cols, 0, grid[1] - 1)], axis=2)
+        return _rms(shown - wanted, self.visible)
+
+
+def _rms(values: Float, where: NDArray[np.bool_]) -> float:
+    return float(np.sqrt(np.square(values[where]).sum(axis=(1, 2)).mean() / 2)) if where.any() else float("nan")
