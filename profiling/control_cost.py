@@ -1,20 +1,18 @@
-"""What control and monitors cost a session at camera rate: round trips, CPU, frames.
+"""What control costs a session at camera rate: round trips, and frames lost meanwhile.
 
     uv run python profiling/control_cost.py [--seconds 15] [--rate 30]
 
-Round trips over a kept connection, 20 a second, of `status`, of `set` until every stage works by it, and of both while another
-client sends as fast as it can; then `lfpipe monitor` attached at 4 Hz. Frames lost stand beside those of as much time of peace.
-Prints a Markdown table with the bounds.
+Measures round trips over one connection, 20 per second: of `status`, of `set` until every stage has applied it, and of both while
+another client sends as fast as it can. Frames lost are counted for each, and for as much time without requests. Prints a Markdown
+table with the bounds. What monitors cost: observe_cost.py.
 """
 
 from __future__ import annotations
 
 import os
-import pty
 import random
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,14 +21,13 @@ from typing import Any
 
 import numpy as np
 import zmq
-from arguments import parser_of
+from arguments import parser_of, start
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from lfpipe.bench.sessions import cpu_ns
 from lfpipe.transport import control
 from tests.faults.session import WatchedSession
-from tests.world import World, private_world
+from tests.world import private_world
 
 FLOOD = """
 import sys, zmq
@@ -42,7 +39,7 @@ while True:
 
 
 def round_trips_ms(session: WatchedSession, seconds: float, message: Callable[[], dict[str, Any]]) -> list[float]:
-    """Times of one command after the other, 20 a second at moments that chance chooses."""
+    """Times of successive commands, about 20 per second at random moments."""
     found = []
     rng = random.Random(1)
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
@@ -59,7 +56,7 @@ def round_trips_ms(session: WatchedSession, seconds: float, message: Callable[[]
 
 @contextmanager
 def flood(session: WatchedSession) -> Iterator[None]:
-    """Another client that sends `status` as fast as it can and reads no answer."""
+    """Another client that sends `status` as fast as it can and reads no answers."""
     words = [control.address(session.run_dir, "ctl"), control.encode({"cmd": "status"}).hex()]
     process = subprocess.Popen([sys.executable, "-c", FLOOD, *words])
     time.sleep(1.0)
@@ -68,34 +65,6 @@ def flood(session: WatchedSession) -> Iterator[None]:
     finally:
         process.kill()
         process.wait()
-
-
-def monitored(world: World, seconds: float, tty: bool) -> float:
-    """Cores that a monitor takes: the terminal's screen, or JSON lines, both four times a second; its start left out."""
-    words = [sys.executable, "-m", "lfpipe", "monitor", "--session", world.name, *([] if tty else ["--json"])]
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen(words, stdin=theirs, stdout=theirs, stderr=theirs, env=world.env)
-    os.close(theirs)
-
-    def drain() -> None:
-        try:
-            while os.read(ours, 65536):
-                pass
-        except OSError:  # its end is closed
-            return
-
-    reader = threading.Thread(target=drain, daemon=True)
-    reader.start()
-    try:
-        time.sleep(3.0)
-        cpu, begin = cpu_ns([process.pid]), time.monotonic()
-        time.sleep(seconds)
-        return (cpu_ns([process.pid]) - cpu) / 1e9 / (time.monotonic() - begin)
-    finally:
-        process.kill()
-        process.wait()
-        reader.join()
-        os.close(ours)
 
 
 def main() -> None:
@@ -118,27 +87,25 @@ def main() -> None:
 
         def row(what: str, bound: str, work: Callable[[], str]) -> None:
             frames, drops = lost()
-            said = work()
+            result = work()
             now_frames, now_drops = lost()
-            rows.append(f"| {what} | {said} | {bound} | {now_drops - drops} of {now_frames - frames} |")
+            rows.append(f"| {what} | {result} | {bound} | {now_drops - drops} of {now_frames - frames} |")
 
         def trips(message: Callable[[], dict[str, Any]]) -> str:
             p50, p99, most = np.percentile(round_trips_ms(session, args.seconds, message), [50, 99, 100])
             return f"{p50:.1f}, {p99:.1f}, {most:.1f} ms"
 
-        def peace() -> str:
+        def idle() -> str:
             time.sleep(args.seconds)
             return ""
 
-        row("nothing", "", peace)
+        row("nothing", "", idle)
         row("`status`: p50, p99, max", "p99 20 ms", lambda: trips(status))
         row("`set` until it is applied", "", lambda: trips(change))
         with flood(session):
-            row("a flood of `status`, by itself", "", peace)
+            row("a flood of `status`, by itself", "", idle)
             row("`status` in a flood", "", lambda: trips(status))
             row("`set` in a flood", "", lambda: trips(change))
-        row("monitor --json, 4 Hz", "2 % of a core", lambda: f"{monitored(world, args.seconds, False):.1%}")
-        row("monitor on a terminal, 4 Hz", "2 % of a core", lambda: f"{monitored(world, args.seconds, True):.1%}")
         session.end()
     print(f"load of the machine {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores, {args.rate:g} Hz\n")
     print("| what | figure | bound | frames lost meanwhile |\n|---|---|---|---|")
@@ -146,4 +113,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    start(main)

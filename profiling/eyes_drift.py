@@ -1,13 +1,13 @@
-"""Do the eye filters drift? Runs of millions of updates of the code that tracks, nothing simplified.
+"""Do the eye filters drift? Millions of updates of the code that tracks.
 
     uv run python profiling/eyes_drift.py [--updates 1000000] [--channels 1000] [--steps 100000]
 
-In sequence, every filter: eyes on a path that repeats every 600 frames, with noise that repeats too. Once settled, the output
-must repeat as well: how far the last round is from the third is the drift, in px.
+In sequence, every filter: eyes on a path that repeats every 600 frames, with noise that repeats too. A settled output must
+repeat as well; the drift is the difference between the last round and the third, in px.
 
-In batch, the filters whose weights do not depend on the measurements (mean, kalman; their arithmetic takes any shape): --channels
-pairs of eyes side by side, --steps updates each, beside the same recurrence in long double; the largest difference in px at
-powers of ten. channels x steps updates in all.
+In batch, the filters whose weights do not depend on the measurements (mean, kalman; their arithmetic accepts any shape):
+--channels pairs of eyes with --steps updates each, compared with the same recurrence in long double. Prints the largest
+difference in px at powers of ten.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from arguments import parser_of
+from arguments import parser_of, start
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
@@ -54,12 +54,12 @@ def in_batch(name: str, channels: int, steps: int) -> list[tuple[int, float]]:
     rng, long = np.random.default_rng(2), np.longdouble
     kalman = name == "kalman"
     smooth = Kalman(AGILITY) if kalman else Mean(MEAN_K)
-    noise = rng.normal(0, 0.3, (97, channels, 2, 2))  # 97: in no step with the path's round
+    noise = rng.normal(0, 0.3, (97, channels, 2, 2))  # 97 and the round of the path are coprime
     base, dt = path(), long(DT_NS / 1e9)
     covariance = Covariance(long(1), long(0), long(Kalman.START_SPREAD), long(Kalman.START_SPREAD))  # type: ignore[arg-type]
     position = velocity = np.zeros((channels, 2, 2), long)
     ring: list[NDArray[np.longdouble]] = []
-    told, worst = [], 0.0
+    differences, worst = [], 0.0
     for k in range(steps):
         measured = base[k % ROUND] + noise[k % 97]
         got, got_velocity = smooth.update(k * DT_NS, measured)
@@ -76,8 +76,8 @@ def in_batch(name: str, channels: int, steps: int) -> list[tuple[int, float]]:
             apart = np.abs((got + got_velocity * 0.03) - (position + velocity * long(0.03)))
             worst = max(worst, float(apart.max()))
         if k + 1 in (10, 100, 1000, 10_000, 100_000, 1_000_000) or k == steps - 1:
-            told.append((k + 1, worst))
-    return list(dict(told).items())
+            differences.append((k + 1, worst))
+    return list(dict(differences).items())
 
 
 def main() -> None:
@@ -86,11 +86,11 @@ def main() -> None:
     for name in NAMES if args.updates else ():
         drift, us = in_sequence(name, args.updates)
         print(f"{name:12} {args.updates:15,d} {drift:10.1e} {us:11.1f}", flush=True)
-    print("in batch: largest difference from long double, px, after so many updates of each channel", flush=True)
+    print("in batch: largest difference from long double, px, by the number of updates of each channel", flush=True)
     for name in ("kalman", "mean") if args.steps else ():
         cells = "   ".join(f"{count:,d}: {worst:.1e}" for count, worst in in_batch(name, args.channels, args.steps))
         print(f"{name:12} {args.channels * args.steps:15,d} updates   {cells}", flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    start(main)

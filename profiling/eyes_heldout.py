@@ -1,18 +1,23 @@
-"""Does the default filter do as well on motions and faces that its constants were not fitted on?
+"""Does the default filter do as well on motions and faces that its constants were not fitted to?
 
     uv run python profiling/eyes_heldout.py [--portraits FOLDER] [--tracks FOLDER] [--sequences 6] [--seconds 30]
 
-Sequences of other seeds, portraits (--portraits, pictures of one face each; else the sample portrait) and sensor noise are
-made with tools/make_sequence.py, every frame is measured by the landmark network, and filters run as in eyes_filters.py.
---tracks holds CSV files of people moving through a 9x9 light field (Timestamp in ms, x, y in views, told when the view
-changes): their paths become eyes of 12 px a view, joined by monotone cubics and measured with 0.3 px of noise, for there are
-no frames of them; nobody knows when they rested, so no jitter is told. Each row: error and still jitter of the paper's way,
-the mean of five on camera frames, and of the default filter on the display's clock, with their ratio.
+tools/make_sequence.py generates sequences with other seeds, sensor noise and portraits (--portraits: pictures of one face each;
+else the sample portrait). The landmark network measures every frame. Each filter then runs on the measurements as in a live
+session: frames 4 ms old when tracked, refreshes at 60 Hz, composed 2 ms ahead, eyes predicted to the refresh.
+
+--tracks holds CSV files of people who move through a 9x9 light field (Timestamp in ms, x, y in views, recorded when the view
+changes). Their paths become eyes with 12 px per view, joined by monotone cubics, with 0.3 px of noise. It is unknown when these
+people rested, so there is no jitter.
+
+Each row holds error and still jitter of the paper's method (mean of five on camera frames) and of the default filter on the
+display's clock, with their ratios.
 """
 
 from __future__ import annotations
 
 import csv
+import math
 import subprocess
 import sys
 import tempfile
@@ -20,32 +25,68 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from arguments import parser_of
-from eyes_filters import measurements, on_screen
+from arguments import existing, parser_of, start
 from numpy.typing import NDArray
 
+from lfpipe.bench.trace_error import SIDES, AlignedTrace
 from lfpipe.bench.truth import Truth
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
-from lfpipe.track.smoothing import Mean
+from lfpipe.track.litert_engine import LitertEngine
+from lfpipe.track.smoothing import EyeFilter, Mean
 
 TOOL = Path(__file__).parents[1] / "tools" / "make_sequence.py"
 NOISES = (2.0, 5.0)
+TRACKED_NS, COMPOSE_NS, REFRESH_NS = 4_000_000, 2_000_000, 16_666_667
 VIEW_PX, MEASURED_PX, LONGEST_S, FINE_NS, FRAME_NS = 12.0, 0.3, 60.0, 3_333_333, 33_333_330
 
 
-def row(name: str, truth: Truth, measured: list[NDArray[np.float64] | None], stills: bool) -> tuple[float, float]:
-    """Prints a row; (error ratio, jitter ratio)."""
+Measured = list[NDArray[np.float64] | None]
+
+
+def measurements(video: Path) -> Measured:
+    """Eyes (2, 2) px of every frame, by the landmark network."""
+    engine, source, out = LitertEngine(), cv2.VideoCapture(str(video)), []
+    while (frame := source.read()[1]) is not None:
+        face = engine.detect(np.asarray(frame, np.uint8))
+        out.append(None if face is None else face.eyes_px)
+    return out
+
+
+def on_screen(truth: Truth, measured: Measured, filter_: EyeFilter, display: bool) -> tuple[float, float]:
+    """Error and jitter in px of the eyes that pictures are made for (see `AlignedTrace`), on the display's or camera's clock."""
+    rows = []
+    tracked = [(i, int(truth.t_ns[i]), eyes) for i, eyes in enumerate(measured) if eyes is not None]
+    due_ns = 3_000_000
+    for k, (i, t_ns, eyes) in enumerate(tracked):
+        position, _ = filter_.update(t_ns, eyes)
+        ready_ns = t_ns + TRACKED_NS + COMPOSE_NS
+        shown = [(ready_ns, position)]
+        if display:
+            due_ns += max(0, math.ceil((ready_ns - due_ns) / REFRESH_NS)) * REFRESH_NS
+            next_ns = tracked[min(k + 1, len(tracked) - 1)][1] + TRACKED_NS + COMPOSE_NS
+            times = range(due_ns, next_ns, REFRESH_NS)
+            shown = [(time_ns, filter_.predict(time_ns)) for time_ns in times]
+            due_ns += len(times) * REFRESH_NS
+        for shown_ns, used in shown:
+            eyes_used = dict(zip(SIDES, used.tolist(), strict=True))
+            rows.append({"t_presented_ns": shown_ns, "t_sensor_ns": t_ns, "source_seq": i, "eyes_used": eyes_used})
+    found = AlignedTrace(truth, rows).figures()
+    return found["error"], found["jitter"]
+
+
+def row(name: str, truth: Truth, measured: Measured, stills: bool) -> tuple[float, float]:
+    """Prints a row; returns (error ratio, jitter ratio)."""
     paper = on_screen(truth, measured, Mean(5), display=False)
     ours = on_screen(truth, measured, make_filter(Track()), display=True)
     error, jitter = ours[0] / paper[0], ours[1] / paper[1] if stills else float("nan")
-    told = f"{paper[1]:9.3f}{ours[1]:8.3f}{jitter:7.2f}" if stills else ""
-    print(f"{name:34}{paper[0]:9.2f}{ours[0]:8.2f}{error:7.3f}{told}", flush=True)
+    still = f"{paper[1]:9.3f}{ours[1]:8.3f}{jitter:7.2f}" if stills else ""
+    print(f"{name:34}{paper[0]:9.2f}{ours[0]:8.2f}{error:7.3f}{still}", flush=True)
     return error, jitter
 
 
-def walked(path: Path, smooth_ms: float) -> list[Truth]:
-    """Every stimulus of a track that lasts 5 s or longer, at 30 Hz, smoothed by a Gaussian."""
+def paths_of(path: Path, smooth_ms: float) -> list[Truth]:
+    """Every stimulus of a track that lasts at least 5 s, at 30 Hz, smoothed by a Gaussian."""
     runs: dict[str, list[tuple[int, float, float]]] = {}
     with path.open(newline="") as file:
         for line in csv.DictReader(file):
@@ -77,9 +118,9 @@ def walked(path: Path, smooth_ms: float) -> list[Truth]:
 
 def main() -> None:
     parser = parser_of(__doc__, seconds=30.0)
-    parser.add_argument("--portraits", type=Path)
-    parser.add_argument("--tracks", type=Path)
-    parser.add_argument("--sequences", type=int, default=6, help="0 for tracks alone")
+    parser.add_argument("--portraits", type=existing)
+    parser.add_argument("--tracks", type=existing)
+    parser.add_argument("--sequences", type=int, default=6, help="0 for tracks only")
     parser.add_argument("--smooth-ms", type=float, default=80.0, help="sigma of the Gaussian over tracks")
     args = parser.parse_args()
     cv2.setNumThreads(1)
@@ -97,8 +138,8 @@ def main() -> None:
             ratios.append(row(name, Truth.read(video.with_suffix(".csv")), measurements(video), stills=True))
     rng = np.random.default_rng(1)
     for path in sorted(args.tracks.glob("*.csv")) if args.tracks else []:
-        for k, truth in enumerate(walked(path, args.smooth_ms)):
-            measured: list[NDArray[np.float64] | None] = [eyes + rng.normal(0, MEASURED_PX, (2, 2)) for eyes in truth.eyes_px]
+        for k, truth in enumerate(paths_of(path, args.smooth_ms)):
+            measured: Measured = [eyes + rng.normal(0, MEASURED_PX, (2, 2)) for eyes in truth.eyes_px]
             ratios.append(row(f"track {path.stem.removesuffix('_tracks')} {k}", truth, measured, stills=False))
     errors, jitters = np.array(ratios).T
     print(f"{len(ratios)} held out: error ratio median {np.median(errors):.3f}, worst {errors.max():.3f}", end="")
@@ -106,4 +147,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    start(main)

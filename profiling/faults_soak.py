@@ -1,11 +1,11 @@
-"""Hundreds of random faults into one session: how soon pictures come again, torn pictures, drops against the books, leaks.
+"""Hundreds of random faults in one session: time until pictures return, torn pictures, drops that are not counted, leaks.
 
     uv run python profiling/faults_soak.py [--faults 500] [--seed 1] [--rate 30]
 
-Kills, terminations and stops of any stage, the supervisor stopped, the source stalled, monitors killed, slow readers, CPU hogs
-on both cores, garbage on the control socket, and in the end the supervisor killed. No stage dies more than three times a minute:
-five times end a session, by design. 500 faults take about 20 minutes. Prints progress, then Markdown tables; exit code 1 where
-something promised was not kept.
+Kills, terminations and stops of any stage, a stopped supervisor, a stalled source, killed monitors, slow readers, CPU hogs
+on both cores, garbage on the control socket, and finally a killed supervisor. No stage dies more than three times a minute,
+because five deaths end a session by design. 500 faults take about 20 minutes. Prints progress, then Markdown tables; exit
+code 1 if a guarantee was broken.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from arguments import parser_of
+from arguments import parser_of, start
 
-sys.path.insert(0, str(Path(__file__).parents[1]))  # the tests run the same faults, fewer of them
+sys.path.insert(0, str(Path(__file__).parents[1]))  # tests run fewer of the same faults
 
 from tests.faults.session import WatchedSession
 from tests.faults.soak import Soak
@@ -35,9 +35,9 @@ def main() -> int:
     print(f"\nsupervisor killed at the end: every process gone after {gone_s:.2f} s, {len(left)} files and segments left")
     broken = outcome.broken(RECOVERY_S) + [f"left behind: {name}" for name in left]
     broken += [f"a process outlived its supervisor by {gone_s:.2f} s"] if gone_s > ORPHAN_S else []
-    print("\n" + ("\n".join(broken) or "all kept"))
+    print("\n" + ("\n".join(broken) or "all guarantees kept"))
     return 1 if broken else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    start(main)

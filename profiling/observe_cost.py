@@ -27,7 +27,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from arguments import parser_of
+from arguments import parser_of, start
 
 from lfpipe.errors import UserError
 from lfpipe.observe.watch import Watch
@@ -215,4 +215,4 @@ def report(seconds: float, cycles: int) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    start(main)

@@ -1,105 +1,74 @@
-"""`lfpipe up` beside the paper's loop: latency, rate, CPU and drops, in turn, each round one of both.
+"""`lfpipe up` compared with the paper's loop (lfpipe/bench/paper_loop.py): latency, rate, CPU and start, in alternating runs.
 
-    uv run python profiling/pipeline_vs_loop.py VIDEO SCENE [--pace 30|60|max] [--rounds 3] [--seconds 12]
-        [--config paper] [--set KEY=VALUE]... [--loop SCRIPT] [--cpus 0,1]
+    uv run python profiling/pipeline_vs_loop.py [VIDEO [SCENE]] [--pace 30|60|max] [--rounds 3] [--seconds 12]
+        [--config paper] [--set KEY=VALUE]... [--cpus 0,1]
 
-Latency is t_composed - t_read over composed pictures, p50 of a round; CPU is of the whole tree of processes, supervisor included,
-over the steady part of the run. Prints a row a round and the median of the ratios with their spread.
+VIDEO and SCENE: the demo's if not given. Latency is t_composed_ns - t_read_ns, the median of a run. CPU is of all processes. Only
+with --pace max does the loop decode frames as it runs. Prints a row per run, and the median of the ratios with their range.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
+import itertools
 import os
-import statistics
-import subprocess
-import sys
-import tempfile
-import time
-from pathlib import Path
-from typing import Any
 
-from arguments import parser_of
+import numpy as np
+from arguments import existing, parser_of, start
 
-from lfpipe.bench.sessions import cpu_ns
+from lfpipe.bench.inputs import MOVING_S, demo_sequence
+from lfpipe.bench.paper_loop import Loop
+from lfpipe.bench.pipeline import PAPER_ALPHA_PX
+from lfpipe.bench.sessions import STEADY_S, SessionRun, run_loop, run_session, write_views
+from lfpipe.config import load
+from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.demo import demo_scene
+from lfpipe.scene.pack import open_scene
 
-START_S = 4.0  # before the steady part
 
-
-def lfpipe(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """One session; its figures."""
-    trace, name = folder / "trace.jsonl", f"vs{os.getpid()}"
-    loop = "loop=1&pace=" + args.pace
-    command = [sys.executable, "-m", "lfpipe", "up", args.scene, "--camera", f"file:{args.video}?{loop}", "--display", "none"]
-    command += ["--trace", str(trace), "--session", name, "--duration", str(args.seconds + START_S)]
-    command += ["--set=governor.quality=fixed"]  # what was asked for is measured, too slow or not
-    command += ["--config", args.config] if args.config else []
-    command += [f"--set={text}" for text in args.sets]
-    began_ns = time.monotonic_ns()
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    time.sleep(START_S)
-    watch = [sys.executable, "-m", "lfpipe", "monitor", "--session", name, "--once", "--json"]
-    state = json.loads(subprocess.run(watch, capture_output=True, text=True, check=True).stdout)
-    pids = [process.pid, *(stage["pid"] for stage in state["stages"].values() if stage["pid"])]
-    t0, cpu0 = time.monotonic(), cpu_ns(pids)
-    time.sleep(args.seconds - 1.5)
-    wall, cpu = time.monotonic() - t0, (cpu_ns(pids) - cpu0) / 1e9
-    state = json.loads(subprocess.run(watch, capture_output=True, text=True, check=True).stdout)
-    _out, err = process.communicate()
-    if process.returncode:
-        raise SystemExit(f"lfpipe ended with {process.returncode}: {err}")
-    lines = [json.loads(line) for line in trace.read_text().splitlines()]
-    latency = [(line["t_composed_ns"] - line["t_read_ns"]) / 1e6 for line in lines if line["composed"]]
-    sources = sorted({line["source_seq"] for line in lines})
-    span_s = (lines[-1]["t_presented_ns"] - lines[0]["t_presented_ns"]) / 1e9
+def figures(run: SessionRun) -> dict[str, float]:
+    """Figures of a run after its start. lost: frames missing between those that pictures show."""
+    rows = [row for row in run.rows if row["t_presented_ns"] > run.rows[0]["t_presented_ns"] + STEADY_S * 1e9]
+    steps = [b["source_seq"] - a["source_seq"] for a, b in itertools.pairwise(rows)]
     return {
-        "p50": statistics.median(latency),
-        "fps": (len(sources) - 1) / span_s,
-        "cpu": cpu / wall,
-        "drops": sum(stage["dropped"] for stage in state["stages"].values()),
-        "gaps": sources[-1] - sources[0] + 1 - len(sources),
-        "first_s": (lines[0]["t_presented_ns"] - began_ns) / 1e9,
+        "p50 ms": float(np.median([row["t_composed_ns"] - row["t_read_ns"] for row in rows if row["composed"]])) / 1e6,
+        "frames/s": sum(step != 0 for step in steps) / (rows[-1]["t_presented_ns"] - rows[0]["t_presented_ns"]) * 1e9,
+        "cores": float(np.mean(run.cpu_ms_s)) / 1e3,
+        "first s": run.first_s,
+        "lost": sum(step - 1 for step in steps if step > 1),
     }
-
-
-def loop(args: argparse.Namespace) -> dict[str, Any]:
-    """One run of the loop; its figures."""
-    pace = ["--pace", args.pace] if args.pace != "max" else ["--pace", "0", "--decode"]
-    command = [sys.executable, args.loop, args.video, args.scene, *pace, "--seconds", str(args.seconds)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    found = json.loads(done.stdout.splitlines()[-1])
-    first_s = found.get("first_picture_s")
-    return {"p50": found["latency_ms"]["p50"], "fps": found["fps"], "cpu": found["cpu_cores"], "first_s": first_s}
 
 
 def main() -> None:
     parser = parser_of(__doc__, rounds=3, seconds=12.0)
-    parser.add_argument("video")
-    parser.add_argument("scene")
+    parser.add_argument("video", type=existing, nargs="?")
+    parser.add_argument("scene", type=existing, nargs="?")
     parser.add_argument("--pace", default="30")
     parser.add_argument("--config", default="paper")
     parser.add_argument("--set", dest="sets", action="append", default=[])
-    parser.add_argument("--loop", default=str(Path(__file__).parent / "paper_loop.py"))
     parser.add_argument("--cpus", default="0,1")
     args = parser.parse_args()
     os.sched_setaffinity(0, {int(cpu) for cpu in args.cpus.split(",")})
-    ratios: dict[str, list[float]] = {"p50": [], "fps": [], "cpu": [], "first_s": []}
-    print("round            p50 ms          fps         cores    first s  drops gaps")
+    settings = load().scene
+    cache = cache_dir(settings)
+    video = args.video or demo_sequence(cache / "bench", MOVING_S[1])
+    scene = args.scene or demo_scene(cache, lambda *_: None)
+    field = open_scene(scene, settings)
+    views, fast = write_views(field, cache / "bench" / "views" / str(field.manifest["key"])), args.pace == "max"
+    pace_hz = 0.0 if fast else float(args.pace)
+    loop = Loop(video, views, pace_hz, args.seconds, PAPER_ALPHA_PX, field.rows, field.cols, decode=fast)
+    options = [f"--set=render.alpha_px={PAPER_ALPHA_PX}", "--config", args.config, *(f"--set={text}" for text in args.sets)]
+    pairs = []
     for k in range(args.rounds):
-        with tempfile.TemporaryDirectory() as folder:
-            ours, theirs = lfpipe(args, Path(folder)), loop(args)
-        for name, values in ratios.items():
-            if theirs[name]:
-                values.append(ours[name] / theirs[name])
-        for who, row in (("lfpipe", ours), ("loop", theirs)):
-            counts = f"{row['drops']:5d} {row['gaps']:4d}" if "drops" in row else ""
-            first = f"{row['first_s']:8.2f}" if row["first_s"] else " " * 8
-            print(f"{k} {who:<8} {row['p50']:12.3f} {row['fps']:12.1f} {row['cpu']:12.3f} {first} {counts}")
-    for name, values in ratios.items():
-        if values:
-            print(f"ratio {name:<8} median {statistics.median(values):.3f}   {min(values):.3f} .. {max(values):.3f}")
+        runs = {"lfpipe": figures(run_session(scene, video, args.seconds, options, args.pace)), "loop": figures(run_loop(loop))}
+        if not k:
+            print("round      " + "".join(f"{name:>12}" for name in runs["loop"]))
+        for name, values in runs.items():
+            print(f"{k} {name:9}" + "".join(f"{value:12.3f}" for value in values.values()), flush=True)
+        pairs.append(runs)
+    for name in ("p50 ms", "frames/s", "cores", "first s"):
+        ratios = [runs["lfpipe"][name] / runs["loop"][name] for runs in pairs]
+        print(f"ratio {name:<9} median {np.median(ratios):.3f}   {min(ratios):.3f} to {max(ratios):.3f}")
 
 
 if __name__ == "__main__":
-    main()
+    start(main)

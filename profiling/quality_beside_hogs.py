@@ -1,10 +1,10 @@
-"""What the governor saves on a machine that is too slow: a live session beside programs that never sleep, with and without it.
+"""What the governor saves on an overloaded machine: a session beside busy loops, with and without it.
 
     uv run python profiling/quality_beside_hogs.py [SCENE] [--per-core 12] [--seconds 8]
 
-On each of two cores run that many busy loops. Printed for fixed quality and for the governor's, once it has settled: refreshes
-of the display that passed unserved, frames that capture and tracking lost, the age of pictures; then how long the way back
-takes once the loops have ended. As root the whole runs before the machine's other work.
+Runs that many busy loops on each of two cores. Prints, for fixed quality and for the governor once it has settled:
+refreshes missed, frames lost by capture and tracking, the age of pictures, and the time until quality is restored after the
+loops have ended. Root can run it ahead of the machine's other work.
 """
 
 from __future__ import annotations
@@ -18,26 +18,18 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
-from arguments import parser_of
+import numpy as np
+from arguments import LFPIPE, existing, parser_of, session_state, start
 
 SETTLE_S, BACK_S = 6.0, 60.0
-LFPIPE = [sys.executable, "-m", "lfpipe"]
 HOG = "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile os.getppid() == int(sys.argv[2]): pass"
 
 
-def state(name: str) -> dict[str, Any]:
-    """The session now."""
-    done = subprocess.run([*LFPIPE, "monitor", "--session", name, "--once", "--json"], capture_output=True, text=True, check=True)
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
-
-
 def measure(args: argparse.Namespace, cores: list[int], quality: str, trace: Path) -> None:
-    """One session and its figures."""
+    """Runs one session and prints its figures."""
     name = f"hogs{os.getpid()}{quality}"
-    command = [*LFPIPE, "up", *([args.scene] if args.scene else ["--demo"]), "--display", "none", "--session", name]
+    command = [*LFPIPE, "up", *([str(args.scene)] if args.scene else ["--demo"]), "--display", "none", "--session", name]
     command += ["--trace", str(trace), f"--set=governor.quality={quality}", "--set=render.method=warp2"]
     command += [f"--set={text}" for text in args.sets]
     session = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
@@ -49,9 +41,9 @@ def measure(args: argparse.Namespace, cores: list[int], quality: str, trace: Pat
     hogs = [subprocess.Popen([*hog, str(core), str(os.getpid())]) for core in cores for _ in range(args.per_core)]
     try:
         time.sleep(SETTLE_S)
-        before, size = state(name), trace.stat().st_size
+        before, size = session_state(name), trace.stat().st_size
         time.sleep(args.seconds)
-        after = state(name)
+        after = session_state(name)
         lines = trace.read_bytes()[size:].split(b"\n")[1:-1]
     finally:
         for each in hogs:
@@ -63,16 +55,17 @@ def measure(args: argparse.Namespace, cores: list[int], quality: str, trace: Pat
         return int(after["stages"][stage][key]) - int(before["stages"][stage][key])
 
     shown, missed, frames = count("render", "count"), count("render", "missed"), count("capture", "count")
-    ages = sorted((line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6 for line in map(json.loads, lines))
+    ages_ms = [(line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6 for line in map(json.loads, lines)]
     print(f"{quality}: level {after['level']} of {after['lowest_level']}, {after['level_words']}")
     print(f"  refreshes missed     {missed} of {shown + missed}, {100 * missed / max(shown + missed, 1):.0f} %")
     print(f"  frames lost          capture {count('capture', 'dropped')}, track {count('track', 'dropped')} of {frames}")
     print(f"  left out by tracking {count('track', 'left_out')}")
-    print(f"  age of pictures      p50 {ages[len(ages) // 2]:.0f} ms, p95 {ages[int(0.95 * len(ages))]:.0f} ms")
-    while state(name)["level"] and time.monotonic() - ended < BACK_S:
+    p50, p95 = np.percentile(ages_ms, (50, 95))
+    print(f"  age of pictures      p50 {p50:.0f} ms, p95 {p95:.0f} ms")
+    while session_state(name)["level"] and time.monotonic() - ended < BACK_S:
         time.sleep(0.2)
     if after["level"]:
-        print(f"  full quality again   {time.monotonic() - ended:.0f} s after the loops ended")
+        print(f"  full quality again   {time.monotonic() - ended:.0f} s after the end of the loops")
     session.terminate()
     said = session.communicate()[1]
     print("".join(f"  {line}\n" for line in said.splitlines() if line.startswith("quality")), end="", flush=True)
@@ -80,12 +73,12 @@ def measure(args: argparse.Namespace, cores: list[int], quality: str, trace: Pat
 
 def main() -> None:
     parser = parser_of(__doc__, per_core=12, seconds=8.0)
-    parser.add_argument("scene", nargs="?", help="a light field; without one the demo's")
+    parser.add_argument("scene", type=existing, nargs="?", help="a light field; default: the demo's")
     parser.add_argument("--set", dest="sets", action="append", default=[], metavar="KEY=VALUE")
     args = parser.parse_args()
     cores = sorted(os.sched_getaffinity(0))[:2]
     os.sched_setaffinity(0, cores)
-    with contextlib.suppress(OSError):  # as anybody else the machine's other work counts too
+    with contextlib.suppress(OSError):  # without root the machine's other work has an effect
         os.setpriority(os.PRIO_PROCESS, 0, -15)
         Path("/proc/self/autogroup").write_text("-15")
     with tempfile.TemporaryDirectory() as folder:
@@ -94,4 +87,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    start(main)

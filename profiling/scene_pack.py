@@ -1,10 +1,10 @@
-"""What packing a scene costs: time, peak memory, and whether a view's picture costs the same from a small and a large grid.
+"""What packing a scene costs (time, peak memory), and whether a picture costs the same from a small and a large grid.
 
-    python profiling/scene_pack.py [SCENE]...      packs each SCENE anew, in a cache that is removed again
-    python profiling/scene_pack.py                 draws a 9x9 of 512x512, a 3x3 and a 27x27 of 960x640 itself
+    uv run python profiling/scene_pack.py [SCENE]...    packs each SCENE in a temporary cache
+    uv run python profiling/scene_pack.py               generates 9x9 views of 512x512, 3x3 and 27x27 of 960x640
 
-Bounds: 81 views of 512x512 with disparity <= 20 s on two cores; 27x27 of 960x640 <= 500 MB RSS; cost of a picture within
-10 % from 3x3 to 27x27.
+Bounds: 81 views of 512x512 with disparity in 20 s on two cores; 27x27 views of 960x640 in 500 MB RSS; the cost of a picture
+within 10 % from 3x3 to 27x27.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from arguments import existing, parser_of, start
 
 from lfpipe import config
 from lfpipe.render.compositor import Compositor
@@ -53,7 +54,7 @@ def draw(folder: Path, side: int, height: int, width: int) -> Path:
 
 
 def pack(path: Path, cache: str) -> None:
-    """Packs path in a process of its own and prints what it took."""
+    """Packs path in a process of its own and prints its cost."""
     run = subprocess.run([sys.executable, "-c", ONE, str(path), cache], stdout=subprocess.PIPE, text=True, check=True)
     packed_s, opened_s, peak_mb = (float(value) for value in run.stdout.strip("[] \n").split(","))
     opened = f"opened in {opened_s * 1000:6.1f} ms"
@@ -61,8 +62,8 @@ def pack(path: Path, cache: str) -> None:
 
 
 def picture_us(field: LightField, method: str) -> float:
-    """Median time to draw a picture of two views on the same small walk around the middle of any grid, as heads move: what is
-    measured is the size of the grid, not how many of its views the processor's cache happens to hold."""
+    """Median time to draw a picture of two views, on the same small walk around the middle of any grid. Larger walks would
+    measure how many views fit into the processor's cache."""
     settings = config.updated(config.Config(), {"render.method": method, "render.anaglyph": "colour"}).render
     compositor = Compositor(field, settings)
     middle = (field.rows - 1) / 2, (field.cols - 1) / 2
@@ -77,14 +78,16 @@ def picture_us(field: LightField, method: str) -> float:
 
 
 def main() -> None:
+    parser = parser_of(__doc__)
+    parser.add_argument("scenes", metavar="SCENE", nargs="*", type=existing)
+    scenes = parser.parse_args().scenes
     cv2.setNumThreads(1)
     print(f"{len(os.sched_getaffinity(0))} cores")
     with tempfile.TemporaryDirectory() as temporary:
         cache = f"{temporary}/cache"
-        scenes = [Path(name) for name in sys.argv[1:]]
+        for scene in scenes:
+            pack(scene, cache)
         if scenes:
-            for scene in scenes:
-                pack(scene, cache)
             return
         pack(draw(Path(temporary, "9x9 of 512x512"), 9, 512, 512), cache)
         sizes = [draw(Path(temporary, f"{side}x{side} of 960x640"), side, 640, 960) for side in (3, 27)]
@@ -92,10 +95,10 @@ def main() -> None:
             pack(scene, cache)
         small, large = (open_scene(scene, config.Scene(cache_dir=cache, flip="none")) for scene in sizes)
         for method in ("nearest", "warp"):
-            pairs = [(picture_us(small, method), picture_us(large, method)) for _ in range(5)]  # in turn: the machine drifts
+            pairs = [(picture_us(small, method), picture_us(large, method)) for _ in range(5)]  # alternating: the machine drifts
             ratio = statistics.median(b / a for a, b in pairs)
             print(f"picture, {method:8} 3x3 {pairs[0][0]:7.0f} us   27x27 {pairs[0][1]:7.0f} us   ratio {ratio:.3f}")
 
 
 if __name__ == "__main__":
-    main()
+    start(main)

@@ -1,9 +1,9 @@
-"""Minutes at camera rate on two cores with a CPU hog on one of them: rate, every drop accounted for, memory flat.
+"""Minutes at camera rate on two cores with a CPU hog on one of them: rate, every drop counted, constant memory.
 
     uv run python profiling/soak_steady.py [--minutes 10] [--rate 30] [--rate 120] [--scene PATH] [--no-hog]
 
-Frames carry checksums. The hog is a plain busy loop on the first core, where capture and render run. Memory is each process's own
-(RssAnon). Prints a row a minute, then Markdown tables; exit code 1 where something promised was not kept.
+Frames carry checksums. The hog is a busy loop on the first core, where capture and render run. Memory is each process's own
+(RssAnon). Prints a row per minute; exit code 1 if a guarantee was broken.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sys
 import time
 from pathlib import Path
 
-from arguments import parser_of
+from arguments import existing, parser_of, start
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -26,7 +26,7 @@ RATE_SHARE, MEMORY_SHARE = 0.01, 0.02
 
 
 def steady(rate_hz: float, minutes: int, scene: Path | None, hog: bool) -> list[str]:
-    """One session; what was promised and not kept."""
+    """Runs one session; returns the broken guarantees."""
     cpus = sorted(os.sched_getaffinity(0))[:2]
     os.sched_setaffinity(0, cpus)
     broken = []
@@ -40,7 +40,7 @@ def steady(rate_hz: float, minutes: int, scene: Path | None, hog: bool) -> list[
             begin = last = time.monotonic()
             memory = []
             print(
-                f"\n{rate_hz:g} Hz, {'a hog on core ' + str(cpus[0]) if hog else 'no hog'}, scene {scene or 'of plain views'}\n"
+                f"\n{rate_hz:g} Hz, {'a hog on core ' + str(cpus[0]) if hog else 'no hog'}, scene {scene or 'with plain views'}\n"
             )
             print("| minute | frames/s | pictures/s | drops: capture, track, render | own memory MB, supervisor first |")
             print("|---|---|---|---|---|", flush=True)
@@ -83,15 +83,15 @@ def _drops(now: Account, then: Account) -> tuple[int, int, int]:
 def main() -> int:
     parser = parser_of(__doc__, minutes=10)
     parser.add_argument("--rate", type=float, action="append")
-    parser.add_argument("--scene", type=Path)
+    parser.add_argument("--scene", type=existing)
     parser.add_argument("--no-hog", action="store_true")
     args = parser.parse_args()
     broken = []
     for rate_hz in args.rate or [30.0, 120.0]:
         broken += steady(rate_hz, args.minutes, args.scene and args.scene.resolve(), not args.no_hog)
-    print("\n" + ("\n".join(broken) or "all kept"))
+    print("\n" + ("\n".join(broken) or "all guarantees kept"))
     return 1 if broken else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    start(main)

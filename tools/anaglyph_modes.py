@@ -1,11 +1,11 @@
 """The same viewpoint of the demo scene in every anaglyph mode, as one sheet: docs/anaglyph_modes.png.
 
-usage: python tools/anaglyph_modes.py [OUT.png]
+    uv run python tools/anaglyph_modes.py [OUT.png]
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 import tempfile
 from pathlib import Path
 from typing import get_args, get_type_hints
@@ -23,7 +23,9 @@ SIDE_PX, COLUMNS, LABEL_PX = 256, 5, 22
 
 
 def main() -> None:
-    out = Path(sys.argv[1]) if len(sys.argv) > 1 else OUT
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path, nargs="?", default=OUT)
+    out = parser.parse_args().out
     modes = get_args(get_args(get_type_hints(Render, include_extras=True)["anaglyph"])[0])
     with tempfile.TemporaryDirectory() as folder:
         scene = demo_scene(Path(folder), lambda *_: None, size_px=SIDE_PX)

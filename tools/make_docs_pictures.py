@@ -1,12 +1,13 @@
 """The pictures of README and docs, taken from a running demo: docs/anaglyph.png, view_grid.png, monitor.png, page.png.
 
-usage: python tools/make_docs_pictures.py [FOLDER]
+    uv run python tools/make_docs_pictures.py [FOLDER]
 
 page.png needs chromium and chromedriver, and is left as it is without them.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import subprocess
@@ -78,7 +79,9 @@ def page(port: int, out: Path, profile: Path) -> None:
 
 
 def main() -> None:
-    out = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs"
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path, nargs="?", default=ROOT / "docs")
+    out = parser.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XDG_RUNTIME_DIR"] = folder

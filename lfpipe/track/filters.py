@@ -2,7 +2,7 @@
 
 Constants were fitted on sequences of known motion (tools/make_sequence.py, measured by the landmark network at 30 Hz, with and
 without noise on top), for the least error on the screen with no more jitter of a still viewer than the mean of five:
-`profiling/eyes_filters.py`. On other faces and paths they do as well (`profiling/eyes_heldout.py`, profiling/results/eyes.md).
+`lfpipe bench filters`. On other faces and paths they do as well (`profiling/eyes_heldout.py`, profiling/results/eyes.md).
 They are in distances between the eyes and in seconds, so they hold for any camera, picture size and viewer distance.
 """
 

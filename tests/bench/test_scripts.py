@@ -1,0 +1,51 @@
+"""The scripts of profiling/ and tools/, as somebody with a clone runs them: without sample data."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SCRIPTS = sorted(path for folder in ("profiling", "tools") for path in (ROOT / folder).glob("*.py") if path.stem != "arguments")
+PAGES = [ROOT / "README.md", ROOT / "docs" / "replay.md", *sorted((ROOT / "profiling" / "results").glob("*.md"))]
+WITH_DATA = (
+    "eyes_engines",
+    "eyes_heldout",
+    "pipeline_vs_loop",
+    "quality_beside_hogs",
+    "replay_recording",
+    "replay_steady",
+    "scene_pack",
+)
+
+
+def run(script: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, str(script), *words], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_help_needs_nothing(script: Path) -> None:
+    done = run(script, "--help")
+    assert done.returncode == 0 and "usage" in done.stdout.lower(), done.stderr
+
+
+@pytest.mark.parametrize("name", WITH_DATA)
+def test_missing_data_is_named(name: str) -> None:
+    words = ["--portraits", "nowhere"] if name == "eyes_heldout" else ["nowhere"]
+    done = run(ROOT / "profiling" / f"{name}.py", *words)
+    assert done.returncode == 2 and "nowhere" in done.stderr and "Traceback" not in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_quoted_scripts_and_subjects_exist(page: Path) -> None:
+    from lfpipe.bench.subjects import SUBJECTS
+
+    text = page.read_text()
+    for name in re.findall(r"(?:profiling|tools)/[\w/.-]+\.(?:py|md|toml)", text):
+        assert (ROOT / name).is_file(), name
+    for word in re.findall(r"lfpipe bench (\w+)", text):
+        assert word in {*SUBJECTS, "all", "compare"}, word
