@@ -110,12 +110,14 @@ def timed(figure: Figure) -> bool:
 def paired(subject: str, a: Measured, b: Measured) -> Iterator[Paired]:
     """Every figure that both have, sample by sample."""
     for figure in SUBJECTS[subject].figures:
-        if figure.key in a.errors and figure.key in b.errors:
-            if ratios := error_ratios(a.errors[figure.key], b.errors[figure.key]):
-                yield Paired(subject, a.name, figure, "error", ratios)
-        elif figure.key in a.turns and figure.key in b.turns and timed(figure):
-            if ratios := time_ratios(a.turns, b.turns, figure.key):
-                yield Paired(subject, a.name, figure, "apart", ratios)
+        key, ratios = figure.key, list[float]()
+        kind: Kind = "error"
+        if key in a.errors and key in b.errors:
+            ratios = error_ratios(a.errors[key], b.errors[key])
+        elif key in a.turns and key in b.turns and timed(figure):
+            kind, ratios = "apart", time_ratios(a.turns, b.turns, key)
+        if ratios:
+            yield Paired(subject, a.name, figure, kind, ratios)
 
 
 def error_ratios(a: Sequence[float], b: Sequence[float]) -> list[float]:
