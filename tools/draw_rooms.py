@@ -7,9 +7,9 @@ Arrows point from a room to one that it imports, as thick as the number of impor
 
 from __future__ import annotations
 
+import argparse
 import ast
 import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -89,7 +89,8 @@ def draw(files: dict[str, str], out: Path) -> None:
 
 
 if __name__ == "__main__":
-    words = sys.argv[1:]
-    if len(words) not in (1, 3) or (len(words) == 3 and words[0] != "--ref"):
-        sys.exit(__doc__)
-    draw(sources(words[1] if len(words) == 3 else ""), Path(words[-1]))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--ref", default="", metavar="GIT_REF", help="default: the work tree")
+    parser.add_argument("out", type=Path, metavar="OUT.png")
+    given = parser.parse_args()
+    draw(sources(given.ref), given.out)
