@@ -6,16 +6,15 @@ import contextlib
 import errno
 import os
 import stat
-import tomllib
 from collections.abc import Iterator
+from io import BufferedReader
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import IO
 
 from lfpipe.errors import UserError
 
 PRIVATE = 0o600  # of a file in which somebody's face or movements are; its folder has PRIVATE_FOLDER
 PRIVATE_FOLDER = 0o700
-TOML_LINE_CHARS = 4096  # the time that tomllib takes for dotted keys grows with the square of their number
 _KINDS = {
     stat.S_IFDIR: "a directory",
     stat.S_IFIFO: "a FIFO",
@@ -43,7 +42,7 @@ def check_regular(path: Path) -> None:
         raise OSError(errno.EINVAL, f"is {kind}, not a file", str(path))
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path) -> BufferedReader:
     """path, opened to be read. Raises OSError where it is not a file: a FIFO would block, a device may do anything."""
     check_regular(path)
     fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
@@ -61,6 +60,20 @@ def read_bytes(path: Path, most_bytes: int) -> bytes:
     if max(size, len(data)) > most_bytes:
         raise OSError(errno.EFBIG, f"has {max(size, len(data))} bytes, {most_bytes} at most are read", str(path))
     return data
+
+
+def lines(path: Path, longest: int, remedy: str) -> Iterator[tuple[int, bytes]]:
+    """(number from 1, line with its end) of every line; the last one may have none.
+
+    Raises UserError where a line is longer than that, OSError where path is no file.
+    """
+    with open_regular(path) as file:
+        number = 0
+        while line := file.readline(longest + 1):
+            number += 1
+            if len(line) > longest:
+                raise UserError(f"{path}:{number}: a line of more than {longest} bytes", remedy)
+            yield number, line
 
 
 def create_private(path: Path) -> IO[bytes]:
@@ -96,17 +109,3 @@ def read_text(path: Path, most_bytes: int, what: str, remedy: str) -> str:
         raise UserError(f"{what}: {why}", remedy) from None
     except OSError as error:
         raise UserError(f"{what}: cannot be read: {reason(error)}", remedy) from None
-
-
-def read_toml(path: Path, most_bytes: int, what: str, remedy: str) -> dict[str, Any]:
-    """The tables of a TOML file; values may be of any type TOML has. what: for the message. Raises UserError where it is none."""
-    text = read_text(path, most_bytes, what, remedy)
-    for number, line in enumerate(text.splitlines(), 1):
-        if len(line) > TOML_LINE_CHARS:
-            raise UserError(f"{what}: not TOML: line {number} has {len(line)} characters, {TOML_LINE_CHARS} at most", remedy)
-    try:
-        return tomllib.loads(text)
-    except RecursionError:
-        raise UserError(f"{what}: not TOML: tables or lists too deep", remedy) from None
-    except ValueError as error:
-        raise UserError(f"{what}: not TOML: {error}", remedy) from None

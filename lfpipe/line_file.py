@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from lfpipe.files import PRIVATE, check_regular
+
 LONGEST_LINE = 1 << 16  # bytes; how far back the last line's end is looked for
 
 
@@ -12,8 +14,9 @@ class LineFile:
     """Appends lines with one write each. Half a line that a killed writer may have left is cut off."""
 
     def __init__(self, path: Path) -> None:
-        """Makes the file where there is none. Raises OSError."""
-        self._fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+        """Makes the file where there is none, for its owner alone. Raises OSError, also where path is no file."""
+        check_regular(path)
+        self._fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, PRIVATE)
         size = os.fstat(self._fd).st_size
         tail = os.pread(self._fd, min(size, LONGEST_LINE), max(0, size - LONGEST_LINE)) if size else b""
         if tail and not tail.endswith(b"\n"):

@@ -3,20 +3,61 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.line_file import LineFile
+from lfpipe.files import PRIVATE, check_regular, lines, reason
+from lfpipe.line_file import LONGEST_LINE, LineFile
+from lfpipe.untrusted import Fields, json_fields
+
+TIMES = ("t_sensor_ns", "t_read_ns", "t_tracked_ns", "t_composed_ns", "t_presented_ns")
+MAX_NS = 1 << 61
+MAX_PX = 1e12  # of an eye, and of a view in views
 
 
 def check_trace(path: Path) -> None:
-    """Makes an empty trace. Raises UserError where that cannot be."""
+    """Makes an empty trace, for its owner alone. Raises UserError where that cannot be."""
     try:
-        path.write_bytes(b"")
+        check_regular(path)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+        os.close(os.open(path, flags, PRIVATE))
     except OSError as error:
-        raise UserError(f"trace {path}: {error.strerror}", "a file in a directory that you may write to") from None
+        raise UserError(f"trace {path}: {reason(error)}", "a file in a directory that you may write to") from None
+
+
+def trace_lines(path: Path, remedy: str) -> Iterator[Fields]:
+    """The lines of a trace, whose fields by the contract have their types; a last line without its end is left out.
+
+    Raises UserError that names the line and the field that are wrong.
+    """
+    try:
+        for number, line in lines(path, LONGEST_LINE, remedy):
+            if not line.endswith(b"\n"):
+                return
+            fields = json_fields(line, f"{path}: not a trace that can be read: line {number}", remedy)
+            for name in ("source_seq", "epoch"):
+                fields.integer(name, 0, MAX_NS)
+            for name in TIMES:
+                fields.integer(name, 0, MAX_NS)
+            if "t_started_ns" in fields.values:
+                fields.integer("t_started_ns", 0, MAX_NS)
+            for name in ("face", "composed"):
+                fields.flag(name)
+            fields.text("method", 100)
+            check_sides(fields, "view")
+            yield fields
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {reason(error)}", remedy) from None
+
+
+def check_sides(fields: Fields, name: str) -> None:
+    """Raises UserError where a field is not {"left": [x, y], "right": [x, y]}."""
+    sides = fields.table(name)
+    for side in ("left", "right"):
+        sides.numbers(side, 2, -MAX_PX, MAX_PX)
 
 
 class TraceFile:

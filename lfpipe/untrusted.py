@@ -18,6 +18,7 @@ from lfpipe.errors import UserError, shown
 MAX_DEPTH = 32
 MAX_INTEGER = (1 << 63) - 1  # what NumPy, msgpack and every other reader can hold
 _MAX_DIGITS = 19
+_MAX_TOML_LINE = 4096  # the time that tomllib takes for dotted keys grows with the square of their number
 
 T = TypeVar("T")
 
@@ -34,12 +35,21 @@ def parse_json(data: bytes | str, where: str, remedy: str) -> Any:
 
 def parse_toml(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
     """The table of a TOML document, UTF-8, checked as `parse_json` does."""
-    try:
-        value = tomllib.loads(data.decode() if isinstance(data, bytes) else data)
-    except (ValueError, RecursionError) as error:
-        raise UserError(f"{where}: not TOML that can be read: {_reason(error)}", remedy) from None
+    value = toml_table(data, where, remedy)
     _checked(value, where, remedy)
     return value
+
+
+def toml_table(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
+    """The table of a TOML document, UTF-8, for a reader that checks every value itself."""
+    try:
+        text = data.decode() if isinstance(data, bytes) else data
+        for number, line in enumerate(text.split("\n"), 1):
+            if len(line) > _MAX_TOML_LINE:
+                raise ValueError(f"line {number} has {len(line)} characters, {_MAX_TOML_LINE} at most")
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{where}: not TOML that can be read: {_reason(error)}", remedy) from None
 
 
 def json_fields(data: bytes | str, where: str, remedy: str) -> Fields:
@@ -105,6 +115,11 @@ class Fields:
         if len(value) > most:
             raise UserError(f"{self.where}: {key} has {len(value)} items, at most {most} are expected", self.remedy)
         return value
+
+    def numbers(self, key: str, count: int, low: float, high: float) -> list[float]:
+        """A list of so many finite numbers."""
+        each = Fields({f"{key}[{k}]": value for k, value in enumerate(self.items(key, count))}, self.where, self.remedy)
+        return [each.number(f"{key}[{k}]", low, high) for k in range(count)]
 
     def table(self, key: str) -> Fields:
         """A mapping within this one."""

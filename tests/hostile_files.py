@@ -6,6 +6,7 @@ Plain functions of `random.Random` and of paths, so that tests and attack harnes
 from __future__ import annotations
 
 import copy
+import functools
 import json
 import os
 import random
@@ -230,10 +231,11 @@ def png_chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
+@functools.cache
 def png_of(width_px: int, height_px: int, body: bytes | None = None, before: bytes = b"", depth: int = 8) -> bytes:
     """A PNG that claims a size. body: its compressed rows, zeros of that size where None. before: chunks ahead of them."""
     if body is None:
-        squeeze, row, left = zlib.compressobj(9), b"\0" * (1 + width_px * 3 * depth // 8), height_px
+        squeeze, row, left = zlib.compressobj(1), b"\0" * (1 + width_px * 3 * depth // 8), height_px
         parts = []
         while left > 0:
             parts.append(squeeze.compress(row * min(64, left)))
@@ -244,6 +246,7 @@ def png_of(width_px: int, height_px: int, body: bytes | None = None, before: byt
     return b"\x89PNG\r\n\x1a\n" + chunks
 
 
+@functools.cache
 def text_bomb(size: int) -> bytes:
     """A PNG chunk of compressed text that unpacks to size bytes."""
     return png_chunk(b"zTXt", b"Comment\0\0" + zlib.compress(b"\0" * size, 9))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +12,10 @@ from lfpipe.capture.schedule import EvenSchedule
 from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.capture.spec import FileSpec
 from lfpipe.decode import fitted
+from lfpipe.files import open_regular
 from lfpipe.sequence.folder import open_sequence
-from lfpipe.sequence.packets import PACKETS, decoded
+from lfpipe.sequence.index import PACKETS
+from lfpipe.sequence.packets import decoded
 
 
 class SequenceSource:
@@ -29,7 +30,8 @@ class SequenceSource:
         self._spec, self._sequence = spec, open_sequence(spec.path, verify=False)
         rate_hz = spec.pace if isinstance(spec.pace, float) else self._sequence.measured_hz
         self._even = EvenSchedule(rate_hz) if isinstance(spec.pace, float) else None
-        self._file = Path(spec.path / PACKETS).open("rb")  # noqa: SIM115  (lives as long as the source)
+        self._file = open_regular(spec.path / PACKETS)
+        self._first_ns = self._sequence.packets[0].t_sensor_ns
         self._seq, self._start_ns, self._round_ns = 0, 0, 0
         width_px, height_px = self._sequence.width_px, self._sequence.height_px
         notes = []
@@ -48,16 +50,18 @@ class SequenceSource:
             if not self._spec.loop:
                 return None
             self._file.seek(0)
-            self._round_ns += packets[-1].t_sensor_ns - packets[0].t_sensor_ns + round(1e9 / self._sequence.measured_hz)
+            self._round_ns += packets[-1].t_sensor_ns - self._first_ns + round(1e9 / self._sequence.measured_hz)
         t_read_ns = time.monotonic_ns()
-        data = self._file.read(packets[index].bytes)
-        fitted(decoded(packets[index], data, self._sequence.width_px, self._sequence.height_px), out)
+        packet = packets[index]
+        data = self._file.read(packet.bytes)
+        size = self._sequence.width_px, self._sequence.height_px
+        fitted(decoded(packet, data, *size, self._sequence.path), out)
         if self._seq == 0:
             self._start_ns = time.monotonic_ns()
-        after_ns = self._round_ns + packets[index].t_sensor_ns - packets[0].t_sensor_ns
+        after_ns = self._round_ns + packet.t_sensor_ns - self._first_ns
         due_ns = self._start_ns + (self._even.due_ns(self._seq) if self._even else after_ns)
-        packet = np.frombuffer(data, np.uint8) if packets[index].codec == "jpeg" else None
-        frame = Frame(self._seq, due_ns, t_read_ns if self._spec.pace == "max" else 0, packet)
+        jpeg = np.frombuffer(data, np.uint8) if packet.codec == "jpeg" else None
+        frame = Frame(self._seq, due_ns, t_read_ns if self._spec.pace == "max" else 0, jpeg)
         self._seq += 1
         return frame
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
+import os
 import shutil
 import sys
 import tempfile
@@ -14,9 +16,9 @@ from typing import Any
 import click
 
 from lfpipe.cli.options import with_config
+from lfpipe.errors import UserError
 
 PATH = click.Path(path_type=Path)
-REFERENCE = ("report.json", "trace.jsonl", "pictures")  # what a comparison reads
 
 
 def say(text: str) -> None:
@@ -24,7 +26,52 @@ def say(text: str) -> None:
     click.echo(text, err=True)
 
 
-@click.command()
+class Reported(click.Command):
+    """A command whose --junit file says failure or error whenever the exit code is not 0, whichever way it comes to that."""
+
+    def make_context(self, info_name: str | None, args: list[str], *more: Any, **extra: Any) -> click.Context:
+        words = list(args)  # which are used up
+        try:
+            return super().make_context(info_name, args, *more, **extra)
+        except click.ClickException as error:
+            with contextlib.suppress(UserError):
+                _write(_junit_of(words), info_name or "", error.format_message())
+            raise
+
+    def invoke(self, ctx: click.Context) -> Any:
+        from lfpipe.replay.run import ReplayFailed
+
+        junit, name, began = ctx.params["junit"], ctx.params["path"].name, time.monotonic()
+        _write(junit, name, "it did not come to its end")  # now, and not after the run, which may be killed
+        try:
+            return super().invoke(ctx)
+        except BaseException as error:
+            what = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error) or type(error).__name__
+            with contextlib.suppress(UserError):
+                _write(junit, name, what, time.monotonic() - began)
+            if not isinstance(error, ReplayFailed):
+                raise
+            say(f"error: replay of {ctx.params['path']}: {error}")
+            return 1
+
+
+def _junit_of(words: list[str]) -> Path | None:
+    """What --junit is where the rest makes no sense."""
+    for word, following in itertools.zip_longest(words, words[1:], fillvalue=""):
+        if word == "--junit" or word.startswith("--junit="):
+            found = following if word == "--junit" else word.partition("=")[2]
+            return Path(found) if found else None
+    return None
+
+
+def _write(junit: Path | None, name: str, error: str, seconds: float = 0.0) -> None:
+    from lfpipe.replay.junit import write_junit
+
+    if junit is not None:
+        write_junit(junit, name, [], error, seconds)
+
+
+@click.command(cls=Reported)
 @click.argument("path", type=PATH, metavar="SEQ")
 @click.option("--scene", type=PATH, metavar="S", help="The light field; the demo's without it.")
 @click.option("--pace", default="step", show_default=True, metavar="step|max|recorded|HZ", help="How frames follow each other.")
@@ -51,7 +98,7 @@ def replay(
     from lfpipe.replay import run
     from lfpipe.replay.budgets import broken, read_budgets
     from lfpipe.replay.compare import Comparison, check_reference, compare
-    from lfpipe.replay.junit import write_junit
+    from lfpipe.replay.junit import cases_of, write_junit
     from lfpipe.replay.report import about_scene, about_sequence, read_report
     from lfpipe.sequence.folder import open_sequence
 
@@ -62,25 +109,21 @@ def replay(
         say(f"{path} was cut off while it was recorded: {len(sequence.packets)} whole frames are replayed")
     config = run.replay_config(sequence, config_file, sets)
     budgets = read_budgets(budget_file) if budget_file else None
-    if junit is not None:
-        write_junit(junit, path.name, False, [], None, 0.0)  # says now, and not after the run, that it cannot be written
-    if expect is not None and not update:
-        read_report(expect)
+    if expect is not None:
+        run.check_out(expect) if update else read_report(expect)
     with _folder(out) as folder:
-        run.clear_out(folder)
+        run.check_out(folder)
         field = open_with_progress(scene, config.scene)
         if expect is not None and not update:
             check_reference(expect, {"sequence": about_sequence(sequence), "scene": about_scene(field)})
-        try:
-            kept = pace == "step" and (out is not None or expect is not None)
-            report = run.replay(sequence, field, config, pace, folder, kept, say)
-        except run.ReplayFailed as error:
-            say(f"error: replay of {path}: {error}")
-            return 1
+        run.clear_out(folder)
+        kept = pace == "step" and (out is not None or expect is not None)
+        report = run.replay(sequence, field, config, pace, folder, kept, say)
         _summary(report)
         compared = Comparison([], [])
         if expect is not None and update:
-            _update(expect, folder)
+            run.update_reference(expect, folder)
+            say(f"reference written to {expect}")
         elif expect is not None:
             compared = compare(expect, folder)
             if compared.differences and out is None:
@@ -92,25 +135,25 @@ def replay(
         click.echo(f"differs: {difference}")
     for line in over or ():
         click.echo(f"over budget: {line}")
-    if junit is not None:
-        against = expect is not None and not update
-        write_junit(junit, path.name, against, compared.differences, over, time.monotonic() - began)
-    if expect is not None and not update and not compared.differences:
+    against = expect is not None and not update
+    if against and not compared.differences:
         click.echo(f"as in {expect}")
+    sys.stdout.flush()  # a reader that went away is a failure, too
+    if junit is not None:
+        write_junit(junit, path.name, cases_of(against, compared.differences, over), "", time.monotonic() - began)
     return 1 if compared.differences or over else 0
 
 
 def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> None:
     """What of the options does not go together."""
     from lfpipe.capture.spec import parse_source
-    from lfpipe.errors import UserError
-    from lfpipe.replay.run import STEADY
+    from lfpipe.replay.report import STEADY
 
     if pace != "step":
         parse_source(f"file:sequence?pace={pace}")
     if update and expect is None:
         raise UserError("--update: which reference?", "name it with --expect REF")
-    if expect is not None and out is not None and expect.resolve() == out.resolve():
+    if expect is not None and out is not None and os.path.realpath(expect) == os.path.realpath(out):
         raise UserError(f"--out and --expect are both {out}", "two folders; --update writes the reference")
     if expect is not None and pace not in STEADY:
         raise UserError(f"--expect with --pace {pace}: results then depend on the clock", "compare with --pace step or max")
@@ -121,27 +164,22 @@ def _folder(out: Path | None) -> Iterator[Path]:
     if out is not None:
         yield out
         return
-    with tempfile.TemporaryDirectory(prefix="lfpipe-replay-") as folder:
+    try:
+        made = tempfile.TemporaryDirectory(prefix="lfpipe-replay-", ignore_cleanup_errors=True)
+    except OSError as error:
+        raise UserError(f"{tempfile.gettempdir()}: {error.strerror}", "a folder for the results: --out DIR") from None
+    with made as folder:
         yield Path(folder)
 
 
 def _keep_difference(folder: Path) -> None:
     """Without --out the pictures that show a difference go to the current directory."""
     if (folder / "difference").is_dir():
-        shutil.copytree(folder / "difference", Path("difference"), dirs_exist_ok=True)
-        say("pictures of the difference are in difference/")
-
-
-def _update(reference: Path, folder: Path) -> None:
-    from lfpipe.replay.run import clear_out
-
-    clear_out(reference)
-    for name in REFERENCE:
-        if (folder / name).is_dir():
-            shutil.copytree(folder / name, reference / name)
-        else:
-            shutil.copyfile(folder / name, reference / name)
-    say(f"reference written to {reference}")
+        try:
+            shutil.copytree(folder / "difference", Path("difference"), dirs_exist_ok=True)
+            say("pictures of the difference are in difference/")
+        except OSError as error:
+            say(f"pictures of the difference cannot be kept in difference/: {error.strerror or 'no room'}; --out keeps them")
 
 
 def _summary(report: dict[str, Any]) -> None:

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
+from lfpipe.errors import UserError, plain
+
+MOST_WRONG = 5  # parts of one sequence that are named
 PATH = click.Path(path_type=Path)
 
 
@@ -15,25 +21,42 @@ def sequence() -> None:
     """Look at recorded sequences, cut, import and export them."""
 
 
+def _each(paths: tuple[Path, ...], look: Callable[[Path], None]) -> int:
+    """Looks at all of paths, whatever is wrong with one of them; the exit code."""
+    wrong = []
+    for path in paths:
+        try:
+            look(path)
+        except UserError as error:
+            wrong.append(error)
+            if len(paths) > 1:
+                click.echo(f"error: {error}", err=True)
+    if len(paths) == 1 and wrong:
+        raise wrong[0]
+    return 2 if wrong else 0
+
+
 @sequence.command()
-@click.argument("path", type=PATH, metavar="SEQ")
-@click.option("--json", "as_json", is_flag=True, help="As JSON.")
-def info(path: Path, as_json: bool) -> None:
-    """Tell what SEQ holds."""
+@click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, required=True)
+@click.option("--json", "as_json", is_flag=True, help="As JSON, a line for each.")
+def info(paths: tuple[Path, ...], as_json: bool) -> int:
+    """Show what each SEQ holds."""
+    return _each(paths, lambda path: _info(path, as_json))
+
+
+def _info(path: Path, as_json: bool) -> None:
     from lfpipe.sequence.folder import EYES, TRUTH, open_sequence
 
     found = open_sequence(path, verify=False)
-    codecs = sorted({packet.codec for packet in found.packets})
-    size = sum(packet.bytes for packet in found.packets)
-    about = {
+    about: dict[str, Any] = {
         "frames": len(found.packets),
         "lost": found.lost,
         "duration_s": round(found.duration_s, 6),
         "rate_hz": round(found.measured_hz, 4),
         "width_px": found.width_px,
         "height_px": found.height_px,
-        "codecs": codecs,
-        "bytes": size,
+        "codecs": sorted({packet.codec for packet in found.packets}),
+        "bytes": sum(packet.bytes for packet in found.packets),
         "complete": found.complete,
         "eyes": (path / EYES).exists(),
         "truth": (path / TRUTH).exists(),
@@ -44,9 +67,10 @@ def info(path: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(about))
         return
-    click.echo(f"{path}: {len(found.packets)} frames of {found.width_px}x{found.height_px}, {found.duration_s:.3f} s")
+    click.echo(f"{path}: {about['frames']} frames of {found.width_px}x{found.height_px}, {found.duration_s:.3f} s")
     click.echo(f"  {found.measured_hz:.3f} Hz by the stamps, {found.lost} frames lost while recording")
-    click.echo(f"  {size / 1e6:.1f} MB as {', '.join(codecs)}, from {about['source']}, {about['created']}")
+    source, created = (plain(str(about[name]), 200) for name in ("source", "created"))
+    click.echo(f"  {about['bytes'] / 1e6:.1f} MB as {', '.join(about['codecs'])}, from {source}, {created}")
     beside = [name for name in ("eyes", "truth") if about[name]]
     click.echo(f"  beside the frames: {', '.join(beside) or 'nothing'}")
     if not found.complete:
@@ -54,16 +78,29 @@ def info(path: Path, as_json: bool) -> None:
 
 
 @sequence.command()
-@click.argument("path", type=PATH, metavar="SEQ")
-def check(path: Path) -> None:
-    """Read all of SEQ: every checksum, every frame, every stamp."""
+@click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, required=True)
+def check(paths: tuple[Path, ...]) -> int:
+    """Read all of each SEQ: every checksum, every frame, every stamp, every line beside them."""
+    return _each(paths, _check)
+
+
+def _check(path: Path) -> None:
+    from lfpipe.sequence.edit import eyes_lines
     from lfpipe.sequence.folder import open_sequence
     from lfpipe.sequence.truth import read_truth
 
-    found = open_sequence(path)
-    for packet in found.packets:
-        found.frame(packet.seq)
-    read_truth(path)
+    found = open_sequence(path, verify=False)
+    wrong: list[UserError] = []
+    looks: list[Callable[[], object]] = [partial(found.frame, seq) for seq in range(len(found.packets))]
+    looks += [partial(read_truth, path), lambda: list(eyes_lines(found)), partial(open_sequence, path)]
+    for look in looks:
+        try:
+            look()
+        except UserError as error:
+            wrong.append(error)
+    if wrong:
+        more = [f"and {len(wrong) - MOST_WRONG} more"] * (len(wrong) > MOST_WRONG)
+        raise UserError("\n  ".join([error.message for error in wrong[:MOST_WRONG]] + more), wrong[0].remedy)
     state = "complete" if found.complete else "cut off while it was recorded, readable to its last whole frame"
     click.echo(f"{path}: {len(found.packets)} frames, all readable; {state}")
 
@@ -78,7 +115,7 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
     from lfpipe.sequence import edit
     from lfpipe.sequence.folder import open_sequence
 
-    click.echo(f"{out}: {edit.cut(open_sequence(path), out, begin_s, end_s)} frames")
+    click.echo(f"{out}: {edit.cut(open_sequence(path, verify=False), out, begin_s, end_s)} frames")
 
 
 @sequence.command("import")

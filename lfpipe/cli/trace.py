@@ -21,10 +21,12 @@ def trace() -> None:
 def start(out: Path | None, session_name: str | None) -> None:
     """Start a timeline that `lfpipe trace stop` leaves in OUT.json; by default a name made of the time, in this folder."""
     from lfpipe.observe.remote import Remote
+    from lfpipe.observe.timeline import check_out
     from lfpipe.transport import control
     from lfpipe.transport.session import default_name
 
     out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json"))).absolute()
+    check_out(out)
     Remote(session_name or default_name()).ask({"cmd": "trace", "path": f"{out}.part"}, control.FILE_CHECK_TIMEOUT_S)
     click.echo(f"tracing; `lfpipe trace stop` leaves {out}")
 

@@ -12,7 +12,8 @@ from typing import Any
 from lfpipe.config.check import changed, flat, problems, refusal, wrong_text
 from lfpipe.config.tree import Config, options
 from lfpipe.errors import UserError, shown
-from lfpipe.files import read_toml
+from lfpipe.files import read_text
+from lfpipe.untrusted import toml_table
 
 PRESETS = Path(__file__).parent / "presets"
 FILE_BYTES = 128 << 10  # ten times the file that has every key
@@ -79,7 +80,7 @@ def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -
     unreadable: list[str] = []
     for name, path in _layers(file):
         try:
-            found = flat(read_toml(path, FILE_BYTES, name, remedy))
+            found = flat(toml_table(read_text(path, FILE_BYTES, name, remedy), name, remedy))
         except UserError as error:
             wrong.append(error.message)
             unreadable = [remedy]

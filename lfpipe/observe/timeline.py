@@ -7,32 +7,20 @@ metadata M.
 
 from __future__ import annotations
 
+import errno
 import json
-from collections.abc import Callable, Iterable, Iterator
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
+from lfpipe.files import check_regular, reason, replaced
+from lfpipe.trace import trace_lines
 
 TRACKS = ("capture", "track", "render", "display")
 PID = 1
-
-
-def records(path: Path) -> Iterator[dict[str, Any]]:
-    """The objects of a JSON Lines trace; a last line without its end is left out. Raises UserError for what is no trace."""
-    try:
-        with path.open() as stream:
-            for number, line in enumerate(stream, 1):
-                if not line.endswith("\n"):
-                    return
-                record = json.loads(line)
-                if not isinstance(record, dict) or "t_presented_ns" not in record:
-                    raise ValueError(f"line {number}")
-                yield record
-    except (ValueError, UnicodeDecodeError):
-        raise UserError(f"{path}: not a trace of `lfpipe up --trace`", "a file of one JSON object a line") from None
-    except OSError as error:
-        raise UserError(f"{path}: {error.strerror}", "a trace written by `lfpipe up --trace`") from None
+PLACE = "a file in a directory that you may write to, on a disk with room"
 
 
 class _Track:
@@ -48,7 +36,7 @@ class _Track:
         return {"name": self.name, "cat": "stage", "ph": "X", "pid": PID, "tid": self.tid, **times, "args": args}
 
 
-def events(trace: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     """Trace events of a trace's objects. Times in microseconds of CLOCK_MONOTONIC."""
     yield {"name": "process_name", "ph": "M", "pid": PID, "tid": 0, "args": {"name": "lfpipe"}}
     for index, name in enumerate(TRACKS):
@@ -80,26 +68,51 @@ def events(trace: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
                 yield {**flow, "ph": kind, "tid": piece["tid"], "ts": piece["ts"] + piece["dur"] / 2, **end}
 
 
-def convert(source: Path, out: Path) -> int:
-    """Writes the JSON Lines trace `source` as trace events to `out`; returns the number of events. Raises UserError."""
-    made = list(events(records(source)))
+def check_out(out: Path) -> None:
+    """Raises UserError where a timeline could not be written to out; called before one is taken, and not when it is written."""
     try:
-        with out.open("w") as stream:
-            stream.write('{"displayTimeUnit": "ms", "traceEvents": [\n')
-            stream.write(",\n".join(json.dumps(event) for event in made))
-            stream.write("\n]}\n")
+        check_regular(out)
+        if not out.parent.is_dir():
+            raise FileNotFoundError(errno.ENOENT, f"there is no folder {out.parent}")
+        if not os.access(out.parent, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, f"{out.parent} may not be written to")
     except OSError as error:
-        raise UserError(f"{out}: {error.strerror}", "a file in a directory that you may write to") from None
-    return len(made)
+        raise UserError(f"{out}: {reason(error)}", PLACE) from None
+
+
+def convert(source: Path, out: Path) -> int:
+    """Writes the JSON Lines trace `source` as trace events to `out`, for its owner alone; returns the number of events.
+
+    Raises UserError; out then stays as it was.
+    """
+    count = 0
+    made = events(fields.values for fields in trace_lines(source, "a trace written by `lfpipe up --trace`"))
+    try:
+        with replaced(out) as file:
+            file.write(b'{"displayTimeUnit": "ms", "traceEvents": [\n')
+            for event in made:
+                file.write((b",\n" if count else b"") + json.dumps(event).encode())
+                count += 1
+            file.write(b"\n]}\n")
+    except OSError as error:
+        raise UserError(f"{out}: {reason(error)}", PLACE) from None
+    return count
 
 
 def finish_trace(ask: Callable[[dict[str, Any]], dict[str, Any]], out: Path | None) -> Path:
     """Ends the timeline that a session writes, converts it and removes the raw lines; returns where it is.
 
-    ask: sends the session a command. out: where to, None for where `start` said. Raises UserError where none runs.
+    ask: sends the session a command. out: where to, None for where `start` said. Raises UserError where none runs, or out cannot
+    be written: the timeline then goes on, or its raw lines stay.
     """
+    if out is not None:
+        check_out(out)
     part = Path(ask({"cmd": "trace", "path": ""})["path"])
     out = out or part.with_suffix("")
-    convert(part, out)
+    try:
+        convert(part, out)
+    except UserError as error:
+        remedy = f"the timeline is kept as {part}: `lfpipe trace convert {part} OUT.json`"
+        raise UserError(error.message, remedy) from None
     part.unlink(missing_ok=True)
     return out

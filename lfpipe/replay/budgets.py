@@ -13,14 +13,18 @@ most = 2.0                             # over = "reference" is the same figure o
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import attrs
 
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, shown
+from lfpipe.files import read_text
+from lfpipe.untrusted import Fields, parse_toml
 
+FILE_BYTES = 128 << 10
+MAX_BUDGETS = 1000
+SHOWN = 5  # of what is wrong
 KEYS = {"figure", "over", "most", "least", "machine"}
 
 
@@ -40,31 +44,40 @@ def _number(value: Any) -> bool:
 
 
 def read_budgets(path: Path) -> list[Budget]:
-    """The budgets in path. Raises UserError that names the entry that is wrong."""
-    try:
-        tree = tomllib.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else f"not TOML: {error}"
-        raise UserError(f"--budget {path}: {why}", "docs/replay.md shows one") from None
-    entries = tree.get("budget")
-    if set(tree) != {"budget"} or not isinstance(entries, list) or not entries:
-        raise UserError(f"--budget {path}: no [[budget]] entries, or something besides", "docs/replay.md shows one")
-    found = []
-    for number, entry in enumerate(entries):
-        where = f"--budget {path}: entry {number + 1}"
-        strange = sorted(set(entry) - KEYS)
-        if strange or not isinstance(entry.get("figure"), str):
-            what = f"unknown key {strange[0]!r}" if strange else "no figure"
-            raise UserError(f"{where}: {what}", f"keys: {', '.join(sorted(KEYS))}")
-        bounds = {name: entry[name] for name in ("most", "least") if name in entry}
-        if not bounds or not all(map(_number, bounds.values())):
-            raise UserError(f"{where} ({entry['figure']}): needs a number as most or least", "for example most = 20")
-        words = {name: entry.get(name, "") for name in ("over", "machine")}
-        if not all(isinstance(word, str) for word in words.values()) or bool(words["over"]) == bool(words["machine"]):
-            remedy = 'machine = "any", or over = "reference"'
-            raise UserError(f"{where} ({entry['figure']}): needs either over or machine", remedy)
-        found.append(Budget(entry["figure"], words["over"], bounds.get("most"), bounds.get("least"), words["machine"]))
+    """The budgets in path. Raises UserError that names every entry that is wrong."""
+    where, remedy = f"--budget {path}", "docs/replay.md shows one"
+    tree = parse_toml(read_text(path, FILE_BYTES, where, remedy), where, remedy)
+    listed = set(tree) == {"budget"} and isinstance(tree["budget"], list)
+    entries = Fields(tree, where, remedy).items("budget", MAX_BUDGETS) if listed else []
+    if not entries:
+        raise UserError(f"{where}: no [[budget]] entries, or something besides", remedy)
+    found, wrong = [], []
+    for number, entry in enumerate(entries, 1):
+        try:
+            found.append(_budget(entry, f"entry {number}"))
+        except UserError as error:
+            wrong.append(error)
+    if wrong:
+        said = [error.message for error in wrong[:SHOWN]] + [f"and {len(wrong) - SHOWN} more"] * (len(wrong) > SHOWN)
+        raise UserError(f"{where}: " + "\n  ".join(said), wrong[0].remedy)
     return found
+
+
+def _budget(entry: Any, where: str) -> Budget:
+    if not isinstance(entry, dict):
+        raise UserError(f"{where} is {shown(entry)}, no table", "[[budget]]")
+    strange = sorted(set(entry) - KEYS)
+    if strange or not isinstance(entry.get("figure"), str):
+        what = f"unknown key {shown(strange[0])}" if strange else "no figure"
+        raise UserError(f"{where}: {what}", f"keys: {', '.join(sorted(KEYS))}")
+    where = f"{where} ({entry['figure'][:80]})"
+    bounds = {name: entry[name] for name in ("most", "least") if name in entry}
+    if not bounds or not all(map(_number, bounds.values())):
+        raise UserError(f"{where}: needs a number as most or least", "for example most = 20")
+    words = {name: entry.get(name, "") for name in ("over", "machine")}
+    if not all(isinstance(word, str) for word in words.values()) or bool(words["over"]) == bool(words["machine"]):
+        raise UserError(f"{where}: needs either over or machine", 'machine = "any", or over = "reference"')
+    return Budget(entry["figure"], words["over"], bounds.get("most"), bounds.get("least"), words["machine"])
 
 
 def figure(report: dict[str, Any], path: str) -> float:
@@ -73,7 +86,8 @@ def figure(report: dict[str, Any], path: str) -> float:
     for part in path.split("."):
         value = value.get(part) if isinstance(value, dict) else None
     if not _number(value):
-        raise UserError(f"budget: {path} is no figure of this report", "report.json of `lfpipe replay --out` holds them all")
+        what = f"budget: {path[:200]} is no figure of this report"
+        raise UserError(what, "report.json of `lfpipe replay --out` holds them all")
     return float(value)
 
 

@@ -6,6 +6,7 @@ far as another rounding may take them (TOLERANCES), and pictures by what a perso
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, shown
+from lfpipe.files import open_regular, reason, replaced
+from lfpipe.picture_header import header_of
 from lfpipe.render.keeper import PICTURES
 from lfpipe.render.scoring import psnr_db
-from lfpipe.replay.report import Line, pair, read_report, read_trace
-from lfpipe.sequence.packets import PACKETS as PACKET_FILE
-from lfpipe.sequence.packets import Packet, read_index
+from lfpipe.replay.report import REPORT, WRITTEN, Line, pair, read_report, read_trace
+from lfpipe.sequence.index import INDEX, Packet, read_index
+from lfpipe.sequence.index import PACKETS as PACKET_FILE
+from lfpipe.sequence.packets import decoded, encoded
 
 TOLERANCES = {  # name in the trace -> (absolute, relative), where versions differ
     "eyes_raw": (0.05, 1e-4),
@@ -28,6 +32,7 @@ TOLERANCES = {  # name in the trace -> (absolute, relative), where versions diff
     "view": (0.01, 0.0),  # whole numbers, of method nearest, must then be equal
 }
 LEAST_DB = 50.0
+MOST_FIELDS = 20  # of one part, in the words for a person
 CAUSES = {  # in the order of the pipeline: what comes first caused what follows
     "face": "tracking finds a face in other frames (lfpipe/track: engine, detector, choice of the face)",
     "eyes_raw": "the engine measures other eyes in the same frame (lfpipe/track: engine, region of interest, landmarks)",
@@ -83,8 +88,11 @@ def check_reference(reference: Path, report: dict[str, Any]) -> None:
         for name in names:
             if was[part][name] != report[part][name]:
                 before, now = was[part][name], report[part][name]
-                told = "" if isinstance(now, dict) else f": {name} {before!r} there, {now!r} here"
+                told = "" if isinstance(now, dict) else f": {name} {shown(before)} there, {shown(now)} here"
                 raise UserError(f"{reference}: made with another {part}{told}", remedy)
+    if was["counts"]["pictures"] > was["sequence"]["frames"]:
+        told = f"{was['counts']['pictures']} pictures of {was['sequence']['frames']} frames"
+        raise UserError(f"{reference / REPORT}: {told}, one of each is expected", remedy)
 
 
 def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -97,11 +105,10 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 def _fields(part: str, was: dict[str, Any], now: dict[str, Any], skipped: tuple[str, ...] = ()) -> list[Difference]:
     before, after = _flat(was), _flat(now)
     keys = [key for key in sorted(before | after) if not key.startswith(skipped)] if skipped else sorted(before | after)
-    return [
-        Difference(part, f"{key}: {before.get(key)!r} in the reference, {after.get(key)!r} now")
-        for key in keys
-        if before.get(key) != after.get(key)
-    ]
+    apart = [key for key in keys if before.get(key) != after.get(key)]
+    found = [f"{key[:80]}: {shown(before.get(key))} in the reference, {shown(after.get(key))} now" for key in apart[:MOST_FIELDS]]
+    more = [f"and {len(apart) - MOST_FIELDS} more keys"] if len(apart) > MOST_FIELDS else []
+    return [Difference(part, what) for what in found + more]
 
 
 def _equal(name: str, was: Line, now: Line, exact: bool) -> bool:
@@ -120,18 +127,22 @@ class _Pictures:
     def __init__(self, folder: Path, lines: list[Line]) -> None:
         self._folder = folder / PICTURES
         by_seq = {line["source_seq"]: line["picture"] for line in lines}
-        there = (self._folder / PACKET_FILE).exists()
-        packets = read_index(self._folder, complete=True) if there else []
+        packets = read_index(self._folder, complete=True) if os.path.lexists(self._folder / INDEX) else ()
         self._kept: dict[str, Packet] = {by_seq[p.source_seq]: p for p in packets if p.source_seq in by_seq}
 
     def get(self, digest: str) -> NDArray[np.uint8] | None:
+        """Raises UserError where it is kept and damaged."""
         packet = self._kept.get(digest)
         if packet is None:
             return None
-        with (self._folder / PACKET_FILE).open("rb") as file:
-            file.seek(packet.offset)
-            found = cv2.imdecode(np.frombuffer(file.read(packet.bytes), np.uint8), cv2.IMREAD_COLOR)
-        return None if found is None else np.asarray(found, np.uint8)
+        path = self._folder / PACKET_FILE
+        try:
+            with open_regular(path) as file:
+                data = os.pread(file.fileno(), packet.bytes, packet.offset)
+        except OSError as error:
+            raise UserError(f"{path}: cannot be read: {reason(error)}", WRITTEN) from None
+        header = header_of(data)
+        return decoded(packet, data, header.width_px if header else 0, header.height_px if header else 0, self._folder)
 
 
 def likeness_db(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
@@ -144,13 +155,17 @@ def likeness_db(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
 def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint8]) -> str:
     """Both pictures and their difference, its largest step made white; returns where they are."""
     out = folder / "difference"
-    out.mkdir(exist_ok=True)
-    shown = {"reference": was, "now": now}
+    sides = {"reference": was, "now": now}
     if was.shape == now.shape:
         apart = cv2.absdiff(was, now)
-        shown["difference"] = np.asarray(cv2.convertScaleAbs(apart, alpha=255 / max(1, int(apart.max()))), np.uint8)
-    for name, picture in shown.items():
-        cv2.imwrite(str(out / f"frame_{frame:06d}_{name}.png"), picture)
+        sides["difference"] = np.asarray(cv2.convertScaleAbs(apart, alpha=255 / max(1, int(apart.max()))), np.uint8)
+    try:
+        out.mkdir(exist_ok=True)
+        for name, picture in sides.items():
+            with replaced(out / f"frame_{frame:06d}_{name}.png", 0o644) as file:
+                file.write(encoded(picture, fast=False)[1])
+    except OSError as error:
+        raise UserError(f"{out}: {reason(error)}", "a folder that you may write to, on a disk with room") from None
     return f"{out}/frame_{frame:06d}_*.png"
 
 
@@ -170,7 +185,7 @@ def compare(reference: Path, folder: Path) -> Comparison:
     counted = ("frames", "pictures", "faces")
     a, b = ({key: report["counts"][key] for key in counted} for report in (was, now))
     found += _fields("counts", a, b)
-    before, after = read_trace(reference), read_trace(folder)
+    before, after = read_trace(reference, most_lines=was["counts"]["pictures"]), read_trace(folder)
     if len(before) != was["counts"]["pictures"]:
         told = f"{len(before)} lines in its trace, {was['counts']['pictures']} pictures in its report"
         raise UserError(f"{reference}: {told}", "copy the whole folder again, or --update to make it anew")
@@ -233,10 +248,10 @@ def _drawn(
     if not wrong and len(pairs) == len(drawn):
         told = f"pictures: {len(drawn)} of {len(after)} digests differ, least PSNR {least_db:.1f} dB ({LEAST_DB:g} wanted)"
         return [], [told] if drawn else []
-    shown = f"least PSNR {least_db:.1f} dB, see {_save(folder, *first)}" if first else "no picture of these frames was kept twice"
+    where = f"least PSNR {least_db:.1f} dB, see {_save(folder, *first)}" if first else "no picture of these frames was kept twice"
     if wrong:
         was, now = drawn[0]
         what = f"digest {was['picture']} in the reference, {now['picture']} now; {CAUSES['picture']}"
-        return [Difference("pictures", f"{what}; {len(drawn)} of {len(after)} frames; {shown}", now["source_seq"])], []
-    what = f"{len(pairs)} of {len(after)} differ, after what stands above; {shown}"
+        return [Difference("pictures", f"{what}; {len(drawn)} of {len(after)} frames; {where}", now["source_seq"])], []
+    what = f"{len(pairs)} of {len(after)} differ, after what stands above; {where}"
     return [Difference("pictures", what, pairs[0][1]["source_seq"])], []

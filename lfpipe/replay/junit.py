@@ -2,33 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, plain
+from lfpipe.files import reason, replaced
 from lfpipe.replay.compare import PARTS, Difference
 
+TEXT_CHARS = 20_000  # of one test case
 
-def write_junit(
-    path: Path, name: str, compared: bool, differences: list[Difference], budgets: list[str] | None, seconds: float
-) -> None:
-    """name: of the sequence. budgets: the broken ones, None where none were asked for.
 
-    Raises UserError where path cannot be written.
-    """
-    cases: list[tuple[str, list[str]]] = [("replay", [])]
+def cases_of(compared: bool, differences: Sequence[Difference], budgets: Sequence[str] | None) -> list[tuple[str, list[str]]]:
+    """(test case, its failures) of a replay that came to its end. budgets: the broken ones, None where none were asked for."""
+    cases: list[tuple[str, list[str]]] = []
     if compared:
         cases += [(part, [str(each) for each in differences if each.part == part]) for part in PARTS]
     if budgets is not None:
-        cases.append(("budgets", budgets))
+        cases.append(("budgets", list(budgets)))
+    return cases
+
+
+def write_junit(path: Path, name: str, cases: Sequence[tuple[str, list[str]]], error: str, seconds: float) -> None:
+    """name: of the sequence. error: why there is no outcome, "" where there is one, which stands in cases.
+
+    Raises UserError where path cannot be written; a file that was there then stays.
+    """
+    name = plain(name, 200)
     failed = sum(bool(said) for _, said in cases)
-    about = {"name": f"lfpipe replay {name}", "tests": str(len(cases)), "failures": str(failed), "time": f"{seconds:.3f}"}
-    suite = ElementTree.Element("testsuite", about)
-    for case, said in cases:
+    counts = {"tests": str(1 + len(cases)), "failures": str(failed), "errors": str(int(bool(error)))}
+    suite = ElementTree.Element("testsuite", {"name": f"lfpipe replay {name}", **counts, "time": f"{seconds:.3f}"})
+    for case, said, kind in [("replay", [error] if error else [], "error"), *((*case, "failure") for case in cases)]:
         entry = ElementTree.SubElement(suite, "testcase", {"classname": f"lfpipe.replay.{name}", "name": case})
         if said:
-            ElementTree.SubElement(entry, "failure", {"message": said[0]}).text = "\n".join(said)
+            ElementTree.SubElement(entry, kind, {"message": plain(said[0], 1000)}).text = plain("\n".join(said), TEXT_CHARS)
     try:
-        ElementTree.ElementTree(suite).write(path, "utf-8", xml_declaration=True)
-    except OSError as error:
-        raise UserError(f"--junit {path}: {error.strerror}", "a file in a directory that you may write to") from None
+        with replaced(path, 0o644) as file:
+            ElementTree.ElementTree(suite).write(file, "utf-8", xml_declaration=True)
+    except OSError as failure:
+        raise UserError(f"--junit {path}: {reason(failure)}", "a file in a directory that you may write to") from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import struct
+import sys
 import zlib
 from pathlib import Path
 from typing import Any
@@ -14,46 +15,73 @@ import numpy as np
 
 from lfpipe.config import Config, to_dict
 from lfpipe.errors import UserError
+from lfpipe.files import read_text, reason, replaced
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.folder import Sequence
-from lfpipe.sequence.packets import INDEX, PACKETS
+from lfpipe.sequence.index import INDEX, PACKETS
 from lfpipe.sequence.truth import Truth, read_truth, summary
+from lfpipe.trace import check_sides, trace_lines
+from lfpipe.untrusted import json_fields
 from lfpipe.versions import versions
 
 FORMAT = 1
 REPORT, TRACE = "report.json", "trace.jsonl"
+STEADY = ("step", "max")  # paces whose results do not depend on any clock
+REPORT_BYTES = 1 << 20
+WRITTEN = "a folder that `lfpipe replay --out` wrote; --update makes the reference anew"
 Line = dict[str, Any]
 
 
-def read_trace(folder: Path) -> list[Line]:
-    """The lines of the trace in folder. Raises UserError where it cannot be read."""
-    try:
-        return [json.loads(line) for line in (folder / TRACE).read_text().splitlines()]
-    except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else "not JSON Lines"
-        raise UserError(f"{folder / TRACE}: cannot be read: {why}", "a folder that `lfpipe replay --out` wrote") from None
+def read_trace(folder: Path, steady: bool = True, most_lines: int = sys.maxsize) -> list[Line]:
+    """The lines of the trace in folder. steady: of a pace whose lines carry filtered eyes and a picture's digest.
+
+    Raises UserError where it cannot be read, or has more lines than that.
+    """
+    found: list[Line] = []
+    for fields in trace_lines(folder / TRACE, WRITTEN):
+        for name in ("eyes_raw", "eyes_used", *(("eyes_filtered",) if steady else ())):
+            check_sides(fields, name)
+        if steady:
+            fields.text("picture", 100)
+        if len(found) == most_lines:
+            raise UserError(f"{folder / TRACE}: more than {most_lines} lines, which is what {REPORT} counts", WRITTEN)
+        found.append(dict(fields.values))
+    return found
 
 
 def read_report(folder: Path) -> dict[str, Any]:
-    """The report in folder. Raises UserError where it is none, or of another version."""
-    try:
-        report = json.loads((folder / REPORT).read_text())
-    except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else "not JSON"
-        remedy = "a folder that `lfpipe replay --out` wrote; --update makes the reference anew"
-        raise UserError(f"{folder / REPORT}: cannot be read: {why}", remedy) from None
-    if not isinstance(report, dict) or report.get("format") != FORMAT:
-        found = report.get("format") if isinstance(report, dict) else None
-        raise UserError(f"{folder / REPORT}: version {found!r}, this lfpipe reads {FORMAT}", "--update makes the reference anew")
-    return report
+    """The report in folder, in which everything that a comparison needs has its type.
+
+    Raises UserError where it is none, or of another version.
+    """
+    path = folder / REPORT
+    fields = json_fields(read_text(path, REPORT_BYTES, str(path), WRITTEN), str(path), WRITTEN)
+    if fields.integer("format", 0, 1 << 30) != FORMAT:
+        found = fields.values["format"]
+        raise UserError(f"{path}: version {found}, this lfpipe reads {FORMAT}", "--update makes the reference anew")
+    for part in ("versions", "config", "plan"):
+        fields.table(part)
+    for name in fields.table("versions").values:
+        fields.table("versions").text(name, 200)
+    counts, sequence, scene = (fields.table(part) for part in ("counts", "sequence", "scene"))
+    for name in ("frames", "pictures", "faces"):
+        counts.integer(name, 0, 1 << 53)
+    sequence.integer("frames", 1, 1 << 53)
+    sequence.table("checksums")
+    for name in ("name", "views", "order"):
+        scene.text(name, 4096)
+    for name in ("frames", "rows", "cols", "height_px", "width_px"):
+        scene.integer(name, 1, 1 << 31)
+    return dict(fields.values)
 
 
 def write_report(folder: Path, report: dict[str, Any]) -> None:
     """Raises UserError where it cannot be written."""
     try:
-        (folder / REPORT).write_text(json.dumps(report, indent=1) + "\n")
+        with replaced(folder / REPORT, 0o644) as file:
+            file.write(json.dumps(report, indent=1).encode() + b"\n")
     except OSError as error:
-        raise UserError(f"{folder / REPORT}: {error.strerror}", "a folder that you may write to, on a disk with room") from None
+        raise UserError(f"{folder / REPORT}: {reason(error)}", "a folder that you may write to, on a disk with room") from None
 
 
 def pair(line: Line, name: str) -> tuple[float, ...]:
@@ -120,8 +148,8 @@ def make_report(
     """The report of a run whose trace lies in folder. final: the session's last snapshot. Keys as in docs/replay.md."""
     from lfpipe.scene.plan import make_plan
 
-    lines = read_trace(folder)
-    steady = bool(lines) and "picture" in lines[0]
+    steady = pace in STEADY
+    lines = read_trace(folder, steady)
     plan = attrs.asdict(make_plan(field, config))
     plan["left_out"] = [entry["what"] for entry in plan["left_out"]]
     latency_ns = round((config.replay.latency_ms + config.render.display_ms) * 1e6)
@@ -149,7 +177,7 @@ def make_report(
             "dropped": {name: stage["dropped"] for name, stage in stages.items()},
             "restarts": {name: stage["restarts"] for name, stage in stages.items()},
         },
-        "digests": digests(lines) if steady else None,
+        "digests": digests(lines) if steady and lines else None,
         "truth_error": _truth_error(truth, lines, shown_ns) if truth and lines else None,
         "rate_hz": round((seen - 1) / span_ns * 1e9, 2) if span_ns > 0 else 0.0,
         "latency": {

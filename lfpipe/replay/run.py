@@ -8,30 +8,37 @@ recorded, HZ   in real time, on the clocks of a live session; what comes too lat
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from lfpipe import config as config_module
 from lfpipe.config import Config, ReplayOutput, SessionOptions
 from lfpipe.errors import UserError
+from lfpipe.files import PRIVATE_FOLDER, reason
 from lfpipe.render.keeper import PICTURES
-from lfpipe.replay.report import REPORT, TRACE, make_report, write_report
+from lfpipe.replay.report import REPORT, STEADY, TRACE, make_report, write_report
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.summary import summarize
-from lfpipe.sequence.folder import Sequence
+from lfpipe.sequence.folder import MANIFEST
+from lfpipe.sequence.folder import Sequence as Recorded
+from lfpipe.sequence.index import COPY
+from lfpipe.trace import check_trace
 
-STEADY = ("step", "max")  # paces whose results do not depend on any clock
-RESULTS = (REPORT, TRACE, "first.png", "last.png", "worst.png", PICTURES, "difference")
+REFERENCE = (REPORT, TRACE, PICTURES)  # what a comparison reads
+NEW = ".new"  # a reference that is being written
+RESULTS = (REPORT, TRACE, "first.png", "last.png", "worst.png", PICTURES, "difference", NEW)
+PLACE = "a folder that you may write to, on a disk with room"
 
 
 class ReplayFailed(Exception):
     """The stages did not come to the end of the sequence; the text says why."""
 
 
-def replay_config(sequence: Sequence, file: str | None, sets: tuple[str, ...]) -> Config:
+def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -> Config:
     """The configuration of a replay: the camera is the one that was recorded, all else is as the user has it now.
 
     Raises UserError for a wrong key or value.
@@ -43,30 +50,62 @@ def replay_config(sequence: Sequence, file: str | None, sets: tuple[str, ...]) -
     size = {"width_px": sequence.width_px, "height_px": sequence.height_px}
     camera |= {f"camera.{key}": recorded.get(key, own) for key, own in size.items()}  # its JPEGs may have been scaled
     camera["camera.rate_hz"] = min(max(sequence.measured_hz, 0.1), 1000.0)
-    return config_module.updated(config, {key: value for key, value in camera.items() if key not in named})
-
-
-def clear_out(folder: Path) -> None:
-    """Makes folder ready for results; those of an earlier run are removed. Raises UserError where it cannot be written."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        return config_module.updated(config, {key: value for key, value in camera.items() if key not in named})
+    except UserError as error:
+        what = error.message.removeprefix("configuration: ")
+        raise UserError(f"{sequence.path / MANIFEST}: config: {what}", f"{COPY}, or say what it is with --set") from None
+
+
+def check_out(folder: Path) -> None:
+    """Makes folder where there is none. Raises UserError where it cannot be written to, or holds anything but results."""
+    try:
+        folder.mkdir(PRIVATE_FOLDER, parents=True, exist_ok=True)
         strange = sorted(path.name for path in folder.iterdir() if path.name not in RESULTS)
-        if strange:
-            raise UserError(f"{folder}: holds {strange[0]}, which no replay wrote", "a new or an empty folder")
-        for name in RESULTS:
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, "Permission denied")
+    except (OSError, ValueError) as error:
+        raise UserError(f"{folder}: cannot be written: {reason(error)}", PLACE) from None
+    if strange:
+        raise UserError(f"{folder}: holds {strange[0]}, which no replay wrote", "a new or an empty folder")
+
+
+def clear_out(folder: Path, names: Sequence[str] = RESULTS) -> None:
+    """Removes the results of an earlier run from folder. Raises UserError where that cannot be."""
+    check_out(folder)
+    try:
+        for name in names:
             path = folder / name
-            if path.is_dir():
+            if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             else:
                 path.unlink(missing_ok=True)
-        (folder / TRACE).touch()
     except OSError as error:
-        remedy = "a folder that you may write to, on a disk with room"
-        raise UserError(f"{folder}: cannot be written: {error.strerror}", remedy) from None
+        raise UserError(f"{folder}: cannot be written: {reason(error)}", PLACE) from None
+
+
+def update_reference(reference: Path, folder: Path) -> None:
+    """Puts what a comparison reads of the run in folder into reference, in place of what is there.
+
+    Raises UserError where there is no room for it; the reference then stays as it was.
+    """
+    new = reference / NEW
+    clear_out(reference, (NEW,))
+    try:
+        new.mkdir(PRIVATE_FOLDER)
+        for path in (folder / name for name in REFERENCE):
+            shutil.copytree(path, new / path.name) if path.is_dir() else shutil.copy(path, new)
+    except OSError as error:
+        shutil.rmtree(new, ignore_errors=True)
+        raise UserError(f"{reference}: cannot be written: {reason(error)}", PLACE) from None
+    clear_out(reference, [name for name in RESULTS if name != NEW])
+    for path in new.iterdir():
+        path.replace(reference / path.name)
+    new.rmdir()
 
 
 def replay(
-    sequence: Sequence,
+    sequence: Recorded,
     field: LightField,
     config: Config,
     pace: str,
@@ -96,6 +135,7 @@ def replay(
         lock_step=pace == "step",
         replay=output if steady else None,
     )
+    check_trace(folder / TRACE)
     outcome = Supervisor(Session(f"replay.{os.getpid()}"), config, options, tell).run()
     if outcome.user_error:
         raise UserError(outcome.failure or outcome.reason, outcome.remedy)

@@ -8,10 +8,14 @@ truth.csv      where the eyes really are, of a made sequence: source_seq,t_ns,le
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import itertools
 import json
 import os
+import shutil
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,33 +23,55 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.errors import UserError
-from lfpipe.sequence.packets import INDEX, PACKETS, Packet, decoded, read_index
+from lfpipe.errors import UserError, plain
+from lfpipe.files import PRIVATE_FOLDER, open_regular, read_bytes, reason, replaced
+from lfpipe.sequence.index import COPY, INDEX, MAX_PIXELS, PACKETS, Packets, read_index
+from lfpipe.sequence.packets import CHANGED, changed, decoded
+from lfpipe.untrusted import Fields, json_fields
 
 FORMAT, VERSION = "lfpipe-sequence", 1
 MANIFEST, EYES, TRUTH = "manifest.json", "eyes.jsonl", "truth.csv"
 FILES = (PACKETS, INDEX, EYES, TRUTH)
+MANIFEST_BYTES = 1 << 18
+BESIDE_BYTES = 4096  # of EYES and TRUTH, a frame
+MOST_HZ = 100_000.0
 
 
 def is_sequence(path: Path) -> bool:
-    """Whether path is the folder of a sequence."""
-    return (path / MANIFEST).is_file()
+    """Whether path is the folder of a sequence, readable or not."""
+    return os.path.lexists(path / MANIFEST)
 
 
 def checksum(path: Path) -> str:
-    """sha256 of a file's bytes."""
-    with path.open("rb") as file:
+    """sha256 of a file's bytes. Raises OSError."""
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def check_out(path: Path) -> None:
-    """Makes the empty folder of a new sequence. Raises UserError where that cannot be, or something is there."""
+    """Makes the empty folder of a new sequence, for its owner alone: frames show a person.
+
+    Raises UserError where that cannot be, or something is there.
+    """
     try:
-        path.mkdir(parents=True)
+        path.mkdir(PRIVATE_FOLDER, parents=True)
     except FileExistsError:
         raise UserError(f"{path}: is there already", "another name; nothing is ever overwritten") from None
-    except OSError as error:
-        raise UserError(f"{path}: {error.strerror}", "a folder in a directory that you may write to") from None
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: {reason(error)}", "a folder in a directory that you may write to") from None
+
+
+@contextlib.contextmanager
+def new_folder(path: Path) -> Iterator[None]:
+    """`check_out`, and no folder where what is to be written into it fails. Raises UserError where there is no room for it."""
+    check_out(path)
+    try:
+        yield
+    except BaseException as error:
+        shutil.rmtree(path, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise UserError(f"{path}: {reason(error)}; nothing of it is kept", "a disk with room for it") from None
+        raise
 
 
 def begin_manifest(path: Path, source: str, width_px: int, height_px: int, rate_hz: float, **more: Any) -> dict[str, Any]:
@@ -54,7 +80,7 @@ def begin_manifest(path: Path, source: str, width_px: int, height_px: int, rate_
     Raises OSError where there is no room.
     """
     created = time.strftime("%Y-%m-%dT%H:%M:%S%z")
-    about = {"source": source, "width_px": width_px, "height_px": height_px, "rate_hz": rate_hz}
+    about = {"source": plain(source, 4096), "width_px": width_px, "height_px": height_px, "rate_hz": rate_hz}
     manifest = {"format": FORMAT, "version": VERSION, "created": created, **about, **more, "complete": False}
     _write_manifest(path, manifest)
     return manifest
@@ -70,13 +96,8 @@ def end_manifest(path: Path, manifest: dict[str, Any], frames: int, checksums: d
 
 
 def _write_manifest(path: Path, manifest: dict[str, Any]) -> None:
-    new = path / (MANIFEST + ".new")
-    try:
-        new.write_text(json.dumps(manifest, indent=1) + "\n")
-        new.replace(path / MANIFEST)
-    except OSError:
-        new.unlink(missing_ok=True)
-        raise
+    with replaced(path / MANIFEST) as file:
+        file.write(json.dumps(manifest, indent=1, allow_nan=False).encode() + b"\n")
 
 
 @attrs.frozen(eq=False)
@@ -85,24 +106,27 @@ class Sequence:
 
     path: Path
     manifest: dict[str, Any]
-    packets: list[Packet]
+    packets: Packets
     width_px: int
     height_px: int
     rate_hz: float
     complete: bool
 
     def data(self, index: int) -> bytes:
-        """The packet of a frame as it is stored."""
+        """The packet of a frame as it was stored. Raises UserError where it cannot be read, or is not that any more."""
         packet = self.packets[index]
-        fd = os.open(self.path / PACKETS, os.O_RDONLY)
         try:
-            return os.pread(fd, packet.bytes, packet.offset)
-        finally:
-            os.close(fd)
+            with open_regular(self.path / PACKETS) as file:
+                data = os.pread(file.fileno(), packet.bytes, packet.offset)
+        except OSError as error:
+            raise UserError(f"{self.path / PACKETS}: frame {index}: cannot be read: {reason(error)}", COPY) from None
+        if changed(packet, data):
+            raise UserError(f"{self.path / PACKETS}: frame {index}: {CHANGED}", COPY)
+        return data
 
     def frame(self, index: int) -> NDArray[np.uint8]:
         """A frame, uint8 (height, width, 3) BGR. Raises UserError where its packet is damaged."""
-        return decoded(self.packets[index], self.data(index), self.width_px, self.height_px)
+        return decoded(self.packets[index], self.data(index), self.width_px, self.height_px, self.path)
 
     @property
     def duration_s(self) -> float:
@@ -112,7 +136,7 @@ class Sequence:
     @property
     def lost(self) -> int:
         """Frames that the camera counted and that were not stored."""
-        return sum(max(0, b.source_seq - a.source_seq - 1) for a, b in zip(self.packets, self.packets[1:], strict=False))
+        return sum(max(0, b.source_seq - a.source_seq - 1) for a, b in itertools.pairwise(self.packets))
 
     @property
     def measured_hz(self) -> float:
@@ -125,35 +149,68 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
 
     Raises UserError where it is no sequence, of an unknown version, damaged, or without a frame.
     """
-    try:
-        manifest = json.loads((path / MANIFEST).read_text())
-    except FileNotFoundError:
-        what = "no such folder" if not path.exists() else f"no recorded sequence: {MANIFEST} is missing"
-        raise UserError(f"{path}: {what}", "`lfpipe record OUT` makes one, `lfpipe sequence import` from a video") from None
-    except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else "not JSON"
-        raise UserError(f"{path / MANIFEST}: cannot be read: {why}", "copy it again from where it was recorded") from None
-    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
-        raise UserError(f"{path / MANIFEST}: not of a recorded sequence", f'its "format" must be "{FORMAT}"')
-    if manifest.get("version") != VERSION:
-        raise UserError(
-            f"{path}: a sequence of version {manifest.get('version')!r}, this lfpipe reads version {VERSION}",
-            "read it with the lfpipe that recorded it (versions in its manifest)",
-        )
-    try:
-        size = int(manifest["width_px"]), int(manifest["height_px"])
-        rate_hz, complete = float(manifest["rate_hz"]), bool(manifest["complete"])
-    except (KeyError, TypeError, ValueError):
-        raise UserError(f"{path / MANIFEST}: width_px, height_px, rate_hz or complete is missing", "copy it again") from None
+    fields = _manifest(path)
+    width_px, height_px = fields.integer("width_px", 1, MAX_PIXELS), fields.integer("height_px", 1, MAX_PIXELS)
+    if width_px * height_px > MAX_PIXELS:
+        raise UserError(f"{fields.where}: frames of {width_px}x{height_px}, {MAX_PIXELS} px at most are read", COPY)
+    rate_hz, complete = fields.number("rate_hz", 1e-3, MOST_HZ), fields.flag("complete")
     packets = read_index(path, complete)
     if not packets:
         raise UserError(f"{path}: holds no whole frame", "record it anew")
-    if complete and len(packets) != manifest.get("frames"):
-        raise UserError(f"{path}: {len(packets)} frames, {manifest.get('frames')} were recorded", "copy it again")
-    if complete and verify:
-        for name, wanted in dict(manifest.get("checksums", {})).items():
-            if not (path / name).is_file():
-                raise UserError(f"{path / name} is missing", "copy the whole folder again")
-            if checksum(path / name) != wanted:
-                raise UserError(f"{path / name}: wrong checksum: it was changed after it was recorded", "copy it again")
-    return Sequence(path, manifest, packets, *size, rate_hz, complete)
+    sequence = Sequence(path, dict(fields.values), packets, width_px, height_px, rate_hz, complete)
+    if sequence.measured_hz > MOST_HZ:
+        raise UserError(f"{path}: {len(packets)} frames in {sequence.duration_s:g} s, which no camera takes", "record it anew")
+    if complete:
+        _check_files(sequence, fields, verify)
+    return sequence
+
+
+def _manifest(path: Path) -> Fields:
+    """The manifest, of whose optional entries the types are known."""
+    where = path / MANIFEST
+    try:
+        data = read_bytes(where, MANIFEST_BYTES)
+    except FileNotFoundError:
+        what = f"no recorded sequence: {MANIFEST} is missing" if os.path.lexists(path) else "no such folder"
+        raise UserError(f"{path}: {what}", "`lfpipe record OUT` makes one, `lfpipe sequence import` from a video") from None
+    except OSError as error:
+        raise UserError(f"{where}: cannot be read: {reason(error)}", COPY) from None
+    fields = json_fields(data, str(where), COPY)
+    if fields.values.get("format") != FORMAT:
+        raise UserError(f"{where}: not of a recorded sequence", f'its "format" must be "{FORMAT}"')
+    if fields.values.get("version") != VERSION:
+        version = fields.integer("version", 0, 1 << 30)
+        remedy = "read it with the lfpipe that recorded it (versions in its manifest)"
+        raise UserError(f"{where}: a sequence of version {version}, this lfpipe reads version {VERSION}", remedy)
+    for name in ("source", "created", "made"):
+        if name in fields.values:
+            fields.text(name)
+    tables = {name: fields.table(name) for name in ("versions", "config", "checksums") if name in fields.values}
+    if "camera" in (config := tables.get("config", fields)).values:
+        config.table("camera")
+    return fields
+
+
+def _check_files(sequence: Sequence, fields: Fields, verify: bool) -> None:
+    """Raises UserError where a complete sequence is not what its manifest says."""
+    path, end = sequence.path, sequence.packets[-1].offset + sequence.packets[-1].bytes
+    frames = fields.integer("frames", 1, 1 << 62)
+    if len(sequence.packets) != frames:
+        raise UserError(f"{path}: {len(sequence.packets)} frames, {frames} were recorded", COPY)
+    if (size := (path / PACKETS).stat().st_size) != end:
+        raise UserError(f"{path / PACKETS}: has {size} bytes, its index ends at {end}", COPY)
+    sums = fields.table("checksums") if "checksums" in fields.values else Fields({}, fields.where, COPY)
+    for name in sums.values:
+        wanted = sums.text(name, 64)
+        if name not in FILES:
+            raise UserError(f"{sums.where}: {name!r} is no file of a sequence", COPY)
+        try:
+            size = (path / name).stat().st_size
+            if name in (EYES, TRUTH) and size > (frames + 16) * BESIDE_BYTES:
+                raise UserError(f"{path / name}: has {size} bytes, too many for {frames} frames", COPY)
+            if verify and checksum(path / name) != wanted:
+                raise UserError(f"{path / name}: wrong checksum: it was changed after it was recorded", COPY)
+        except FileNotFoundError:
+            raise UserError(f"{path / name} is missing", COPY) from None
+        except OSError as error:
+            raise UserError(f"{path / name}: cannot be read: {reason(error)}", COPY) from None

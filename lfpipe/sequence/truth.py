@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import csv
+import os
+from array import array
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +13,16 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, shown
+from lfpipe.files import lines, reason
 from lfpipe.sequence.folder import TRUTH
+from lfpipe.untrusted import finite
 
 COLUMNS = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
+MAX_PX = 1e6  # of a coordinate: far outside every picture
+MAX_NS = 1 << 61
+LINE_BYTES = 4096
+REMEDY = f"one row per frame with columns t_ns, {', '.join(COLUMNS)}, and visible (0 or 1) if you like"
 
 
 @attrs.frozen(eq=False)
@@ -42,22 +51,70 @@ class Truth:
         return None if true is None else float(np.sqrt(np.square(np.subtract(eyes_px, true)).sum() / 2))
 
 
+def truth_rows(path: Path) -> Iterator[list[str]]:
+    """The columns of a table, then its rows. Each has a whole number as t_ns, rising, and finite coordinates.
+
+    Raises UserError that names the row and the column that are wrong.
+    """
+    last_ns = -MAX_NS - 1
+    columns: list[str] = []
+    at: list[int] = []
+    try:
+        for number, line in lines(path, LINE_BYTES, REMEDY):
+            where = f"{path}:{number}"
+            (row,) = csv.reader([line.decode()], strict=True)
+            if not row and columns:
+                continue
+            if number == 1:
+                columns = row
+                missing = [name for name in ("t_ns", *COLUMNS) if columns.count(name) != 1]
+                if missing:
+                    raise UserError(f"{path}: not a table of true eyes: no column {missing[0]}, or two", REMEDY)
+                at = [columns.index(name) for name in COLUMNS]
+            else:
+                if len(row) != len(columns):
+                    raise UserError(f"{where}: {len(row)} values, {len(columns)} are expected", REMEDY)
+                wrong = next((k for k in at if finite(row[k], -MAX_PX, MAX_PX) is None), None)
+                if wrong is not None:
+                    raise UserError(f"{where}: {columns[wrong]} is {shown(row[wrong])}, a number of px is expected", REMEDY)
+                last_ns = _stamp(row[columns.index("t_ns")], last_ns, where)
+            yield row
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise UserError(f"{where}: not a line of a table: {error}", REMEDY) from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {reason(error)}", REMEDY) from None
+
+
+def _stamp(text: str, last_ns: int, where: str) -> int:
+    t_ns = int(text) if len(text) < 20 and text.removeprefix("-").isdecimal() else MAX_NS + 1
+    if not -MAX_NS <= t_ns <= MAX_NS:
+        raise UserError(f"{where}: t_ns is {shown(text)}, a whole number of ns is expected", REMEDY)
+    if t_ns <= last_ns:
+        raise UserError(f"{where}: its times do not rise: t_ns is {t_ns}, after {last_ns}", REMEDY)
+    return t_ns
+
+
 def read_truth(folder: Path) -> Truth | None:
     """The truth of the sequence in folder; None where it has none. Raises UserError where it cannot be read."""
     path = folder / TRUTH
-    if not path.exists():
-        return None
-    try:
-        with path.open(newline="") as file:
-            rows = list(csv.DictReader(file))
-        t_ns = np.array([int(row["t_ns"]) for row in rows], np.int64)
-        eyes = np.array([[float(row[name]) for name in COLUMNS] for row in rows], np.float64).reshape(-1, 2, 2)
-        visible = np.array([row.get("visible", "1") != "0" for row in rows], np.bool_)
-    except (OSError, KeyError, ValueError, TypeError) as error:
-        raise UserError(f"{path}: not a table of true eyes: {error!r}", f"columns t_ns, {', '.join(COLUMNS)}, visible") from None
-    if len(t_ns) < 2 or np.any(np.diff(t_ns) <= 0):
-        raise UserError(f"{path}: its times do not rise", "one row per frame, t_ns from the first frame on")
-    return Truth(t_ns - t_ns[0], eyes, visible)
+    return table_of(path) if os.path.lexists(path) else None
+
+
+def table_of(path: Path) -> Truth:
+    """The truth in a table. Raises UserError where it cannot be read."""
+    rows = truth_rows(path)
+    columns = next(rows, [])
+    stamp = columns.index("t_ns") if columns else 0
+    at, said = [columns.index(name) for name in COLUMNS if columns], "visible" in columns
+    stamps, numbers, visible = array("q"), array("d"), bytearray()
+    for row in rows:
+        stamps.append(int(row[stamp]))
+        numbers.extend(float(row[k]) for k in at)
+        visible.append(not said or row[columns.index("visible")] != "0")
+    if not stamps:
+        raise UserError(f"{path}: holds no row", REMEDY)
+    t_ns = np.array(stamps, np.int64)
+    return Truth(t_ns - t_ns[0], np.array(numbers).reshape(-1, 2, 2), np.array(visible, np.bool_))
 
 
 def summary(errors_px: list[float]) -> dict[str, float] | None:

@@ -71,6 +71,7 @@ def test_what_is_no_trace_is_said(tmp_path: Path, text: str) -> None:
     (tmp_path / "t").write_text(text, encoding="latin-1")
     with pytest.raises(UserError, match="not a trace"):
         convert(tmp_path / "t", tmp_path / "out.json")
+    assert not (tmp_path / "out.json").exists()
     with pytest.raises(UserError, match="No such file"):
         convert(tmp_path / "gone", tmp_path / "out.json")
 

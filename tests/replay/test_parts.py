@@ -15,7 +15,7 @@ from lfpipe.errors import UserError
 from lfpipe.render import keeper
 from lfpipe.render.keeper import Keeper
 from lfpipe.replay.budgets import broken, read_budgets
-from lfpipe.sequence.packets import read_index
+from lfpipe.sequence.index import read_index
 from lfpipe.sequence.truth import Truth, read_truth
 from lfpipe.transport.ring import Stamp
 

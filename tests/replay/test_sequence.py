@@ -23,22 +23,23 @@ from lfpipe.cli import cli
 from lfpipe.errors import UserError
 from lfpipe.sequence import edit
 from lfpipe.sequence.folder import MANIFEST, checksum, open_sequence
-from lfpipe.sequence.packets import INDEX, PACKETS, Packet, PacketWriter, decoded, encoded, read_index
+from lfpipe.sequence.index import INDEX, PACKETS, Packet, read_index
+from lfpipe.sequence.packets import PacketWriter, decoded, encoded
 from lfpipe.sequence.truth import read_truth
 from tests.world import World
 
 NOISE = np.random.default_rng(1).integers(0, 256, (24, 32, 3), dtype=np.uint8)
 
 
-def test_a_packet_without_loss_gives_its_picture_back() -> None:
+def test_a_packet_without_loss_gives_its_picture_back(tmp_path: Path) -> None:
     for fast in (True, False):
         codec, data = encoded(NOISE, fast)
         packet = Packet(0, 0, 0, 1, 1, codec, 0, len(data), zlib.crc32(data))
-        assert np.array_equal(decoded(packet, data, 32, 24), NOISE)
+        assert np.array_equal(decoded(packet, data, 32, 24, tmp_path), NOISE)
         with pytest.raises(UserError, match=r"frame 0: .*checksum"):
-            decoded(packet, data[:-1] + bytes([data[-1] ^ 1]), 32, 24)
-        with pytest.raises(UserError, match="of 31x24"):
-            decoded(packet, data, 31, 24)
+            decoded(packet, data[:-1] + bytes([data[-1] ^ 1]), 32, 24, tmp_path)
+        with pytest.raises(UserError, match="31x24"):
+            decoded(packet, data, 31, 24, tmp_path)
 
 
 @settings(max_examples=60, deadline=None)
@@ -56,7 +57,7 @@ def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
     # the index is written after the packet: a kill cuts the index anywhere, and the packets no earlier than it says
     keep = data.draw(st.integers(0, (folder / INDEX).stat().st_size))
     (folder / INDEX).write_bytes((folder / INDEX).read_bytes()[:keep])
-    left = read_index(folder, complete=False)
+    left = list(read_index(folder, complete=False))
     assert left == whole[: len(left)] and len(left) == (folder / INDEX).read_bytes().count(b"\n")
     again = PacketWriter(folder)
     again.append(b"more", "raw", 99, 1, 1000, 1001)
@@ -127,18 +128,23 @@ def _manifest(**changes: object) -> Callable[[Path], None]:
         (_without_line, "frame 7 is missing, frame 8 stands in its place"),
         (_line(t_sensor_ns=-(10**9)), "frame 9: its time stamp .* is not after"),
         (_line(offset=1), "frame 9 does not begin where the one before it ends"),
-        *((_line(**wrong), r"frames\.jsonl:10: not the line of a frame") for wrong in (
-            {"codec": "gif"}, {"offset": -(10**12)}, {"bytes": -(10**12)}, {"crc32": "x"}, {"epoch": 1.5}, {"more": "x"}
+        *((_line(**wrong), rf"frames\.jsonl:10: {said}") for wrong, said in (
+            ({"codec": "gif"}, "codec is 'gif', one of jpeg, png, raw"),
+            ({"offset": -(10**12)}, "offset is -9"),
+            ({"bytes": -(10**12)}, "bytes is -9"),
+            ({"crc32": "x"}, "crc32 is 'x'"),
+            ({"epoch": 1.5}, r"epoch is 1\.5"),
+            ({"more": "x"}, "unknown field 'more'"),
         )),
         (_one_bit, r"frames\.bin: wrong checksum"),
-        (lambda f: (f / INDEX).write_text("{}\n" * 60), r"frames\.jsonl:1: not the line of a frame"),
+        (lambda f: (f / INDEX).write_text("{}\n" * 60), r"frames\.jsonl:1: codec is missing"),
         (lambda f: (f / PACKETS).unlink(), r"frames\.bin: No such file"),
         (lambda f: (f / "truth.csv").unlink(), r"truth\.csv is missing"),
         (lambda f: (f / MANIFEST).unlink(), "manifest.json is missing"),
         (lambda f: (f / MANIFEST).write_text("["), "not JSON"),
-        (lambda f: (f / MANIFEST).write_text("[]"), "not of a recorded sequence"),
+        (lambda f: (f / MANIFEST).write_text("[]"), "a JSON object is expected, not a list"),
         (_manifest(version=2), "a sequence of version 2, this lfpipe reads version 1"),
-        (_manifest(width_px="wide"), "width_px, height_px, rate_hz or complete is missing"),
+        (_manifest(width_px="wide"), "width_px is 'wide', a whole number"),
     ],
 )
 def test_every_damage_is_named(short: Path, tmp_path: Path, damage: Callable[[Path], object], said: str) -> None:

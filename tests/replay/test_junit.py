@@ -1,0 +1,152 @@
+"""JUnit says failure or error whenever the exit code is not 0, whichever way a replay ends."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from lfpipe import cli
+from lfpipe.errors import UserError
+from lfpipe.replay import run
+from lfpipe.replay.compare import Difference
+from lfpipe.replay.junit import cases_of, write_junit
+from tests import hostile_sequences
+from tests.world import World
+
+REFERENCE = Path(__file__).parent / "reference"
+
+
+@pytest.fixture(scope="module")
+def seq(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return hostile_sequences.made_sequence(tmp_path_factory.mktemp("sequences") / "seq")
+
+
+def outcome(path: Path) -> tuple[int, int, str]:
+    """(failures, errors, all that is said) of a JUnit file, whose counts agree with its contents."""
+    suite = ElementTree.parse(path).getroot()
+    failures, errors = suite.findall("testcase/failure"), suite.findall("testcase/error")
+    assert int(suite.attrib["failures"]) == len(failures) and int(suite.attrib["errors"]) == len(errors)
+    assert int(suite.attrib["tests"]) == len(suite.findall("testcase"))
+    return len(failures), len(errors), "\n".join(each.attrib["message"] for each in failures + errors)
+
+
+def typed(monkeypatch: pytest.MonkeyPatch, *args: str | Path) -> int:
+    """The exit code of `lfpipe replay` with these arguments."""
+    monkeypatch.setattr(sys, "argv", ["lfpipe", "replay", *map(str, args)])
+    with pytest.raises(SystemExit) as ended:
+        cli.run()
+    return int(ended.value.code or 0)
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (("nowhere",), "nowhere: no such folder"),
+        ((".",), "manifest.json is missing"),
+        (("SEQ", "--set", "render.methd=warp"), "did you mean 'render.method'"),
+        (("SEQ", "--config", "nofile"), "--config nofile"),
+        (("SEQ", "--pace", "fast"), "not recorded, max or a rate"),
+        (("SEQ", "--update"), "name it with --expect"),
+        (("SEQ", "--expect", "nowhere"), "report.json: cannot be read"),
+        (("SEQ", "--expect", "REFERENCE"), "made with another sequence"),
+        (("SEQ", "--scene", "nowhere"), "nowhere"),
+        (("SEQ", "--budget", "nowhere"), "--budget nowhere"),
+        (("SEQ", "--out", "/proc/none"), "/proc/none: cannot be written"),
+        (("SEQ", "--bogus"), "--bogus"),
+        (("SEQ", "--pace"), "--pace"),
+        ((), "SEQ"),
+    ],
+)
+def test_bad_input_is_an_error(
+    seq: Path, blocks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, args: tuple[str, ...], said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
+        monkeypatch.setenv(name, str(tmp_path / "home"))
+    places = {"SEQ": str(seq), "REFERENCE": str(REFERENCE)}
+    words = [places.get(arg, arg) for arg in args]
+    scene = () if "--scene" in args else ("--scene", str(blocks))
+    for junit in (("--junit", "j.xml"), ("--junit=j.xml",)):
+        (tmp_path / "j.xml").write_text("<testsuite failures='0'/>")  # of a run that passed
+        assert typed(monkeypatch, *junit, *scene, *words) == 2
+        failures, errors, text = outcome(tmp_path / "j.xml")
+        assert (failures, errors) == (0, 1) and said in text
+
+
+@pytest.mark.parametrize(
+    ("failure", "code", "said"),
+    [
+        (run.ReplayFailed("render failed on the way"), 1, "render failed on the way"),
+        (UserError("no memory for rings", "close something"), 2, "no memory for rings"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (RuntimeError("a fault \x00\x1b[2J of \ud800 ours"), None, "a fault"),
+        (MemoryError(), None, "MemoryError"),
+    ],
+)
+def test_a_failure_on_the_way_is_an_error(
+    seq: Path, blocks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: BaseException, code: int | None, said: str
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+    def fail(*_: Any) -> None:
+        assert outcome(tmp_path / "j.xml") == (0, 1, "it did not come to its end"), "what stands there if we are killed now"
+        raise failure
+
+    monkeypatch.setattr(run, "replay", fail)
+    args = (seq, "--scene", blocks, "--junit", tmp_path / "j.xml", "--out", tmp_path / "out")
+    if code is None:
+        with pytest.raises(type(failure)):
+            typed(monkeypatch, *args)
+    else:
+        assert typed(monkeypatch, *args) == code
+    assert outcome(tmp_path / "j.xml")[:2] == (0, 1) and said in outcome(tmp_path / "j.xml")[2]
+
+
+def test_help_leaves_the_file_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "j.xml").write_text("old")
+    assert typed(monkeypatch, "--junit", tmp_path / "j.xml", "--help") == 0
+    assert (tmp_path / "j.xml").read_text() == "old"
+
+
+def test_differences_and_budgets_are_failures_of_their_own(tmp_path: Path) -> None:
+    differences = [Difference("eyes", "moved\x07", 3), Difference("eyes", "again", 4), Difference("plan", "x" * 10**6)]
+    write_junit(tmp_path / "j.xml", "a\x00\udcff<", cases_of(True, differences, ["track: too slow"]), "", 1.5)
+    failures, errors, text = outcome(tmp_path / "j.xml")
+    assert (failures, errors) == (3, 0) and "frame 3: moved" in text and "too slow" in text
+    assert (tmp_path / "j.xml").stat().st_size < 50_000
+    write_junit(tmp_path / "j.xml", "walk", cases_of(True, [], []), "", 1.5)
+    assert outcome(tmp_path / "j.xml")[:2] == (0, 0)
+
+
+def test_a_file_that_cannot_be_written_is_said_at_once(seq: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a file").touch()
+    for junit in (tmp_path, tmp_path / "a file" / "j.xml", "/dev/full", tmp_path / ("x" * 300)):
+        assert typed(monkeypatch, seq, "--junit", junit) == 2
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_replay_that_is_ended_says_so(world: World, short: Path, blocks: Path, number: int) -> None:
+    junit = world.root / "j.xml"
+    process = world.start("replay", short, "--scene", blocks, "--pace", "0.5", "--junit", junit, "--out", world.root / "out")
+    trace = world.root / "out" / "trace.jsonl"
+    world.wait_for(lambda: trace.exists() and trace.stat().st_size, "picture")
+    os.kill(process.pid, number)
+    process.communicate(timeout=20)
+    assert process.returncode != 0 and outcome(junit)[:2] == (0, 1)
+
+
+def test_a_replay_whose_stage_dies_for_good_says_so(world: World, short: Path, blocks: Path) -> None:
+    shutil.copytree(short, world.root / "seq")
+    (world.root / "seq" / "truth.csv").write_text("t_ns\n")
+    junit = world.root / "j.xml"
+    done = world.run("replay", world.root / "seq", "--scene", blocks, "--junit", junit)
+    assert done.returncode == 2 and outcome(junit)[:2] == (0, 1) and "truth.csv" in outcome(junit)[2]
+
+
