@@ -76,9 +76,9 @@ def lines(path: Path, longest: int, remedy: str) -> Iterator[tuple[int, bytes]]:
             yield number, line
 
 
-def create_private(path: Path) -> IO[bytes]:
-    """A new file for its owner alone, opened to be written. Raises OSError, FileExistsError among them."""
-    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, PRIVATE), "wb")
+def create_private(path: Path, mode: int = PRIVATE) -> IO[bytes]:
+    """A new file, for its owner alone, opened to be written. Raises OSError, FileExistsError among them."""
+    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode), "wb")
 
 
 @contextlib.contextmanager
@@ -92,12 +92,22 @@ def replaced(path: Path, mode: int = PRIVATE) -> Iterator[IO[bytes]]:
     part = path.with_name(f".{path.name[:200]}.new")
     part.unlink(missing_ok=True)  # of a writer that was killed
     try:
-        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode), "wb") as file:
+        with create_private(part, mode) as file:
             yield file
         part.replace(path)
     except BaseException:
         part.unlink(missing_ok=True)
         raise
+
+
+def check_place(path: Path) -> None:
+    """Raises OSError where `replaced` could not write path."""
+    check_regular(path)
+    probe = path.with_name(f".{path.name[:200]}.probe")
+    create_private(probe).close()
+    probe.unlink()
+    if len(os.fsencode(path.name)) > os.pathconf(path.parent, "PC_NAME_MAX"):
+        raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG), str(path))
 
 
 def read_text(path: Path, most_bytes: int, what: str, remedy: str) -> str:

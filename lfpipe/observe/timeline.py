@@ -7,15 +7,13 @@ metadata M.
 
 from __future__ import annotations
 
-import errno
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.files import check_regular, reason, replaced
+from lfpipe.files import check_place, reason, replaced
 from lfpipe.trace import trace_lines
 
 TRACKS = ("capture", "track", "render", "display")
@@ -71,11 +69,7 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
 def check_out(out: Path) -> None:
     """Raises UserError where a timeline could not be written to out; called before one is taken, and not when it is written."""
     try:
-        check_regular(out)
-        if not out.parent.is_dir():
-            raise FileNotFoundError(errno.ENOENT, f"there is no folder {out.parent}")
-        if not os.access(out.parent, os.W_OK | os.X_OK):
-            raise PermissionError(errno.EACCES, f"{out.parent} may not be written to")
+        check_place(out)
     except OSError as error:
         raise UserError(f"{out}: {reason(error)}", PLACE) from None
 
