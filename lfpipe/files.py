@@ -104,6 +104,7 @@ def check_place(path: Path) -> None:
     """Raises OSError where `replaced` could not write path."""
     check_regular(path)
     probe = path.with_name(f".{path.name[:200]}.probe")
+    probe.unlink(missing_ok=True)
     create_private(probe).close()
     probe.unlink()
     if len(os.fsencode(path.name)) > os.pathconf(path.parent, "PC_NAME_MAX"):
