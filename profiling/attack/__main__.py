@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from profiling.attack import pool
@@ -63,18 +64,26 @@ def main() -> int:
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes start: each would compile everything anew
         os.environ["PYTHONPYCACHEPREFIX"] = str(work / "compiled")
         make_templates(work / "templates", "records" in (args.part or counts))
-        for part in args.part or counts:
-            began = time.monotonic()
-            numbers = [args.only] if args.only is not None else range(args.count or counts[part])
-            if part in FILES:
-                pool.run(book, part, iter(numbers), work, work / "templates", args.workers)
-                if args.only is None:
-                    sample = max(4, len(numbers) // 60)
+        chosen = [part for part in counts if part in (args.part or counts)]
+
+        def lane(parts: list[str]) -> None:
+            """Runs parts one after the other."""
+            for part in parts:
+                began = time.monotonic()
+                numbers = [args.only] if args.only is not None else range(args.count or counts[part])
+                if part in FILES:
+                    pool.run(book, part, iter(numbers), work, work / "templates", args.workers)
+                    sample = 0 if args.only is not None else max(4, len(numbers) // 60)
                     commands.run(book, part, sample, work, work / "templates", args.workers)
-            else:
-                {"ctl": ctl, "page": page}[part].run(book, len(numbers), work)
-            book.seconds[part] = time.monotonic() - began
-            print(f"{part}: {book.seconds[part]:.0f} s, {book.failed} failures so far", file=sys.stderr, flush=True)
+                else:
+                    {"ctl": ctl, "page": page}[part].run(book, len(numbers), work)
+                book.seconds[part] = time.monotonic() - began
+                print(f"{part}: {book.seconds[part]:.0f} s, {book.failed} failures so far", file=sys.stderr, flush=True)
+
+        lanes = [[part for part in chosen if part not in FILES], [part for part in chosen if part in FILES]]
+        with ThreadPoolExecutor(2) as threads:  # a session takes so many messages a second, and leaves time for files
+            for done in [threads.submit(lane, parts) for parts in lanes]:
+                done.result()
     text = report.table(book)
     print(text)
     if args.out:

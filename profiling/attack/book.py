@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
 from pathlib import Path
 
@@ -36,6 +37,7 @@ class Book:
     peak_mb: dict[str, float] = attrs.Factory(dict)
     notes: list[str] = attrs.Factory(list)
     seconds: dict[str, float] = attrs.Factory(dict)
+    _lock: threading.Lock = attrs.field(factory=threading.Lock, repr=False)
 
     def wants(self, outcome: Outcome) -> bool:
         """Whether an input that failed so is worth keeping."""
@@ -44,6 +46,10 @@ class Book:
 
     def add(self, part: str, outcome: Outcome, number: int = -1, repeat: str = "", times: int = 1) -> None:
         """Counts an input."""
+        with self._lock:
+            self._add(part, outcome, number, repeat, times)
+
+    def _add(self, part: str, outcome: Outcome, number: int, repeat: str, times: int) -> None:
         self.counts.setdefault((part, outcome.kind), Counter())[outcome.outcome] += times
         if outcome.outcome == "refused":
             self.peak_mb[part] = max(self.peak_mb.get(part, 0.0), outcome.peak_mb)
@@ -58,12 +64,12 @@ class Book:
 
     def total(self, outcome: str) -> int:
         """Inputs with that outcome."""
-        return sum(counter[outcome] for counter in self.counts.values())
+        return sum(counter[outcome] for counter in list(self.counts.values()))
 
     @property
     def inputs(self) -> int:
         """All of them."""
-        return sum(sum(counter.values()) for counter in self.counts.values())
+        return sum(sum(counter.values()) for counter in list(self.counts.values()))
 
     @property
     def failed(self) -> int:
