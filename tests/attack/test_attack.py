@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import subprocess
+import sys
 from pathlib import Path
 
 import msgpack
@@ -24,6 +26,13 @@ def templates(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("attack") / "templates"
     make_all(folder)
     return folder
+
+
+@pytest.mark.timeout(400)
+def test_two_thousand_hostile_inputs(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "profiling.attack", "--quick", "--failures", str(tmp_path / "failures")]
+    done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
 
 
 def test_a_seed_and_a_number_make_the_same_message_again() -> None:
