@@ -205,6 +205,8 @@ def _load(campaign: Campaign, scene: Path, kind: str) -> None:
         after["rev"],
     ):
         campaign.fail(kind, "half-applied", f"{kind}: a refused load changed something", f"{before} {after}", [], "load")
-    live.told = after
+    if answer.get("ok"):  # it may be of one view, which is drawn once; what was shown before, goes on
+        live.ask({"cmd": "load", "scene": str(live.root / "scene")}, LOAD_S)
+    live.told = live.hello()
     campaign.look([], "load")
     campaign.book.add("ctl", Outcome(kind, "accepted" if answer.get("ok") else "refused"))

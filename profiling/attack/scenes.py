@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
 import shutil
@@ -57,7 +58,8 @@ def _renamed(rng: random.Random, path: Path) -> None:
         )  # fmt: skip
     target = os.path.join(os.fsencode(path.parent), name)[:4000]  # noqa: PTH118
     if len(name) <= 255 and not os.path.lexists(target):
-        os.rename(path, target)  # noqa: PTH104
+        with contextlib.suppress(OSError):  # a name of several folders
+            os.rename(path, target)  # noqa: PTH104
 
 
 def _damage(rng: random.Random, scene: Path) -> str:
