@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.picture_header import MAX_DECODING_BYTES, header_of
 
+_BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")  # that MP4 and QuickTime files begin with
 JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
 
 
@@ -22,6 +23,11 @@ def opencv_name(path: Path) -> str:
     except UnicodeEncodeError:
         raise UserError(f"{path}: videos are opened under names in UTF-8 only", "rename the file or its folder") from None
     return str(path)
+
+
+def is_video(start: bytes) -> bool:
+    """Whether a file begins as MP4, QuickTime, Matroska, WebM or AVI do. FFmpeg reads more, such as lists of other files."""
+    return start[4:8] in _BOXES or start[:4] == b"\x1aE\xdf\xa3" or (start[:4] == b"RIFF" and start[8:12] == b"AVI ")
 
 
 class Retrieves(Protocol):

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.decode import is_video
 from lfpipe.errors import UserError
 from lfpipe.scene.files import descriptor_path, open_file
 from lfpipe.scene.video_probe import MAX_FRAME_PX, THREADS
@@ -24,7 +25,6 @@ PROBE = ("-P", "-m", "lfpipe.scene.video_probe")
 USUAL_RATE_HZ = 25.0  # where a video does not tell
 SILENT_S = 30.0  # without a frame, then the video is given up
 _REMEDY = "play it with another program, or export it again"
-_BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")  # that MP4 and QuickTime files begin with
 
 
 @attrs.frozen
@@ -37,15 +37,10 @@ class About:
     rate_hz: float
 
 
-def _is_video(start: bytes) -> bool:
-    """Whether a file begins as MP4, QuickTime, Matroska, WebM or AVI do. FFmpeg reads more, such as lists of other files."""
-    return start[4:8] in _BOXES or start[:4] == b"\x1aE\xdf\xa3" or (start[:4] == b"RIFF" and start[8:12] == b"AVI ")
-
-
 def examine(path: Path) -> About:
     """What the video at path holds. Raises UserError where it is none, too large, hangs or crashes its decoder."""
     with open_file(path) as file:
-        if not _is_video(file.read(12)):
+        if not is_video(file.read(12)):
             raise UserError(f"{path}: not a video that can be read (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY)
         fd = file.fileno()
         command = [sys.executable, *PROBE, str(fd)]
