@@ -48,3 +48,21 @@ def test_a_video_under_such_a_name_is_refused_and_crashes_nothing(
     done = lfpipe(tmp_path, *words, "--session", f"odd{os.getpid()}", "--duration", "1")
     assert done.returncode == 2, done.stderr
     assert b"UTF-8 only" in done.stderr
+
+
+def test_a_video_under_such_a_name_is_not_imported_nor_made(tmp_path: Path, clip: Path) -> None:
+    shutil.copy(clip, tmp_path / ODD)
+    shutil.copy(clip, tmp_path / "a.avi")
+    done = lfpipe(tmp_path, "sequence", "import", ODD, "out")
+    assert (done.returncode, b"UTF-8 only" in done.stderr) == (2, True)
+    assert lfpipe(tmp_path, "sequence", "import", "a.avi", "out").returncode == 0
+    done = lfpipe(tmp_path, "sequence", "export", "out", f"new-{ODD}")
+    assert (done.returncode, b"UTF-8 only" in done.stderr) == (2, True)
+
+
+def test_what_does_not_begin_as_a_video_is_not_searched_for_one(tmp_path: Path) -> None:
+    (tmp_path / "a.avi").write_bytes(b"\x89PNG\r\n\x1a\n")
+    os.truncate(tmp_path / "a.avi", 1 << 41)
+    done = lfpipe(tmp_path, "sequence", "import", "a.avi", "out")
+    assert done.returncode == 2
+    assert not (tmp_path / "out").exists()

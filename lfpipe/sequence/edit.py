@@ -19,8 +19,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from lfpipe.decode import is_video, opencv_name
 from lfpipe.errors import UserError
-from lfpipe.files import check_regular, create_private, lines, open_regular, reason
+from lfpipe.files import create_private, lines, open_regular, reason
 from lfpipe.sequence.folder import EYES, TRUTH, Sequence, begin_manifest, end_manifest, new_folder
 from lfpipe.sequence.index import COPY, LINE_BYTES, MAX_PIXELS
 from lfpipe.sequence.packets import PacketWriter, decoded, encoded
@@ -118,12 +119,15 @@ def from_video(video: Path, out: Path, truth: Path | None = None) -> int:
     truth: a table as of tools/make_sequence.py. Returns the number of frames. Raises UserError where video cannot be read.
     """
     try:
-        check_regular(video)
+        with open_regular(video) as file:
+            readable = is_video(file.read(12))
     except OSError as error:
         raise UserError(f"{video}: cannot be read: {reason(error)}", "a video file") from None
+    if not readable:  # FFmpeg would look for a picture or a list of files in it, however long that takes
+        raise UserError(f"{video}: no video that can be read", "MP4, QuickTime, Matroska, WebM or AVI")
     if truth is not None:
         table_of(truth)
-    capture = cv2.VideoCapture(str(video.absolute()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+    capture = cv2.VideoCapture(opencv_name(video.absolute()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
     try:
         return _taken_over(capture, video, out, truth)
     finally:
@@ -208,7 +212,7 @@ def _write_table(sequence: Sequence, path: Path) -> None:
 def _write_video(sequence: Sequence, path: Path) -> None:
     """Raises UserError where it cannot be made, OSError where its end is missing: FFmpeg does not say that the disk is full."""
     size = sequence.width_px, sequence.height_px
-    where = str(path.absolute())
+    where = opencv_name(path.absolute())
     writer = cv2.VideoWriter(where, cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"HFYU"), sequence.measured_hz, size)
     if not writer.isOpened():
         what = f"{size[0]}x{size[1]} at {sequence.measured_hz:g} Hz"
