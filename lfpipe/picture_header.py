@@ -15,6 +15,7 @@ import attrs
 MAX_DECODING_BYTES = 240_000_000  # 8192x8192 px of 8-bit colour; with the program itself below 300 MB
 Read = Callable[[int, int], bytes]  # (offset, count) -> the bytes there, fewer at the end of the file
 
+_MAX_BESIDE_BYTES = 64 << 20  # of a file besides its picture: profiles, thumbnails
 _MAX_SEGMENTS = 1000  # of a JPEG ahead of its picture, entries of a TIFF directory
 _MAX_SCANS = 100  # of a JPEG; encoders make 10 or so
 _MAX_CHUNKS, _MAX_OTHER_CHUNKS = 100_000, 500  # of a PNG; others than the picture's data, each good for a warning on stderr
@@ -50,6 +51,9 @@ class Header:
         need = self.decoded_bytes + self.extra_bytes + (file_bytes if self.format == "TIFF" else 0)  # which is mapped
         if need > MAX_DECODING_BYTES:
             return f"{claim}: decoding takes {need / 1e6:.0f} MB, at most {MAX_DECODING_BYTES / 1e6:.0f} MB are allowed"
+        most = 8 * self.decoded_bytes + _MAX_BESIDE_BYTES
+        if file_bytes > most:
+            return f"{claim} has at most {most} bytes, this one has {file_bytes}"
         if file_bytes < self.least_bytes:
             return f"truncated: {claim} has at least {self.least_bytes} bytes, this one has {file_bytes}"
         return ""

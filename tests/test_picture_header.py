@@ -162,3 +162,10 @@ def test_what_looking_glass_displays_take_is_allowed() -> None:
     for data in (png_of(8192, 8192, b"\0" * 300_000), jpeg_claiming(SMALL, 8192, 8192)):
         header = header_of(data)
         assert header is not None and header.decoded_bytes == 8192 * 8192 * 3 <= MAX_DECODING_BYTES
+
+
+def test_a_picture_with_gigabytes_behind_it_is_refused() -> None:
+    header = header_of(cv2.imencode(".bmp", np.zeros((24, 32, 3), np.uint8))[1].tobytes())
+    assert header is not None
+    assert not header.problem(10_000)
+    assert "at most" in header.problem(1 << 31)

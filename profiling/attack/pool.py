@@ -17,7 +17,7 @@ from pathlib import Path
 from profiling.attack.book import Book
 from profiling.attack.case import HELD, Outcome
 
-LIMIT_S = 30.0
+LIMIT_S = 60.0  # an input takes a tenth of a second where nothing else runs
 TURNS = 1000  # inputs after which a worker is replaced: what libraries keep is not an input's fault
 FRESH_MB = 230.0  # so much left over from others, too
 
