@@ -28,9 +28,10 @@ import numpy as np
 from arguments import existing, parser_of, start
 from numpy.typing import NDArray
 
+from lfpipe.bench.eye_path import EyePath
 from lfpipe.bench.trace_error import SIDES, AlignedTrace
-from lfpipe.bench.truth import Truth
 from lfpipe.config import Track
+from lfpipe.sequence.truth import Truth
 from lfpipe.track.filters import make_filter
 from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.smoothing import EyeFilter, Mean
@@ -53,7 +54,7 @@ def measurements(video: Path) -> Measured:
     return out
 
 
-def on_screen(truth: Truth, measured: Measured, filter_: EyeFilter, display: bool) -> tuple[float, float]:
+def on_screen(truth: EyePath, measured: Measured, filter_: EyeFilter, display: bool) -> tuple[float, float]:
     """Error and jitter in px of the eyes that pictures are made for (see `AlignedTrace`), on the display's or camera's clock."""
     rows = []
     tracked = [(i, int(truth.t_ns[i]), eyes) for i, eyes in enumerate(measured) if eyes is not None]
@@ -75,7 +76,7 @@ def on_screen(truth: Truth, measured: Measured, filter_: EyeFilter, display: boo
     return found["error"], found["jitter"]
 
 
-def row(name: str, truth: Truth, measured: Measured, stills: bool) -> tuple[float, float]:
+def row(name: str, truth: EyePath, measured: Measured, stills: bool) -> tuple[float, float]:
     """Prints a row; returns (error ratio, jitter ratio)."""
     paper = on_screen(truth, measured, Mean(5), display=False)
     ours = on_screen(truth, measured, make_filter(Track()), display=True)
@@ -85,7 +86,7 @@ def row(name: str, truth: Truth, measured: Measured, stills: bool) -> tuple[floa
     return error, jitter
 
 
-def paths_of(path: Path, smooth_ms: float) -> list[Truth]:
+def paths_of(path: Path, smooth_ms: float) -> list[EyePath]:
     """Every stimulus of a track that lasts at least 5 s, at 30 Hz, smoothed by a Gaussian."""
     runs: dict[str, list[tuple[int, float, float]]] = {}
     with path.open(newline="") as file:
@@ -102,7 +103,7 @@ def paths_of(path: Path, smooth_ms: float) -> list[Truth]:
         at = np.array([[x, y] for _, x, y in kept]) - 4
         middle = np.array([320.0, 240.0]) + at * (-VIEW_PX, VIEW_PX)
         eyes = middle[:, None] + np.array([[31.5, 0.0], [-31.5, 0.0]])
-        sparse = Truth(t_ns, eyes, [True] * len(kept), [False] * len(kept))
+        sparse = EyePath(Truth(np.array(t_ns), eyes, np.ones(len(kept), bool)))
         fine = np.arange(0, int(min(span_s, LONGEST_S) * 1e9), FINE_NS)
         path_px = sparse.at(fine).reshape(-1, 4)
         if smooth_ms:
@@ -112,7 +113,7 @@ def paths_of(path: Path, smooth_ms: float) -> list[Truth]:
             path_px = np.stack([np.convolve(column, kernel / kernel.sum(), "valid") for column in padded.T], axis=1)
         every = slice(None, None, FRAME_NS // FINE_NS)
         t_ns, kept_px = fine[every], path_px.reshape(-1, 2, 2)[every]
-        out.append(Truth(t_ns, kept_px, [True] * len(t_ns), [False] * len(t_ns)))
+        out.append(EyePath(Truth(t_ns, kept_px, np.ones(len(t_ns), bool))))
     return out
 
 
@@ -135,7 +136,7 @@ def main() -> None:
             words += [f"--portrait={portrait}"] if portrait else []
             subprocess.run([sys.executable, str(TOOL), str(video), *words], check=True, capture_output=True)
             name = f"seed {100 + k}, {portrait.stem if portrait else 'sample'}, noise {noise:g} DN"
-            ratios.append(row(name, Truth.read(video.with_suffix(".csv")), measurements(video), stills=True))
+            ratios.append(row(name, EyePath.read(video.with_suffix(".csv")), measurements(video), stills=True))
     rng = np.random.default_rng(1)
     for path in sorted(args.tracks.glob("*.csv")) if args.tracks else []:
         for k, truth in enumerate(paths_of(path, args.smooth_ms)):

@@ -25,6 +25,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.bench.eye_path import HEAD
 from lfpipe.bench.motion import Position, duration_s, position_at, viewer_path
 from lfpipe.errors import UserError
 from lfpipe.track.litert_engine import LitertEngine
@@ -129,7 +130,7 @@ def write(out: Path, portrait: Path, seconds: float | None, rate_hz: float, nois
     rng = np.random.default_rng(seed)
     with truth.open("w", newline="") as file:
         rows = csv.writer(file)
-        rows.writerow(["source_seq", "t_ns", "left_x_px", "left_y_px", "right_x_px", "right_y_px", "visible", "phase"])
+        rows.writerow(HEAD)
         for seq in range(frames):
             place, phase = position_at(path, seq / rate_hz)
             image = puppet.draw(place) + rng.standard_normal((HEIGHT_PX, WIDTH_PX, 3), np.float32) * np.float32(noise_dn)

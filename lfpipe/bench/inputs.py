@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.bench.truth import HEAD, Truth
+from lfpipe.bench.eye_path import HEAD, EyePath
 from lfpipe.errors import UserError
 from lfpipe.scene.lightfield import LightField
 
@@ -33,7 +33,7 @@ class Sequence:
     path: Path
     frames: NDArray[np.uint8]
     rate_hz: float
-    truth: Truth | None
+    truth: EyePath | None
 
 
 @attrs.frozen(eq=False)
@@ -75,7 +75,7 @@ def read_sequence(path: Path, frames: int) -> Sequence:
         read.append(frame)
     recording.close()
     table = path.with_suffix(".csv")
-    truth = Truth.read(table) if table.is_file() else None
+    truth = EyePath.read(table) if table.is_file() else None
     if truth is not None and len(truth.t_ns) < len(read):
         raise UserError(
             f"{table}: {len(truth.t_ns)} rows for at least {len(read)} frames", "give one row per frame of the sequence"

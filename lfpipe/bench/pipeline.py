@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from lfpipe.bench.eye_path import EyePath
 from lfpipe.bench.inputs import MOVING_S, Inputs, demo_sequence
 from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Skipped, Subject, Turn
 from lfpipe.bench.paper_loop import Loop
 from lfpipe.bench.sessions import SessionRun, parts, run_loop, run_session, write_views
 from lfpipe.bench.trace_error import AlignedTrace
-from lfpipe.bench.truth import Truth
 
 PAPER_ALPHA_PX = 12.0
 SKIPPED_S = 1.0  # after the first picture, while the face is being found
@@ -56,7 +56,7 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
     for rate_hz in rates:
         own = rate_hz == sequence.rate_hz
         video = sequence.path if own else demo_sequence(inputs.work, MOVING_S[1], rate_hz)
-        figures = _figures(inputs, sequence.truth if own else Truth.read(video.with_suffix(".csv")), alpha_px)
+        figures = _figures(inputs, sequence.truth if own else EyePath.read(video.with_suffix(".csv")), alpha_px)
 
         def loop(video: Path = video, rate_hz: float = rate_hz, figures: Callable[[SessionRun], Turn] = figures) -> Prepared:
             views = write_views(field, inputs.work / "views" / str(field.manifest["key"]))
@@ -77,7 +77,7 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
                 yield Candidate(f"{clock} clock, {method}", knob, options)
 
 
-def _figures(inputs: Inputs, truth: Truth | None, alpha_px: float) -> Callable[[SessionRun], Turn]:
+def _figures(inputs: Inputs, truth: EyePath | None, alpha_px: float) -> Callable[[SessionRun], Turn]:
     grid = inputs.field.rows, inputs.field.cols
     centre = inputs.sequence.frames.shape[2] / 2, inputs.sequence.frames.shape[1] / 2
 

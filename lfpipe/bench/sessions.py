@@ -16,6 +16,7 @@ from typing import Any
 
 import attrs
 import cv2
+import psutil
 
 from lfpipe.bench.anaglyph import view_bgr
 from lfpipe.bench.paper_loop import Loop
@@ -38,14 +39,7 @@ class SessionRun:
 
 def process_tree(pid: int) -> list[int]:
     """pid and all its living descendants."""
-    found = [pid]
-    for parent in found:
-        for task in Path(f"/proc/{parent}/task").glob("*/children"):
-            try:
-                found += [int(child) for child in task.read_text().split()]
-            except OSError:  # it has ended
-                continue
-    return found
+    return [pid, *(child.pid for child in psutil.Process(pid).children(recursive=True))]
 
 
 def cpu_ns(pids: Sequence[int]) -> int:

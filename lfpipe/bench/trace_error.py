@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.truth import Truth
+from lfpipe.bench.eye_path import EyePath
 
 SIDES = ("left", "right")
 SETTLE_NS, STILL_NS, STEP_NS, SKIP_NS = 500_000_000, 400_000_000, 1_000_000, 1_000_000_000
@@ -24,7 +24,7 @@ class AlignedTrace:
     real head does. Raises ValueError if nothing remains.
     """
 
-    def __init__(self, truth: Truth, rows: list[dict[str, Any]]) -> None:
+    def __init__(self, truth: EyePath, rows: list[dict[str, Any]]) -> None:
         self.rows = rows = [row for row in rows if row["t_presented_ns"] and row["eyes_used"]]
         if not rows:
             raise ValueError("the trace holds no picture made for eyes")

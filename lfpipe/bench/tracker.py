@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.bench.eye_path import EyePath
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Samples, Skipped, Subject
 from lfpipe.bench.timing import time_figures, times_ms
-from lfpipe.bench.truth import Truth
 from lfpipe.config import Track
 from lfpipe.track.engine import Engine
 from lfpipe.track.engines import make_engine
@@ -59,7 +59,7 @@ def motion_errors(found: Float, truth: Float) -> Samples:
     }
 
 
-def lag_ms(found: Float, truth: Truth, t_ns: NDArray[np.int64]) -> float:
+def lag_ms(found: Float, truth: EyePath, t_ns: NDArray[np.int64]) -> float:
     """Delay of the measured eyes: the shift of the truth that fits them best; NaN if nothing moves."""
     seen = np.isfinite(found).all(axis=(1, 2))
     if float(truth.eyes_px.std(axis=0).max()) < 1.0:

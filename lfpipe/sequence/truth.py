@@ -27,11 +27,12 @@ REMEDY = f"one row per frame with columns t_ns, {', '.join(COLUMNS)}, and visibl
 
 @attrs.frozen(eq=False)
 class Truth:
-    """t_ns: (n,) since the first frame. eyes_px: (n, 2, 2). visible: (n,), whether both eyes are in the picture."""
+    """t_ns: (n,) since the first frame. eyes_px: (n, 2, 2). visible, still: (n,), both eyes are in view, the head rests."""
 
     t_ns: NDArray[np.int64]
     eyes_px: NDArray[np.float64]
     visible: NDArray[np.bool_]
+    still: NDArray[np.bool_] = attrs.Factory(lambda self: np.zeros(len(self.t_ns), np.bool_), takes_self=True)
 
     def at(self, t_ns: int) -> NDArray[np.float64] | None:
         """The eyes t_ns after the first frame, (2, 2) px, on the line between frames; None outside or while they are hidden."""
@@ -105,16 +106,17 @@ def table_of(path: Path) -> Truth:
     rows = truth_rows(path)
     columns = next(rows, [])
     stamp = columns.index("t_ns") if columns else 0
-    at, said = [columns.index(name) for name in COLUMNS if columns], "visible" in columns
-    stamps, numbers, visible = array("q"), array("d"), bytearray()
+    at, said, phases = [columns.index(name) for name in COLUMNS if columns], "visible" in columns, "phase" in columns
+    stamps, numbers, visible, still = array("q"), array("d"), bytearray(), bytearray()
     for row in rows:
         stamps.append(int(row[stamp]))
         numbers.extend(float(row[k]) for k in at)
         visible.append(not said or row[columns.index("visible")] != "0")
+        still.append(phases and row[columns.index("phase")] == "still")
     if not stamps:
         raise UserError(f"{path}: holds no row", REMEDY)
     t_ns = np.array(stamps, np.int64)
-    return Truth(t_ns - t_ns[0], np.array(numbers).reshape(-1, 2, 2), np.array(visible, np.bool_))
+    return Truth(t_ns - t_ns[0], np.array(numbers).reshape(-1, 2, 2), np.array(visible, np.bool_), np.array(still, np.bool_))
 
 
 def summary(errors_px: list[float]) -> dict[str, float] | None:

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 from scipy.stats import wilcoxon
 
-from lfpipe.bench.inputs import HEAD
+from lfpipe.bench.eye_path import HEAD, EyePath
 from lfpipe.bench.stats import MIN_SAMPLES, bootstrap_interval, median_interval, noise, p_above, pareto
-from lfpipe.bench.truth import Truth
 from lfpipe.errors import UserError
+from lfpipe.sequence.truth import Truth
 
 COORDINATE = st.integers(0, 6).map(float)
 
@@ -84,7 +84,7 @@ def test_truth_between_its_rows_is_the_monotone_cubic(heights: list[float], seed
     t_ns = np.cumsum(np.random.default_rng(seed).integers(1_000_000, 80_000_000, len(heights)))
     eyes = np.repeat(np.array(heights)[:, None], 4, axis=1)
     states = [True] * len(heights)
-    truth = Truth(t_ns, eyes, states, states)
+    truth = EyePath(Truth(t_ns, eyes.reshape(-1, 2, 2), np.array(states), np.array(states)))
     between = np.linspace(t_ns[1], t_ns[-2], 50)
     wanted = PchipInterpolator(t_ns / 1e9, heights)(between / 1e9)
     if len(heights) > 4:  # its ends are its own
@@ -100,7 +100,7 @@ def test_truth_knows_since_when(tmp_path: Path) -> None:
     path = tmp_path / "truth.csv"
     with path.open("w", newline="") as file:
         csv.writer(file).writerows([HEAD, *rows])
-    truth = Truth.read(path)
+    truth = EyePath.read(path)
     assert truth.visible_ns.tolist() == [0, 0, -1, 30, 30, 30]
     assert truth.still_ns.tolist() == [0, 0, -1, 30, -1, -1]
 
@@ -110,4 +110,4 @@ def test_a_file_that_is_no_truth_is_named(tmp_path: Path, text: str) -> None:
     path = tmp_path / "truth.csv"
     path.write_text(text)
     with pytest.raises(UserError, match=r"truth\.csv"):
-        Truth.read(path)
+        EyePath.read(path)

@@ -11,14 +11,19 @@ import numpy as np
 import pytest
 
 from lfpipe.bench import anaglyph, filters, paper_loop, pipeline, plan, stability, synthesis, tracker
+from lfpipe.bench.eye_path import EyePath
 from lfpipe.bench.inputs import Sequence, demo_sequence, read_sequence
 from lfpipe.bench.model import Candidate, Skipped
 from lfpipe.bench.report import counts
 from lfpipe.bench.sessions import parts
 from lfpipe.bench.trace_error import AlignedTrace
-from lfpipe.bench.truth import Truth
+from lfpipe.sequence.truth import Truth
 from lfpipe.track.smoothing import Mean
 from tests.bench.inputs import inputs, wall, without_truth
+
+
+def path(t_ns: np.ndarray, eyes_px: np.ndarray, still: bool) -> EyePath:
+    return EyePath(Truth(t_ns, eyes_px, np.ones(len(t_ns), bool), np.full(len(t_ns), still)))
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +66,9 @@ def test_tracker_without_truth_or_face(tmp_path: Path, sequence: Sequence) -> No
 def test_lag_is_found() -> None:
     t_ns = np.arange(90) * 33_333_333
     eyes = np.stack([300 + 40 * np.sin(t_ns / 4e8), 240 + 0 * t_ns] * 2, axis=1).reshape(-1, 2, 2)
-    truth = Truth(t_ns, eyes, [True] * 90, [False] * 90)
+    truth = path(t_ns, eyes, still=False)
     assert tracker.lag_ms(truth.at(t_ns - 50e6), truth, t_ns) == pytest.approx(50, abs=1)
-    assert math.isnan(tracker.lag_ms(eyes, Truth(t_ns, eyes[:1].repeat(90, 0), [True] * 90, [True] * 90), t_ns))
+    assert math.isnan(tracker.lag_ms(eyes, path(t_ns, eyes[:1].repeat(90, 0), still=True), t_ns))
 
 
 def test_filters_know_their_motion() -> None:
@@ -133,7 +138,7 @@ def test_displayed_error_of_a_known_trace() -> None:
     """Pictures 10 ms late of eyes that move 100 px/s: 1 px behind, 0.1 views at 10 px per view."""
     t_ns = np.arange(120) * 33_333_333
     eyes = np.stack([300 + t_ns / 1e9 * 100, 240 + 0 * t_ns] * 2, axis=1).reshape(-1, 2, 2)
-    truth = Truth(t_ns, eyes, [True] * 120, [False] * 120)
+    truth = path(t_ns, eyes, still=False)
     rows = []
     for ms in range(200, 3500):
         used = truth.at((ms - 10) * 1e6)
