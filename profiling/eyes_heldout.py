@@ -95,15 +95,15 @@ def paths_of(path: Path, smooth_ms: float) -> list[EyePath]:
             runs.setdefault(place["stimulus"], []).append((int(float(place["timestamp"])), float(place["x"]), float(place["y"])))
     out = []
     for places in runs.values():
-        kept = [place for k, place in enumerate(places) if k == 0 or place[0] > places[k - 1][0]]
-        span_s = (kept[-1][0] - kept[0][0]) / 1e3
-        if len(kept) < 10 or span_s < 5:
+        points = [place for k, place in enumerate(places) if k == 0 or place[0] > places[k - 1][0]]
+        span_s = (points[-1][0] - points[0][0]) / 1e3
+        if len(points) < 10 or span_s < 5:
             continue
-        t_ns = [(t_ms - kept[0][0]) * 1_000_000 for t_ms, _, _ in kept]
-        at = np.array([[x, y] for _, x, y in kept]) - 4
+        t_ns = [(t_ms - points[0][0]) * 1_000_000 for t_ms, _, _ in points]
+        at = np.array([[x, y] for _, x, y in points]) - 4
         middle = np.array([320.0, 240.0]) + at * (-VIEW_PX, VIEW_PX)
         eyes = middle[:, None] + np.array([[31.5, 0.0], [-31.5, 0.0]])
-        sparse = EyePath(Truth(np.array(t_ns), eyes, np.ones(len(kept), bool)))
+        sparse = EyePath(Truth(np.array(t_ns), eyes, np.ones(len(points), bool)))
         fine = np.arange(0, int(min(span_s, LONGEST_S) * 1e9), FINE_NS)
         path_px = sparse.at(fine).reshape(-1, 4)
         if smooth_ms:

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.eye_path import HEAD
-from lfpipe.bench.motion import Position, duration_s, position_at, viewer_path
+from lfpipe.bench.motion import HeadPosition, duration_s, position_at, viewer_path
 from lfpipe.errors import UserError
 from lfpipe.track.litert_engine import LitertEngine
 
@@ -76,19 +76,19 @@ class Puppet:
             raise UserError("the face of the portrait is lost when scaled", "give a larger or sharper picture")
         self._eyes = (face.eyes_px - map_[:, 2]) @ np.linalg.inv(map_[:, :2]).T
 
-    def map(self, position_mm: Position) -> NDArray[np.float64]:
+    def map(self, position_mm: HeadPosition) -> NDArray[np.float64]:
         """Affine (2, 3) from px of the scaled portrait to px of the picture."""
         x, y, z = position_mm
         scale = HOME_MM / z
         middle = np.array([(WIDTH_PX - 1) / 2 + FOCAL_PX * x / z, (HEIGHT_PX - 1) / 2 + FOCAL_PX * y / z])
         return np.column_stack([np.eye(2) * scale, middle - self._middle * scale])
 
-    def eyes_px(self, position_mm: Position) -> NDArray[np.float64]:
+    def eyes_px(self, position_mm: HeadPosition) -> NDArray[np.float64]:
         """True eye centres, (2, 2), left first."""
         map_ = self.map(position_mm)
         return np.asarray(self._eyes @ map_[:, :2].T + map_[:, 2], np.float64)
 
-    def draw(self, position_mm: Position) -> NDArray[np.float32]:
+    def draw(self, position_mm: HeadPosition) -> NDArray[np.float32]:
         """The picture without noise: float32 (480, 640, 3), 0..255."""
         map_, size = self.map(position_mm), (WIDTH_PX, HEIGHT_PX)
         face = cv2.warpAffine(self._picture, map_, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)

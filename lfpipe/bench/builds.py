@@ -168,9 +168,9 @@ class _Compared:
             shuffled.shuffle(open_)
             for one in open_:
                 self._round(one, swapped=done % 4 in (2, 3))  # A B, B A, B A, A B cancels a drift of the machine
-            gone = min(1.0, (time.monotonic() - started) / budget_s)
-            progress("comparing", int(100 * max(gone, 1 - len(open_) / len(self._of))), 100)
-            late = gone >= 1 and (done >= MIN_ROUNDS or time.monotonic() - started > MAX_OVERRUN * budget_s)
+            spent = min(1.0, (time.monotonic() - started) / budget_s)
+            progress("comparing", int(100 * max(spent, 1 - len(open_) / len(self._of))), 100)
+            late = spent >= 1 and (done >= MIN_ROUNDS or time.monotonic() - started > MAX_OVERRUN * budget_s)
             if done in LOOKS or late:
                 unsettled = {(d.subject, d.candidate) for d in self._judged() if not d.settled}
                 open_ = [one for one in open_ if (one.subject, one.name) in unsettled]

@@ -163,7 +163,7 @@ def _label(axes: Axes, wanted: list[Point], shown: list[Point], theme: Theme) ->
     """Labels points with their knobs (with curve names if there is only one knob), each at the first of a few positions that
     overlaps no other label and no point; without a free position there is no label."""
     several = len({point.one.knob for point in wanted}) > 1
-    taken: list[tuple[float, float, float, float]] = []
+    occupied: list[tuple[float, float, float, float]] = []
     points_px = [axes.transData.transform((p.x, p.y)) for p in shown]
     spots = [axes.transData.transform((p.x, p.y)) for p in wanted]
     left, bottom, right, top = (float(v) for v in axes.get_window_extent().extents)
@@ -173,10 +173,10 @@ def _label(axes: Axes, wanted: list[Point], shown: list[Point], theme: Theme) ->
         sides = [(9, y) for y in (7, -18, 22, -33)], [(-9 - width, y) for y in (7, -18, 22, -33)]
         for dx, dy in (*sides[0][:2], *sides[1][:2], *sides[0][2:], *sides[1][2:], (-width / 2, 26), (-width / 2, -39)):
             box = (x + dx, y + dy, x + dx + width, y + dy + height)
-            free = all(box[2] < b[0] or b[2] < box[0] or box[3] < b[1] or b[3] < box[1] for b in taken)
+            free = all(box[2] < b[0] or b[2] < box[0] or box[3] < b[1] or b[3] < box[1] for b in occupied)
             free &= not any(box[0] - 5 < sx < box[2] + 5 and box[1] - 5 < sy < box[3] + 5 for sx, sy in points_px)
             if free and box[0] >= left and box[2] <= right + 20 and box[1] >= bottom and box[3] <= top + 10:
-                taken.append(box)
+                occupied.append(box)
                 scale = 72 / DPI
                 halo = [Stroke(linewidth=2.6, foreground=theme.paper), Normal()]  # keeps letters readable on lines
                 axes.annotate(text, (point.x, point.y), (dx * scale, dy * scale), textcoords="offset points", fontsize=8,

@@ -27,7 +27,7 @@ DEMO_SIDE_PX = 256  # of the views of the quick demo scene
 
 
 @attrs.frozen(eq=False)
-class Sequence:
+class FrameSequence:
     """frames: uint8 (n, height, width, 3) BGR. truth: None if no table of true eyes is beside the video."""
 
     path: Path
@@ -44,7 +44,7 @@ class Inputs:
     """
 
     fields: tuple[tuple[Path, LightField], ...]
-    sequence: Sequence
+    sequence: FrameSequence
     quick: bool
     demo: bool
     work: Path
@@ -58,7 +58,7 @@ class Inputs:
         return self.fields[0][1]
 
 
-def read_sequence(path: Path, frames: int) -> Sequence:
+def read_sequence(path: Path, frames: int) -> FrameSequence:
     """Up to `frames` frames of a video, or of pictures in a folder. The truth is PATH with the suffix .csv.
 
     Raises UserError if one of them cannot be read.
@@ -80,7 +80,7 @@ def read_sequence(path: Path, frames: int) -> Sequence:
         raise UserError(
             f"{table}: {len(truth.t_ns)} rows for at least {len(read)} frames", "give one row per frame of the sequence"
         )
-    return Sequence(path, np.stack(read), recording.rate_hz or config.Camera().rate_hz, truth)
+    return FrameSequence(path, np.stack(read), recording.rate_hz or config.Camera().rate_hz, truth)
 
 
 def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 
 import attrs
 
-Position = tuple[float, float, float]
+HeadPosition = tuple[float, float, float]
 
 
 def minimum_jerk(s: float) -> float:
@@ -25,20 +25,20 @@ class Piece:
 
     name: str
     duration_s: float
-    position_mm: Callable[[float], Position]
+    position_mm: Callable[[float], HeadPosition]
 
 
-def still(at: Position, duration_s: float) -> Piece:
+def still(at: HeadPosition, duration_s: float) -> Piece:
     return Piece("still", duration_s, lambda t_s: at)
 
 
-def reach(start: Position, end: Position, peak_mm_s: float, name: str = "reach") -> Piece:
+def reach(start: HeadPosition, end: HeadPosition, peak_mm_s: float, name: str = "reach") -> Piece:
     """A minimum-jerk move with the top speed peak_mm_s."""
     duration_s = 1.875 * math.dist(start, end) / peak_mm_s
     return Piece(name, duration_s, lambda t_s: _between(start, end, minimum_jerk(t_s / duration_s)))
 
 
-def stop(start: Position, end: Position, speed_mm_s: float, brake_s: float = 0.06, run_up_s: float = 0.4) -> Piece:
+def stop(start: HeadPosition, end: HeadPosition, speed_mm_s: float, brake_s: float = 0.06, run_up_s: float = 0.4) -> Piece:
     """A sudden stop: a move that accelerates to speed_mm_s within run_up_s and brakes within brake_s.
 
     The way must be longer than accelerating and braking take.
@@ -46,7 +46,7 @@ def stop(start: Position, end: Position, speed_mm_s: float, brake_s: float = 0.0
     way_mm = math.dist(start, end)
     cruise_s = way_mm / speed_mm_s - (run_up_s + brake_s) / 2
 
-    def position(t_s: float) -> Position:
+    def position(t_s: float) -> HeadPosition:
         up_s, down_s = min(t_s, run_up_s), max(t_s - run_up_s - cruise_s, 0.0)
         mid_s = max(t_s - run_up_s, 0.0)
         done_mm = speed_mm_s * (up_s * up_s / (2 * run_up_s) + mid_s - down_s * down_s / (2 * brake_s))
@@ -55,10 +55,10 @@ def stop(start: Position, end: Position, speed_mm_s: float, brake_s: float = 0.0
     return Piece("stop", run_up_s + cruise_s + brake_s, position)
 
 
-def sway(around: Position, reach_mm: float, rate_hz: float, duration_s: float) -> Piece:
+def sway(around: HeadPosition, reach_mm: float, rate_hz: float, duration_s: float) -> Piece:
     """Slow swinging about a position, mostly sideways. Starts and ends there at rest."""
 
-    def position(t_s: float) -> Position:
+    def position(t_s: float) -> HeadPosition:
         fade = minimum_jerk(min(t_s, duration_s - t_s, 1.0))
         angle = 2 * math.pi * rate_hz * t_s
         x, y, z = around
@@ -67,8 +67,8 @@ def sway(around: Position, reach_mm: float, rate_hz: float, duration_s: float) -
     return Piece("sway", duration_s, position)
 
 
-def position_at(pieces: Sequence[Piece], t_s: float) -> tuple[Position, str]:
-    """Position and name of the piece at time t_s of the path; at rest before its start and after its end."""
+def position_at(pieces: Sequence[Piece], t_s: float) -> tuple[HeadPosition, str]:
+    """HeadPosition and name of the piece at time t_s of the path; at rest before its start and after its end."""
     t_s = max(t_s, 0.0)
     for piece in pieces:
         if t_s < piece.duration_s:
@@ -87,7 +87,7 @@ def viewer_path(z_mm: float, side_mm: float) -> list[Piece]:
 
     z_mm: distance of the viewer. side_mm: distance of the picture's edge from its middle there.
     """
-    home: Position = (0.0, 0.0, z_mm)
+    home: HeadPosition = (0.0, 0.0, z_mm)
     far = 0.5 * side_mm  # the whole face still in the picture
     left, right, high, low = (-far, 0.0, z_mm), (far, 10.0, z_mm), (0.3 * far, -40.0, z_mm), (-0.4 * far, 30.0, z_mm)
     near, away, out = (0.0, 0.0, 0.75 * z_mm), (20.0, 0.0, 1.5 * z_mm), (1.9 * side_mm, 0.0, z_mm)
@@ -103,6 +103,6 @@ def viewer_path(z_mm: float, side_mm: float) -> list[Piece]:
     return [*pieces, reach(out, home, 450, "enter"), still(home, 3.0)]
 
 
-def _between(start: Position, end: Position, share: float) -> Position:
+def _between(start: HeadPosition, end: HeadPosition, share: float) -> HeadPosition:
     x, y, z = (a + (b - a) * share for a, b in zip(start, end, strict=True))
     return x, y, z

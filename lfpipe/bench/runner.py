@@ -19,7 +19,7 @@ from lfpipe.bench.timing import REFERENCE, reference_ms
 from lfpipe.errors import UserError
 
 NARROW = 0.05  # width of the 95 % interval of the median over the median
-LONG_TURNS = 3  # a subject with at most so many turns has long ones, and no warm-up
+LONG_TURNS = 3  # a subject with at most this many turns has long ones, and no warm-up
 Progress = Callable[[str, int, int], None]
 
 

@@ -8,7 +8,7 @@ import attrs
 import cv2
 import numpy as np
 
-from lfpipe.bench.inputs import Inputs, Sequence
+from lfpipe.bench.inputs import FrameSequence, Inputs
 from lfpipe.scene.lightfield import Geometry, LightField
 
 
@@ -30,11 +30,11 @@ def wall(rows: int, cols: int, side_px: int = 64, disparity: bool = True) -> Lig
     )  # fmt: skip
 
 
-def inputs(field: LightField, work: Path, sequence: Sequence | None = None) -> Inputs:
+def inputs(field: LightField, work: Path, sequence: FrameSequence | None = None) -> Inputs:
     """Quick inputs; the sequence is 20 grey frames without truth where none is given."""
-    grey = Sequence(work / "grey.avi", np.full((20, 120, 160, 3), 90, np.uint8), 30.0, None)
+    grey = FrameSequence(work / "grey.avi", np.full((20, 120, 160, 3), 90, np.uint8), 30.0, None)
     return Inputs(((work / "wall", field),), sequence or grey, True, sequence is None, work)
 
 
-def without_truth(sequence: Sequence) -> Sequence:
+def without_truth(sequence: FrameSequence) -> FrameSequence:
     return attrs.evolve(sequence, truth=None)

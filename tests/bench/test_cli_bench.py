@@ -14,13 +14,13 @@ def test_a_subject_from_the_command_line_and_again(world: World, scene: Path, cl
     first = world.run(*words)
     assert first.returncode == 0, first.stderr
     assert first.stdout.strip() == "out/report.html" and (world.root / "out" / "report.html").is_file()
-    told = json.loads((world.root / "out" / "results.json").read_text())
-    assert set(told["subjects"]) == {"anaglyph"} and told["about"]["command"].startswith("lfpipe bench anaglyph")
-    assert told["about"]["machine"]["cores"] and told["about"]["versions"]["numpy"]
+    results = json.loads((world.root / "out" / "results.json").read_text())
+    assert set(results["subjects"]) == {"anaglyph"} and results["about"]["command"].startswith("lfpipe bench anaglyph")
+    assert results["about"]["machine"]["cores"] and results["about"]["versions"]["numpy"]
     second = world.run(*words)  # all is there: nothing is measured again
     assert second.returncode == 0, second.stderr
     again = json.loads((world.root / "out" / "results.json").read_text())
-    assert again["subjects"] == told["subjects"]
+    assert again["subjects"] == results["subjects"]
     same = world.run("bench", "compare", "out", "out", "--json")
     assert same.returncode == 0 and json.loads(same.stdout)["called"] == []
 

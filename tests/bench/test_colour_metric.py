@@ -1,4 +1,4 @@
-"""The simulated glasses against what is known of them without any simulation."""
+"""The simulated glasses, checked against known facts."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def test_noise_of_a_fifth_of_a_pixel_is_called_every_time() -> None:
         assert [one.candidate for one in judge(pairs) if one.called] == ["noisy"]
 
 
-def test_chance_and_a_difference_not_worth_a_word_are_not_called() -> None:
+def test_chance_and_a_difference_below_the_minimum_effect_are_not_called() -> None:
     rng = np.random.default_rng(9)
     surely_small = Paired("synthesis", "2 %", TIME, "time", rng.normal(1.02, 1e-3, 200).tolist())
     few = Paired("synthesis", "few", TIME, "time", [1.5] * 6)

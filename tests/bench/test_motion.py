@@ -1,4 +1,4 @@
-"""Known motion and the sequences made from it."""
+"""Known motion, and sequences generated from it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The runner: turns are interleaved, failures are kept by name, a run broken off goes on."""
+"""The runner: turns are interleaved, failures are kept by name, an interrupted run continues."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ from lfpipe.bench.runner import run
 from tests.bench.inputs import inputs, wall
 
 FIGURES = (Figure("error_px", "error", "px", "rms"), Figure("time_ms", "time", "ms"))
-DIAGRAM = Diagram("made", "Made", "time_ms", "error_px")
+DIAGRAM = Diagram("fake", "Fake", "time_ms", "error_px")
 
 
-class Made:
+class FakeSubject:
     """A subject of four candidates: two sound, one that throws, one that gives NaN in its third turn."""
 
-    def __init__(self, broken_off: int = 10**9) -> None:
+    def __init__(self, interrupted_after: int = 10**9) -> None:
         self.turns: list[str] = []
         self.measured: list[str] = []
         self.closed: list[str] = []
-        self._left = broken_off
-        self.subject = Subject("made", "Made", "?", FIGURES, (DIAGRAM,), self.candidates, budget_s=(0.2, 0.2), turns=(4, 4))
+        self._left = interrupted_after
+        self.subject = Subject(
+            "fake", "FakeSubject", "?", FIGURES, (DIAGRAM,), self.candidates, budget_s=(0.2, 0.2), turns=(4, 4)
+        )
 
     def candidates(self, _: Inputs) -> Iterator[Candidate | Skipped]:
         yield Skipped("colour", "the scene is grey")
@@ -61,36 +63,36 @@ def quiet(*_: object) -> None:
 
 
 def test_failures_are_omissions_with_their_reason(tmp_path: Path) -> None:
-    made, found = Made(), SubjectResults("made")
-    run(made.subject, inputs(wall(2, 2), tmp_path), found, quiet, quiet)  # type: ignore[arg-type]
+    fake, found = FakeSubject(), SubjectResults("fake")
+    run(fake.subject, inputs(wall(2, 2), tmp_path), found, quiet, quiet)  # type: ignore[arg-type]
     assert found.omissions == {"throws": "ArithmeticError: no root", "nan": "ValueError: not finite: time_ms"}
     assert set(found.measured) == {"one", "two"}
     assert found.measured["one"].paper and not found.measured["two"].paper
     assert found.measured["one"].value(FIGURES[0]) == pytest.approx(12.5**0.5)
     assert found.skipped == [Skipped("colour", "the scene is grey")]
-    assert {"one", "two"} <= set(made.closed)
+    assert {"one", "two"} <= set(fake.closed)
     assert all(len(one.turns["time_ms"]) >= 4 for one in found.measured.values())
 
 
 def test_turns_are_interleaved_and_warmed_up(tmp_path: Path) -> None:
-    made, found = Made(), SubjectResults("made")
-    run(made.subject, inputs(wall(2, 2), tmp_path), found, quiet, quiet)  # type: ignore[arg-type]
-    sound = [name for name in made.turns if name in ("one", "two")]
+    fake, found = FakeSubject(), SubjectResults("fake")
+    run(fake.subject, inputs(wall(2, 2), tmp_path), found, quiet, quiet)  # type: ignore[arg-type]
+    sound = [name for name in fake.turns if name in ("one", "two")]
     for k in range(0, 10, 2):  # the warm-up and the fewest rounds
         assert set(sound[k : k + 2]) == {"one", "two"}
     assert len(sound) == 2 + sum(len(one.turns["time_ms"]) for one in found.measured.values())  # the first does not count
 
 
-def test_a_run_broken_off_goes_on(tmp_path: Path) -> None:
+def test_an_interrupted_run_continues(tmp_path: Path) -> None:
     results = Results({"identity": {}})
-    found = results.subjects.setdefault("made", SubjectResults("made"))
-    made, given = Made(broken_off=11), inputs(wall(2, 2), tmp_path)
+    found = results.subjects.setdefault("fake", SubjectResults("fake"))
+    fake, given = FakeSubject(interrupted_after=11), inputs(wall(2, 2), tmp_path)
     with pytest.raises(KeyboardInterrupt):
-        run(made.subject, given, found, quiet, lambda: results.write(tmp_path))
-    kept = read(tmp_path).subjects["made"]
+        run(fake.subject, given, found, quiet, lambda: results.write(tmp_path))
+    kept = read(tmp_path).subjects["fake"]
     before = {name: list(one.turns["time_ms"]) for name, one in kept.measured.items()}
     assert before and not kept.done
-    again = Made()
+    again = FakeSubject()
     run(again.subject, given, kept, quiet, quiet)  # type: ignore[arg-type]
     assert again.measured == []  # errors are known, and what threw is not tried again
     assert kept.done and kept.omissions["throws"] == "ArithmeticError: no root"
@@ -100,7 +102,7 @@ def test_a_run_broken_off_goes_on(tmp_path: Path) -> None:
 
 
 def test_noise_is_stated_however_few_the_turns(tmp_path: Path) -> None:
-    """A long turn gives the samples of its parts; a short one that was taken too seldom is told with its number."""
+    """A long turn gives the samples of its parts; of too few turns the number is shown."""
     turns = iter([[3.0, 5.0, 4.0, 4.0, 3.0, 5.0], [4.0, 4.0, 4.0, 4.0, 4.0, 4.0]])
 
     def turn() -> dict[str, float | list[float]]:
@@ -124,36 +126,36 @@ def test_noise_is_stated_however_few_the_turns(tmp_path: Path) -> None:
 
 def test_a_diagram_without_its_figure_is_left_out_with_the_reason() -> None:
     only_timed = {"one": Measured("one", "", False, {}, {"time_ms": [1.0]})}
-    found = SubjectResults("made", only_timed)
-    assert empty_diagrams(Made().subject, found)["made"].endswith("nothing measured of error")
+    found = SubjectResults("fake", only_timed)
+    assert empty_diagrams(FakeSubject().subject, found)["fake"].endswith("nothing measured of error")
     only_timed["one"].errors["error_px"] = [2.0]
-    assert empty_diagrams(Made().subject, found) == {}
+    assert empty_diagrams(FakeSubject().subject, found) == {}
 
 
 def test_an_exact_zero_stands_where_the_axis_says_so() -> None:
     errors = {"none": [0.0], "some": [2.0], "more": [9.0]}
     found = SubjectResults(
-        "made", {name: Measured(name, "", False, {"error_px": e, "time_ms": [1.0]}) for name, e in errors.items()}
+        "fake", {name: Measured(name, "", False, {"error_px": e, "time_ms": [1.0]}) for name, e in errors.items()}
     )
-    axes = draw(Made().subject, found, DIAGRAM).axes[0]
-    told = {label.get_text(): place for label, place in zip(axes.get_yticklabels(), axes.get_yticks(), strict=True)}
+    axes = draw(FakeSubject().subject, found, DIAGRAM).axes[0]
+    ticks = {label.get_text(): place for label, place in zip(axes.get_yticklabels(), axes.get_yticks(), strict=True)}
     heights = {str(line.get_label()): float(np.ravel(line.get_ydata())[0]) for line in axes.get_lines()}
-    assert heights["none"] == told["0"] < heights["some"] == 2.0
-    assert [text for text, place in told.items() if place < 1.0] == ["0"]
+    assert heights["none"] == ticks["0"] < heights["some"] == 2.0
+    assert [text for text, place in ticks.items() if place < 1.0] == ["0"]
 
 
 def test_report_stands_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made, found = Made(), SubjectResults("made")
-    run(made.subject, inputs(wall(2, 2), tmp_path), found, quiet, quiet)  # type: ignore[arg-type]
-    monkeypatch.setitem(__import__("lfpipe.bench.subjects", fromlist=["SUBJECTS"]).SUBJECTS, "made", made.subject)
+    fake, found = FakeSubject(), SubjectResults("fake")
+    run(fake.subject, inputs(wall(2, 2), tmp_path), found, quiet, quiet)  # type: ignore[arg-type]
+    monkeypatch.setitem(__import__("lfpipe.bench.subjects", fromlist=["SUBJECTS"]).SUBJECTS, "fake", fake.subject)
     machine = {"processor": "<p>", "cores": 2, "system": "s", "load": 0.1}
     about = {"command": "lfpipe bench", "scenes": ["s"], "sequence": "q", "machine": machine, "versions": {}, "commit": "c"}
-    page = write_report(Results(about | {"started": "now"}, {"made": found}), tmp_path).read_text()
+    page = write_report(Results(about | {"started": "now"}, {"fake": found}), tmp_path).read_text()
     assert "ArithmeticError: no root" in page and "the scene is grey" in page and "&lt;p&gt;" in page
     assert "prefers-color-scheme: dark" in page and "the paper" in (tmp_path / "summary.md").read_text().lower()
     for reference in ("http://", "https://", "<script", "<link"):
         assert reference not in page
     names = {path.name for path in (tmp_path / "diagrams").iterdir()}
-    assert names == {"made.png", "made.svg", "made-dark.svg"}
-    light, dark = ((tmp_path / "diagrams" / name).read_text() for name in ("made.svg", "made-dark.svg"))
+    assert names == {"fake.png", "fake.svg", "fake-dark.svg"}
+    light, dark = ((tmp_path / "diagrams" / name).read_text() for name in ("fake.svg", "fake-dark.svg"))
     assert "#0072b2" in light and "#0072b2" not in dark and "#56b4e9" in dark

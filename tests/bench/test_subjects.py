@@ -1,4 +1,4 @@
-"""Subjects on small inputs: what they measure, and what they leave out where it makes no sense."""
+"""Subjects on small inputs: what they measure, and what they skip."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from lfpipe.bench import anaglyph, filters, paper_loop, pipeline, plan, stability, synthesis, tracker
 from lfpipe.bench.eye_path import EyePath
-from lfpipe.bench.inputs import Sequence, demo_sequence, read_sequence
+from lfpipe.bench.inputs import FrameSequence, demo_sequence, read_sequence
 from lfpipe.bench.model import Candidate, Skipped
 from lfpipe.bench.report import counts
 from lfpipe.bench.sessions import parts
@@ -27,7 +27,7 @@ def path(t_ns: np.ndarray, eyes_px: np.ndarray, still: bool) -> EyePath:
 
 
 @pytest.fixture(scope="module")
-def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
+def sequence(tmp_path_factory: pytest.TempPathFactory) -> FrameSequence:
     """Stillness and half a second of motion of the demo's face, with truth."""
     return read_sequence(demo_sequence(tmp_path_factory.mktemp("sequence"), 0.5), 75)
 
@@ -37,23 +37,23 @@ def split(offered: object) -> tuple[dict[str, Candidate], dict[str, str]]:
     return {i.name: i for i in items if isinstance(i, Candidate)}, {i.what: i.why for i in items if isinstance(i, Skipped)}
 
 
-def test_demo_sequence_is_still_then_moves(sequence: Sequence) -> None:
+def test_demo_sequence_is_still_then_moves(sequence: FrameSequence) -> None:
     truth = sequence.truth
     assert truth is not None and len(sequence.frames) == 75
     assert np.ptp(truth.eyes_px[:61], axis=0).max() == 0 and np.ptp(truth.eyes_px[61:], axis=0).max() > 5
     assert 0.5 < np.abs(sequence.frames[3].astype(int) - sequence.frames[4]).mean() < 4  # fresh noise
 
 
-def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Sequence) -> None:
+def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: FrameSequence) -> None:
     found, skipped = split(tracker.candidates(inputs(wall(2, 2), tmp_path, sequence)))
     assert [name for name, one in found.items() if one.paper] == ["mediapipe, 640x480"] and not skipped
     prepared = found["litert, 640x480"].prepare()
-    told = prepared.errors()
-    assert tracker.SUBJECT.figure("error_px").of(told["error_px"]) < 1.0
+    figures = prepared.errors()
+    assert tracker.SUBJECT.figure("error_px").of(figures["error_px"]) < 1.0
     assert prepared.turn is not None and set(prepared.turn()) == {"time_ms", "time_p95_ms", "cpu_ms"}
 
 
-def test_tracker_without_truth_or_face(tmp_path: Path, sequence: Sequence) -> None:
+def test_tracker_without_truth_or_face(tmp_path: Path, sequence: FrameSequence) -> None:
     found, skipped = split(tracker.candidates(inputs(wall(2, 2), tmp_path, without_truth(sequence))))
     assert "error of tracking" in skipped
     assert set(found["litert, 320x240"].prepare().errors()) == {"missed"}
@@ -97,18 +97,18 @@ def test_synthesis_of_a_wall(tmp_path: Path) -> None:
         (2, 2, True, "error on left-out views", set()),
     ],
 )
-def test_synthesis_leaves_out_what_makes_no_sense(
+def test_synthesis_skips_what_does_not_apply(
     tmp_path: Path, rows: int, cols: int, disparity: bool, missing: str, methods: set[str]
 ) -> None:
     found, skipped = split(synthesis.candidates(inputs(wall(rows, cols, disparity=disparity), tmp_path)))
     assert missing in skipped
     assert {one.curve for one in found.values()} == methods
     for one in list(found.values())[:1]:
-        told = one.prepare().errors()
-        assert all(math.isfinite(value) for values in told.values() for value in values)
+        figures = one.prepare().errors()
+        assert all(math.isfinite(value) for values in figures.values() for value in values)
 
 
-def test_pipeline_leaves_out_what_makes_no_sense(tmp_path: Path, sequence: Sequence) -> None:
+def test_pipeline_skips_what_does_not_apply(tmp_path: Path, sequence: FrameSequence) -> None:
     assert "pipeline" in split(pipeline.candidates(inputs(wall(1, 1), tmp_path)))[1]
     found, skipped = split(pipeline.candidates(inputs(wall(3, 3, disparity=False), tmp_path, without_truth(sequence))))
     assert {"error of the viewpoint shown", "warped views"} <= set(skipped)
@@ -127,7 +127,7 @@ def test_parts_of_a_trace_are_full() -> None:
     assert [len(part) for part in parts(rows)] == [5, 5] and parts([]) == []
 
 
-def test_every_pair_of_a_tracker_s_settings_is_offered(tmp_path: Path, sequence: Sequence) -> None:
+def test_every_pair_of_a_tracker_s_settings_is_offered(tmp_path: Path, sequence: FrameSequence) -> None:
     found, _ = split(tracker.candidates(attrs.evolve(inputs(wall(2, 2), tmp_path, sequence), quick=False)))
     assert len(found) == 2 * 2 * 3 * 3 and [name for name, one in found.items() if one.paper] == ["mediapipe, 640x480"]
     lines = {(one.curve, one.line): one.knob for one in found.values()}
@@ -146,9 +146,9 @@ def test_displayed_error_of_a_known_trace() -> None:
         pairs = {name: dict(zip(("left", "right"), np.asarray(pair).tolist(), strict=True)) for name, pair in
                  (("eyes_used", used), ("view", views))}  # fmt: skip
         rows.append({"t_presented_ns": ms * 1_000_000, "t_sensor_ns": 0, "source_seq": 0, "composed": True, **pairs})
-    beside = AlignedTrace(truth, rows)
-    assert beside.figures()["error"] == pytest.approx(1.0, rel=0.05) and math.isnan(beside.figures()["jitter"])
-    assert beside.view_error(100.0, (400.0, 240.0), (9, 9)) == pytest.approx(0.01, rel=0.05)
+    trace = AlignedTrace(truth, rows)
+    assert trace.figures()["error"] == pytest.approx(1.0, rel=0.05) and math.isnan(trace.figures()["jitter"])
+    assert trace.view_error(100.0, (400.0, 240.0), (9, 9)) == pytest.approx(0.01, rel=0.05)
     leap_ms, wrong = 3300, {"left": [0.0, 0.0], "right": [0.0, 0.0]}  # the file starts over, and the filter has yet to follow
     again = [row | {"source_seq": 120, "t_sensor_ns": leap_ms * 1_000_000, "eyes_used": wrong} for row in rows if
              row["t_presented_ns"] > leap_ms * 1_000_000]  # fmt: skip
