@@ -13,6 +13,7 @@ import json
 import os
 import random
 import resource
+import shutil
 import sys
 import time
 import traceback
@@ -146,6 +147,17 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
     stacks = os.fdopen(os.open(sys.argv[3], os.O_WRONLY | os.O_CREAT | os.O_TRUNC), "w")
     faulthandler.enable(stacks)
+    for name in (
+        "scene",
+        "sequence",
+    ):  # imports what runs later without the right to read everything, Python's own files among it
+        warm = templates.with_name(f"warm-{os.getpid()}")
+        warm.mkdir()
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.chdir(warm):
+            os.environ["XDG_CACHE_HOME"] = str(warm)
+            source = str(templates / ("hci" if name == "scene" else name))
+            run_cli(["scene", "plan", source] if name == "scene" else ["sequence", "export", source, "warm.mkv"])
+        shutil.rmtree(warm)
     print("ready", file=answers, flush=True)
     for line in requests:
         asked = json.loads(line)
