@@ -15,7 +15,8 @@ from lfpipe.bench.motion import duration_s, position_at, viewer_path
 from lfpipe.bench.timing import time_figures, times_ms
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
-from lfpipe.track.kalman import Kalman, Predictive
+from lfpipe.track.kalman import Kalman
+from lfpipe.track.motion_models import Predictive, Tuning
 from lfpipe.track.smoothing import EyeFilter, Mean, OneEuro
 
 HORIZONS_MS = (0, 20, 40, 60, 80, 100, 120)
@@ -77,17 +78,17 @@ def sweeps() -> dict[str, list[tuple[str, Callable[[], EyeFilter]]]]:
     """Curve -> (knob, filter) in the order of the knob. "default" has the parameters of the configuration."""
     ones = [(f"beta {beta:g}", partial(OneEuro, 1.0, beta, 4.0)) for beta in (0.3, 1.0, 5.0, 20.0)]
     motions = [(f"agility {a:.0e}", partial(Kalman, a)) for a in (1e1, 1e2, 1e3, 1e5, 1e6)]
-    gates = [(f"gate {gate:g}", partial(_predictive, gate)) for gate in (0.1, 0.2, 0.4, 0.8, 1.6)]
+    cautions = [(f"caution {c:g}", partial(_predictive, c)) for c in (0.05, 0.1, 0.2, 0.6, 1.0)]
     return {
         "mean": [(f"k = {k}", partial(Mean, k)) for k in (1, 2, 3, 5, 8, 12)],
         "one-euro": [*ones[:2], ("default", partial(make_filter, Track(filter="one-euro"))), *ones[2:]],
         "kalman": [*motions[:3], ("default", partial(make_filter, Track(filter="kalman"))), *motions[3:]],
-        "predictive": [*gates[:3], ("default", partial(make_filter, Track(filter="predictive"))), *gates[3:]],
+        "predictive": [*cautions[:3], ("default", partial(make_filter, Track(filter="predictive"))), *cautions[3:]],
     }
 
 
-def _predictive(gate: float) -> EyeFilter:
-    return Predictive(OneEuro(0.4, 5.0, 1.5), Kalman(4e4), gate)
+def _predictive(caution: float) -> EyeFilter:
+    return Predictive(Tuning(caution=caution))
 
 
 def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:

@@ -37,6 +37,11 @@ class Camera:
         Literal[0, 90, 180, 270], Opt("turns the picture clockwise, for a camera that is mounted upside down or sideways", "deg")
     ] = 0
     mirror: Annotated[bool, Opt("mirrors the picture, after the turn, for a driver that delivers it mirrored")] = False
+    above_mm: Annotated[
+        float,
+        Opt("how far the camera stands above the middle of the picture on the screen", "mm", -2000, 2000, live=True),
+    ] = 0.0
+    tilt_deg: Annotated[float, Opt("how far the camera looks down", "deg", -60, 60, live=True)] = 0.0
     focal_px: Annotated[
         float | Literal["auto"],
         Opt("focal length at width_px, as `lfpipe calibrate` finds it; auto: from fov_deg", "px", 1, 100000, live=True),

@@ -61,6 +61,7 @@ def message(reading: Reading | None, told: dict[str, Any]) -> dict[str, Any]:
         "uptime_s": round(reading.uptime_s, 2),
         "camera_hz": round(reading.camera_hz, 2),
         "face": reading.face,
+        "viewer": reading.viewer,
         "level": reading.level,
         "lowest_level": reading.lowest_level,
         "level_words": reading.level_words,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.processes import cpu_ns, rss_bytes, scheduling
-from lfpipe.supervisor.snapshot import busy, quality
+from lfpipe.supervisor.snapshot import busy, quality, viewer
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.status import State, Table, rate_hz
@@ -55,12 +55,14 @@ class StageReading:
 
 @attrs.frozen(eq=False)
 class Reading:
-    """A session now. age: of the picture when presented, over the last seconds; worst: since the reset; age_now_ms: since the
-    reading before, None where no picture was composed. horizon: how far ahead of the sensor's stamp the eyes are predicted.
-    level: of quality, 0 for full, with the last there is and what it takes away in words. supervisor: (CPU %, RSS in MB)."""
+    """A session now. viewer: the word for who is before the screen. age: of the picture when presented, over the last seconds;
+    worst: since the reset; age_now_ms: since the reading before, None where no picture was composed. horizon: how far ahead of
+    the sensor's stamp the eyes are predicted. level: of quality, 0 for full, with the last there is and what it takes away in
+    words. supervisor: (CPU %, RSS in MB)."""
 
     uptime_s: float
     camera_hz: float
+    viewer: str
     face: bool
     config_rev: int
     level: int
@@ -131,6 +133,7 @@ class Meter:
         return Reading(
             uptime_s=(now.t_ns - self._started_ns) / 1e9,
             camera_hz=rate_hz(self._table.rows["capture"]),
+            viewer=viewer(self._table),
             face=bool(self._table.rows["track"]["face"]),
             config_rev=int(render["config_rev"]),
             **quality(self._table),

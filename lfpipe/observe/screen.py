@@ -116,7 +116,7 @@ class Screen:
     def _head(self, reading: Reading, doing: Doing) -> Text:
         head = Text.assemble(("lfpipe ", "bold"), (self._session, "bold cyan"), f"  up {_clock(reading.uptime_s)}")
         head.append(f"  camera {reading.camera_hz:.1f} Hz  ")
-        head.append("face seen" if reading.face else "no face", "green" if reading.face else "bold yellow")
+        head.append(f"viewer {reading.viewer}", "green" if reading.face else "bold yellow")
         if doing.paused:
             head.append("  PAUSED", "bold yellow")
         head.append("\n")

@@ -101,6 +101,7 @@ class Presenter:
         row["cpu_ns"] = time.process_time_ns()
         if stamp is not None and self._record is not None:
             row["face"] = int(self._record["face"])
+            self._tell_state()
             if row["face"]:
                 row.horizon.add_ns(seen_ns - t_sensor_ns)
             self._outlets.look(look, bool(self._record["face"]))
@@ -144,6 +145,12 @@ class Presenter:
             "level": level_number(self._context.options),
             "composed": composed,
         }
+
+    def _tell_state(self) -> None:
+        state = self._viewer.presence.state
+        if state != self._context.row["viewer"]:
+            self._context.row["viewer"] = int(state)
+            self._context.emit("viewer", state=state.word)
 
     def _tell_parallax(self) -> None:
         chosen = self._viewer.parallax

@@ -4,7 +4,7 @@ Reads: ring "eyes", the newest record; the packed scene named by option "pack".
 Writes: the display of option "display"; the trace of option "trace"; the last picture to option "still".
 Commands: recentre, stop; settings and another scene by configuration, a lowered quality by option "level". Asks: set, recentre,
 stop (keys of the window).
-Emits: parallax (alpha and what it rests on), notice (an output was lost).
+Emits: parallax (alpha and what it rests on), viewer (nobody, arriving, seated, lost, exchanged), notice (an output was lost).
 """
 
 from __future__ import annotations

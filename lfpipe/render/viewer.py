@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable
 
 import attrs
@@ -10,14 +11,19 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config
 from lfpipe.eyes import extrapolated
-from lfpipe.glide import Glide
+from lfpipe.render.camera_pose import CameraPose
 from lfpipe.render.compositor import Compositor
-from lfpipe.render.geometry import Parallax, parallax
+from lfpipe.render.easing import EyeEasing
+from lfpipe.render.geometry import EYES_MM, Parallax, parallax
+from lfpipe.render.presence import Presence, Rest, ViewerState
 from lfpipe.render.viewpoint import Mapper, Position
 from lfpipe.scene.lightfield import LightField
 
 FAR_PX = 1e6  # off the picture's corner; no eye is further out
 DISTANCE_S = 1.0  # time constant by which alpha follows the viewer's distance, seen as the distance between the eyes
+NEUTRAL_S = 0.5  # time constant of the way to another neutral position and another number of views between the eyes
+POSE_S = 0.1  # time constant of the distance that the position before the screen is worked out from
+MOVED = 0.15  # of the distance: a viewer who moved the chair by so much gets the views between the eyes that go with it
 
 
 @attrs.frozen(eq=False)
@@ -31,18 +37,28 @@ class Look:
 
 
 class Viewer:
-    """Holds the neutral pose, alpha and the compositor; a changed configuration or scene keeps the pose."""
+    """Holds the neutral position, alpha and the compositor; a changed configuration or scene keeps the position.
+
+    Positions are px of the camera picture; where the camera's pose is known, of the picture that a camera in the middle of the
+    screen would take (`CameraPose`).
+    """
 
     def __init__(self, field: LightField, config: Config) -> None:
         self.parallax: Parallax | None = None
-        self._centre_px: tuple[float, float] | None = None
+        self.presence = Presence()
+        self._target_px: NDArray[np.float64] | None = None  # neutral position; None: not measured
+        self._centre_px: NDArray[np.float64] | None = None  # the same on its way there
         self._eyes_px = np.zeros((2, 2))
         self._seen = False
-        self._apart_px = 0.0
+        self._apart_px = 0.0  # follows the distance slowly
+        self._near_px = 0.0  # the same, quickly
+        self._views = 0.0  # between the eyes, on the way to parallax.views_between_eyes
         self._eyes_mm = 0.0
         self._t_ns = 0
+        self._size_px = (0, 0)  # of the camera picture
+        self._tracked_ns = -1  # stamp of the last record that presence has taken
         self._start_ns = 0
-        self._glide = Glide()
+        self._easing = EyeEasing()
         self._shown_mm: float | None = None
         self.shown: Look | None = None  # what the last look was
         self.set(field, config)
@@ -52,6 +68,7 @@ class Viewer:
         self.field, self.config = field, config
         self.compositor = Compositor(field, config.render)
         self.parallax = None
+        self._views = 0.0
         self._mapper: Mapper | None = None
 
     def redraw_by(self, config: Config) -> None:
@@ -61,7 +78,7 @@ class Viewer:
             self._mapper.snap = self.method == "nearest"
 
     def shown_as_wide(self, width_mm: float | None) -> bool:
-        """Takes the width of the picture on the screen, as the display tells it; whether alpha has to be found anew."""
+        """Takes the width of the picture on the screen, as the display tells it; whether alpha has to be chosen anew."""
         new = width_mm != self._shown_mm and self.config.screen.width_mm == "auto"
         self._shown_mm = width_mm
         if new:
@@ -77,35 +94,43 @@ class Viewer:
         """How eyes become views; None until a face was seen."""
         return self._mapper
 
+    @property
+    def _auto(self) -> bool:
+        return isinstance(self.config.render.alpha_px, str)
+
     def recentre(self) -> None:
-        """Where the eyes were last becomes the neutral pose."""
+        """Where the eyes were last becomes the neutral position."""
         if self._seen:
-            middle = self._eyes_px.mean(axis=0)
-            self._centre_px = (float(middle[0]), float(middle[1]))
+            self._target_px = self._centre_px = self._eyes_px.mean(axis=0)
             self._mapper = None
 
     def look(self, record: NDArray[np.void] | None, t_sensor_ns: int, t_shown_ns: int) -> Look:
         """The look at t_shown_ns, from the newest eyes record and its frame's stamp; None: nobody was seen yet."""
         frame = self._frame(t_shown_ns)
-        eyes_px = None if record is None else self._eyes(record, t_shown_ns - t_sensor_ns)
-        if record is None or (eyes_px is None and not self._seen):
+        camera_px = None if record is None else self._eyes(record, t_shown_ns - t_sensor_ns)
+        if record is None or (camera_px is None and not self._seen):
             row, col = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
             self.shown = Look(self._eyes_px, (row, col), (row, col), frame)
             return self.shown
-        if eyes_px is not None:
-            self._follow_distance(eyes_px, t_shown_ns)
+        dt_s = max(t_shown_ns - self._t_ns, 0) / 1e9 if self._seen else 0.0
+        self._t_ns = t_shown_ns
+        if camera_px is not None:
+            self._follow_distance(float(record["apart_px"]) or math.dist(*camera_px.tolist()), dt_s)
         if float(record["eyes_mm"]) != self._eyes_mm:  # learnt, or learnt anew
             self._eyes_mm, self._mapper = float(record["eyes_mm"]), None
-        mapper = self._mapper or self._make_mapper(record)
-        if isinstance(self.config.render.alpha_px, str) and self.parallax is not None:
-            mapper.alpha_px = self._apart_px / self.parallax.views_between_eyes
+        pose = self._pose(record)
+        eyes_px = camera_px if camera_px is None or pose is None else pose.from_screen(camera_px, self._near_px)
+        mapper = self._mapper or self._make_mapper(eyes_px)
+        self._follow_presence(record, t_sensor_ns, mapper, eyes_px)
+        self._follow_neutral(mapper, eyes_px, dt_s)
         half = self._apart_px / 2
         neutral_px = np.add(mapper.centre_px, [[half, 0.0], [-half, 0.0]])
         start_px = neutral_px if self._seen or eyes_px is None else eyes_px  # the first face is there at once
         self._seen = True
-        self._eyes_px = self._glide.at(t_shown_ns, eyes_px, start_px, int(record["generation"]))
+        self._eyes_px = self._easing.at(t_shown_ns, eyes_px, start_px, int(record["generation"]))
         left, right = mapper.views(self._eyes_px)
-        self.shown = Look(self._eyes_px, left, right, frame)
+        used_px = self._eyes_px if pose is None else pose.from_camera(self._eyes_px, self._near_px)
+        self.shown = Look(used_px, left, right, frame)
         return self.shown
 
     def key(self, look: Look) -> Hashable:
@@ -131,26 +156,67 @@ class Viewer:
         eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], horizon_ns)
         return eyes_px if (np.abs(eyes_px) < FAR_PX).all() else None
 
-    def _follow_distance(self, eyes_px: NDArray[np.float64], t_ns: int) -> None:
-        apart_px = float(np.hypot(*(eyes_px[0] - eyes_px[1])))
-        if not self._seen:
-            self._apart_px = apart_px
-        else:  # backward Euler: stable for any step
-            ratio = max(t_ns - self._t_ns, 0) / 1e9 / DISTANCE_S
-            self._apart_px += (apart_px - self._apart_px) * ratio / (1 + ratio)
-        self._t_ns = t_ns
+    def _pose(self, record: NDArray[np.void]) -> CameraPose | None:
+        self._size_px = int(record["width_px"]), int(record["height_px"])
+        return CameraPose.of(self.config, self._size_px, self._eyes_mm or EYES_MM)
 
-    def _make_mapper(self, record: NDArray[np.void]) -> Mapper:
+    def _follow_distance(self, apart_px: float, dt_s: float) -> None:
+        if not self._seen:
+            self._apart_px = self._near_px = apart_px
+        self._apart_px += (apart_px - self._apart_px) * _share(dt_s, DISTANCE_S)
+        self._near_px += (apart_px - self._near_px) * _share(dt_s, POSE_S)
+
+    def _follow_presence(
+        self, record: NDArray[np.void], t_sensor_ns: int, mapper: Mapper, eyes_px: NDArray[np.float64] | None
+    ) -> None:
+        """Once for every frame: where somebody has come to rest, neutral position and distance are measured."""
+        if t_sensor_ns == self._tracked_ns:
+            return
+        self._tracked_ns = t_sensor_ns
+        x_px, y_px = (0.0, 0.0) if eyes_px is None else eyes_px.mean(axis=0).tolist()
+        here = None if eyes_px is None else Rest(x_px, y_px, self._near_px)
+        beyond = eyes_px is not None and mapper.beyond(eyes_px)
+        rest = self.presence.update(t_sensor_ns, here, int(record["generation"]), beyond)
+        if rest is not None and self._auto:
+            self._target_px = np.array((rest.x_px, rest.y_px))
+            self._choose(rest.apart_px)
+
+    def _follow_neutral(self, mapper: Mapper, eyes_px: NDArray[np.float64] | None, dt_s: float) -> None:
+        """Neutral position and views between the eyes on their way to what was measured; before, the grid is dragged along."""
+        assert self.parallax is not None
+        if not self._auto or self._centre_px is None:
+            return
+        if eyes_px is not None and abs(self._apart_px / self.parallax.eyes_px - 1) > MOVED:
+            self._choose(self._apart_px)
+        wanted = self.parallax.views_between_eyes
+        self._views = self._views + (wanted - self._views) * _share(dt_s, NEUTRAL_S) if self._views else wanted
+        mapper.alpha_px = self._apart_px / self._views
+        if self.presence.state in (ViewerState.ARRIVING, ViewerState.EXCHANGED):
+            if eyes_px is not None:
+                self._centre_px = mapper.dragged(self._centre_px, eyes_px)
+        elif self._target_px is not None:
+            self._centre_px = self._centre_px + (self._target_px - self._centre_px) * _share(dt_s, NEUTRAL_S)
+        mapper.centre_px = (float(self._centre_px[0]), float(self._centre_px[1]))
+
+    def _choose(self, apart_px: float) -> None:
+        """Chooses the views between the eyes for a viewer at the distance that apart_px tells."""
+        width_px, eyes_mm = int(self._size_px[0]), self._eyes_mm or None
+        self.parallax = parallax(self.config, self.field, width_px, apart_px, eyes_mm, self._shown_mm)
+
+    def _make_mapper(self, eyes_px: NDArray[np.float64] | None) -> Mapper:
         """With alpha by hand the grid lies on the middle of the camera picture, as in the paper; with alpha from geometry on
-        where the viewer was seen first, for a webcam above the screen never has them in its middle."""
-        render = self.config.render
-        width_px, height_px = int(record["width_px"]), int(record["height_px"])
-        self.parallax = parallax(self.config, self.field, width_px, self._apart_px, self._eyes_mm or None, self._shown_mm)
-        if self._centre_px is None and isinstance(render.alpha_px, str):
-            middle = record["filtered_px"].mean(axis=0)
-            if (np.abs(middle) < FAR_PX).all():
-                self._centre_px = (float(middle[0]), float(middle[1]))
-        centre_px = self._centre_px or (width_px / 2, height_px / 2)
+        where the viewer is, for a webcam above the screen never has them in its middle."""
+        self._choose(self._apart_px)
+        assert self.parallax is not None
+        if self._auto and self._centre_px is None and eyes_px is not None:
+            self._centre_px = eyes_px.mean(axis=0)
+        centre_px = (self._size_px[0] / 2, self._size_px[1] / 2) if self._centre_px is None else self._centre_px
         snap = self.method == "nearest"
-        self._mapper = Mapper(self.field.rows, self.field.cols, render, self.parallax.alpha_px, centre_px, snap)
+        self._mapper = Mapper(self.field.rows, self.field.cols, self.config.render, self.parallax.alpha_px, centre_px, snap)
         return self._mapper
+
+
+def _share(dt_s: float, time_s: float) -> float:
+    """Share of the new value in a low-pass over dt_s: backward Euler, stable for any step."""
+    ratio = dt_s / time_s
+    return ratio / (1 + ratio)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.config import Render
 
@@ -66,6 +66,22 @@ class Mapper:
         alpha = abs(self.alpha_px) if math.isfinite(self.alpha_px) else math.inf
         steps = distance_px / max(alpha, 1e-300) if math.isfinite(distance_px) else distance_px
         return 0.0 if math.isnan(steps) else min(max(steps, -_FAR), _FAR)
+
+    def beyond(self, eyes_px: ArrayLike) -> bool:
+        """Whether both eyes, (2, 2) px, are on one side beyond the grid: then what they see hardly changes as they move."""
+        eyes = np.asarray(eyes_px, dtype=np.float64).reshape(2, 2)
+        cols = [self._steps(self.centre_px[0] - float(u)) for u in eyes[:, 0]]
+        row = self._steps(float(eyes[:, 1].mean()) - self.centre_px[1])
+        half_cols, half_rows = (self.cols - 1) / 2, (self.rows - 1) / 2
+        return min(cols) > half_cols or max(cols) < -half_cols or (self.rows > 1 and abs(row) > half_rows)
+
+    def dragged(self, centre_px: ArrayLike, eyes_px: ArrayLike) -> NDArray[np.float64]:
+        """The neutral position next to centre_px, (2,), for which the eyes, (2, 2) px, are within the grid where it has room."""
+        eyes = np.asarray(eyes_px, dtype=np.float64).reshape(2, 2)
+        half = abs(float(eyes[0, 0] - eyes[1, 0])) / 2
+        room = np.array([max((self.cols - 1) / 2 * self.alpha_px - half, 0.0), (self.rows - 1) / 2 * self.alpha_px])
+        middle = eyes.mean(axis=0)
+        return np.clip(np.asarray(centre_px, np.float64), middle - room, middle + room)
 
     def views(self, eyes_px: ArrayLike) -> tuple[Position, Position]:
         """Viewpoints ((row, col) left, (row, col) right) for the eyes, (2, 2) px: left (u, v), right (u, v).

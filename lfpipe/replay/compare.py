@@ -37,7 +37,7 @@ CAUSES = {  # in the order of the pipeline: what comes first caused what follows
     "face": "tracking finds a face in other frames (lfpipe/track: engine, detector, choice of the face)",
     "eyes_raw": "the engine measures other eyes in the same frame (lfpipe/track: engine, region of interest, landmarks)",
     "eyes_filtered": "raw eyes are equal: the filter or its constants changed (track.filter, lfpipe/track/filters.py)",
-    "eyes_used": "filtered eyes are equal: prediction or glide changed (replay.latency_ms, lfpipe/eyes.py, lfpipe/glide.py)",
+    "eyes_used": "filtered eyes are equal: prediction or easing changed (replay.latency_ms, lfpipe/eyes.py, lfpipe/render)",
     "view": "eyes are equal: the map to views changed (alpha, centre, lfpipe/render/viewpoint.py, geometry.py)",
     "method": "another way of making views was chosen (render.method, the scene's scores)",
     "picture": "views are equal: the drawing changed (anaglyph coefficients, synthesis, or the scene's pictures and their order)",

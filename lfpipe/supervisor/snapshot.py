@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.processes import scheduling
+from lfpipe.render.presence import ViewerState
 from lfpipe.supervisor.process_table import CORE, SHOWN_BY, SOURCE
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import summary_ms
@@ -54,8 +55,13 @@ def quality(table: Table) -> dict[str, Any]:
     return {"level": int(now["level"]), "lowest_level": int(now["lowest"]), "level_words": words}
 
 
+def viewer(table: Table) -> str:
+    """Who is before the screen, in a word of `ViewerState`."""
+    return ViewerState(int(table.rows["render"]["viewer"])).word
+
+
 def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
-    """`{"session", "uptime_s", "camera_fps", "level", "stages": {...}, "end_to_end": {...}, "horizon": {...}}`, as
+    """`{"session", "uptime_s", "camera_fps", "level", "viewer", "stages": {...}, "end_to_end": {...}, "horizon": {...}}`, as
     `lfpipe monitor --once --json` prints it.
 
     A stage's p50_ms.. are its busy time; wait and busy hold both in full. end_to_end: the age of a picture, from the
@@ -93,6 +99,7 @@ def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
         "uptime_s": round((now_ns() - started_ns) / 1e9, 2),
         "camera_fps": stages[SOURCE]["fps"],
         **quality(table),
+        "viewer": viewer(table),
         "stages": stages,
         "end_to_end": {"n": age["n"], **{key: age[key] for key in QUANTILES}},
         "horizon": {"n": horizon["n"], **{key: horizon[key] for key in QUANTILES}},

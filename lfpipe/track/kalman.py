@@ -1,10 +1,10 @@
-"""Kalman filter of constant velocity, and the default filter built on it."""
+"""Kalman filter of constant velocity."""
 
 from __future__ import annotations
 
 import attrs
 
-from lfpipe.track.smoothing import Filter, OneEuro, Points, speed
+from lfpipe.track.smoothing import Filter, Points
 
 
 @attrs.frozen
@@ -59,28 +59,3 @@ class Kalman(Filter):
         ahead = self._position + self._velocity * dt_s
         surprise = measured - ahead
         return ahead + k_position * surprise, self._velocity + k_velocity * surprise
-
-
-class Predictive(Filter):
-    """Steady at rest, ahead in motion: One-Euro's position and no velocity at rest, the Kalman filter's of both in motion.
-
-    Between the two stands g = s^4 / (1 + s^4), s the speed over `gate`, both in distances between the eyes per second:
-    where the head is still, noise in the velocity would shake every prediction, and where it moves, One-Euro lags. (The square
-    in place of the fourth power lets more noise through at rest for the same error in motion.)
-    """
-
-    def __init__(self, rest: OneEuro, motion: Kalman, gate: float) -> None:
-        self._rest, self._motion, self._gate = rest, motion, gate
-        super().__init__()
-
-    def _start(self, t_ns: int, measured: Points) -> None:
-        for part in (self._rest, self._motion):
-            part.reset()
-            part.update(t_ns, measured)
-
-    def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
-        steady, _ = self._rest.update(t_ns, measured)
-        ahead, velocity = self._motion.update(t_ns, measured)
-        s4 = min(speed(velocity, measured) / self._gate, 1e3) ** 4
-        gate = s4 / (1 + s4)
-        return steady + gate * (ahead - steady), gate * velocity

@@ -61,6 +61,7 @@ ROW = np.dtype(
         ("busy_ns", "<i8"),
         ("cpu_ns", "<i8"),
         ("face", "<i8"),
+        ("viewer", "<i8"),  # of render: the state of whoever is before the screen, a number of its own
         ("busy_since_ns", "<i8"),  # since when it has been at what busy_with says
         ("busy_with", "S32"),  # what keeps it from its loop just now, in words; empty in its loop
         ("recent_ns", "<i8", (RECENT,)),

@@ -79,7 +79,7 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
     assert "capture running" in shown and "render  running" in shown and "sensor to screen" in shown and "q quit" in shown
     assert max(len(line) for line in shown.splitlines()) <= 80
     second.until("running")
-    terminal.until(r"face seen")
+    terminal.until(r"viewer (arriving|seated)")
     terminal.until(r"eyes predicted by p50 \d")
     terminal.press("w")
     terminal.until("nearest views")

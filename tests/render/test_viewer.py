@@ -11,6 +11,7 @@ import pytest
 
 from lfpipe.config import Config, Render
 from lfpipe.eyes import EYES
+from lfpipe.render.presence import ViewerState
 from lfpipe.render.viewer import DISTANCE_S, Look, Viewer
 from tests.render import rendered
 
@@ -29,6 +30,11 @@ def record(x: float = 320.0, y: float = 240.0, apart: float = 24.0, **more: Any)
 
 def viewer(**render: Any) -> Viewer:
     return Viewer(rendered.field(9, 9, 16, 16), Config(render=Render(method="warp2", **render)))
+
+
+def four_views() -> Viewer:
+    """Of a scene whose disparities are not known: four views between the eyes, at every distance."""
+    return Viewer(attrs.evolve(rendered.field(9, 9, 16, 16), disparity_source="none"), Config(render=Render(method="warp2")))
 
 
 def middle(look: Look) -> tuple[float, float]:
@@ -79,7 +85,7 @@ def test_eyes_are_taken_to_the_moment_of_light() -> None:
 
 
 def test_alpha_follows_the_viewers_distance_within_seconds_and_not_at_once() -> None:
-    subject = viewer()
+    subject = four_views()
     subject.look(record(apart=60.0), 0, 0)
     assert subject.mapper is not None
     alpha = subject.mapper.alpha_px
@@ -137,3 +143,56 @@ def test_a_video_runs_from_when_it_was_first_shown() -> None:
     frames = [subject.look(None, 0, 7 * S + k * S // 100).frame for k in range(12)]
     assert frames == [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2]
     assert viewer().look(None, 0, 7 * S).frame == 0
+
+
+def watch(subject: Viewer, seconds: float, start_s: float = 0.0, **where: Any) -> Look:
+    """Looks at a viewer who stays there, 30 times a second."""
+    for k in range(round(seconds * 30)):
+        t_ns = round((start_s + k / 30) * S)
+        found = subject.look(record(**where), t_ns, t_ns)
+    return found
+
+
+def test_who_comes_in_from_the_side_and_sits_down_looks_from_the_middle() -> None:
+    """Neutral position and distance are those of the rest, not of the first sight."""
+    subject = four_views()
+    for k in range(60):
+        x, apart = 40.0 + 260.0 * k / 60, 30.0 + 30.0 * k / 60
+        found = subject.look(record(x, 200.0, apart=apart), k * S // 30, k * S // 30)
+        assert found.left[1] < 8.0 and found.right[1] > 0.0, "never flat, not even on the way"
+    assert subject.presence.state is ViewerState.ARRIVING
+    seated = watch(subject, 6.0, 2.0, x=300.0, y=200.0, apart=60.0)
+    assert subject.presence.state is ViewerState.SEATED
+    assert middle(seated) == pytest.approx((4.0, 4.0), abs=0.05)
+    assert subject.parallax is not None and subject.parallax.eyes_px == pytest.approx(60.0, rel=0.02)
+    moved = watch(subject, 0.5, 8.0, x=290.0, y=200.0, apart=60.0)
+    assert middle(moved)[1] > 4.2, "and moves from there"
+
+
+def test_a_viewer_who_rests_beyond_the_grid_gets_it_anew_without_a_jump() -> None:
+    subject = four_views()
+    watch(subject, 2.0, apart=24.0)
+    shown = [watch(subject, 1 / 30, 2.0 + k / 30, x=500.0, apart=24.0) for k in range(240)]
+    assert max(shown[20].left[1], shown[20].right[1]) < 0.0 and middle(shown[-1]) == pytest.approx((4.0, 4.0), abs=0.05)
+    steps = np.abs(np.diff([middle(found)[1] for found in shown[10:]]))
+    assert steps.max() < 1.0
+
+
+def test_views_between_the_eyes_follow_a_chair_that_is_moved() -> None:
+    deep = attrs.evolve(rendered.field(9, 9, 16, 16), disparity_min_px=-2.0, disparity_max_px=2.0, disparity_source="truth")
+    subject = Viewer(deep, Config(render=Render(method="warp2")))
+    near = watch(subject, 4.0, apart=90.0)
+    far = watch(subject, 8.0, 4.0, apart=30.0)
+    there = Viewer(deep, Config(render=Render(method="warp2")))
+    expected = watch(there, 4.0, apart=30.0)
+    assert far.right[1] - far.left[1] == pytest.approx(expected.right[1] - expected.left[1], rel=0.05)
+    assert far.right[1] - far.left[1] > 1.2 * (near.right[1] - near.left[1])
+
+
+def test_a_turned_head_keeps_alpha() -> None:
+    subject = viewer()
+    watch(subject, 3.0, apart=60.0, apart_px=60.0)
+    assert subject.mapper is not None
+    alpha = subject.mapper.alpha_px
+    watch(subject, 3.0, 3.0, apart=53.0, apart_px=60.0)
+    assert subject.mapper.alpha_px == pytest.approx(alpha, rel=1e-6)

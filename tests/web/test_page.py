@@ -94,7 +94,7 @@ def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, p
         until(lambda: browser.ask("window.lfpipe.latency && window.lfpipe.latency.data[0].length > 4"), "moving chart")
         assert browser.ask("Object.keys(window.lfpipe.hists).join()") == "capture,track,render"
         assert browser.ask("window.lfpipe.hists.track.data[1].reduce((a, b) => a + b)") > 10
-        assert "face seen" in until(lambda: browser.ask("document.getElementById('state').textContent"), "state")
+        assert "viewer " in until(lambda: browser.ask("document.getElementById('state').textContent"), "state")
         until(lambda: browser.ask("document.getElementById('picture').naturalWidth") == 64, "picture")
         until(lambda: browser.ask("document.getElementById('camera').naturalWidth") == 320, "camera")
         assert browser.ask("document.getElementById('anaglyph').value") == "dubois"

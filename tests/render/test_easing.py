@@ -7,19 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfpipe.glide import AWAY_S, BACK_S, HOLD_S, Glide
+from lfpipe.render.easing import AWAY_S, BACK_S, HOLD_S, EyeEasing
 
 STEP_NS = 16_666_667
 NEUTRAL = np.array([4.0, 4.0])
 EYES = np.array([1.0, 7.0])
 
 
-def run(glide: Glide, start: int, count: int, eyes: np.ndarray | None, generation: int = 0) -> list[np.ndarray]:
+def run(glide: EyeEasing, start: int, count: int, eyes: np.ndarray | None, generation: int = 0) -> list[np.ndarray]:
     return [glide.at((start + i) * STEP_NS, eyes, NEUTRAL, generation) for i in range(count)]
 
 
 def test_found_held_gone_and_found_again() -> None:
-    glide = Glide()
+    glide = EyeEasing()
     first = run(glide, 0, 120, EYES)
     np.testing.assert_array_equal(first[0], NEUTRAL)  # from neutral
     np.testing.assert_allclose(first[-1], EYES, atol=1e-4)
@@ -42,7 +42,7 @@ def test_found_held_gone_and_found_again() -> None:
 @settings(max_examples=80, deadline=None)
 def test_never_a_jump_whatever_the_faces_do(spans: list[tuple[bool, int, float]]) -> None:
     """Faces come and go anywhere within 8 views; from refresh to refresh the picture moves by a part of that only."""
-    glide, at, shown = Glide(), 0, []
+    glide, at, shown = EyeEasing(), 0, []
     for generation, (face, count, place) in enumerate(spans):
         shown += run(glide, at, count, NEUTRAL + place if face else None, generation)
         at += count
@@ -53,7 +53,7 @@ def test_never_a_jump_whatever_the_faces_do(spans: list[tuple[bool, int, float]]
 
 @pytest.mark.parametrize("step_ns", [0, 1, 10**6, 10**9, 10**18])
 def test_any_step_of_time_is_stable(step_ns: int) -> None:
-    glide = Glide()
+    glide = EyeEasing()
     glide.at(0, EYES, NEUTRAL)
     for i in range(1, 5):
         out = glide.at(i * step_ns, EYES if i % 2 else None, NEUTRAL)
@@ -61,7 +61,7 @@ def test_any_step_of_time_is_stable(step_ns: int) -> None:
 
 
 def test_a_face_followed_is_not_delayed() -> None:
-    glide = Glide()
+    glide = EyeEasing()
     run(glide, 0, 200, EYES)
     for i in range(200, 230):
         np.testing.assert_allclose(glide.at(i * STEP_NS, EYES + i, NEUTRAL), EYES + i, atol=1e-6)

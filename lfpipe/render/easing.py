@@ -12,7 +12,7 @@ AWAY_S = 0.8  # time constant of the glide to neutral: nobody is looking, no hur
 BACK_S = 0.03  # time constant of the glide to eyes found (again): over within 0.15 s, yet seen as a move and not as a jump
 
 
-class Glide:
+class EyeEasing:
     """Follows the eyes, whatever their coordinates (px of the camera picture, or rows and columns of the grid).
 
     Whenever what is aimed at changes by a leap (face lost for HOLD_S, face found, another face), the leap is kept as an offset

@@ -1,0 +1,82 @@
+"""Where the camera stands, so that eyes in its picture become points before the screen.
+
+The screen's axes begin in the middle of the picture on it: x along it as in the camera's picture, y down, z towards the viewer.
+The camera stands at (0, -above, 0) and looks down by tilt. Eyes e mm apart that are p px apart in its picture are f e / p mm away
+along its axis (f its focal length in px). `from_screen` gives their place in the picture that the same camera would take from the
+middle of the screen, looking straight ahead: there a viewer who leans towards the screen's middle stays where they are.
+"""
+
+from __future__ import annotations
+
+import math
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import Config
+from lfpipe.errors import UserError
+from lfpipe.render.geometry import camera_focal_px
+
+LEAST_Z_MM = 50.0  # nobody's eyes are nearer to the screen
+LEAN_MM = 100.0  # a viewer who leans by less tells too little of the camera's tilt
+
+
+@attrs.frozen
+class CameraPose:
+    """above_mm: from the middle of the picture on the screen up to the camera. tilt: radians, positive where it looks down.
+    focal_px, middle_px: of its picture. eyes_mm: distance between the viewer's eyes."""
+
+    above_mm: float
+    tilt: float
+    focal_px: float
+    middle_px: tuple[float, float]
+    eyes_mm: float
+
+    @classmethod
+    def of(cls, config: Config, size_px: tuple[int, int], eyes_mm: float) -> CameraPose | None:
+        """From the configuration, for pictures of size_px (width, height); None where the camera is taken to stand in the middle
+        of the screen."""
+        above_mm, tilt = config.camera.above_mm, math.radians(config.camera.tilt_deg)
+        if not above_mm and not tilt:
+            return None
+        return cls(above_mm, tilt, camera_focal_px(config, size_px[0]), (size_px[0] / 2, size_px[1] / 2), eyes_mm)
+
+    def points_mm(self, eyes_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
+        """Eyes (2, 2) px, apart_px apart if the head were not turned, as points (2, 3) mm on the screen's axes."""
+        depth_mm = self.focal_px * self.eyes_mm / max(apart_px, 1e-6)
+        across, down = (eyes_px - self.middle_px).T * (depth_mm / self.focal_px)
+        c, s = math.cos(self.tilt), math.sin(self.tilt)
+        return np.stack([across, down * c + depth_mm * s - self.above_mm, depth_mm * c - down * s], axis=1)
+
+    def from_screen(self, eyes_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
+        """Eyes (2, 2) px of the camera's picture in px of the picture taken from the middle of the screen."""
+        points = self.points_mm(eyes_px, apart_px)
+        return self.focal_px * points[:, :2] / np.maximum(points[:, 2:], LEAST_Z_MM) + self.middle_px
+
+    def from_camera(self, screen_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
+        """The inverse of `from_screen`: px of the camera's picture, for the same depth along the camera's axis."""
+        depth_mm = self.focal_px * self.eyes_mm / max(apart_px, 1e-6)
+        c, s = math.cos(self.tilt), math.sin(self.tilt)
+        slope = (screen_px - self.middle_px) / self.focal_px  # x / z and y / z on the screen's axes
+        # y = down c + depth s - above and z = depth c - down s, with y = slope z: solved for down
+        down_mm = (slope[:, 1] * depth_mm * c - depth_mm * s + self.above_mm) / (c + slope[:, 1] * s)
+        z_mm = np.maximum(depth_mm * c - down_mm * s, LEAST_Z_MM)
+        return self.focal_px / depth_mm * np.stack([slope[:, 0] * z_mm, down_mm], axis=1) + self.middle_px
+
+
+def pose_from_leaning(down_mm: NDArray[np.float64], depth_mm: NDArray[np.float64]) -> tuple[float, float]:
+    """(above_mm, tilt_deg) from where the eyes of a viewer were on the camera's axes (n,), down and ahead, while they leaned in
+    and out straight before a mark in the middle of the screen: on a line through the mark, at right angles to the screen.
+
+    Raises UserError where they leaned too little.
+    """
+    low_mm, high_mm = np.percentile(depth_mm, [5, 95])
+    if not high_mm - low_mm >= LEAN_MM:
+        raise UserError(
+            f"the eyes moved by {high_mm - low_mm:.0f} mm towards the screen and away",
+            f"lean in and out by {LEAN_MM:g} mm and more, with the eyes level with the mark",
+        )
+    slope, down_at_camera_mm = np.polyfit(depth_mm, down_mm, 1)
+    tilt = -math.atan(float(slope))
+    return float(down_at_camera_mm) * math.cos(tilt), math.degrees(tilt)

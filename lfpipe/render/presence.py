@@ -1,0 +1,110 @@
+"""Who is before the screen, as a machine of five states. It says when to measure where the viewer rests.
+
+    state      when                                                    then
+    nobody     a face                                                  arriving
+    arriving   it rests                                                seated, measured
+    seated     it rests with both eyes beyond the grid                 seated, measured anew
+    arriving, seated, exchanged
+               another face took over                                  exchanged
+               no face                                                 lost
+    exchanged  it rests                                                seated, measured anew
+    lost       a face, before ABSENT_S have passed                     as before the loss
+               no face for ABSENT_S                                    nobody
+
+"Rests": for REST_S and REST_FRAMES the eyes stay within REST_SPAN of a place, and their distance within REST_DEPTH. "Another face
+took over": a face of another track follows within GAP_S of the last; a longer gap is a camera that stood still. Measured are the
+position of the eyes and their distance from each other, which tells how far away they are, as means over the rest.
+"""
+
+from __future__ import annotations
+
+import enum
+
+import attrs
+
+from lfpipe.transport.clock import SECOND_NS
+
+REST_S, REST_FRAMES = 1.0, 8
+REST_SPAN = 0.3  # of the distance between the eyes: 2 cm
+REST_DEPTH = 0.06  # of the same
+ABSENT_S = 10.0
+GAP_S = 0.5
+
+
+class ViewerState(enum.IntEnum):
+    """What the machine is in, as the status table carries it."""
+
+    NOBODY = 0
+    ARRIVING = 1
+    SEATED = 2
+    LOST = 3
+    EXCHANGED = 4
+
+    @property
+    def word(self) -> str:
+        return self.name.lower()
+
+
+@attrs.frozen
+class Rest:
+    """Where a viewer rested. x_px, y_px: the point between the eyes; apart_px: the distance between them."""
+
+    x_px: float
+    y_px: float
+    apart_px: float
+
+
+class Presence:
+    """The machine. state: its state; call `update` once for every tracked frame."""
+
+    def __init__(self) -> None:
+        self.state = ViewerState.NOBODY
+        self._before = ViewerState.ARRIVING  # what a face found again goes back to
+        self._generation = 0
+        self._t_ns = self._since_ns = 0  # of the last face; since when it rests
+        self._first: Rest | None = None  # where the rest began
+        self._sums, self._count = (0.0, 0.0, 0.0), 0
+
+    def update(self, t_ns: int, here: Rest | None, generation: int = 0, beyond: bool = False) -> Rest | None:
+        """Takes the frame of t_ns. here: where the eyes are, None without a face; generation: of the face's track; beyond: both
+        eyes are beyond the grid. Returns the rest to measure neutral position and distance by, where it is time to."""
+        state = self.state
+        if here is None:
+            self._first = None
+            if state not in (ViewerState.NOBODY, ViewerState.LOST):
+                self._before, self.state = state, ViewerState.LOST
+            elif state is ViewerState.LOST and t_ns - self._t_ns >= ABSENT_S * SECOND_NS:
+                self.state = ViewerState.NOBODY
+            return None
+        gap_ns, self._t_ns = t_ns - self._t_ns, t_ns
+        other, self._generation = generation != self._generation, generation
+        if state is ViewerState.NOBODY or (state is ViewerState.LOST and gap_ns >= ABSENT_S * SECOND_NS):
+            self.state = ViewerState.ARRIVING
+        elif state is ViewerState.LOST:
+            self.state = self._before
+        elif other and gap_ns < GAP_S * SECOND_NS:
+            self.state = ViewerState.EXCHANGED
+        if other:
+            self._first = None
+        rest = self._rest(t_ns, here)
+        if rest is None or (self.state is ViewerState.SEATED and not beyond):
+            return None
+        self.state, self._first = ViewerState.SEATED, None
+        return rest
+
+    def _rest(self, t_ns: int, here: Rest) -> Rest | None:
+        """The mean since the eyes came to rest, once that is REST_S ago."""
+        first = self._first
+        if (
+            first is None
+            or max(abs(here.x_px - first.x_px), abs(here.y_px - first.y_px)) > REST_SPAN * first.apart_px
+            or abs(here.apart_px - first.apart_px) > REST_DEPTH * first.apart_px
+        ):
+            self._first, self._since_ns, self._sums, self._count = here, t_ns, (0.0, 0.0, 0.0), 0
+        x, y, apart = self._sums
+        self._sums = x + here.x_px, y + here.y_px, apart + here.apart_px
+        self._count += 1
+        if t_ns - self._since_ns < REST_S * SECOND_NS or self._count < REST_FRAMES:
+            return None
+        x, y, apart = self._sums
+        return Rest(x / self._count, y / self._count, apart / self._count)

@@ -1,0 +1,176 @@
+"""The default filter: several models of how a head moves, run side by side and mixed by how well each predicts.
+
+Interacting multiple models (Blom and Bar-Shalom 1988; Bar-Shalom, Li, Kirubarajan 2001, section 11.6.6), on the point midway
+between the eyes: one model of rest, the others of constant velocity under accelerations of different strength. At rest the model
+of rest is believed and noise does not move the picture; as soon as the eyes leave it by more than noise explains, a livelier
+model takes over, within a frame. The eyes' half distance, which changes slowly, is smoothed by itself.
+
+What noise explains is measured while running: third differences of the half distance, in which the motion of a head cancels.
+Lengths are in distances between the eyes, so all holds for any camera and any seat.
+"""
+
+from __future__ import annotations
+
+import math
+
+import attrs
+import numpy as np
+
+from lfpipe.track.smoothing import Filter, Points
+
+
+@attrs.frozen
+class Motion:
+    """A model of constant velocity. acceleration: density of its noise, squared distances between the eyes per s^3. trust: share
+    of its velocity that is predicted with; a lively model sees velocities that are over before the picture is shown."""
+
+    acceleration: float
+    trust: float
+
+
+@attrs.frozen
+class Tuning:
+    """Constants of the filter, by the rule in profiling/results/eyes.md.
+
+    motions: the models. wander: variance by which a head at rest wanders, squared distances between the eyes per s. stay_s: mean
+    time in a model. common: noise of the point between the eyes over that of their half distance. caution: power of the
+    likelihoods, for noise that is not independent from frame to frame. half_band: noise of the half distance within which it is
+    taken for noise. speed_band: the same of the speed, per 1/30 s. noise_s: how long noise is averaged. first, least: noise
+    taken at first, and at least, in distances between the eyes.
+    """
+
+    motions: tuple[Motion, ...] = (Motion(4.7, 1.0), Motion(85.0, 0.45), Motion(1200.0, 0.31))
+    wander: float = 6.4e-7
+    stay_s: float = 0.51
+    common: float = 1.95
+    caution: float = 0.34
+    half_band: float = 4.5
+    speed_band: float = 8.6
+    noise_s: float = 2.6
+    first: float = 1.5e-3
+    least: float = 1e-3
+
+
+@attrs.define
+class _Estimate:
+    """Of one model: position and velocity (px, px/s) along both axes, and their covariance, the same for both."""
+
+    x: float
+    y: float
+    u: float
+    v: float
+    a: float
+    b: float
+    c: float
+
+
+class Predictive(Filter):
+    """See the module. All arithmetic is on plain numbers: arrays of so few cost more than what is done with them."""
+
+    def __init__(self, tuning: Tuning | None = None) -> None:
+        self._tuning = tuning or Tuning()
+        super().__init__()
+
+    def _start(self, t_ns: int, measured: Points) -> None:
+        (lx, ly), (rx, ry) = measured.tolist()
+        half = (lx - rx) / 2, (ly - ry) / 2
+        apart = max(2 * math.hypot(*half), 1.0)
+        self._halves, self._half = [half], half
+        self._noise = (self._tuning.first * apart) ** 2  # variance of the half distance, px^2
+        spread = self._noise * self._tuning.common**2
+        x, y = (lx + rx) / 2, (ly + ry) / 2
+        moving = [_Estimate(x, y, 0.0, 0.0, spread, 0.0, apart**2) for _ in self._tuning.motions]
+        self._models = [_Estimate(x, y, 0.0, 0.0, spread, 0.0, 0.0), *moving]
+        self._shares = [1 / len(self._models)] * len(self._models)
+
+    def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
+        (lx, ly), (rx, ry) = measured.tolist()
+        half = (lx - rx) / 2, (ly - ry) / 2
+        apart = max(2 * math.hypot(*half), 1.0)
+        self._measure_noise(half, apart, dt_s)
+        self._update((lx + rx) / 2, (ly + ry) / 2, apart, dt_s)
+        self._follow_half(half)
+        x = sum(share * model.x for share, model in zip(self._shares, self._models, strict=True))
+        y = sum(share * model.y for share, model in zip(self._shares, self._models, strict=True))
+        trusted = [
+            (share * motion.trust, model)
+            for share, motion, model in zip(self._shares[1:], self._tuning.motions, self._models[1:], strict=True)
+        ]
+        u, v = sum(share * model.u for share, model in trusted), sum(share * model.v for share, model in trusted)
+        band = (30 * self._tuning.speed_band) ** 2 * self._noise  # what looks like a speed of this size may be noise
+        fast = (u * u + v * v) / max(u * u + v * v + band, 1e-300)
+        u, v = fast * u, fast * v
+        hx, hy = self._half
+        return np.array(((x + hx, y + hy), (x - hx, y - hy))), np.array(((u, v), (u, v)))
+
+    def _measure_noise(self, half: tuple[float, float], apart: float, dt_s: float) -> None:
+        """Variance of a third difference is 20 times that of what it is taken of; one glitch counts as three deviations."""
+        halves = self._halves
+        halves.append(half)
+        if len(halves) < 4:
+            return
+        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = halves
+        del halves[0]
+        found = ((x3 - 3 * x2 + 3 * x1 - x0) ** 2 + (y3 - 3 * y2 + 3 * y1 - y0) ** 2) / 40
+        self._noise += (min(found, 9 * self._noise) - self._noise) * min(dt_s / self._tuning.noise_s, 1.0)
+        self._noise = max(self._noise, (self._tuning.least * apart) ** 2)
+
+    def _update(self, x: float, y: float, apart: float, dt_s: float) -> None:
+        """One cycle of the models: mixed, predicted, compared with the point (x, y) between the eyes, and weighed anew."""
+        tuning, before, shares = self._tuning, self._models, self._shares
+        count, noise = len(before), self._noise * tuning.common**2
+        stay = math.exp(-dt_s / tuning.stay_s)
+        leave = (1 - stay) / (count - 1)
+        after, priors, logs = [], [], []
+        for j in range(count):
+            weights = [share * (stay if i == j else leave) for i, share in enumerate(shares)]
+            prior = sum(weights)
+            one = _mixed(before, [weight / prior for weight in weights])
+            if j == 0:
+                one.u = one.v = one.b = one.c = 0.0
+                one.a += tuning.wander * apart**2 * dt_s
+            else:
+                _predict(one, tuning.motions[j - 1].acceleration * apart**2, dt_s)
+            spread = one.a + noise
+            dx, dy = x - one.x, y - one.y
+            logs.append(-tuning.caution * ((dx * dx + dy * dy) / (2 * spread) + math.log(spread)))
+            to_place, to_speed = one.a / spread, one.b / spread
+            one.x, one.y = one.x + to_place * dx, one.y + to_place * dy
+            one.u, one.v = one.u + to_speed * dx, one.v + to_speed * dy
+            kept = noise / spread
+            one.c = max(one.c - to_speed * one.b, 0.0)
+            one.a, one.b = one.a * kept, one.b * kept
+            after.append(one)
+            priors.append(prior)
+        best = max(logs)
+        likely = [prior * math.exp(max(log - best, -60.0)) for prior, log in zip(priors, logs, strict=True)]
+        total = sum(likely)
+        self._models, self._shares = after, [value / total for value in likely]
+
+    def _follow_half(self, half: tuple[float, float]) -> None:
+        """Far from where it was, the half distance is taken as measured; within the band of its noise it hardly moves."""
+        dx, dy = half[0] - self._half[0], half[1] - self._half[1]
+        off = dx * dx + dy * dy
+        share = off / max(off + self._noise * self._tuning.half_band**2, 1e-300)
+        self._half = self._half[0] + share * dx, self._half[1] + share * dy
+
+
+def _mixed(models: list[_Estimate], weights: list[float]) -> _Estimate:
+    """Mean and covariance of a mixture; weights sum to 1."""
+    x = y = u = v = a = b = c = 0.0
+    for weight, model in zip(weights, models, strict=True):
+        x, y, u, v = x + weight * model.x, y + weight * model.y, u + weight * model.u, v + weight * model.v
+    for weight, model in zip(weights, models, strict=True):
+        dx, dy, du, dv = model.x - x, model.y - y, model.u - u, model.v - v
+        a += weight * (model.a + (dx * dx + dy * dy) / 2)
+        b += weight * (model.b + (dx * du + dy * dv) / 2)
+        c += weight * (model.c + (du * du + dv * dv) / 2)
+    return _Estimate(x, y, u, v, a, b, c)
+
+
+def _predict(one: _Estimate, q: float, dt_s: float) -> None:
+    """After dt_s under white acceleration of density q, exactly."""
+    one.x, one.y = one.x + one.u * dt_s, one.y + one.v * dt_s
+    one.a += dt_s * (2 * one.b + dt_s * (one.c + q * dt_s / 3))
+    one.b += dt_s * (one.c + q * dt_s / 2)
+    one.c += q * dt_s
