@@ -70,17 +70,17 @@ def test_after_a_kill_of_the_group_the_next_session_of_any_name_sweeps(world: Wo
 
 
 BEGIN_AND_END = """
-import os, sys, time
+import os, sys
 from lfpipe import config
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.session_memory import SessionMemory
 from lfpipe.transport import segment
 from lfpipe.transport.session import Session
-session, count, end = Session(sys.argv[1]), 0, time.monotonic() + 1.5
-while time.monotonic() < end:
+session = Session(sys.argv[1])
+for _ in range(12):
     rundir.sweep()
     fd = rundir.acquire(session)
-    memory = SessionMemory(session, config.Config())
+    memory = SessionMemory(session, config.Config(camera=config.Camera(width_px=160, height_px=120)))
     assert os.fstat(fd).st_ino == session.lock.stat().st_ino and session.name in rundir.running()
     memory.table.rows["render"]["pid"] = os.getpid()
     again = segment.attach(session.segment("status"))
@@ -89,8 +89,6 @@ while time.monotonic() < end:
     assert rundir.lost(session, fd) is None
     memory.remove()
     rundir.release(session, fd)
-    count += 1
-print(count)
 """
 
 
@@ -106,7 +104,6 @@ def test_sessions_that_begin_and_end_at_once_do_not_sweep_each_other(world: Worl
         processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env))
     said = [process.communicate(timeout=60) for process in processes]
     assert [process.returncode for process in processes] == [0] * 6, said
-    assert sum(int(out) for out, _ in said) > 30, said
     assert not world.left() and not list(other.iterdir())
 
 
