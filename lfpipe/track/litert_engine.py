@@ -25,6 +25,9 @@ from lfpipe.track.selector import FaceSelector
 
 SIZE_PX = 192
 POINTS = 468
+# Of the distance between the eyes: a gaze moves both irises off the middle of the lids by as much, and by no more than there is
+# room. Where they disagree, glasses hide them or glare, and the lids are the better guess.
+APART, ASIDE = 0.06, 0.13
 FOUND = 0.5  # confidence that a new face needs
 FOUND_FAR = 0.9  # the same of a small one: the detector for those sees faces in much, the landmark network is sure of real ones
 KEPT = 0.2  # confidence that a face followed needs: a hand before it costs confidence first, and accuracy later
@@ -183,7 +186,11 @@ class LitertEngine:
         mesh_px = points.T + matrix[:, 2]
         irises = self._irises.find(bgr, mesh_px)
         frontal = abs(turn(mesh_px[list(TURN)])) <= FRONTAL
-        return Face(irises[:, 0], confidence, edges, iris_diameter(irises) if frontal else 0.0, found.apart, lean_deg)
+        lids = np.add((found.left, found.right), (x, y))
+        off = (irises[:, 0] - lids) / max(found.apart, 1.0)
+        seen = float(np.hypot(*(off[0] - off[1]))) <= APART and float(np.abs(off).max()) <= ASIDE
+        eyes, iris_px = (irises[:, 0], iris_diameter(irises) if frontal else 0.0) if seen else (lids, 0.0)
+        return Face(eyes, confidence, edges, iris_px, found.apart, lean_deg)
 
     def _upright(self, lean_deg: float) -> bool:
         """Whether a head can lean by so much, clockwise. One that cannot is counted: the picture may be turned."""

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from lfpipe.track.litert_engine import LitertEngine
 from tests.track.people import FACES, SIZE, Picture, backdrop, middle, needs_faces, placed, watched, write_video
 from tests.world import World
 
@@ -167,3 +168,18 @@ def test_a_face_that_does_not_stand_upright_is_a_hint_and_no_viewer(world: World
     out, err = process.communicate(timeout=60)
     assert process.returncode == 0 and f"camera.rotate={turn}" in out + err
     assert not any(line["face"] for line in world.lines()), "upside down, left is right"
+
+
+def test_dark_glasses_leave_refined_eyes_where_the_lids_are() -> None:
+    """The iris network answers whatever it is shown: behind painted glasses its answers for the two eyes disagree."""
+    worse = []
+    for name in ("01-1m", "02-1m", "03-1m", "05-1m", "06-1m", "09-1m"):
+        picture = placed(backdrop(), name, 300, 220, 80)
+        for x in (260, 340):
+            cv2.ellipse(picture, (x, 223), (30, 21), 0, 0, 360, (20, 20, 20), -1)
+        plain, refined = (LitertEngine(refine=refine) for refine in (False, True))
+        faces = [[engine.detect(picture) for _ in range(6)][-1] for engine in (plain, refined)]
+        assert faces[0] is not None and faces[1] is not None
+        off = [float(np.abs(face.eyes_px.mean(axis=0) - (300, 220)).max()) for face in faces if face is not None]
+        worse.append(off[1] > off[0] + 4)
+    assert sum(worse) <= 1

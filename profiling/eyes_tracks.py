@@ -1,0 +1,149 @@
+"""Filters on the eyes of real people: what is shown beside where the eyes were.
+
+    uv run python profiling/eyes_tracks.py FOLDER
+
+FOLDER holds tracks, one CSV a clip: t_s, face, left_x, left_y, right_x, right_y, in px, as measured in every frame. Each stretch
+of more than 60 frames with a face runs offline as the pipeline runs it: measurements 10 ms old, a refresh every 1/60 s, eyes
+predicted to its middle; the paper's way, the mean of five, changes with the camera's frames instead. Truth is the track smoothed
+without causality: at each frame the parabola through its neighbours, weighted by a Gaussian of 50 ms.
+
+Figures are medians over the stretches, in % of the distance between the eyes, RMS over both eyes and every 2 ms: moving (over 0.5
+distances/s), still (under 0.1 for 0.2 s), step from picture to picture while still, how far ahead of a head that has just stopped
+the eyes are shown (after it fell from 1.0 to 0.25 distances/s, for 0.2 s), and all. Then, by stretch, the error over all time.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from arguments import existing, parser_of, start
+from numpy.typing import NDArray
+
+from lfpipe.config import Track
+from lfpipe.track.filters import make_filter
+from lfpipe.track.smoothing import EyeFilter, Mean
+
+REFRESH_S, AGE_S, SMOOTH_S, FINE_S, LEAST_FRAMES = 1 / 60, 0.010, 0.05, 0.002, 60
+Float = NDArray[np.float64]
+
+
+class Clip:
+    """One stretch: t_s (n,), eyes (n, 4) px; and the truth at fine times."""
+
+    def __init__(self, name: str, t_s: Float, eyes: Float) -> None:
+        self.name, self.t_s, self.eyes = name, t_s - t_s[0], eyes
+        self.apart_px = float(np.median(np.hypot(eyes[:, 0] - eyes[:, 2], eyes[:, 1] - eyes[:, 3])))
+        smooth, slope = self._smoothed()
+        self.fine_s = np.arange(0.6, self.t_s[-1] - 0.05, FINE_S)
+        k = np.clip(np.searchsorted(self.t_s, self.fine_s, side="right") - 1, 0, len(t_s) - 2)
+        h = (self.t_s[k + 1] - self.t_s[k])[:, None]
+        u = (self.fine_s - self.t_s[k])[:, None] / h
+        ends = (1 + 2 * u) * (1 - u) ** 2 * smooth[k] + u * u * (3 - 2 * u) * smooth[k + 1]
+        self.truth = ends + u * (1 - u) ** 2 * h * slope[k] + u * u * (u - 1) * h * slope[k + 1]
+        self.velocity = np.gradient(self.truth, FINE_S, axis=0)
+        self.speed = np.sqrt(np.square(self.velocity).sum(axis=1) / 2) / self.apart_px
+        slow, half = np.cumsum(np.r_[0, self.speed < 0.1]), int(0.1 / FINE_S)
+        low, high = (np.clip(np.arange(len(self.fine_s)) + off, 0, len(self.fine_s)) for off in (-2 * half, half))
+        self.still = slow[high] - slow[low] == high - low
+
+    def _smoothed(self) -> tuple[Float, Float]:
+        smooth, slope = np.empty_like(self.eyes), np.empty_like(self.eyes)
+        for i, t in enumerate(self.t_s):
+            away = self.t_s - t
+            weight = np.exp(-0.25 * (away / SMOOTH_S) ** 2)[:, None]  # the square root of the Gaussian
+            powers = np.stack([np.ones_like(away), away, away**2], axis=1)
+            smooth[i], slope[i] = np.linalg.lstsq(powers * weight, self.eyes * weight, rcond=None)[0][:2]
+        return smooth, slope
+
+    def stops(self) -> list[tuple[int, Float]]:
+        """(place in fine_s, direction) of each time that a fast head has become slow."""
+        found, fast = [], -(10**9)
+        for i in range(1, len(self.speed)):
+            fast = i if self.speed[i] > 1.0 else fast
+            if self.speed[i] < 0.25 <= self.speed[i - 1] and i - fast < 0.3 / FINE_S:
+                found.append((i, self.velocity[fast] / np.linalg.norm(self.velocity[fast])))
+        return found
+
+
+def clips(folder: Path) -> list[Clip]:
+    out = []
+    for path in sorted(folder.glob("*.csv")):
+        with path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        start = 0
+        for end in range(len(rows) + 1):
+            if end < len(rows) and rows[end]["face"] == "1":
+                continue
+            part, start = rows[start:end], end + 1
+            if len(part) > LEAST_FRAMES:
+                eyes = [[float(row[name]) for name in ("left_x", "left_y", "right_x", "right_y")] for row in part]
+                out.append(Clip(path.stem, np.array([float(row["t_s"]) for row in part]), np.array(eyes)))
+    return out
+
+
+def shown(clip: Clip, one: EyeFilter, display: bool) -> tuple[Float, Float]:
+    """When pictures appeared, and the eyes (n, 4) that they were made for."""
+    times: list[float] = []
+    used: list[Float] = []
+    due_s, i = 0.003, 0
+    if not display:
+        return clip.t_s + AGE_S, np.array(
+            [one.update(round(t * 1e9), eyes.reshape(2, 2))[0].ravel() for t, eyes in zip(clip.t_s, clip.eyes, strict=True)]
+        )
+    while due_s < clip.t_s[-1]:
+        while i < len(clip.t_s) and clip.t_s[i] + AGE_S <= due_s:
+            one.update(round(clip.t_s[i] * 1e9), clip.eyes[i].reshape(2, 2))
+            i += 1
+        if i:
+            times.append(due_s)
+            used.append(one.predict(round((due_s + REFRESH_S / 2) * 1e9)).ravel())
+        due_s += REFRESH_S
+    return np.array(times), np.array(used)
+
+
+def figures(clip: Clip, times: Float, used: Float) -> list[float]:
+    """moving, still, step, overshoot, all; NaN where the clip has none of it."""
+    k = np.clip(np.searchsorted(times, clip.fine_s, side="right") - 1, 0, None)
+    off = used[k] - clip.truth
+    square = np.square(off).sum(axis=1) / 2
+
+    def rms(values: Float) -> float:
+        return 100 * math.sqrt(values.mean()) / clip.apart_px if len(values) > 40 else math.nan
+
+    seen = np.unique(k[clip.still])
+    seen = seen[seen > 0]
+    steps = np.square(used[seen] - used[seen - 1]).sum(axis=1) / 2
+    step = 100 * math.sqrt(steps.mean()) / clip.apart_px if len(steps) > 5 else math.nan
+    ahead = [float((off[i : i + int(0.2 / FINE_S)] @ way).max()) / math.sqrt(2) for i, way in clip.stops()]
+    over = 100 * float(np.median(ahead)) / clip.apart_px if ahead else math.nan
+    return [rms(square[clip.speed > 0.5]), rms(square[clip.still]), step, over, rms(square)]
+
+
+def main() -> None:
+    parser = parser_of(__doc__)
+    parser.add_argument("folder", type=existing)
+    found = clips(parser.parse_args().folder)
+    ways: list[tuple[str, Callable[[], EyeFilter], bool]] = [
+        ("paper, mean 5", lambda: Mean(5), False),
+        ("none", lambda: Mean(1), True),
+        ("one-euro", lambda: make_filter(Track(filter="one-euro")), True),
+        ("kalman", lambda: make_filter(Track(filter="kalman")), True),
+        ("predictive", lambda: make_filter(Track()), True),
+    ]
+    print(f"| filter | moving | still | step | overshoot | all |\n|---|{'---:|' * 5}")
+    every = {}
+    for name, make, display in ways:
+        rows = np.array([figures(clip, *shown(clip, make(), display)) for clip in found])
+        every[name] = rows[:, 4]
+        print(f"| {name} | " + " | ".join(f"{value:.2f}" for value in np.nanmedian(rows, axis=0)) + " |")
+    print(f"\n| all time | {' | '.join(clip.name for clip in found)} |\n|---|{'---:|' * len(found)}")
+    for name in ("paper, mean 5", "none", "predictive"):
+        print(f"| {name} | {' | '.join(f'{value:.2f}' for value in every[name])} |")
+
+
+if __name__ == "__main__":
+    start(main)
