@@ -30,7 +30,7 @@ from pathlib import Path
 from arguments import parser_of, start
 
 from lfpipe.errors import UserError
-from lfpipe.observe.watch import Watch
+from lfpipe.observe.session_reader import Watch
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport import segment
 

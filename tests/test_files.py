@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe import files
 from lfpipe.errors import UserError
+from lfpipe.files import safe_files
 from tests import hostile_files
 
 
@@ -24,57 +24,57 @@ def test_what_is_no_file_is_refused_at_once_by_name(tmp_path: Path, kind: str) -
     path = tmp_path / "thing"
     hostile_files.NO_FILES[kind](path)
     with pytest.raises(UserError, match="thing: cannot be read: ") as caught:
-        files.read_text(path, 1000, str(path), "another one")
+        safe_files.read_text(path, 1000, str(path), "another one")
     assert "another one" in str(caught.value)
 
 
 def test_no_more_is_read_than_may_be(tmp_path: Path) -> None:
     path = tmp_path / "text"
     path.write_bytes(b"x" * 1000)
-    assert files.read_bytes(path, 1000) == b"x" * 1000
+    assert safe_files.read_bytes(path, 1000) == b"x" * 1000
     with pytest.raises(OSError, match="has 1000 bytes, 999 at most"):
-        files.read_bytes(path, 999)
-    assert len(files.read_bytes(Path("/proc/self/status"), 100_000)) > 100, "a file that does not know its size"
+        safe_files.read_bytes(path, 999)
+    assert len(safe_files.read_bytes(Path("/proc/self/status"), 100_000)) > 100, "a file that does not know its size"
     with pytest.raises(OSError, match="at most"):
-        files.read_bytes(Path("/proc/self/status"), 10)
+        safe_files.read_bytes(Path("/proc/self/status"), 10)
 
 
 def test_a_path_that_is_none_and_a_text_that_is_none(tmp_path: Path) -> None:
     for path in (Path("a\0b"), tmp_path / ("x" * 300), tmp_path / "gone" / "x"):
         with pytest.raises(UserError, match="cannot be read"):
-            files.read_text(path, 10, repr(path), "r")
+            safe_files.read_text(path, 10, repr(path), "r")
     (tmp_path / "t").write_bytes(b"ab\xff")
     with pytest.raises(UserError, match="not UTF-8: byte 0xff at 2"):
-        files.read_text(tmp_path / "t", 10, "t", "r")
+        safe_files.read_text(tmp_path / "t", 10, "t", "r")
 
 
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "report"
-    with files.replaced(path) as file:
+    with safe_files.replaced(path) as file:
         file.write(b"old")
-    with pytest.raises(RuntimeError), files.replaced(path) as file:
+    with pytest.raises(RuntimeError), safe_files.replaced(path) as file:
         file.write(b"new")
         raise RuntimeError
     assert path.read_bytes() == b"old" and names(tmp_path) == ["report"]
     (tmp_path / ".report.new").write_bytes(b"left by one that was killed")
     link = tmp_path / "link"
     link.symlink_to(path)
-    with files.replaced(link, 0o644) as file:
+    with safe_files.replaced(link, 0o644) as file:
         file.write(b"new")
     assert path.read_bytes() == b"new" and link.is_symlink() and names(tmp_path) == ["link", "report"]
     for kind in ("fifo", "directory", "endless device", "link to itself"):
         hostile_files.NO_FILES[kind](tmp_path / kind)
-        with pytest.raises(OSError), files.replaced(tmp_path / kind):
+        with pytest.raises(OSError), safe_files.replaced(tmp_path / kind):
             pass
 
 
 def test_what_shows_a_person_is_for_its_owner(tmp_path: Path) -> None:
     umask = os.umask(0)
     try:
-        with files.create_private(tmp_path / "a"), files.replaced(tmp_path / "b"):
+        with safe_files.create_private(tmp_path / "a"), safe_files.replaced(tmp_path / "b"):
             pass
         with pytest.raises(FileExistsError):
-            files.create_private(tmp_path / "a")
+            safe_files.create_private(tmp_path / "a")
     finally:
         os.umask(umask)
     assert {stat.S_IMODE((tmp_path / name).stat().st_mode) for name in "ab"} == {0o600}
@@ -85,7 +85,7 @@ def test_a_fifo_with_a_writer_is_no_file_either(tmp_path: Path) -> None:
     writer = threading.Thread(target=lambda: os.close(os.open(tmp_path / "fifo", os.O_RDWR)))
     writer.start()
     with pytest.raises(OSError, match="is a FIFO, not a file"):
-        files.open_regular(tmp_path / "fifo")
+        safe_files.open_regular(tmp_path / "fifo")
     writer.join()
 
 

@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfpipe.decode import picture_of
 from lfpipe.errors import UserError
-from lfpipe.picture_header import MAX_DECODING_BYTES, header_of
+from lfpipe.files.decoding import picture_of
+from lfpipe.files.picture_header import MAX_DECODING_BYTES, header_of
 from lfpipe.scene.files import picture_header, read_picture
 from tests.hostile_files import damaged_bytes, jpeg_claiming, png_chunk, png_of
 

@@ -9,20 +9,20 @@ from pathlib import Path
 import lfpipe
 
 HOUSE = Path(lfpipe.__file__).parent
-# From the ground up; rooms on one floor do not know each other. What is no room (`errors`, `eyes`, ...) is the ground itself.
+# From the ground up; rooms on one floor do not know each other. Loose modules (`errors`, `eyes`) are the ground itself.
 FLOORS = (
     {"host"},
+    {"files"},
     {"config"},
     {"transport"},
     {"scene", "sequence"},
-    {"capture", "track", "render"},
+    {"capture", "track", "render", "record"},
     {"supervisor"},
     {"replay", "observe"},
     {"bench"},
     {"cli"},
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-GROUND_ON_CONFIG = {"quality"}  # what is no room and yet stands on one
 
 
 def imported(path: Path) -> Iterator[str]:
@@ -54,7 +54,56 @@ def test_imports_point_down() -> None:
             there = words[1] if words[0] == "lfpipe" and len(words) > 1 else here
             if there == here or there not in FLOOR:
                 continue
-            below = FLOOR[there] < FLOOR[here] if here in FLOOR else here in GROUND_ON_CONFIG and there == "config"
-            if not below:
+            if here not in FLOOR or FLOOR[there] >= FLOOR[here]:
                 wrong.append(f"{path.relative_to(HOUSE)}: {name}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_few_modules_stand_loose() -> None:
+    loose = {path.stem for path in HOUSE.glob("*.py")} - {"__init__", "__main__"}
+    assert len(loose) <= 4, loose
+
+
+# Modules, functions and paths that not every operating system has: `host` alone may name them.
+SYSTEM_MODULES = {"ctypes", "fcntl", "grp", "msvcrt", "pwd", "resource", "select", "termios", "tty", "winreg"}
+SYSTEM_FUNCTIONS = {
+    "fork", "getpgid", "getpriority", "getsid", "getuid", "geteuid", "killpg", "mkfifo", "posix_fallocate", "sched_getaffinity",
+    "sched_setaffinity", "sched_setscheduler", "setpgid", "setpriority", "setsid", "sysconf", "uname", "pthread_sigmask",
+}  # fmt: skip
+SYSTEM_PATHS = ("/proc", "/sys/", "/dev/shm", "/dev/dri")
+# What is about one system by its nature, or the C library of a dependency; each with its reason.
+ALLOWED = {
+    "lfpipe/capture/v4l2.py": "Video4Linux is Linux's own",
+    "lfpipe/render/monitors.py": "calls the SDL library that pygame loads",
+    "lfpipe/track/network.py": "maps a tensor's memory",
+    "lfpipe/observe/guard.py": "reads who holds the other end of a connection",
+    "lfpipe/bench/worker.py": "forks, so that every turn starts from the same prepared memory",
+}
+
+
+def system_names(path: Path) -> Iterator[str]:
+    """What in a file belongs to an operating system."""
+    tree = ast.parse(path.read_text())
+    documents = {id(node.body[0].value) for node in ast.walk(tree) if _has_docstring(node)}  # type: ignore[attr-defined]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (one.name for one in node.names if one.name in SYSTEM_MODULES)
+        elif isinstance(node, ast.ImportFrom) and node.module in SYSTEM_MODULES:
+            yield node.module
+        elif isinstance(node, ast.Attribute) and node.attr in SYSTEM_FUNCTIONS:
+            yield node.attr
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documents:
+            yield from (start for start in SYSTEM_PATHS if node.value.startswith(start))
+
+
+def _has_docstring(node: ast.AST) -> bool:
+    return isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node, clean=False) is not None
+
+
+def test_only_host_names_an_operating_system() -> None:
+    wrong = []
+    for path in HOUSE.rglob("*.py"):
+        name = f"lfpipe/{path.relative_to(HOUSE)}"
+        if room(path) != "host" and name not in ALLOWED:
+            wrong += [f"{name}: {found}" for found in system_names(path)]
     assert not wrong, "\n".join(wrong)

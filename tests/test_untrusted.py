@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.untrusted import MAX_INTEGER, Fields, finite, json_fields, parse_json, parse_toml
+from lfpipe.files.untrusted import MAX_INTEGER, Fields, finite, json_fields, parse_json, parse_toml
 
 JSON_VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),

@@ -97,7 +97,7 @@ def main() -> None:
 
 def take(out: Path, folder: Path) -> None:
     from lfpipe.observe.attachment import Attachment
-    from lfpipe.observe.screen import Doing, Screen
+    from lfpipe.observe.screen import Screen, SessionActivity
     from lfpipe.observe.web import Server
 
     attachment, screen, shown = Attachment("docs"), Screen("docs"), None
@@ -107,7 +107,7 @@ def take(out: Path, folder: Path) -> None:
         if reading is not None:
             attachment.picture()  # while somebody asks, render tells where the eyes are
             told = attachment.told()
-            shown = screen.draw(reading, Doing.of({**told, "options": {}}) if told else Doing(), COLUMNS)
+            shown = screen.draw(reading, SessionActivity.of({**told, "options": {}}) if told else SessionActivity(), COLUMNS)
         time.sleep(0.25)
     assert shown is not None, "the demo does not run"
     save(out / "monitor.png", terminal(shown))

@@ -15,7 +15,7 @@ from lfpipe.bench.stats import bootstrap_interval, p_above
 from lfpipe.bench.subjects import SUBJECTS
 from lfpipe.bench.timing import REFERENCE
 from lfpipe.errors import UserError
-from lfpipe.untrusted import Fields
+from lfpipe.files.untrusted import Fields
 
 Kind = Literal["time", "apart", "error"]
 # Ratio up to which a difference is not reported, however many samples there are. apart: times of runs that did not take turns.

@@ -20,9 +20,10 @@ from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.model import Cell, Diagram, Figure, Samples, Skipped, Subject, Table
 from lfpipe.bench.stats import MIN_SAMPLES, noise
 from lfpipe.errors import UserError
-from lfpipe.files import read_bytes, reason
-from lfpipe.untrusted import Fields, json_fields
-from lfpipe.versions import versions
+from lfpipe.files.safe_files import read_bytes, reason
+from lfpipe.files.untrusted import Fields, json_fields
+from lfpipe.host.processes import usable_cores
+from lfpipe.host.versions import versions
 
 FORMAT = 1
 MAX_BYTES, MAX_ITEMS = 64 << 20, 1_000_000  # of results.json, and of any list in it
@@ -181,7 +182,7 @@ def describe_run(inputs: Inputs) -> dict[str, Any]:
         "versions": built,
         "machine": {
             "processor": processor,
-            "cores": len(os.sched_getaffinity(0)),
+            "cores": len(usable_cores()),
             "system": f"{platform.system()} {platform.release()}",
             "load": round(os.getloadavg()[0], 2),
         },

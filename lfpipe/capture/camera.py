@@ -19,8 +19,8 @@ from lfpipe.capture.pictures import quiet_cv2
 from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2 import cameras, is_capture
-from lfpipe.decode import fitted, retrieved_jpeg
 from lfpipe.errors import UserError
+from lfpipe.files.decoding import fitted, retrieved_jpeg
 
 STALL_S = 0.9  # a grab that failed after this long ran into the driver's time-out; one that failed sooner found no camera
 START_GRABS = 5  # of a second each at the most: some cameras take seconds to their first frame

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.decode import fitted, retrieved_jpeg
+from lfpipe.files.decoding import fitted, retrieved_jpeg
 
 
 class MotionJpeg:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import attrs
 
 from lfpipe import config
-from lfpipe.capture.oriented import oriented
+from lfpipe.capture.mounting import oriented
 from lfpipe.capture.source import Source, SourceInfo
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
 from lfpipe.capture.v4l2 import cameras
@@ -51,16 +51,16 @@ def open_source(text: str, camera: config.Camera) -> Source:
     return oriented(open_camera(spec, camera), camera)
 
 
-def open_lasting(text: str, camera: config.Camera) -> Source:
-    """As `open_source`, but a device that cannot be opened, or is lost later, is tried again for ever: see `LastingCamera`."""
+def open_reconnecting(text: str, camera: config.Camera) -> Source:
+    """As `open_source`, but a device that cannot be opened, or is lost later, is tried again: see `ReconnectingCamera`."""
     spec = resolve(text)
     if not isinstance(spec, CameraSpec):
         return open_source(text, camera)
     from lfpipe.capture import camera as device
-    from lfpipe.capture.lasting import LastingCamera
+    from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 
     info = SourceInfo(f"camera:{spec.path}", camera.width_px, camera.height_px, camera.rate_hz, live=True)
-    return oriented(LastingCamera(info, lambda: device.open_camera(spec, camera)), camera)
+    return oriented(ReconnectingCamera(info, lambda: device.open_camera(spec, camera)), camera)
 
 
 @attrs.frozen

@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe import cv2_log
 from lfpipe.capture.motion_jpeg import MotionJpeg
-from lfpipe.decode import fitted, is_jpeg, opencv_name, picture_of
 from lfpipe.errors import UserError
+from lfpipe.files.decoding import fitted, is_jpeg, opencv_name, picture_of
+from lfpipe.host import opencv_log
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
 
@@ -46,11 +46,11 @@ class Recording(Protocol):
 @contextmanager
 def quiet_cv2() -> Iterator[None]:
     """OpenCV's warnings about files it cannot read are dropped: the error that follows says it in the user's words."""
-    before = cv2_log.set_log_level(cv2_log.SILENT)
+    before = opencv_log.set_log_level(opencv_log.SILENT)
     try:
         yield
     finally:
-        cv2_log.set_log_level(before)
+        opencv_log.set_log_level(before)
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:

@@ -11,8 +11,8 @@ from lfpipe import config
 from lfpipe.capture.schedule import EvenSchedule
 from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.capture.spec import FileSpec
-from lfpipe.decode import fitted
-from lfpipe.files import open_regular
+from lfpipe.files.decoding import fitted
+from lfpipe.files.safe_files import open_regular
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.sequence.index import PACKETS
 from lfpipe.sequence.packets import decoded

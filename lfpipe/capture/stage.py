@@ -14,8 +14,8 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.lasting import CameraLost
-from lfpipe.capture.open_source import open_lasting
+from lfpipe.capture.open_source import open_reconnecting
+from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.schedule import Lateness
 from lfpipe.capture.source import Frame, Source, SourceInfo
 from lfpipe.transport.clock import SleepWatch, now_ns
@@ -67,7 +67,7 @@ def main(context: Context) -> None:
     """Runs the stage until the stop or the end of the source."""
     frames, packets = context.output("frames"), PacketOutput(context.spec.session)
     with context.setting_up("opening the source"):
-        source = open_lasting(context.options.source, context.config.camera)
+        source = open_reconnecting(context.options.source, context.config.camera)
     info = source.info
     _tell(context, info)
     lateness = Lateness(int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.options.lossless else 0)

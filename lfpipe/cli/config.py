@@ -22,7 +22,7 @@ def init(path: Path | None) -> None:
     from lfpipe.config import user_file
     from lfpipe.config.text import commented
     from lfpipe.errors import UserError
-    from lfpipe.files import reason, replaced
+    from lfpipe.files.safe_files import reason, replaced
 
     path = path or user_file()
     try:

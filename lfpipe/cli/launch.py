@@ -133,8 +133,8 @@ def prepare(arguments: UpArguments) -> SessionPlan:
 def _checked(arguments: UpArguments, config: Config, display: str) -> Checked:
     """The source of frames. Raises one UserError for all mistakes in the arguments."""
     from lfpipe.capture.open_source import Checked, check_source
+    from lfpipe.files.trace import check_trace
     from lfpipe.render.open_display import check_display
-    from lfpipe.trace import check_trace
 
     camera = arguments.camera or config.camera.source or ("demo" if arguments.demo else "")
     errors: list[UserError] = []

@@ -40,6 +40,6 @@ def monitor(
 
         export(name, prometheus, click.echo)
     else:
-        from lfpipe.observe import live
+        from lfpipe.observe import terminal
 
-        live.run(name, once, "json" if as_json else "csv" if as_csv else "")
+        terminal.run(name, once, "json" if as_json else "csv" if as_csv else "")

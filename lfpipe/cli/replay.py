@@ -26,7 +26,7 @@ def say(text: str) -> None:
     click.echo(text, err=True)
 
 
-class Reported(click.Command):
+class JUnitCommand(click.Command):
     """A command whose --junit file says failure or error whenever the exit code is not 0, whichever way it comes to that."""
 
     def make_context(self, info_name: str | None, args: list[str], *more: Any, **extra: Any) -> click.Context:
@@ -71,7 +71,7 @@ def _write(junit: Path | None, name: str, error: str, seconds: float = 0.0) -> N
         write_junit(junit, name, [], error, seconds)
 
 
-@click.command(cls=Reported)
+@click.command(cls=JUnitCommand)
 @click.argument("path", type=PATH, metavar="SEQ")
 @click.option("--scene", type=PATH, metavar="S", help="The light field; the demo's without it.")
 @click.option("--pace", default="step", show_default=True, metavar="step|max|recorded|HZ", help="How frames follow each other.")

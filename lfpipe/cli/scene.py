@@ -69,7 +69,7 @@ def _write(path: Path, picture: NDArray[np.uint8]) -> None:
     import cv2
 
     from lfpipe.errors import UserError
-    from lfpipe.files import reason, replaced
+    from lfpipe.files.safe_files import reason, replaced
 
     try:
         _, data = cv2.imencode(ascii(path.suffix).strip("'"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
@@ -163,7 +163,7 @@ def check(path: Path, **word: Any) -> None:
     from lfpipe.errors import UserError
     from lfpipe.scene.cache import find_pack
     from lfpipe.scene.manifest import NAME
-    from lfpipe.scene.store import check_pack
+    from lfpipe.scene.pack_files import check_pack
 
     pack = path if (path / NAME).is_file() else find_pack(path, _config(word).scene)
     if pack is None:
@@ -223,10 +223,10 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
     """Write the picture that a camera at ROW, COL of the grid sees."""
     import numpy as np
 
+    from lfpipe.config.quality import NO_SCORES, drawn_with
     from lfpipe.errors import UserError
-    from lfpipe.quality import NO_SCORES, drawn_with
     from lfpipe.render.synthesis import Synthesiser
-    from lfpipe.scene.look import require_place
+    from lfpipe.scene.contact_sheet import require_place
 
     config = _config(word)
     field = _opened(path, config)
@@ -251,6 +251,6 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
 @with_word
 def sheet(path: Path, out: Path, **word: Any) -> None:
     """Write a contact sheet of all views with epipolar slices: order errors show at a glance."""
-    from lfpipe.scene.look import contact_sheet
+    from lfpipe.scene.contact_sheet import contact_sheet
 
     _write(out, contact_sheet(_opened(path, _config(word))))

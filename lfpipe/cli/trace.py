@@ -20,14 +20,14 @@ def trace() -> None:
 @with_session
 def start(out: Path | None, session_name: str | None) -> None:
     """Start a timeline that `lfpipe trace stop` leaves in OUT.json; by default a name made of the time, in this folder."""
-    from lfpipe.observe.remote import Remote
+    from lfpipe.observe.session_commands import SessionCommands
     from lfpipe.observe.timeline import check_out
     from lfpipe.transport import control
     from lfpipe.transport.session import default_name
 
     out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json"))).absolute()
     check_out(out)
-    Remote(session_name or default_name()).ask({"cmd": "trace", "path": f"{out}.part"}, control.FILE_CHECK_TIMEOUT_S)
+    SessionCommands(session_name or default_name()).ask({"cmd": "trace", "path": f"{out}.part"}, control.FILE_CHECK_TIMEOUT_S)
     click.echo(f"tracing; `lfpipe trace stop` leaves {out}")
 
 
@@ -36,11 +36,11 @@ def start(out: Path | None, session_name: str | None) -> None:
 @with_session
 def stop(out: Path | None, session_name: str | None) -> None:
     """End the timeline and write it, to OUT.json or where `start` said."""
-    from lfpipe.observe.remote import Remote
+    from lfpipe.observe.session_commands import SessionCommands
     from lfpipe.observe.timeline import finish_trace
     from lfpipe.transport.session import default_name
 
-    done = finish_trace(Remote(session_name or default_name()).ask, out)
+    done = finish_trace(SessionCommands(session_name or default_name()).ask, out)
     click.echo(f"{done}: open it at ui.perfetto.dev, which keeps it on this machine, or in chrome://tracing")
 
 

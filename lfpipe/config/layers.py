@@ -12,8 +12,8 @@ from typing import Any
 from lfpipe.config.check import changed, flat, problems, refusal, wrong_text
 from lfpipe.config.tree import Config, options
 from lfpipe.errors import UserError, shown
-from lfpipe.files import read_text
-from lfpipe.untrusted import toml_table
+from lfpipe.files.safe_files import read_text
+from lfpipe.files.untrusted import toml_table
 
 PRESETS = Path(__file__).parent / "presets"
 FILE_BYTES = 128 << 10  # ten times the file that has every key

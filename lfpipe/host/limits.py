@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import resource
+from pathlib import Path
 
 from lfpipe.errors import UserError
 
@@ -14,6 +16,15 @@ def allowed_files() -> int:
     """How many files this process may have open."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return soft if soft >= 0 else MOST_FILES
+
+
+def limit_memory(more_bytes: int) -> None:
+    """Lets this process take that much more memory than it has now; mapped files do not count."""
+    has_bytes = 0
+    with contextlib.suppress(OSError, StopIteration):
+        lines = Path("/proc/self/status").read_text().splitlines()
+        has_bytes = 1024 * int(next(line.split()[1] for line in lines if line.startswith("VmData")))
+    resource.setrlimit(resource.RLIMIT_DATA, (has_bytes + more_bytes, resource.RLIM_INFINITY))
 
 
 def allow_files(needed: int = OPEN_FILES) -> None:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.observe.meter import Reading
-from lfpipe.observe.remote import Remote
-from lfpipe.observe.watch import Follower
+from lfpipe.observe.session_commands import SessionCommands
+from lfpipe.observe.session_reader import FollowingReader
 from lfpipe.render.view_grid import Gaze, draw_over_eyes
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -23,7 +23,7 @@ CAMERA_PX = 320
 FULL_CHROMA = (cv2.IMWRITE_JPEG_QUALITY, 85, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
 
 
-class Eyepiece:
+class JpegReader:
     """The newest picture of one ring as JPEG at full chroma: in an anaglyph the two eyes live in the chroma."""
 
     def __init__(self, name: str) -> None:
@@ -55,11 +55,11 @@ class Attachment:
     """Not safe from several threads by itself: its owner holds a lock."""
 
     def __init__(self, name: str) -> None:
-        self._follower, self._remote = Follower(name), Remote(name)
+        self._follower, self._remote = FollowingReader(name), SessionCommands(name)
         self._zmq = control.context()
         self._tap: zmq.Socket[bytes] | None = None
-        self._camera: Eyepiece | None = None
-        self._picture: Eyepiece | None = None
+        self._camera: JpegReader | None = None
+        self._picture: JpegReader | None = None
         self._lease_end_ns = 0
         self._hello: dict[str, Any] = {}
         self._rev = -1
@@ -105,7 +105,7 @@ class Attachment:
         if self._follower.watch is None:
             return None
         if self._camera is None:
-            self._camera = Eyepiece(self._follower.watch.session.segment("frames"))
+            self._camera = JpegReader(self._follower.watch.session.segment("frames"))
         return self._camera.look(CAMERA_PX, self.gaze)
 
     def picture(self) -> bytes | None:
@@ -120,7 +120,7 @@ class Attachment:
                 old, self._picture = self._picture, None
                 if old is not None:
                     old.close()
-                self._picture = Eyepiece(name)
+                self._picture = JpegReader(name)
         return self._picture.look(LARGEST_PX, None) if self._picture else None
 
     def command(self, message: dict[str, Any]) -> dict[str, Any]:

@@ -42,9 +42,9 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
     ask = f"Eyes {distance_mm:g} mm from the camera, look into it, keep still."
     try:
         if has_display():
-            from lfpipe.render.guide import Guide
+            from lfpipe.render.calibration_window import CalibrationWindow
 
-            guide = Guide(config.camera.frame_px, "lfpipe calibrate")
+            guide = CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")
         while not (gauge.full and gauge.steady and (guide is None or guide.enter)):
             if source.read(picture) is None or missed > PATIENCE_FRAMES:
                 raise RESTLESS if gauge.median_px else NOBODY
@@ -76,9 +76,9 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
     if not has_display():
         raise UserError("--by card: no screen here, and a window to click in is needed", "run it in a desktop, or --by eyes")
     source, picture, frozen = open_source(camera or config.camera.source, config.camera), _frame(config), False
-    from lfpipe.render.guide import Guide
+    from lfpipe.render.calibration_window import CalibrationWindow
 
-    guide = Guide(config.camera.frame_px, "lfpipe calibrate")
+    guide = CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")
     try:
         while True:
             if not frozen:

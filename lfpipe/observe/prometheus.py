@@ -13,7 +13,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Histo
 from prometheus_client.registry import Collector
 
 from lfpipe.errors import UserError
-from lfpipe.observe.watch import Follower
+from lfpipe.observe.session_reader import FollowingReader
 from lfpipe.transport.histogram import MIDDLES_US
 
 BOUNDS_MS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 33, 50, 100, 200, 500, 1000)
@@ -38,7 +38,7 @@ class SessionCollector(Collector):
     """A session by name, there or not: `lfpipe_up` says which."""
 
     def __init__(self, name: str) -> None:
-        self._follower, self._lock = Follower(name), threading.Lock()
+        self._follower, self._lock = FollowingReader(name), threading.Lock()
 
     def collect(self) -> Iterator[Metric]:
         with self._lock:  # a server thread for each scrape

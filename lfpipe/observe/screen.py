@@ -19,7 +19,7 @@ KEYS_LINE = "q quit  p pause  r reset  t trace  w warp  m mode  c recentre"
 
 
 @attrs.frozen
-class Doing:
+class SessionActivity:
     """What the session was told: `hello` answers it. method: render.method. trace: the file of a running timeline."""
 
     method: str = ""
@@ -29,7 +29,7 @@ class Doing:
     trace: str = ""
 
     @classmethod
-    def of(cls, hello: dict[str, Any]) -> Doing:
+    def of(cls, hello: dict[str, Any]) -> SessionActivity:
         """From the answer to `hello`."""
         render = hello["config"]["render"]
         alpha = render["alpha_px"] if isinstance(render["alpha_px"], str) else f"{render['alpha_px']:.1f}"
@@ -91,7 +91,7 @@ class Screen:
         self._ages.clear()
         return Text.assemble(("lfpipe ", "bold"), (self._session, "bold"), "  no session; waiting for one (q quits)\n")
 
-    def draw(self, reading: Reading, doing: Doing, width: int) -> Text:
+    def draw(self, reading: Reading, doing: SessionActivity, width: int) -> Text:
         """The whole screen, at most width cells wide; made for 80, and readable from NARROWEST on."""
         self._ages.append(reading.age_now_ms)
         width = max(width - 1, NARROWEST)
@@ -113,7 +113,7 @@ class Screen:
         out.append("times of the last 10 s; bars: wait ░ and busy █, medians; rst: restarts", "dim")
         return out
 
-    def _head(self, reading: Reading, doing: Doing) -> Text:
+    def _head(self, reading: Reading, doing: SessionActivity) -> Text:
         head = Text.assemble(("lfpipe ", "bold"), (self._session, "bold cyan"), f"  up {_clock(reading.uptime_s)}")
         head.append(f"  camera {reading.camera_hz:.1f} Hz  ")
         head.append(f"viewer {reading.viewer}", "green" if reading.face else "bold yellow")

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.files import check_place, reason, replaced
-from lfpipe.trace import trace_lines
+from lfpipe.files.safe_files import check_place, reason, replaced
+from lfpipe.files.trace import trace_lines
 
 TRACKS = ("capture", "track", "render", "display")
 PID = 1

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Render
-from lfpipe.quality import NO_SCORES, drawn_with
+from lfpipe.config.quality import NO_SCORES, drawn_with
 from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, Recipe, recipe
 from lfpipe.render.blocks import near_array
 from lfpipe.render.planes import PlaneStore

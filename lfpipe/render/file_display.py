@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe import cv2_log
-from lfpipe.decode import opencv_name
 from lfpipe.errors import UserError
-from lfpipe.render.fit import fit_area, scale_into
+from lfpipe.files.decoding import opencv_name
+from lfpipe.host import opencv_log
+from lfpipe.render.scaling import fit_area, scale_into
 
 # Of the encoders in OpenCV's wheel, HuffYUV (on RGB), FFV1, PNG and raw RGBA give every RGB value back. Measured on 512x512
 # anaglyphs: 1.3, 13, 74 and 0.6 ms a picture, 0.30, 0.23, 0.31 and 1.0 MB: HuffYUV is the cheapest that is not raw.
@@ -112,12 +112,12 @@ class FileDisplay:
 
     def _run(self) -> None:
         # Without it there is a warning for every picture that a full disk does not take.
-        before = cv2_log.set_log_level(cv2_log.ERROR)
+        before = opencv_log.set_log_level(opencv_log.ERROR)
         try:
             self._write_all()
         finally:
             self._writer.release()
-            cv2_log.set_log_level(before)
+            opencv_log.set_log_level(before)
         if self.dropped and not self._lost.is_set():
             self._notices.put(f"{self._path}: {self.dropped} pictures are missing, they came faster than they could be written")
 

@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
+from lfpipe.config.quality import level_number
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES
-from lfpipe.quality import level_number
+from lfpipe.files.trace import TraceFile
 from lfpipe.render.display import Display
-from lfpipe.render.outlets import Outlets
+from lfpipe.render.optional_outputs import OptionalOutputs
 from lfpipe.render.viewer import Look, Viewer
-from lfpipe.trace import TraceFile
 from lfpipe.transport.clock import now_ns, sleep_until
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 
 if TYPE_CHECKING:
-    from lfpipe.render.keeper import Keeper
+    from lfpipe.render.replay_writer import ReplayWriter
 
 NO_ROOM = "make room there, or another --out"  # of a replay
 COST_SHARE = 0.1  # weight of the newest in the running mean of what a picture costs
@@ -42,12 +42,12 @@ class Presenter:
         self._key: Hashable = None
         self._parallax_told = ""
         self._trace = TraceFile(Path(context.options.trace) if context.options.trace else None, self._lost)
-        self._outlets = Outlets(context, viewer)
-        self._keeper: Keeper | None = None
+        self._outlets = OptionalOutputs(context, viewer)
+        self._keeper: ReplayWriter | None = None
         if replay := context.options.replay:
-            from lfpipe.render.keeper import Keeper
+            from lfpipe.render.replay_writer import ReplayWriter
 
-            self._keeper = Keeper(Path(replay.folder), replay.sequence, replay.pictures)
+            self._keeper = ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
         self.cost_ns = 0
         self.picture: NDArray[np.uint8] | None = None
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")  # the process has its own
 os.environ.setdefault("SDL_VIDEO_X11_WMCLASS", "lfpipe")  # for desktops, which group windows and name them by it
 
 import pygame as pygame
+
+from lfpipe.host.graphics import has_gpu
 
 UNSEEN = ("dummy", "offscreen")  # drivers that show nothing, for who asks for them
 
@@ -24,7 +25,7 @@ def start() -> str:
     driver = pygame.display.get_driver()
     if driver in UNSEEN and os.environ.get("SDL_VIDEODRIVER") != driver:
         raise pygame.error(f"no screen answers, SDL fell back to its driver {driver!r}")
-    if driver == "x11" and not any(Path("/dev/dri").glob("renderD*")):
+    if driver == "x11" and not has_gpu():
         os.environ.setdefault("SDL_FRAMEBUFFER_ACCELERATION", "0")
     return driver
 

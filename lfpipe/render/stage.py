@@ -11,14 +11,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfpipe.quality import lowered
-from lfpipe.render.keys import Keys
+from lfpipe.config.quality import lowered
+from lfpipe.render.key_bindings import Keys
 from lfpipe.render.open_display import open_display
+from lfpipe.render.picture_file import save
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.refresh import Refresh
-from lfpipe.render.still import save
 from lfpipe.render.viewer import Viewer
-from lfpipe.scene.store import open_pack
+from lfpipe.scene.pack_files import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 

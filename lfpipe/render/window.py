@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.render import sdl
 from lfpipe.render.display import KEYS
-from lfpipe.render.fit import fit_area, scale_into
 from lfpipe.render.monitors import Monitor, chosen, monitor_of, monitors
-from lfpipe.render.panel import panel
+from lfpipe.render.overlay import panel
+from lfpipe.render.scaling import fit_area, scale_into
 from lfpipe.render.sdl import pygame
 
 SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of the width of the monitor; small light fields are shown larger in the first window

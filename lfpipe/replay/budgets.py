@@ -19,8 +19,8 @@ from typing import Any
 import attrs
 
 from lfpipe.errors import UserError, shown
-from lfpipe.files import read_text
-from lfpipe.untrusted import Fields, parse_toml
+from lfpipe.files.safe_files import read_text
+from lfpipe.files.untrusted import Fields, parse_toml
 
 FILE_BYTES = 128 << 10
 MAX_BUDGETS = 1000

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, shown
-from lfpipe.files import open_regular, reason, replaced
-from lfpipe.picture_header import header_of
-from lfpipe.render.keeper import PICTURES
+from lfpipe.files.picture_header import header_of
+from lfpipe.files.safe_files import open_regular, reason, replaced
+from lfpipe.render.replay_writer import PICTURES
 from lfpipe.render.scoring import psnr_db
 from lfpipe.replay.report import REPORT, WRITTEN, Line, pair, read_report, read_trace
 from lfpipe.sequence.index import INDEX, Packet, read_index

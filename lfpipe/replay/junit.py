@@ -7,7 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from lfpipe.errors import UserError, plain
-from lfpipe.files import reason, replaced
+from lfpipe.files.safe_files import reason, replaced
 from lfpipe.replay.compare import PARTS, Difference
 
 TEXT_CHARS = 20_000  # of one test case

@@ -15,14 +15,14 @@ import numpy as np
 
 from lfpipe.config import Config, to_dict
 from lfpipe.errors import UserError
-from lfpipe.files import read_text, reason, replaced
+from lfpipe.files.safe_files import read_text, reason, replaced
+from lfpipe.files.trace import check_sides, trace_lines
+from lfpipe.files.untrusted import json_fields
+from lfpipe.host.versions import versions
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.folder import Sequence
 from lfpipe.sequence.index import INDEX, PACKETS
 from lfpipe.sequence.truth import Truth, read_truth, summary
-from lfpipe.trace import check_sides, trace_lines
-from lfpipe.untrusted import json_fields
-from lfpipe.versions import versions
 
 FORMAT = 1
 REPORT, TRACE = "report.json", "trace.jsonl"

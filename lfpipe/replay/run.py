@@ -18,15 +18,15 @@ from typing import Any
 from lfpipe import config as config_module
 from lfpipe.config import Config, ReplayOutput, SessionOptions
 from lfpipe.errors import UserError
-from lfpipe.files import PRIVATE_FOLDER, reason
-from lfpipe.render.keeper import PICTURES
+from lfpipe.files.safe_files import PRIVATE_FOLDER, reason
+from lfpipe.files.trace import check_trace
+from lfpipe.render.replay_writer import PICTURES
 from lfpipe.replay.report import REPORT, STEADY, TRACE, make_report, write_report
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.summary import summarize
 from lfpipe.sequence.folder import MANIFEST
 from lfpipe.sequence.folder import Sequence as Recorded
 from lfpipe.sequence.index import COPY
-from lfpipe.trace import check_trace
 
 REFERENCE = (REPORT, TRACE, PICTURES)  # what a comparison reads
 NEW = ".new"  # a reference that is being written

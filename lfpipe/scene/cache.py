@@ -9,7 +9,6 @@ CACHE/index/STAMP          text: the KEY of a path whose names, sizes and times 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import os
@@ -23,10 +22,11 @@ import platformdirs
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files import read_bytes
+from lfpipe.files.safe_files import read_bytes
+from lfpipe.host import file_lock
 from lfpipe.scene.files import look, open_file
-from lfpipe.scene.hold import unused
 from lfpipe.scene.manifest import VERSION, DamagedPackError, read_manifest
+from lfpipe.scene.pack_lock import unused
 from lfpipe.scene.source import Source
 
 MAX_KEY_BYTES = 256  # of an entry of the index
@@ -120,9 +120,9 @@ def remember(root: Path, mark: str, key: str) -> None:
 
 @contextlib.contextmanager
 def locked(root: Path, key: str) -> Iterator[None]:
-    """Hold the lock of a key: waits for another process that makes the same pack, and clears what a killed one left."""
+    """Holds the lock of a key: waits for another process that makes the same pack, and clears what a killed one left."""
     with (root / "locks" / key).open("w") as stream:
-        fcntl.flock(stream, fcntl.LOCK_EX)
+        file_lock.wait_and_lock(stream.fileno())
         for left in (root / "scenes").glob(f".{key}.*"):
             shutil.rmtree(left, ignore_errors=True)
         yield
@@ -160,10 +160,10 @@ def sweep(scene: config.Scene) -> int:
     """Remove what killed packers left and index entries without a pack; the count of removed things."""
     root, removed = cache_dir(scene), 0
     for left in (root / "scenes").glob(".*.*"):
-        with (root / "locks" / left.name.split(".")[1]).open("w") as stream, contextlib.suppress(BlockingIOError):
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            shutil.rmtree(left, ignore_errors=True)
-            removed += 1
+        with (root / "locks" / left.name.split(".")[1]).open("w") as stream:
+            if file_lock.lock(stream.fileno()):
+                shutil.rmtree(left, ignore_errors=True)
+                removed += 1
     for entry in (root / "index").glob("*"):
         with contextlib.suppress(OSError, UnicodeDecodeError):
             if not (root / "scenes" / _read_key(entry)).is_dir():

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.scene.disparity import SMALLEST_PX, halved, landing, luma, place_disparity, quantised, scale_for
-from lfpipe.scene.making import Making, Place, in_parallel
-from lfpipe.scene.place import nearest_present, truth_sign
-from lfpipe.scene.store import PlaneFile
+from lfpipe.scene.grid_geometry import nearest_present, truth_sign
+from lfpipe.scene.pack_files import PlaneFile
+from lfpipe.scene.view_writer import Making, Place, in_parallel
 
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
 _NO_LIMIT_PX = 400.0  # no disparity between neighbours is larger, whatever a map says

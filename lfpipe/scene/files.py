@@ -15,10 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe import cv2_log
 from lfpipe.errors import UserError, shown
-from lfpipe.files import open_regular, reason
-from lfpipe.picture_header import Header, Read, read_header
+from lfpipe.files.picture_header import Header, Read, read_header
+from lfpipe.files.safe_files import open_regular, reason
+from lfpipe.host import opencv_log
+from lfpipe.host.descriptors import path_of
 
 MAX_FILES = 20_000  # a light field of 100x100 views is half of this; beyond it the folder is something else
 MAX_FILE_BYTES = 1 << 36  # of any file of a scene; an hour of lossless light-field video has less
@@ -124,7 +125,7 @@ def _require_entry(folder: Path, entry: os.DirEntry[str]) -> None:
 def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turns what the libraries that read files raise, where they or the memory cannot cope, into UserError, and keeps OpenCV
     from printing what it thinks of the files."""
-    before = cv2_log.set_log_level(cv2_log.SILENT)
+    before = opencv_log.set_log_level(opencv_log.SILENT)
     try:
         yield
     except MemoryError:
@@ -135,7 +136,7 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {reason(error)}", _CHECK) from None
     finally:
-        cv2_log.set_log_level(before)
+        opencv_log.set_log_level(before)
 
 
 def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BinaryIO:
@@ -162,7 +163,7 @@ def read_bytes(path: Path, most_bytes: int = 1 << 20) -> bytes:
 
 def descriptor_path(file: BinaryIO) -> str:
     """A path to an open file for libraries that open files by name: the file that was checked, by a name of plain ASCII."""
-    return f"/proc/self/fd/{file.fileno()}"
+    return path_of(file.fileno())
 
 
 def _reader(file: BinaryIO) -> tuple[Read, int]:

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from lfpipe.errors import UserError
-from lfpipe.files import open_regular, read_bytes, reason
-from lfpipe.untrusted import Fields, json_fields
+from lfpipe.files.safe_files import open_regular, read_bytes, reason
+from lfpipe.files.untrusted import Fields, json_fields
 
 NAME = "manifest.json"
 VERSION = 2  # of the pack; another version is another key

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.scene.disparity import SMALLEST_PX, Grey, mismatch
-from lfpipe.scene.flowcheck import Axis, look_along, same_way
+from lfpipe.scene.flow_check import Axis, look_along, same_way
 from lfpipe.scene.source import Source, Turn
 
 _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)

@@ -16,17 +16,17 @@ import numpy as np
 import lfpipe
 from lfpipe import config
 from lfpipe.errors import UserError, plain
-from lfpipe.scene import cache, layouts, tone
+from lfpipe.scene import cache, layouts, screen_values
 from lfpipe.scene.disparity_maps import write_disparity
 from lfpipe.scene.files import library_errors
+from lfpipe.scene.grid_geometry import grid_offsets
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.making import Making, NotGreyError, Progress, write_views
 from lfpipe.scene.manifest import VERSION, DamagedPackError, contents, write_manifest
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.place import grid_offsets
+from lfpipe.scene.pack_files import PlaneFile, open_pack
 from lfpipe.scene.source import Source
-from lfpipe.scene.store import PlaneFile, open_pack
 from lfpipe.scene.truth import with_plausible_truth
+from lfpipe.scene.view_writer import Making, NotGreyError, Progress, write_views
 
 ChooseMethod = Callable[[LightField], tuple[str, dict[str, Any]]]  # -> the best method here, and its scores
 
@@ -51,7 +51,7 @@ def _room(root: Path, source: Source, channels: int) -> None:
 def _is_grey(source: Source) -> bool:
     """Whether the corner views and the middle one have no colour."""
     places = {(0, 0), (0, source.cols - 1), (source.rows // 2, source.cols // 2), (source.rows - 1, source.cols - 1)}
-    return all(tone.is_grey(source.read(0, *place)) for place in places - source.missing)
+    return all(screen_values.is_grey(source.read(0, *place)) for place in places - source.missing)
 
 
 def _gamma(source: Source, scene: config.Scene) -> tuple[float, str]:
@@ -59,13 +59,13 @@ def _gamma(source: Source, scene: config.Scene) -> tuple[float, str]:
     if scene.gamma != "auto":
         return float(scene.gamma), "as told"
     if source.linear:
-        return tone.SCREEN_GAMMA, f"{source.layout} holds linear light"
+        return screen_values.SCREEN_GAMMA, f"{source.layout} holds linear light"
     middle = min(
         ((r, c) for r in range(source.rows) for c in range(source.cols) if (r, c) not in source.missing),
         key=lambda place: abs(place[0] - source.rows // 2) + abs(place[1] - source.cols // 2),
     )
-    if tone.looks_linear(source.read(0, *middle), source.max_value):
-        return tone.SCREEN_GAMMA, "dark with black corners, as undeveloped plenoptic pictures are; scene.gamma=1 leaves it so"
+    if screen_values.looks_linear(source.read(0, *middle), source.max_value):
+        return screen_values.SCREEN_GAMMA, "dark with black corners, like undeveloped plenoptic pictures; scene.gamma=1 keeps it"
     return 1.0, ""
 
 
@@ -88,7 +88,7 @@ def _make(
         offsets = grid_offsets(source.coordinates, orientation.turn, rows, cols)
         job = Making(source, orientation, folder, rows, cols, 1 if grey else 3, present, offsets, progress)
         with PlaneFile.create(folder / "views.npy", job.shape, np.uint8, index_axes=3) as views:
-            write_views(job, views, tone.screen_table(source.max_value, gamma))
+            write_views(job, views, screen_values.screen_table(source.max_value, gamma))
             disparity = write_disparity(job, views)
         name = source.path.resolve().stem if source.path.is_file() else source.path.resolve().name
         low, high = disparity["min_px"], disparity["max_px"]

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from lfpipe.config import Config
-from lfpipe.quality import drawn_with
+from lfpipe.config.quality import drawn_with
 from lfpipe.scene.lightfield import LightField
 
 FLAT_PX = 0.5  # px per view: less is not worth a warp

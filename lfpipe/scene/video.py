@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-import select
 import subprocess
 import sys
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.decode import is_video
 from lfpipe.errors import UserError
+from lfpipe.files.decoding import is_video
+from lfpipe.files.untrusted import json_fields
 from lfpipe.scene.files import descriptor_path, open_file
 from lfpipe.scene.video_probe import MAX_FRAME_PX, THREADS
-from lfpipe.untrusted import json_fields
 
 # -P: the folder that lfpipe is run in may be anybody's, and no module is imported from there.
 PROBE = ("-P", "-m", "lfpipe.scene.video_probe")
@@ -69,7 +69,7 @@ def _answer(path: Path, child: subprocess.Popen[bytes]) -> tuple[bytes, int, boo
     assert child.stdout is not None
     head, tail, dots = b"", b"", 0
     while True:
-        if not select.select([child.stdout], [], [], SILENT_S)[0]:
+        if not connection.wait([child.stdout.fileno()], SILENT_S):
             raise UserError(f"{path}: no frame in {SILENT_S:g} s after {dots} frames", _REMEDY)
         part = os.read(child.stdout.fileno(), 1 << 16)
         if not part:

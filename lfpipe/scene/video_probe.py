@@ -8,11 +8,12 @@ and, at the end of the video, a line "end".
 from __future__ import annotations
 
 import json
-import resource
 import sys
-from pathlib import Path
 
 import cv2
+
+from lfpipe.host.descriptors import path_of
+from lfpipe.host.limits import limit_memory
 
 OPENING_BYTES = 200_000_000  # that a decoder may take before the size of the frames is known
 FRAME_BYTES_PX = 20  # that it may take per pixel once it is; measured: 6 to 15 with FFV1, MPEG-4, VP9
@@ -21,15 +22,9 @@ MAX_FRAMES = 1_000_000
 THREADS = 2  # each holds frames of its own
 
 
-def _limit(more_bytes: int) -> None:
-    """Lets the process take that much more memory than it has now."""
-    has_kb = next(line.split()[1] for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmData"))
-    resource.setrlimit(resource.RLIMIT_DATA, (int(has_kb) * 1024 + more_bytes, resource.RLIM_INFINITY))
-
-
 def main(path: str) -> None:
     """Reads the video at path, which is trusted no more than its content."""
-    _limit(OPENING_BYTES)
+    limit_memory(OPENING_BYTES)
     capture = cv2.VideoCapture(path, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, THREADS])
     if not capture.isOpened():
         return
@@ -37,7 +32,7 @@ def main(path: str) -> None:
     print(json.dumps({"width_px": width, "height_px": height, "rate_hz": capture.get(cv2.CAP_PROP_FPS)}), flush=True)
     if not 0 < width * height <= MAX_FRAME_PX:
         return
-    _limit(max(OPENING_BYTES, FRAME_BYTES_PX * width * height))
+    limit_memory(max(OPENING_BYTES, FRAME_BYTES_PX * width * height))
     for _ in range(MAX_FRAMES):
         if not capture.grab():
             print("\nend")
@@ -46,4 +41,4 @@ def main(path: str) -> None:
 
 
 if __name__ == "__main__":
-    main(f"/proc/self/fd/{int(sys.argv[1])}")
+    main(path_of(int(sys.argv[1])))

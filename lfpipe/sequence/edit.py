@@ -19,15 +19,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lfpipe.decode import is_video, opencv_name
 from lfpipe.errors import UserError
-from lfpipe.files import create_private, lines, open_regular, reason
+from lfpipe.files.decoding import is_video, opencv_name
+from lfpipe.files.safe_files import create_private, lines, open_regular, reason
+from lfpipe.files.untrusted import Fields, json_fields
+from lfpipe.host.versions import versions
 from lfpipe.sequence.folder import EYES, TRUTH, Sequence, begin_manifest, end_manifest, new_folder
 from lfpipe.sequence.index import COPY, LINE_BYTES, MAX_PIXELS
 from lfpipe.sequence.packets import PacketWriter, decoded, encoded
 from lfpipe.sequence.truth import table_of, truth_rows
-from lfpipe.untrusted import Fields, json_fields
-from lfpipe.versions import versions
 
 STAMPS = ("seq", "source_seq", "epoch", "t_sensor_ns", "t_read_ns")
 POINTS = ("raw_px", "filtered_px")

@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, plain
-from lfpipe.files import PRIVATE_FOLDER, open_regular, read_bytes, reason, replaced
+from lfpipe.files.safe_files import PRIVATE_FOLDER, open_regular, read_bytes, reason, replaced
+from lfpipe.files.untrusted import Fields, json_fields
 from lfpipe.sequence.index import COPY, INDEX, MAX_PIXELS, PACKETS, Packets, read_index
 from lfpipe.sequence.packets import CHANGED, changed, decoded
-from lfpipe.untrusted import Fields, json_fields
 
 FORMAT, VERSION = "lfpipe-sequence", 1
 MANIFEST, EYES, TRUTH = "manifest.json", "eyes.jsonl", "truth.csv"

@@ -11,8 +11,8 @@ from typing import overload
 import attrs
 
 from lfpipe.errors import UserError
-from lfpipe.files import check_regular, lines, reason
-from lfpipe.untrusted import Fields, json_fields
+from lfpipe.files.safe_files import check_regular, lines, reason
+from lfpipe.files.untrusted import Fields, json_fields
 
 PACKETS, INDEX = "frames.bin", "frames.jsonl"
 CODECS = ("jpeg", "png", "raw")

@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.decode import picture_of
 from lfpipe.errors import UserError
-from lfpipe.files import PRIVATE
-from lfpipe.picture_header import MAX_DECODING_BYTES, header_of
+from lfpipe.files.decoding import picture_of
+from lfpipe.files.picture_header import MAX_DECODING_BYTES, header_of
+from lfpipe.files.safe_files import PRIVATE
 from lfpipe.sequence.index import INDEX, PACKETS, Packet, line_of, read_index
 
 SCAN, MAX_SCANS = b"\xff\xda", 100  # of a JPEG: a dozen bytes can make its decoder go over the whole picture once more

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, shown
-from lfpipe.files import lines, reason
+from lfpipe.files.safe_files import lines, reason
+from lfpipe.files.untrusted import finite
 from lfpipe.sequence.folder import TRUTH
-from lfpipe.untrusted import finite
 
 COLUMNS = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
 MAX_PX = 1e6  # of a coordinate: far outside every picture

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import resource
 import sys
 import threading
 from pathlib import Path
@@ -20,6 +19,7 @@ import attrs
 
 from lfpipe import config as config_module
 from lfpipe.errors import UserError
+from lfpipe.host.limits import limit_memory
 
 MEMORY_BYTES = 3 << 30  # for packing; mapped files do not count
 
@@ -28,7 +28,7 @@ def check(request: dict[str, Any]) -> dict[str, Any]:
     """The result of one check: of a "scene" its summary, packed where necessary. Raises UserError."""
     path = Path(request["path"])
     if request["check"] == "trace":
-        from lfpipe.trace import check_trace
+        from lfpipe.files.trace import check_trace
 
         check_trace(path)
         return {}
@@ -55,7 +55,7 @@ def _end_with_parent() -> None:
 def main(text: str) -> int:
     """Checks and prints the answer."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
+    limit_memory(MEMORY_BYTES)
     try:
         answer = {"ok": True, "result": check(json.loads(text))}
     except UserError as error:

@@ -56,7 +56,7 @@ STAGES = (
     Stage("render", "lfpipe.render.stage", lambda options: options.show, reads=("eyes",), shows=True),
     Stage(
         "record",
-        "lfpipe.replay.recorder",
+        "lfpipe.record.stage",
         lambda options: bool(options.record),
         reads=("frames", "eyes"),
         optional=True,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from lfpipe.errors import UserError
 from lfpipe.host.file_lock import lock
+from lfpipe.host.users import user_id
 
 ATTEMPTS = 30  # to take a lock, PAUSE_S apart
 PAUSE_S = 0.01
@@ -18,7 +19,7 @@ PAUSE_S = 0.01
 def is_own_directory(path: Path) -> bool:
     """Whether path is a directory of this user, no link: in /tmp anybody may create one under our name. Raises OSError."""
     found = path.lstat()
-    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == user_id()
 
 
 def _make_directory(path: Path) -> None:

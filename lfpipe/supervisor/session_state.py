@@ -8,7 +8,7 @@ import attrs
 
 from lfpipe import config as config_module
 from lfpipe.config import Config, QualityLevel, SceneSummary, SessionOptions
-from lfpipe.quality import ladder
+from lfpipe.config.quality import ladder
 from lfpipe.supervisor.process_table import packet_ring, picture_ring
 from lfpipe.transport.ring import RingSpec
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.host.native_stderr import quiet_stderr
 from lfpipe.track.engine import Face
 from lfpipe.track.landmarks import (
     EDGES,
@@ -26,7 +27,6 @@ from lfpipe.track.landmarks import (
     turn,
 )
 from lfpipe.track.picture import as_bgr8
-from lfpipe.track.quiet import quiet_stderr
 
 _BLANK = np.zeros((64, 64, 3), np.uint8)
 

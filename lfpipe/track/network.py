@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.track.quiet import quiet_stderr
+from lfpipe.host.native_stderr import quiet_stderr
 
 _REMEDY = "`pip install --force-reinstall mediapipe==0.10.21`: the last version whose wheel carries the face networks"
 

@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from lfpipe.quality import tracked_every
+from lfpipe.config.quality import tracked_every
 from lfpipe.track.engines import make_engine
 from lfpipe.track.eye_distance import EyeDistance
 from lfpipe.track.filters import make_filter

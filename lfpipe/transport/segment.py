@@ -13,7 +13,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import pwd
 import stat
 import struct
 import threading
@@ -26,6 +25,7 @@ from lfpipe.errors import UserError
 from lfpipe.host import shared_memory
 from lfpipe.host.file_lock import lock
 from lfpipe.host.shared_memory import SHM_DIR
+from lfpipe.host.users import user_id, user_name
 
 MAGIC = b"LFSEGM1\0"
 PREFIX = "lfp-"  # of every segment's name
@@ -92,12 +92,9 @@ def _kind(path: Path) -> str:
         return "something"
     kinds = {stat.S_IFDIR: "a directory", stat.S_IFLNK: "a link", stat.S_IFREG: "a file"}
     kind = kinds.get(stat.S_IFMT(found.st_mode), "something")
-    if found.st_uid == os.getuid():
+    if found.st_uid == user_id():
         return f"{kind} that lfpipe did not make"
-    try:
-        return f"{kind} of user {pwd.getpwuid(found.st_uid).pw_name}"
-    except KeyError:
-        return f"{kind} of user {found.st_uid}"
+    return f"{kind} of user {user_name(found.st_uid)}"
 
 
 def attach(name: str) -> SharedMemory:
@@ -145,7 +142,7 @@ def _identity(fd: int) -> tuple[int, int]:
 def _owner(fd: int) -> Path | None:
     """Run directory of an open segment, empty if it was created without one; None if it is not lfpipe's or not this user's."""
     found = os.fstat(fd)
-    if not stat.S_ISREG(found.st_mode) or found.st_uid != os.getuid() or found.st_size < PAGE:
+    if not stat.S_ISREG(found.st_mode) or found.st_uid != user_id() or found.st_size < PAGE:
         return None
     page = os.pread(fd, PAGE, found.st_size - PAGE)
     magic, length = _OWNER.unpack_from(page)

@@ -10,9 +10,10 @@ from pathlib import Path
 import attrs
 
 from lfpipe.errors import UserError
+from lfpipe.host.users import user_id
 from lfpipe.transport import segment
 
-PREFIX = f"lfpipe-{os.getuid()}-"  # of run directories, so that users do not meet
+PREFIX = f"lfpipe-{user_id()}-"  # of run directories, so that users do not meet
 LONGEST_PART = 13  # characters of a ring's name within that of its segment
 
 

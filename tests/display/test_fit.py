@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.render.fit import fit_area, scale_into
+from lfpipe.render.scaling import fit_area, scale_into
 
 sides = st.integers(1, 4000)
 

@@ -13,7 +13,7 @@ import pytest
 import zmq
 
 from lfpipe import config
-from lfpipe.capture.lasting import BACKOFF_S, CameraLost, LastingCamera
+from lfpipe.capture.reconnecting_camera import BACKOFF_S, CameraLost, ReconnectingCamera
 from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.errors import UserError
 from lfpipe.transport import control
@@ -154,7 +154,7 @@ class Made:
         self.closed = True
 
 
-def _read(camera: LastingCamera, out: np.ndarray, limit_s: float = 3.0) -> tuple[Frame, list[Exception]]:
+def _read(camera: ReconnectingCamera, out: np.ndarray, limit_s: float = 3.0) -> tuple[Frame, list[Exception]]:
     """The next frame and what was raised before it."""
     raised: list[Exception] = []
     end = time.monotonic() + limit_s
@@ -179,7 +179,7 @@ def test_frames_count_on_over_connections_and_the_loss_is_told_once() -> None:
         opened.append(Made(script))
         return opened[-1]
 
-    camera = LastingCamera(SourceInfo("?", 1, 1, 1.0, live=True), open_)
+    camera = ReconnectingCamera(SourceInfo("?", 1, 1, 1.0, live=True), open_)
     assert camera.info.name == "camera:made"
     out = np.zeros((4, 4), np.uint8)
     assert [_read(camera, out)[0].source_seq for _ in range(2)] == [0, 1]
@@ -197,7 +197,7 @@ def test_what_is_no_fault_of_the_camera_is_not_hidden() -> None:
     def open_() -> Made:
         return Made([ZeroDivisionError("a mistake of ours")])
 
-    camera = LastingCamera(SourceInfo("?", 1, 1, 1.0, live=True), open_)
+    camera = ReconnectingCamera(SourceInfo("?", 1, 1, 1.0, live=True), open_)
     with pytest.raises(ZeroDivisionError):
         _read(camera, np.zeros((4, 4), np.uint8))
 
@@ -207,7 +207,7 @@ def test_a_slow_frame_keeps_nobody_waiting(tmp_path: Path) -> None:
     node.write_text("frames")
     from lfpipe.capture.spec import CameraSpec
 
-    camera = LastingCamera(SourceInfo("?", 1, 1, 1.0, live=True), lambda: open_scripted(CameraSpec(node), config.Camera()))
+    camera = ReconnectingCamera(SourceInfo("?", 1, 1, 1.0, live=True), lambda: open_scripted(CameraSpec(node), config.Camera()))
     out = np.zeros((480, 640, 3), np.uint8)
     _read(camera, out)
     node.write_text("hang")

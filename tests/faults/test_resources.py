@@ -19,7 +19,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from lfpipe.line_file import LineFile
+from lfpipe.files.line_file import LineFile
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.supervisor import run_lock
 from lfpipe.transport.session import PREFIX

@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.line_file import LineFile
+from lfpipe.files.line_file import LineFile
+from lfpipe.files.trace import TraceFile, check_trace
 from lfpipe.observe.timeline import check_out, convert, finish_trace
-from lfpipe.trace import TraceFile, check_trace
 from tests import hostile_files as hostile
 from tests.observe.test_timeline import line
 from tests.world import World

@@ -26,7 +26,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from lfpipe.cli import cli
 from lfpipe.errors import UserError
 from lfpipe.observe.prometheus import parse_address
-from lfpipe.observe.watch import Watch
+from lfpipe.observe.session_reader import Watch
 from lfpipe.supervisor.rundir import find
 from tests.world import World
 

@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 
 from lfpipe.errors import UserError
-from lfpipe.render.keeper import PICTURES
+from lfpipe.host.versions import OPENCV, versions
+from lfpipe.render.replay_writer import PICTURES
 from lfpipe.replay.compare import LEAST_DB, compare, likeness_db
 from lfpipe.replay.report import read_trace
 from lfpipe.sequence.index import read_index
 from lfpipe.sequence.packets import PacketWriter, decoded, encoded
-from lfpipe.versions import OPENCV, versions
 
 REFERENCE = Path(__file__).parent / "reference"
 Picture = np.ndarray

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.render import keeper
-from lfpipe.render.keeper import Keeper
+from lfpipe.render import replay_writer
+from lfpipe.render.replay_writer import ReplayWriter
 from lfpipe.replay.budgets import broken, read_budgets
 from lfpipe.sequence.index import read_index
 from lfpipe.sequence.truth import Truth, read_truth
@@ -98,13 +98,13 @@ def test_a_wrong_truth_is_named(tmp_path: Path) -> None:
 
 
 def test_kept_pictures_of_two_runs_have_frames_in_common(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(keeper, "KEPT_BYTES", 20_000)
+    monkeypatch.setattr(replay_writer, "KEPT_BYTES", 20_000)
     rng = np.random.default_rng(3)
     kept = []
     for run, size in enumerate((16, 24)):
         folder = tmp_path / str(run)
         folder.mkdir()
-        keeping = Keeper(folder, str(tmp_path), pictures=True)
+        keeping = ReplayWriter(folder, str(tmp_path), pictures=True)
         eyes = np.zeros((2, 2))
         for seq in range(64):
             picture = rng.integers(0, 256, (size, size, 3), dtype=np.uint8)

@@ -414,6 +414,6 @@ def test_libraries_that_give_up_are_a_message(tmp_path: Path, error: Exception, 
         raise error
 
     monkeypatch.setattr("lfpipe.scene.orientation.flow", fail, raising=False)
-    monkeypatch.setattr("lfpipe.scene.flowcheck.flow", fail)
+    monkeypatch.setattr("lfpipe.scene.flow_check.flow", fail)
     with pytest.raises(UserError, match=r"not enough memory|OpenCV cannot work with it"):
         open_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache")))

@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 
 from lfpipe.cli.scene import scene
 from lfpipe.errors import UserError
-from lfpipe.scene.store import open_pack
+from lfpipe.scene.pack_files import open_pack
 from tests.scene import made
 
 

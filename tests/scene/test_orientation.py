@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.scene import layouts
+from lfpipe.scene.grid_geometry import grid_offsets, nearest_present, truth_sign
 from lfpipe.scene.layouts.stanford import coordinate_turn
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.place import grid_offsets, nearest_present, truth_sign
 from lfpipe.scene.source import Source, Turn
 from tests.scene import made
 

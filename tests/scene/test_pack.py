@@ -24,7 +24,7 @@ from lfpipe.errors import UserError
 from lfpipe.scene import cache, manifest, pack
 from lfpipe.scene.disparity import SMALLEST_PX, estimate_disparity, quantised, scale_for
 from lfpipe.scene.manifest import DamagedPackError
-from lfpipe.scene.store import PlaneFile, check_pack, open_pack
+from lfpipe.scene.pack_files import PlaneFile, check_pack, open_pack
 from tests.hostile_files import NO_FILES, damaged_json
 from tests.scene import made
 from tests.scene.test_layouts import old_hci
@@ -249,7 +249,7 @@ def test_an_unwritable_cache_is_told(folder: Path, tmp_path: Path) -> None:
 
 
 HOLDER = (
-    "import sys; from pathlib import Path; from lfpipe.scene.store import open_pack\n"
+    "import sys; from pathlib import Path; from lfpipe.scene.pack_files import open_pack\n"
     "field = open_pack(Path(sys.argv[1])); print('open', flush=True); sys.stdin.read()"
 )
 

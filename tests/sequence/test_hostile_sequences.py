@@ -26,7 +26,8 @@ from lfpipe import config
 from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.cli import cli
 from lfpipe.errors import UserError
-from lfpipe.line_file import LineFile
+from lfpipe.files.line_file import LineFile
+from lfpipe.files.trace import check_trace
 from lfpipe.replay.report import about_sequence
 from lfpipe.replay.run import replay_config
 from lfpipe.sequence import edit
@@ -34,7 +35,6 @@ from lfpipe.sequence.folder import EYES, MANIFEST, TRUTH, open_sequence
 from lfpipe.sequence.index import INDEX, PACKETS
 from lfpipe.sequence.packets import encoded
 from lfpipe.sequence.truth import read_truth
-from lfpipe.trace import check_trace
 from tests import hostile_files, hostile_sequences
 from tests.hostile_files import NO_FILES
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Config, Render, SceneSummary, SessionOptions
 from lfpipe.config import Governor as GovernorConfig
+from lfpipe.config.quality import METHODS, drawn_with, ladder, level_number, lowered, tracked_every
 from lfpipe.errors import UserError
-from lfpipe.quality import METHODS, drawn_with, ladder, level_number, lowered, tracked_every
 from lfpipe.supervisor import placement
 from lfpipe.supervisor.governor import GAP_S, Governor, Load, Step
 from lfpipe.supervisor.quality_control import QualityControl, reason

@@ -66,7 +66,7 @@ def strange(base: Path, name: str) -> Iterator[list[Path]]:
 
 
 LOOK = """
-from lfpipe.observe import live
+from lfpipe.observe import terminal
 from lfpipe.supervisor import rundir
 from lfpipe.transport import segment
 import sys

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.observe import live
+from lfpipe.observe import terminal
 from lfpipe.supervisor import rundir
 from lfpipe.transport import segment
 from lfpipe.transport.segment import SHM_DIR
@@ -205,7 +205,7 @@ def test_a_monitor_says_that_a_session_is_of_another_version(base: Path, name: s
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
     with pytest.raises(segment.WrongSegment, match="LFSTAT0"):
-        live.run(name, False, "")
+        terminal.run(name, False, "")
     memory.unlink()
     memory.close()
     rundir.release(session, lock)

@@ -11,7 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.picture_header import MAX_DECODING_BYTES
+from lfpipe.files.picture_header import MAX_DECODING_BYTES
 from lfpipe.scene.files import MAX_FILES, Listing, picture_header, read_picture
 from lfpipe.scene.source import Source
 

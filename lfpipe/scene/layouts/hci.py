@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.files.untrusted import in_range
 from lfpipe.scene.files import Listing, read_bytes, read_pfm
 from lfpipe.scene.layouts._grid import MAX_SIDE, asked_grid, files_source, require_whole
 from lfpipe.scene.lightfield import Geometry
 from lfpipe.scene.source import Source, Turn
-from lfpipe.untrusted import in_range
 
 NAME = "hci"
 _VIEW = re.compile(r"input_Cam(\d{3,5})\.(?:png|jpe?g|ppm)", re.IGNORECASE)

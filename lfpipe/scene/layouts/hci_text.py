@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.files.untrusted import in_range
 from lfpipe.scene.files import Listing, look, read_bytes
 from lfpipe.scene.layouts._grid import MAX_SIDE, files_source, named_grid, require_whole
 from lfpipe.scene.source import Source, Turn
-from lfpipe.untrusted import in_range
 
 NAME = "hci-text"
 _VIEW = re.compile(r"(\d{1,3})_(\d{1,3})\.(?:png|jpe?g|ppm)", re.IGNORECASE)

@@ -12,10 +12,10 @@ import numpy as np
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.files.untrusted import in_range
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source, named_grid, require_whole
 from lfpipe.scene.source import Source, Turn
-from lfpipe.untrusted import in_range
 
 NAME = "stanford"
 _FARTHEST = 1e9  # in whatever unit: mm or px

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
+from lfpipe.files.trace import TraceFile
 from lfpipe.render.viewer import Look, Viewer
-from lfpipe.trace import TraceFile
 from lfpipe.transport import ring
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
@@ -22,7 +22,7 @@ from lfpipe.transport.ring import Stamp
 LOOK_NS = 100 * MS_NS  # how often the look is told
 
 
-class Outlets:
+class OptionalOutputs:
     """Call `follow` whenever options may have changed; the other calls cost next to nothing while nobody asks."""
 
     def __init__(self, context: Context, viewer: Viewer) -> None:

@@ -12,7 +12,7 @@ from lfpipe.transport.packet_ring import PacketInput
 from lfpipe.transport.ring import Stamp
 
 
-class Incoming:
+class FrameReader:
     """width_px, height_px: of the frames as they will be stored, which is the source's own size where it delivers JPEGs."""
 
     def __init__(self, context: Context) -> None:

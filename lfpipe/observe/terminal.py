@@ -13,9 +13,9 @@ from typing import Any
 from lfpipe.errors import UserError
 from lfpipe.host.keyboard import Keyboard
 from lfpipe.observe.latency_table import latency_table
-from lfpipe.observe.remote import Remote
-from lfpipe.observe.screen import Doing, Screen
-from lfpipe.observe.watch import Follower, Watch
+from lfpipe.observe.screen import Screen, SessionActivity
+from lfpipe.observe.session_commands import SessionCommands
+from lfpipe.observe.session_reader import FollowingReader, Watch
 from lfpipe.supervisor.rundir import find
 from lfpipe.supervisor.snapshot import spans
 from lfpipe.transport.status import Table
@@ -78,15 +78,15 @@ def screen(name: str) -> None:
     from rich.live import Live
 
     console = Console()
-    follower, remote, picture = Follower(name), Remote(name), Screen(name)
-    doing, rev, note_end = Doing(), -1, 0.0
+    follower, remote, picture = FollowingReader(name), SessionCommands(name), Screen(name)
+    doing, rev, note_end = SessionActivity(), -1, 0.0
     with Keyboard() as keyboard, Live(console=console, screen=True, auto_refresh=False) as live:
         due = time.monotonic()
         while True:
             reading = follower.read()
             if reading is None:
                 live.update(picture.waiting(), refresh=True)
-                doing, rev = Doing(), -1
+                doing, rev = SessionActivity(), -1
             else:
                 if reading.config_rev != rev:
                     doing, rev = told(remote), reading.config_rev
@@ -110,9 +110,9 @@ def screen(name: str) -> None:
                     picture.note, note_end = remote.press(key), time.monotonic() + NOTE_S
 
 
-def told(remote: Remote) -> Doing:
+def told(remote: SessionCommands) -> SessionActivity:
     """What the session was told, or nothing where it does not answer."""
     try:
-        return Doing.of(remote.ask({"cmd": "hello"}, 0.5))
+        return SessionActivity.of(remote.ask({"cmd": "hello"}, 0.5))
     except UserError:
-        return Doing()
+        return SessionActivity()

@@ -21,7 +21,7 @@ KEPT_BYTES = 8 << 20
 PICTURES = "pictures"
 
 
-class Keeper:
+class ReplayWriter:
     """folder: of the run's results. sequence: its folder, for the truth by which a picture is the worst. pictures: keep them."""
 
     def __init__(self, folder: Path, sequence: str, pictures: bool) -> None:

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.processes import usable_cores
-from lfpipe.scene import tone
+from lfpipe.scene import screen_values
+from lfpipe.scene.grid_geometry import nearest_present
 from lfpipe.scene.orientation import Orientation
-from lfpipe.scene.place import nearest_present
+from lfpipe.scene.pack_files import PlaneFile
 from lfpipe.scene.source import Source
-from lfpipe.scene.store import PlaneFile
 
 Progress = Callable[[str, int, int], None]  # what is being done, how much of it is done, of how much
 Place = tuple[int, int, int]  # frame, row, column
@@ -96,10 +96,10 @@ def write_views(job: Making, out: PlaneFile, table: NDArray[np.uint8]) -> None:
     def one(place: Place) -> None:
         frame, row, col = place
         pixels = source.read(frame, *job.turn.turn.file_place(row, col, job.rows, job.cols))
-        if job.channels == 1 and not tone.is_grey(pixels):
+        if job.channels == 1 and not screen_values.is_grey(pixels):
             raise NotGreyError
-        for top in range(0, len(pixels), tone.STRIP_ROWS):
-            screen = tone.to_screen(pixels[top : top + tone.STRIP_ROWS], table)
+        for top in range(0, len(pixels), screen_values.STRIP_ROWS):
+            screen = screen_values.to_screen(pixels[top : top + screen_values.STRIP_ROWS], table)
             planes = [screen] * job.channels if screen.ndim == 2 else cv2.split(screen)[: job.channels]
             for channel, plane in enumerate(planes):
                 out.write((*place, channel, top), plane)

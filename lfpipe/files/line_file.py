@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from lfpipe.files import PRIVATE, check_regular
+from lfpipe.files.safe_files import PRIVATE, check_regular
 
 LONGEST_LINE = 1 << 16  # bytes; how far back the last line's end is looked for
 

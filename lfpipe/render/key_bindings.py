@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lfpipe.config import choices
 from lfpipe.render.display import Display
+from lfpipe.render.picture_file import save
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.still import save
 from lfpipe.render.view_grid import Gaze, inset
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS, now_ns

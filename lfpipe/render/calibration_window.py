@@ -9,7 +9,7 @@ from lfpipe.render.sdl import pygame
 from lfpipe.render.window import Window
 
 
-class Guide:
+class CalibrationWindow:
     """`step` shows one picture and takes what the person did. Raises UserError where no window can be opened."""
 
     def __init__(self, size_px: tuple[int, int], title: str) -> None:

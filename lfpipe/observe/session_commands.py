@@ -14,7 +14,7 @@ from lfpipe.supervisor.rundir import find
 from lfpipe.transport import control
 
 
-class Remote:
+class SessionCommands:
     """Commands to the session of that name, whichever has it at the moment. Every method raises UserError as ctl would."""
 
     def __init__(self, name: str) -> None:

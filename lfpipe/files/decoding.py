@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.picture_header import MAX_DECODING_BYTES, header_of
+from lfpipe.files.picture_header import MAX_DECODING_BYTES, header_of
 
 _BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")  # that MP4 and QuickTime files begin with
 JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
@@ -30,7 +30,7 @@ def is_video(start: bytes) -> bool:
     return start[4:8] in _BOXES or start[:4] == b"\x1aE\xdf\xa3" or (start[:4] == b"RIFF" and start[8:12] == b"AVI ")
 
 
-class Retrieves(Protocol):
+class FrameRetriever(Protocol):
     """What is used of cv2.VideoCapture here."""
 
     def retrieve(self) -> tuple[bool, Any]: ...
@@ -56,7 +56,7 @@ def picture_of(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     return None if found is None else np.asarray(found, np.uint8)
 
 
-def retrieved_jpeg(device: Retrieves) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+def retrieved_jpeg(device: FrameRetriever) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
     """(packet, picture) of the frame that device, told not to decode, has grabbed; None where it is no whole JPEG."""
     taken, data = device.retrieve()
     packet = np.asarray(data, np.uint8).reshape(-1) if taken else np.empty(0, np.uint8)

@@ -88,7 +88,7 @@ class _Connection:
             self._told.put(failure)
 
 
-class LastingCamera:
+class ReconnectingCamera:
     """A source without an end. source_seq counts on over all connections; info is of the last one that gave a frame."""
 
     def __init__(self, info: SourceInfo, open_: Callable[[], Source]) -> None:

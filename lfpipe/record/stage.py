@@ -21,16 +21,16 @@ from numpy.typing import NDArray
 
 from lfpipe.config import to_dict
 from lfpipe.eyes import EYES as EYES_TYPE
+from lfpipe.files.line_file import LineFile
 from lfpipe.host.processes import yield_to_others
-from lfpipe.line_file import LineFile
-from lfpipe.replay.incoming import Incoming
+from lfpipe.host.versions import versions
+from lfpipe.record.frame_reader import FrameReader
 from lfpipe.sequence.folder import EYES, MANIFEST, begin_manifest, end_manifest
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 from lfpipe.transport.ring_ends import RingInput
-from lfpipe.versions import versions
 
 ROOM_BYTES = 128 << 20  # frames that wait for their encoding: seconds, so that a slow disk costs no frame
 
@@ -144,7 +144,7 @@ def main(context: Context) -> None:
     """Runs the stage until the stop."""
     folder = Path(context.options.record)
     anew = not (folder / MANIFEST).exists()
-    frames, lost_before = Incoming(context), int(context.row["drops"]) if anew else 0
+    frames, lost_before = FrameReader(context), int(context.row["drops"]) if anew else 0
     source, rate_hz = context.options.source, context.options.source_hz
     more = {"versions": versions(), "config": to_dict(context.config)}
     try:

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from lfpipe.host.file_lock import lock
 
-class Hold:
+
+class PackLock:
     """Keeps a pack from being removed while this object lives, in whatever process. A killed process holds nothing."""
 
     def __init__(self, folder: Path) -> None:
         """Raises OSError where there is no such folder or it is being removed."""
         self._fd = -1
         self._fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        fcntl.flock(self._fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        if not lock(self._fd, shared=True):
+            raise BlockingIOError(11, "it is being removed", str(folder))
         if not os.path.samestat(os.fstat(self._fd), folder.stat()):
             raise FileNotFoundError(2, "it was removed", str(folder))
 
@@ -34,11 +36,6 @@ def unused(folder: Path) -> Iterator[bool]:
     """Whether nobody holds the pack; if so, nobody can until the end of the block. Raises OSError."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            free = True
-        except BlockingIOError:
-            free = False
-        yield free
+        yield lock(fd)
     finally:
         os.close(fd)

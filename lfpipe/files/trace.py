@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.files import PRIVATE, check_regular, lines, reason
-from lfpipe.line_file import LONGEST_LINE, LineFile
-from lfpipe.untrusted import Fields, json_fields
+from lfpipe.files.line_file import LONGEST_LINE, LineFile
+from lfpipe.files.safe_files import PRIVATE, check_regular, lines, reason
+from lfpipe.files.untrusted import Fields, json_fields
 
 TIMES = ("t_sensor_ns", "t_read_ns", "t_tracked_ns", "t_composed_ns", "t_presented_ns")
 MAX_NS = 1 << 61

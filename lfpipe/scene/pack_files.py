@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, shown
-from lfpipe.files import reason
-from lfpipe.scene.hold import Hold
+from lfpipe.files.safe_files import reason
+from lfpipe.files.untrusted import Fields
 from lfpipe.scene.lightfield import Geometry, LightField
 from lfpipe.scene.manifest import DamagedPackError, damaged, open_content, read_manifest
-from lfpipe.untrusted import Fields
+from lfpipe.scene.pack_lock import PackLock
 
 
 @attrs.frozen
@@ -96,7 +96,7 @@ def open_pack(folder: Path) -> LightField:
     Raises DamagedPackError where it is missing, damaged, changed or of another version.
     """
     try:
-        hold = Hold(folder)
+        hold = PackLock(folder)
     except OSError as error:
         raise damaged(folder, f"no pack: {reason(error)}") from None
     manifest = read_manifest(folder)
@@ -110,7 +110,7 @@ def open_pack(folder: Path) -> LightField:
         raise damaged(folder, f"not a whole pack: {error}") from None
 
 
-def _light_field(folder: Path, manifest: dict[str, Any], hold: Hold) -> LightField:
+def _light_field(folder: Path, manifest: dict[str, Any], hold: PackLock) -> LightField:
     """From a sealed manifest, whose values are checked all the same."""
     fields = Fields(manifest, str(folder), "")
     rows, cols, frames = (fields.integer(name, 1, 1 << 20) for name in ("rows", "cols", "frames"))

@@ -66,7 +66,7 @@ class Watch:
         self.close()
 
 
-class Follower:
+class FollowingReader:
     """A watch that outlives its session: it lets go when that ends and takes hold of the next one of the same name."""
 
     def __init__(self, name: str) -> None:

@@ -1,0 +1,10 @@
+"""The graphics hardware of this machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def has_gpu() -> bool:
+    """Whether there is a device that renders; always true where the system does not say."""
+    return not Path("/dev/dri").parent.is_dir() or any(Path("/dev/dri").glob("renderD*"))
