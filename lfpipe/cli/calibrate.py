@@ -13,8 +13,8 @@ USUAL_DEG = (35, 110)
 @click.option("--camera", "camera", metavar="SRC", help="As for `lfpipe up`.  [default: the first camera]")
 @click.option("--distance", "distance_mm", type=click.FloatRange(100, 5000), default=600.0, show_default=True, metavar="MM",
               help="From the camera to your eyes, or to the card.")  # fmt: skip
-@click.option("--by", type=click.Choice(["eyes", "card"]), default="eyes", show_default=True,
-              help="Measure your eyes, or a bank card whose short edges you click.")  # fmt: skip
+@click.option("--by", type=click.Choice(["eyes", "card", "leaning"]), default="eyes", show_default=True,
+              help="Measure your eyes, or a bank card whose short edges you click, or where the camera stands.")  # fmt: skip
 @click.option("--eyes-mm", type=click.FloatRange(40, 80), metavar="MM", help="Distance between your pupils; 63 is the mean.")
 @with_config
 def calibrate(
@@ -24,16 +24,31 @@ def calibrate(
 
     Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there, flat to the camera) and follow
     the window. Without a screen, the eyes are measured as soon as they are detected.
+
+    --by leaning measures where the camera stands, once its focal length is known: look straight at the middle of the screen,
+    with your eyes level with it, and lean slowly in and out.
     """
     import math
 
     from lfpipe.config import load, user_file
     from lfpipe.errors import UserError
-    from lfpipe.observe.calibrate import by_card, by_eyes
+    from lfpipe.observe.calibrate import by_card, by_eyes, by_leaning
     from lfpipe.render.geometry import BANK_CARD_MM, EYES_MM, focal_px_from
     from lfpipe.track.calibration import write_key
 
     config = load(config_file, sets)
+    if by == "leaning":
+        above_mm, tilt_deg = (round(value, 1) for value in by_leaning(config, camera, eyes_mm or EYES_MM))
+        try:
+            for name, value in (("above_mm", above_mm), ("tilt_deg", tilt_deg)):
+                write_key(user_file(), "camera", name, value)
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or error
+            remedy = f"add above_mm = {above_mm} and tilt_deg = {tilt_deg} under [camera] there"
+            raise UserError(f"{user_file()}: {why}", remedy) from None
+        click.echo(f"camera {above_mm} mm above the middle of the screen, looking down by {tilt_deg} degrees")
+        click.echo(f"camera.above_mm and camera.tilt_deg written to {user_file()}")
+        return
     size_px = by_card(config, camera, distance_mm) if by == "card" else by_eyes(config, camera, distance_mm)
     size_mm = BANK_CARD_MM if by == "card" else eyes_mm or EYES_MM
     focal_px = round(focal_px_from(size_px, size_mm, distance_mm), 1)

@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
+from lfpipe.render.camera_pose import pose_from_leaning
+from lfpipe.render.geometry import camera_focal_px
 from lfpipe.render.open_display import has_display
 from lfpipe.track.calibration import EyeGauge
 from lfpipe.track.engines import make_engine
 
+LEAN_FRAMES = 300  # ten seconds of leaning in and out
 PATIENCE_FRAMES = 600  # without a face, or without a still one, for so long
 AGAIN = UserError("nothing was measured", "start again when you are ready")
 NOBODY = UserError(
@@ -111,4 +114,38 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
             frozen = frozen or guide.enter
     finally:
         guide.close()
+        source.close()
+
+
+def by_leaning(config: Config, camera: str | None, eyes_mm: float) -> tuple[float, float]:
+    """(camera.above_mm, camera.tilt_deg) from a viewer who leans in and out before the middle of the screen, LEAN_FRAMES long.
+
+    Raises UserError where no face is seen, they lean too little, or the person ends it.
+    """
+    source = open_source(camera or config.camera.source, config.camera)
+    engine, guide, picture = make_engine(config.track), None, _frame(config)
+    focal_px, middle = camera_focal_px(config, config.camera.frame_px[0]), config.camera.frame_px[1] / 2
+    down_mm: list[float] = []
+    depth_mm: list[float] = []
+    try:
+        if has_display():
+            from lfpipe.render.guide import Guide
+
+            guide = Guide(config.camera.frame_px, "lfpipe calibrate")
+        while len(depth_mm) < LEAN_FRAMES and source.read(picture) is not None:
+            if (face := engine.detect(picture)) is not None and face.apart_px > 0:
+                depth_mm.append(focal_px * eyes_mm / face.apart_px)
+                down_mm.append((float(face.eyes_px[:, 1].mean()) - middle) * eyes_mm / face.apart_px)
+            if guide is not None:
+                ask = "Look straight at the middle of the screen, eyes level with it, and lean slowly in and out."
+                guide.step(picture, [ask, f"{len(depth_mm)} of {LEAN_FRAMES} frames, Esc ends"])
+                if guide.quit:
+                    raise AGAIN
+        if not depth_mm:
+            raise NOBODY
+        return pose_from_leaning(np.array(down_mm), np.array(depth_mm))
+    finally:
+        if guide is not None:
+            guide.close()
+        engine.close()
         source.close()
