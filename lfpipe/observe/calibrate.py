@@ -129,9 +129,9 @@ def by_leaning(config: Config, camera: str | None, eyes_mm: float) -> tuple[floa
     depth_mm: list[float] = []
     try:
         if has_display():
-            from lfpipe.render.guide import Guide
+            from lfpipe.render.calibration_window import CalibrationWindow
 
-            guide = Guide(config.camera.frame_px, "lfpipe calibrate")
+            guide = CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")
         while len(depth_mm) < LEAN_FRAMES and source.read(picture) is not None:
             if (face := engine.detect(picture)) is not None and face.apart_px > 0:
                 depth_mm.append(focal_px * eyes_mm / face.apart_px)
