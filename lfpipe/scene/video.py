@@ -18,7 +18,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import is_video
 from lfpipe.files.untrusted import json_fields
 from lfpipe.scene.files import descriptor_path, open_file
-from lfpipe.scene.video_probe import MAX_FRAME_PX, THREADS
+from lfpipe.scene.video_probe import MAX_FRAME_PX, open_video
 
 # -P: the folder that lfpipe is run in may be anybody's, and no module is imported from there.
 PROBE = ("-P", "-m", "lfpipe.scene.video_probe")
@@ -92,7 +92,7 @@ class Video:
         self._reopen()
 
     def _reopen(self) -> None:
-        self._capture = cv2.VideoCapture(descriptor_path(self._file), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, THREADS])
+        self._capture = open_video(descriptor_path(self._file), self.about.width_px * self.about.height_px)
         self._next = 0
 
     def read(self, frame: int) -> NDArray[Any]:

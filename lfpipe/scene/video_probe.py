@@ -17,15 +17,19 @@ from lfpipe.host.limits import limit_memory
 
 OPENING_BYTES = 200_000_000  # that a decoder may take before the size of the frames is known
 FRAME_BYTES_PX = 20  # that it may take per pixel once it is; measured: 6 to 15 with FFV1, MPEG-4, VP9
-MAX_FRAME_PX = 36_000_000  # 8192x4320
+MAX_FRAME_PX = 22_000_000  # 9x9 views of 512x512; OpenCV holds a frame three times
 MAX_FRAMES = 1_000_000
-THREADS = 2  # each holds frames of its own
+
+
+def open_video(path: str, frame_px: int) -> cv2.VideoCapture:
+    """A video to be decoded by FFmpeg, large frames on one thread: each thread holds frames of its own."""
+    return cv2.VideoCapture(path, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 2 if frame_px <= 12_000_000 else 1])
 
 
 def main(path: str) -> None:
     """Reads the video at path, which is trusted no more than its content."""
     limit_memory(OPENING_BYTES)
-    capture = cv2.VideoCapture(path, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, THREADS])
+    capture = open_video(path, MAX_FRAME_PX)
     if not capture.isOpened():
         return
     width, height = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
@@ -33,6 +37,8 @@ def main(path: str) -> None:
     if not 0 < width * height <= MAX_FRAME_PX:
         return
     limit_memory(max(OPENING_BYTES, FRAME_BYTES_PX * width * height))
+    capture.release()
+    capture = open_video(path, width * height)
     for _ in range(MAX_FRAMES):
         if not capture.grab():
             print("\nend")

@@ -104,11 +104,11 @@ def find_tiles(picture: NDArray[Any], name: str) -> tuple[int, int] | None:
 
     name: of the file or folder; a grid named in it (9x9) is taken where the picture does not contradict it.
     """
-    plane = picture if picture.ndim == 2 else picture[..., 1]
-    scale = min(1.0, _GLANCE_PX / max(plane.shape))
-    small = cv2.resize(plane, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float32)
-    down, across = _unlike(small, 0), _unlike(small, 1)
-    height, width = plane.shape
+    height, width = picture.shape[:2]
+    scale = min(1.0, _GLANCE_PX / max(height, width))
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)  # of one plane it would be a copy of that
+    plane = (small if small.ndim == 2 else small[..., 1]).astype(np.float32)
+    down, across = _unlike(plane, 0), _unlike(plane, 1)
     for found in re.finditer(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", name):
         rows, cols = int(found[1]), int(found[2])
         if rows * cols > 1 and not (height % rows or width % cols) and (down.get(rows, 0) < 0.8 and across.get(cols, 0) < 0.8):
