@@ -163,6 +163,7 @@ KINDS: tuple[Callable[[Path], None], ...] = (wide_field, private_tags, fifo, bas
 def loads(campaign: Campaign, count: int) -> None:
     """Each scene is refused or shown, while the session goes on answering; then the first scene again."""
     base = campaign.work / "loads"
+    campaign.live.ask({"cmd": "set", "set": {"governor.quality": "fixed"}})  # a message before may have set it free
     for number in range(len(KINDS) + count):
         folder = base / str(number)
         (folder / "scene").mkdir(parents=True)
