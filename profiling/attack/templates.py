@@ -131,7 +131,7 @@ def sequence(to: Path) -> None:
         kind = ("png", "jpeg", "raw")[n % 3]
         writer.append(kinds[kind], kind, n, 0, 10**9 + n * 33_333_333, 10**9 + n * 33_333_333 + 1000)
         points = [[20.0, 10.0], [12.0, 10.0]]
-        eyes.append(json.dumps({"source_seq": n, "face": True, "raw_px": points, "filtered_px": points}))
+        eyes.append(json.dumps({"source_seq": n, "face": 1, "raw_px": points, "filtered_px": points}))
         truth.append(f"{n},{n * 33_333_333},20.0,10.0,12.0,10.0,1")
     writer.close()
     (to / EYES).write_text("\n".join(eyes) + "\n")
