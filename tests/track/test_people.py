@@ -183,3 +183,15 @@ def test_dark_glasses_leave_refined_eyes_where_the_lids_are() -> None:
         off = [float(np.abs(face.eyes_px.mean(axis=0) - (300, 220)).max()) for face in faces if face is not None]
         worse.append(off[1] > off[0] + 4)
     assert sum(worse) <= 1
+
+
+def test_who_walks_in_from_the_side_and_sits_down_sees_the_middle(world: World, scene: Path) -> None:
+    """The first sight of a viewer is no neutral position: they would look from beyond the grid for the rest of the session."""
+    places = [(40 + 280 * k / 30, 30 + 30 * k / 30) for k in range(30)] + [(320.0, 60.0)] * 150
+    video = write_video(world.root / "v.avi", (placed(backdrop(), VIEWER, x, 220, apart) for x, apart in places))
+    process = world.up(scene, "--set", "render.clock=camera", camera=f"file:{video}?loop=0")
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    line = world.lines()[-1]
+    (row, left), (_, right) = line["view"]["left"], line["view"]["right"]
+    assert abs((left + right) / 2 - 1) < 0.1 and abs(row - 1) < 0.1 and right > left
