@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 
-import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,10 +16,10 @@ from lfpipe.bench.timing import median_ms
 from lfpipe.config import Config, load, updated
 from lfpipe.render.anaglyph import MATRICES, encode, recipe
 from lfpipe.render.compositor import Compositor
+from lfpipe.render.plan import LeftOut, Plan, make_plan
 from lfpipe.render.scoring import METHODS, WORTH_DB, left_out, score
 from lfpipe.render.viewpoint import Mapper
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.plan import LeftOut, Plan, make_plan
 
 VIEWS, PICTURES = 7, 12
 
@@ -54,7 +53,7 @@ def without_planes(field: LightField, config: Config) -> Cell:
 def without_rows(field: LightField, config: Config) -> Cell:
     """Largest difference between pictures for eyes anywhere up and down."""
     mapper = Mapper(field.rows, field.cols, config.render, 30.0, (320.0, 240.0))
-    compositor = Compositor(field, attrs.evolve(config.render, extrapolate_views=0.0))
+    compositor = Compositor(field, config.render)
     first, *others = [compositor.compose(*mapper.views([[350.0, v], [290.0, v]])).copy() for v in (240.0, 0.0, 479.0, -1e6)]
     return _difference((first, other) for other in others)
 
@@ -109,7 +108,7 @@ def error_of(item: LeftOut, field: LightField, config: Config, plan: Plan) -> Ce
         return without_tracking(field, config, plan)
     if what == "two of three colour planes":
         return without_colour(field)
-    if what.endswith("planes a picture"):
+    if what.endswith("planes per picture"):
         return without_planes(field, config)
     if what.endswith("views"):
         return without_views(field, config, plan)

@@ -90,7 +90,7 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     from lfpipe.cli.startup_summary import startup_lines
     from lfpipe.render.geometry import check_geometry
     from lfpipe.render.open_display import has_display
-    from lfpipe.scene.plan import make_plan
+    from lfpipe.render.plan import make_plan
     from lfpipe.scene.summary import summarize
 
     no_screen = arguments.demo and arguments.display is None and not has_display()
@@ -116,7 +116,7 @@ def prepare(arguments: UpArguments) -> SessionPlan:
         source=camera.text,
         source_hz=camera.rate_hz,
         jpeg_px=camera.jpeg_px,
-        tracking=plan.needs_tracking,
+        tracking=scene.needs_tracking,
         display=display,
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
         still=str(still.resolve()) if still else "",

@@ -94,8 +94,8 @@ def pack(path: Path, as_json: bool, **word: Any) -> None:
     """Pack SCENE into the cache, as `lfpipe up` does by itself."""
     import json
 
+    from lfpipe.render.plan import make_plan
     from lfpipe.scene.cache import cache_dir
-    from lfpipe.scene.plan import make_plan
 
     config = _config(word)
     field = _opened(path, config)
@@ -179,13 +179,15 @@ def plan(path: Path, as_json: bool, **word: Any) -> None:
     """Show what SCENE does not need, why, and what leaving it out saves."""
     import json
 
-    from lfpipe.scene.plan import make_plan
+    import attrs
+
+    from lfpipe.render.plan import make_plan
 
     config = _config(word)
     field = _opened(path, config)
     made = make_plan(field, config, measure=True)
     if as_json:
-        click.echo(json.dumps({"scene": field.name, **made.as_dict()}))
+        click.echo(json.dumps({"scene": field.name, **attrs.asdict(made)}))
         return
     needs = [name for name in ("tracking", "rows", "warp", "depth") if getattr(made, f"needs_{name}")]
     click.echo(f"{field.name}: {field.rows}x{field.cols} views, method {made.method}, needs {', '.join(needs) or 'nothing'}")
@@ -223,8 +225,9 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
     """Write the picture that a camera at ROW, COL of the grid sees."""
     import numpy as np
 
-    from lfpipe.config.quality import NO_SCORES, drawn_with
+    from lfpipe.config.quality import WARPS
     from lfpipe.errors import UserError
+    from lfpipe.render.compositor import method_for
     from lfpipe.render.synthesis import Synthesiser
     from lfpipe.scene.contact_sheet import require_place
 
@@ -233,9 +236,9 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
     require_place(field, row, col)
     if frame >= field.frames:
         raise UserError(f"--frame {frame}: the scene has {field.frames} frames", f"--frame 0 to {field.frames - 1}")
-    if method in ("warp", "warp2") and field.disparity is None:
+    if method in WARPS and field.disparity is None:
         raise UserError(f"--method {method}: {field.name} has no disparity", "--method nearest or blend")
-    used = drawn_with(method, field.method, field.disparity is not None, field.manifest.get("scores", NO_SCORES))
+    used = method_for(field, method)
     outs = [np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)]
 
     def plane(channel: int) -> Callable[[int, int], NDArray[np.uint8]]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from lfpipe.config import Config
 from lfpipe.render.geometry import parallax
+from lfpipe.render.plan import Plan
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.plan import Plan
 
 
 def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, display: str) -> list[str]:

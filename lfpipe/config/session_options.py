@@ -11,6 +11,11 @@ from typing import Any
 import attrs
 
 
+def needs_tracking(rows: int, cols: int) -> bool:
+    """Whether the picture of a grid of views depends on the eyes: a single view looks the same from everywhere."""
+    return rows * cols > 1
+
+
 @attrs.frozen
 class SceneSummary:
     """What a session must know of a packed scene without opening it.
@@ -34,8 +39,8 @@ class SceneSummary:
 
     @property
     def needs_tracking(self) -> bool:
-        """Whether the picture depends on the eyes: a single view looks the same from everywhere."""
-        return self.rows * self.cols > 1
+        """Whether the picture depends on the eyes."""
+        return needs_tracking(self.rows, self.cols)
 
 
 @attrs.frozen

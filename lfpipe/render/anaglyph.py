@@ -75,11 +75,11 @@ class Plane:
     eye: int
     weights: Weights
     linear: bool
-    channel: int | None = attrs.field(init=False, eq=False)  # the stored one that already is this plane; None: it must be baked
+    channels: tuple[int, ...] = attrs.field(init=False, eq=False)  # stored ones it is made of; a single one is the plane itself
 
-    @channel.default
-    def _channel(self) -> int | None:
-        return self.weights.index(1.0) if sorted(self.weights) == [0.0, 0.0, 1.0] else None
+    @channels.default
+    def _channels(self) -> tuple[int, ...]:
+        return tuple(k for k, weight in enumerate(self.weights) if weight)
 
 
 @attrs.frozen
@@ -244,9 +244,8 @@ class Baker:
         """view: uint8 (3, height, width), red, green, blue. out: uint8 (height, width)."""
         plus = minus = False
         terms, back = _bake_tables(plane.weights, plane.linear)
-        for channel, (weight, table) in enumerate(zip(plane.weights, terms, strict=True)):
-            if weight == 0:
-                continue
+        for channel in plane.channels:
+            weight, table = plane.weights[channel], terms[channel]
             target = self._plus if weight > 0 else self._minus
             first = not (plus if weight > 0 else minus)
             cv2.LUT(view[channel], table, target if first else self._term)
@@ -279,10 +278,10 @@ def encode(left: NDArray[np.uint8], right: NDArray[np.uint8], how: Recipe) -> ND
     planes: list[NDArray[np.uint8]] = []
     for plane in how.planes:
         view = np.ascontiguousarray((right if plane.eye else left)[..., ::-1].transpose(2, 0, 1))
-        if plane.channel is None:
+        if len(plane.channels) > 1:
             baked = np.empty((height, width), np.uint8)
             baker.bake(view, plane, baked)
             planes.append(baked)
         else:
-            planes.append(view[plane.channel])
+            planes.append(view[plane.channels[0]])
     return mixer.mix(planes, np.empty((height, width, 3), np.uint8))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Render
-from lfpipe.config.quality import NO_SCORES, drawn_with
+from lfpipe.config.quality import NO_SCORES, WARPS, drawn_with
 from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, Recipe, recipe
 from lfpipe.render.blocks import near_array
 from lfpipe.render.planes import PlaneStore
@@ -20,6 +20,30 @@ from lfpipe.scene.lightfield import LightField
 
 _RGB = tuple(Plane(0, weights, False) for weights in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 _WHOLE = Recipe(_RGB, (Channel(0), Channel(1), Channel(2)), False)  # one eye's view in its own colours
+TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs of each eye's view in its own colours
+
+
+def method_for(field: LightField, wanted: str) -> str:
+    """How views of field are made where render.method = wanted; never "auto"."""
+    return drawn_with(wanted, field.method, field.disparity is not None, field.manifest.get("scores", NO_SCORES))
+
+
+def recipe_for(render: Render) -> Recipe:
+    """The recipe that pictures are mixed by; outputs without glasses show a view in its own colours."""
+    return recipe(render.anaglyph, render.light, render.ghost_compensation) if render.anaglyph in MATRICES else _WHOLE
+
+
+def planes_of_eyes(render: Render) -> tuple[tuple[Plane, ...], tuple[Plane, ...]]:
+    """Planes of a picture made from the left eye's viewpoint, and from the right eye's. The one viewpoint of `mono`, midway
+    between the eyes, counts as the left eye's."""
+    planes = recipe_for(render).planes
+    left, right = (tuple(plane for plane in planes if plane.eye == eye) for eye in (0, 1))
+    return (left, left) if render.anaglyph in TWO_VIEWS else (left, right)
+
+
+def extrapolation_views(method: str, render: Render) -> float:
+    """Grid steps by which a viewpoint may lie outside the stored views."""
+    return render.extrapolate_views if method in WARPS else 0.0
 
 
 def _quantum(method: str, disparity_px: float) -> float:
@@ -42,12 +66,10 @@ class Compositor:
     """
 
     def __init__(self, field: LightField, render: Render) -> None:
-        scores = field.manifest.get("scores", NO_SCORES)
-        self.method = drawn_with(render.method, field.method, field.disparity is not None, scores)
+        self.method = method_for(field, render.method)
         self._field, self._render = field, render
         height, width = field.height_px, field.width_px
-        glasses = render.anaglyph in MATRICES
-        self._recipe = recipe(render.anaglyph, render.light, render.ghost_compensation) if glasses else _WHOLE
+        self._recipe = recipe_for(render)
         self._mixer = Mixer(self._recipe, height, width)
         self._store = PlaneStore(field)
         self._synthesiser = Synthesiser(field, self.method)
@@ -58,14 +80,14 @@ class Compositor:
         self._outs = [[np.empty((height, width), np.uint8) for _ in places] for places in self._places]
         self._made: list[NDArray[np.uint8]] = [plane for outs in self._outs for plane in outs]
         self._picture = near_array((height, width, 3))
-        self._whole = np.empty((height, width, 3), np.uint8) if render.anaglyph in ("side-by-side", "row-interleaved") else None
+        self._whole = np.empty((height, width, 3), np.uint8) if render.anaglyph in TWO_VIEWS else None
         extent = max(abs(edge - render.zero_plane_px) for edge in (field.disparity_min_px, field.disparity_max_px))
         self._quantum = _quantum(self.method, extent)
         self._settings = (self.method, render.anaglyph, render.light, render.ghost_compensation, render.zero_plane_px)
 
     def _quantised(self, position: Position) -> Position:
         """position on the key's grid, within the stored views plus what may be extrapolated; the centre if not finite."""
-        reach = self._render.extrapolate_views if self.method in ("warp", "warp2") else 0.0
+        reach = extrapolation_views(self.method, self._render)
         found = []
         for value, count in zip(position, (self._field.rows, self._field.cols), strict=True):
             value = value if math.isfinite(value) else (count - 1) / 2

@@ -52,6 +52,11 @@ class Parallax:
         return "\n".join(lines + [f"  {reason}" for reason in self.reasons])
 
 
+def alpha_is_automatic(config: Config) -> bool:
+    """Whether alpha is worked out from the viewer's distance, instead of given."""
+    return isinstance(config.render.alpha_px, str)
+
+
 def camera_focal_px(config: Config, frame_width_px: int) -> float:
     """Focal length of the webcam in px of a frame that wide, from camera.focal_px or camera.fov_deg."""
     camera = config.camera

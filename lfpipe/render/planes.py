@@ -13,21 +13,26 @@ from lfpipe.scene.lightfield import LightField
 BUDGET_BYTES = 64 << 20
 
 
+def stored_channels(field: LightField, plane: Plane) -> tuple[int, ...]:
+    """Stored channels that a plane is made of. Weights sum to 1: every plane of a grey view is the view."""
+    return (0,) if field.channels == 1 else plane.channels
+
+
 class PlaneStore:
     """Planes of stored views, baked lazily: nothing is done for views that nobody looks at, and memory is bounded."""
 
     def __init__(self, field: LightField, budget_bytes: int = BUDGET_BYTES) -> None:
         self._views = np.asarray(field.views)  # a plain view of the map: indexing an np.memmap costs microseconds
-        self._grey = field.channels == 1
+        self._field = field
         self._baker = Baker(field.height_px, field.width_px)
         self._room = max(8, budget_bytes // max(1, field.height_px * field.width_px))
         self._baked: OrderedDict[tuple[int, int, int, Plane], NDArray[np.uint8]] = OrderedDict()
 
     def get(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
         """uint8 (height, width), not to be written to. It stays valid for at least the seven calls that follow."""
-        channel = 0 if self._grey else plane.channel  # weights sum to 1: every plane of a grey view is the view
-        if channel is not None:
-            stored: NDArray[np.uint8] = self._views[frame, row, col, channel]
+        channels = stored_channels(self._field, plane)
+        if len(channels) == 1:
+            stored: NDArray[np.uint8] = self._views[frame, row, col, channels[0]]
             return stored
         view: NDArray[np.uint8] = self._views[frame, row, col]
         place = (frame, row, col, plane)

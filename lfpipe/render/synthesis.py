@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config.quality import WARPS
 from lfpipe.render.blocks import Blocks, places, size_of
 from lfpipe.scene.lightfield import LightField
 
@@ -189,7 +190,7 @@ class Synthesiser:
         self.method = method
         self._rows, self._cols = field.rows, field.cols
         self._centre = ((field.rows - 1) / 2, (field.cols - 1) / 2)
-        self._warper = Warper(field) if method in ("warp", "warp2") else None
+        self._warper = Warper(field) if method in WARPS else None
         size = (field.height_px, field.width_px)
         self._parts = [np.empty(size, np.uint8) for _ in range(4)]
         self._blocks = Blocks(*size)

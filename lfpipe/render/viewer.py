@@ -14,7 +14,7 @@ from lfpipe.eyes import extrapolated
 from lfpipe.render.camera_pose import CameraPose
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.easing import EyeEasing
-from lfpipe.render.geometry import EYES_MM, Parallax, parallax
+from lfpipe.render.geometry import EYES_MM, Parallax, alpha_is_automatic, parallax
 from lfpipe.render.presence import Presence, Rest, ViewerState
 from lfpipe.render.viewpoint import Mapper, Position
 from lfpipe.scene.lightfield import LightField
@@ -96,7 +96,7 @@ class Viewer:
 
     @property
     def _auto(self) -> bool:
-        return isinstance(self.config.render.alpha_px, str)
+        return alpha_is_automatic(self.config)
 
     def recentre(self) -> None:
         """Where the eyes were last becomes the neutral position."""

@@ -146,7 +146,7 @@ def make_report(
     sequence: Sequence, field: LightField, config: Config, pace: str, folder: Path, final: dict[str, Any]
 ) -> dict[str, Any]:
     """The report of a run whose trace lies in folder. final: the session's last snapshot. Keys as in docs/replay.md."""
-    from lfpipe.scene.plan import make_plan
+    from lfpipe.render.plan import make_plan
 
     steady = pace in STEADY
     lines = read_trace(folder, steady)

@@ -179,7 +179,7 @@ def test_nothing_fails_at_the_extremes(tmp_path: Path) -> None:
     ("rows", "cols", "what"), [(1, 9, "row coordinate"), (1, 1, "capture and tracking"), (3, 3, "of 6 planes")]
 )
 def test_plan_measures_what_it_leaves_out(tmp_path: Path, rows: int, cols: int, what: str) -> None:
-    given = inputs(wall(rows, cols), tmp_path)
+    given = inputs(attrs.evolve(wall(rows, cols), method="blend"), tmp_path)  # warps of one row still extrapolate up and down
     (table,) = [t for t in plan.tables(given) if not isinstance(t, Skipped)]
     cells = [row for row in table.rows if what in row[1].text]
     assert cells, [row[1].text for row in table.rows]

@@ -1,0 +1,171 @@
+"""What rendering a scene under a configuration needs, and what is left out.
+
+A report: stages do not read it. Each entry comes from the function that the stage itself decides by.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterator
+
+import attrs
+import numpy as np
+
+from lfpipe.config import Config, Render
+from lfpipe.config.quality import WARPS
+from lfpipe.config.session_options import needs_tracking
+from lfpipe.render.camera_pose import CameraPose
+from lfpipe.render.compositor import extrapolation_views, method_for, planes_of_eyes
+from lfpipe.render.geometry import EYES_MM, alpha_is_automatic
+from lfpipe.render.planes import PlaneStore, stored_channels
+from lfpipe.render.synthesis import Synthesiser, Tap, Warper, taps
+from lfpipe.render.viewpoint import Mapper
+from lfpipe.scene.lightfield import LightField
+
+
+@attrs.frozen
+class LeftOut:
+    """Work that is not done, or data that is not read or stored. saves: an amount with its unit; "measured" if timed here."""
+
+    what: str
+    why: str
+    saves: str
+
+
+@attrs.frozen
+class Plan:
+    """needs_tracking: the picture depends on the eyes; otherwise capture and track do not run. needs_rows: it depends on the
+    eyes' height. needs_warp: views are warped, so disparity is read. needs_depth: it depends on the viewer's distance.
+    planes: stored channels read for the left eye and for the right eye (0 red, 1 green, 2 blue; 0 of a grey scene).
+    reach: (first row, last row, first column, last column) of the views that can be shown while the eyes are within a camera
+    picture of the configured size. method: how views are made, never "auto"."""
+
+    needs_tracking: bool
+    needs_rows: bool
+    needs_warp: bool
+    needs_depth: bool
+    planes: tuple[tuple[int, ...], tuple[int, ...]]
+    reach: tuple[int, int, int, int]
+    method: str
+    left_out: tuple[LeftOut, ...] = ()
+
+
+def make_plan(field: LightField, config: Config, measure: bool = False) -> Plan:
+    """The plan for a scene under a configuration.
+
+    measure: time the savings on this machine (some ms); otherwise only count them.
+    """
+    render = config.render
+    tracking = needs_tracking(field.rows, field.cols)
+    method = method_for(field, render.method)
+    posed = CameraPose.of(config, config.camera.frame_px, EYES_MM) is not None
+    left, right = (sorted({k for plane in eye for k in stored_channels(field, plane)}) for eye in planes_of_eyes(render))
+    plan = Plan(
+        needs_tracking=tracking,
+        needs_rows=tracking and (field.rows > 1 or extrapolation_views(method, render) > 0),
+        needs_warp=tracking and method in WARPS,
+        needs_depth=tracking and (alpha_is_automatic(config) or posed),
+        planes=(tuple(left), tuple(right)),
+        reach=_reach(field, config, posed),
+        method=method,
+    )
+    return attrs.evolve(plan, left_out=tuple(_left_out(plan, field, config, measure)))
+
+
+def _reach(field: LightField, config: Config, posed: bool) -> tuple[int, int, int, int]:
+    """All views where alpha or the camera's pose depends on the viewer's distance; otherwise those between the extremes: eyes
+    in one corner of the camera picture, neutral position in the opposite one. Blending uses a superset of the views that the
+    other methods use, so the reach also holds at a lowered quality."""
+    if not isinstance(config.render.alpha_px, int | float) or posed:
+        return 0, field.rows - 1, 0, field.cols - 1
+    near, far = (0.0, 0.0), tuple(map(float, config.camera.frame_px))
+    used: list[Tap] = []
+    for centre, eye in ((near, far), (far, near)):
+        mapper = Mapper(field.rows, field.cols, config.render, config.render.alpha_px, centre)
+        used += taps("blend", mapper.views([eye, eye])[0], field.rows, field.cols)
+    rows, cols = [tap.row for tap in used], [tap.col for tap in used]
+    return min(rows), max(rows), min(cols), max(cols)
+
+
+def _left_out(plan: Plan, field: LightField, config: Config, measure: bool) -> Iterator[LeftOut]:
+    views, plane_bytes = field.rows * field.cols, field.height_px * field.width_px
+    render = config.render
+    if not plan.needs_tracking:
+        frame = _size(config.camera.width_px * config.camera.height_px * 3)
+        yield LeftOut("capture and tracking", "a single view does not depend on the eyes", f"2 processes, {frame} per frame")
+    elif not plan.needs_rows and plan.method != "nearest":  # nearest takes one view, whatever the row
+        saves = f"{_size(8 * plane_bytes)} of maps per view" if plan.needs_warp else "2 of 4 views blended per eye"
+        if measure and plan.needs_warp:
+            saves = f"{_row_ms(field):.2f} ms per view (measured)"
+        yield LeftOut("row coordinate", "the scene has one row of views", saves)
+    if plan.needs_tracking and not plan.needs_warp:
+        count = sum(map(len, planes_of_eyes(render)))
+        counted = f"{count} warped planes per picture"
+        timed = measure and field.disparity is not None
+        saves = f"{_warp_ms(field, render, plan.method):.2f} ms per picture (measured)" if timed else counted
+        yield LeftOut("warping", _why_no_warp(plan, field, render), saves)
+        if field.disparity is not None:
+            yield LeftOut("disparity maps", "no view is warped", f"{_size(field.disparity.nbytes)} not read")
+    unread = 2 * field.channels - len(plan.planes[0]) - len(plan.planes[1])
+    if field.channels == 1:
+        saved = _size(2 * field.frames * views * plane_bytes)
+        yield LeftOut("two of three colour planes", "the scene is grey", f"{saved} of pack and memory")
+    elif unread:
+        left, right = (", ".join(("red", "green", "blue")[k] for k in eye) or "nothing" for eye in plan.planes)
+        why = f"{render.anaglyph} uses {left} of the left view and {right} of the right view"
+        yield LeftOut(f"{unread} of 6 planes per picture", why, f"{_size(unread * plane_bytes)} per picture")
+    first_row, last_row, first_col, last_col = plan.reach
+    unseen = views - (last_row - first_row + 1) * (last_col - first_col + 1)
+    if unseen:
+        saves = f"{_size(unseen * field.frames * field.channels * plane_bytes)} not read"
+        yield LeftOut(f"{unseen} of {views} views", "eyes within the camera picture cannot reach them", saves)
+    if plan.needs_tracking and not plan.needs_depth:
+        yield LeftOut("the viewer's distance", "render.alpha_px is given", f"alpha stays {render.alpha_px:g} px per view")
+
+
+def _why_no_warp(plan: Plan, field: LightField, render: Render) -> str:
+    if render.method == plan.method:
+        return f"render.method is {plan.method}"
+    if field.disparity is None:
+        return "the scene has no disparity"
+    scores = ", ".join(f"{name} {value:.1f} dB" for name, value in field.manifest.get("scores", {}).items())
+    return f"{plan.method} predicts held-out views as well ({scores})" if scores else f"the scene's own method is {plan.method}"
+
+
+def _size(count: float) -> str:
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= size:
+            return f"{count / size:.1f} {unit}"
+    return f"{count:.0f} B"
+
+
+def _median_ms(work: Callable[[], object]) -> float:
+    work()  # warm-up
+    times = []
+    for _ in range(7):
+        started = time.perf_counter_ns()
+        work()
+        times.append((time.perf_counter_ns() - started) / 1e6)
+    return statistics.median(times)
+
+
+def _warp_ms(field: LightField, render: Render, method: str) -> float:
+    """Time that a picture takes longer with `warp` than with method, off the stored views."""
+    store = PlaneStore(field)
+    position = ((field.rows - 1) / 2 + 0.3 * (field.rows > 1), (field.cols - 1) / 2 + 0.3 * (field.cols > 1))
+    out = [np.empty((field.height_px, field.width_px), np.uint8) for _ in range(3)]
+    eyes = [[lambda r, c, p=plane: store.get(0, r, c, p) for plane in planes] for planes in planes_of_eyes(render) if planes]
+
+    def picture_ms(by: str) -> float:
+        synthesiser = Synthesiser(field, by)
+        return _median_ms(lambda: [synthesiser.render(position, 0, render.zero_plane_px, sources, out) for sources in eyes])
+
+    return max(picture_ms("warp") - picture_ms(method), 0.0)
+
+
+def _row_ms(field: LightField) -> float:
+    """Time that the maps of a view take longer where rows count as well."""
+    warper, tap = Warper(field), Tap(0, 0, 1.0)
+    both, cols = (_median_ms(lambda down=down: warper.maps(0, tap, (down, 0.3), (0.0, 0.0))) for down in (0.3, 0.0))  # type: ignore[misc]
+    return max(both - cols, 0.0)

@@ -1,0 +1,277 @@
+"""The plan agrees with what the stages do, and states what leaving out the rest saves."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import attrs
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from lfpipe.config import Config, SceneSummary, updated
+from lfpipe.eyes import EYES
+from lfpipe.render.anaglyph import MATRICES, Plane
+from lfpipe.render.compositor import Compositor
+from lfpipe.render.plan import Plan, make_plan
+from lfpipe.render.planes import PlaneStore
+from lfpipe.render.viewer import Viewer
+from lfpipe.render.viewpoint import Mapper
+from lfpipe.scene.lightfield import Geometry, LightField
+from tests.render import rendered
+
+METHODS = ["nearest", "blend", "warp", "warp2"]
+OUTPUTS = [*MATRICES, "mono", "side-by-side", "row-interleaved"]
+S = 1_000_000_000
+
+
+def field(rows: int, cols: int, channels: int = 3, extent_px: float = 3.0, method: str = "warp") -> LightField:
+    views = np.zeros((1, rows, cols, channels, 48, 64), np.uint8)
+    disparity = np.zeros((1, rows, cols, 24, 32), np.int8) if rows * cols > 1 else None
+    return LightField(
+        views, disparity, 1 / 16, -extent_px, extent_px / 2, "estimated", np.zeros((rows, cols, 2), np.float32),
+        np.ones((rows, cols), bool), Geometry(), 0.0, "test", method, {"scores": {"nearest": 30.0, "blend": 41.0}},
+    )  # fmt: skip
+
+
+def what(plan: Plan) -> list[str]:
+    return [item.what for item in plan.left_out]
+
+
+def saved(plan: Plan, part: str) -> str:
+    return next(item.saves for item in plan.left_out if part in item.what)
+
+
+def why(plan: Plan, part: str) -> str:
+    return next(item.why for item in plan.left_out if part in item.what)
+
+
+def with_keys(**keys: object) -> Config:
+    return updated(Config(), {key.replace("__", "."): value for key, value in keys.items()})
+
+
+def read_channels(view: int, how: Config, channels: int) -> tuple[int, ...]:
+    """Stored channels of one view of a row of three that a picture for eyes at the outer two depends on."""
+    scene = attrs.evolve(rendered.noise(1, 3, 16, 16, 1.0, seed=7, channels=channels), disparity=None, method="nearest")
+
+    def picture(views: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        return Compositor(attrs.evolve(scene, views=views), how.render).compose((0.0, 0.0), (0.0, 2.0)).copy()
+
+    found = []
+    for channel in range(channels):
+        changed = np.array(scene.views)
+        changed[:, 0, view, channel] = 255 - changed[:, 0, view, channel]
+        if not np.array_equal(picture(np.asarray(scene.views)), picture(changed)):
+            found.append(channel)
+    return tuple(found)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("ghost_compensation", [0.0, 50.0])
+@pytest.mark.parametrize("anaglyph", OUTPUTS)
+def test_planes_are_those_that_change_the_picture(anaglyph: str, ghost_compensation: float, channels: int) -> None:
+    how = with_keys(render__anaglyph=anaglyph, render__ghost_compensation=ghost_compensation, render__method="nearest")
+    left, middle, right = (read_channels(view, how, channels) for view in range(3))
+    if anaglyph == "mono":  # one viewpoint, midway between the eyes
+        assert left == right == ()
+        left, middle = middle, left
+    assert middle == ()
+    assert make_plan(field(1, 3, channels), how).planes == (left, right)
+
+
+grids = st.tuples(st.integers(1, 3), st.integers(1, 5))
+numbers = st.floats(20.0, 50.0)
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> LightField:
+    rows, cols = draw(grids)
+    extent_px = draw(st.sampled_from([0.0, 0.1, 0.4, 0.6, 3.0]))
+    scene = rendered.noise(rows, cols, 8, 8, extent_px, seed=1, channels=draw(st.sampled_from([1, 3])))
+    scores = draw(st.dictionaries(st.sampled_from(METHODS), numbers))
+    disparity = scene.disparity if draw(st.booleans()) else None
+    return attrs.evolve(scene, method=draw(st.sampled_from(METHODS)), manifest={"scores": scores}, disparity=disparity)
+
+
+configs = st.builds(
+    with_keys,
+    render__method=st.sampled_from(["auto", *METHODS]),
+    render__anaglyph=st.sampled_from(OUTPUTS),
+    render__alpha_px=st.one_of(st.just("auto"), st.floats(50.0, 2000.0)),
+    render__extrapolate_views=st.sampled_from([0.0, 0.5, 2.0]),
+    screen__distance_mm=st.sampled_from(["auto", 600.0]),
+    camera__above_mm=st.sampled_from([0.0, 180.0]),
+)
+
+
+def record(x: float, y: float, apart: float) -> NDArray[np.void]:
+    """Eyes around (x, y) in a picture of 640x480."""
+    made = np.zeros((), EYES)
+    made["face"], made["width_px"], made["height_px"] = 1, 640, 480
+    made["raw_px"] = made["filtered_px"] = [[x + apart / 2, y], [x - apart / 2, y]]
+    return made  # type: ignore[return-value]
+
+
+@settings(deadline=None)
+@given(scenes(), configs)
+def test_method_and_tracking_are_those_of_the_stages(scene: LightField, how: Config) -> None:
+    plan = make_plan(scene, how)
+    assert plan.method == Compositor(scene, how.render).method
+    summary = SceneSummary("/pack", "one", scene.rows, scene.cols, 8, 8, scene.method, scene.disparity is not None)
+    assert plan.needs_tracking == summary.needs_tracking
+    assert ("warping" in what(plan)) == (plan.needs_tracking and not plan.needs_warp)
+    json.dumps(attrs.asdict(plan))
+
+
+@settings(deadline=None)
+@given(scenes(), configs)
+def test_rows_are_needed_where_eyes_that_move_up_change_the_picture(scene: LightField, how: Config) -> None:
+    compositor = Compositor(scene, how.render)
+    mapper = Mapper(scene.rows, scene.cols, how.render, 30.0, (320.0, 240.0))
+    keys = {compositor.key(*mapper.views([[350.0, v], [290.0, v]])) for v in (0.0, 240.0, 479.0)}
+    plan = make_plan(scene, how)
+    if plan.needs_tracking:
+        assert plan.needs_rows == (len(keys) > 1)
+
+
+class Untouchable:
+    """A disparity that fails on reading."""
+
+    nbytes = 1
+
+    def __array__(self, *_: object, **__: object) -> NDArray[np.int8]:
+        raise AssertionError("disparity was read")
+
+
+@settings(deadline=None)
+@given(scenes(), configs)
+def test_disparity_is_read_where_the_plan_warps(scene: LightField, how: Config) -> None:
+    plan = make_plan(scene, how)
+    if not plan.needs_tracking or scene.disparity is None:
+        return
+    guarded: Any = Untouchable()
+    try:
+        Compositor(attrs.evolve(scene, disparity=guarded), how.render).compose((0.0, 0.3), (0.0, 0.6))
+        assert not plan.needs_warp
+    except AssertionError as error:
+        assert plan.needs_warp, error
+
+
+@settings(deadline=None, max_examples=50)
+@given(configs)
+def test_distance_is_needed_where_a_viewer_who_comes_nearer_changes_the_views(how: Config) -> None:
+    scene = attrs.evolve(rendered.noise(9, 9, 8, 8, 1.0, seed=1), disparity_source="none")
+    how = updated(how, {"render.method": "blend"})  # nearest would round small changes away
+    seen = []
+    for apart in (30.0, 60.0):  # the same direction, half the distance
+        viewer = Viewer(scene, how)
+        viewer.look(record(320.0, 240.0, 30.0), 0, 0)
+        for k in range(1, 41):
+            viewer.look(record(330.0, 250.0, apart), k * S // 4, k * S // 4)
+        assert viewer.mapper is not None and viewer.shown is not None
+        seen.append((viewer.mapper.alpha_px, viewer.shown.left[0], viewer.shown.left[1] + viewer.shown.right[1]))
+    same = seen[0] == pytest.approx(seen[1], abs=1e-3)
+    assert make_plan(scene, how).needs_depth == (not same)
+
+
+corner = st.tuples(st.floats(0, 640), st.floats(0, 480))
+
+
+@settings(deadline=None)
+@given(scenes(), configs, st.lists(corner, min_size=1, max_size=4), corner)
+def test_no_view_outside_the_reach_is_read(
+    scene: LightField, how: Config, eyes: list[tuple[float, float]], centre: tuple[float, float]
+) -> None:
+    if how.camera.above_mm or isinstance(how.render.alpha_px, str):
+        assert make_plan(scene, how).reach == (0, scene.rows - 1, 0, scene.cols - 1)
+        return
+    read: set[tuple[int, int]] = set()
+    get = PlaneStore.get
+
+    def spy(store: PlaneStore, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
+        read.add((row, col))
+        return get(store, frame, row, col, plane)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PlaneStore, "get", spy)
+        compositor = Compositor(scene, how.render)
+        assert isinstance(how.render.alpha_px, float)
+        snap = compositor.method == "nearest"
+        mapper = Mapper(scene.rows, scene.cols, how.render, how.render.alpha_px, centre, snap)
+        for eye in eyes:
+            compositor.compose(*mapper.views([eye, eye]))
+    first_row, last_row, first_col, last_col = make_plan(scene, how).reach
+    assert all(first_row <= row <= last_row and first_col <= col <= last_col for row, col in read)
+
+
+def test_one_view_needs_no_eyes() -> None:
+    plan = make_plan(field(1, 1), Config())
+    assert (plan.needs_tracking, plan.needs_warp, plan.needs_depth, plan.method) == (False, False, False, "nearest")
+    assert what(plan) == ["capture and tracking"]
+
+
+def test_one_row_needs_no_row_coordinate_unless_warps_extrapolate() -> None:
+    plan = make_plan(field(1, 9), with_keys(render__extrapolate_views=0.0))
+    assert (plan.needs_tracking, plan.needs_rows, plan.needs_warp) == (True, False, True)
+    assert "row coordinate" in what(plan)
+    assert make_plan(field(1, 9), Config()).needs_rows
+    assert "row coordinate" in what(make_plan(field(1, 9), with_keys(render__method="blend")))
+
+
+def test_the_score_of_the_scene_decides_auto_and_the_user_over_it() -> None:
+    plan = make_plan(field(5, 5, method="blend"), Config())
+    assert plan.method == "blend"
+    assert why(plan, "warping") == "blend predicts held-out views as well (nearest 30.0 dB, blend 41.0 dB)"
+    assert make_plan(field(5, 5, method="blend"), with_keys(render__method="warp2")).method == "warp2"
+    bare = attrs.evolve(field(5, 5), disparity=None)
+    assert make_plan(bare, with_keys(render__method="warp")).method == "nearest"
+    assert why(make_plan(bare, with_keys(render__method="warp")), "warping") == "the scene has no disparity"
+    assert why(make_plan(field(5, 5), with_keys(render__method="blend")), "warping") == "render.method is blend"
+    unscored = attrs.evolve(field(5, 5, method="blend"), manifest={})
+    assert why(make_plan(unscored, Config()), "warping") == "the scene's own method is blend"
+
+
+def test_reach_ends_where_no_eye_comes() -> None:
+    plan = make_plan(field(3, 101), with_keys(render__alpha_px=32.0))
+    rows = plan.reach[:2]
+    assert rows == (0, 2)
+    assert plan.reach[2:] == (50 - 20, 50 + 20)
+    assert make_plan(field(3, 101), Config()).reach == (0, 2, 0, 100)
+    assert any("views" in item for item in what(plan))
+
+
+def test_what_is_saved_is_counted_in_bytes_and_planes() -> None:
+    """Views of 48 x 64 px, three planes each; frames of 640 x 480."""
+    assert saved(make_plan(field(1, 1), Config()), "capture") == "2 processes, 921.6 kB per frame"
+    assert saved(make_plan(field(1, 9), with_keys(render__extrapolate_views=0.0)), "row") == "24.6 kB of maps per view"
+    assert saved(make_plan(field(3, 3, channels=1), Config()), "colour planes") == "55.3 kB of pack and memory"
+    film = attrs.evolve(field(3, 3, channels=1), views=np.zeros((4, 3, 3, 1, 48, 64), np.uint8))
+    assert saved(make_plan(film, Config()), "colour planes") == "221.2 kB of pack and memory"
+    colour = make_plan(field(3, 3), with_keys(render__anaglyph="colour", render__method="nearest"))
+    assert saved(colour, "of 6 planes") == "9.2 kB per picture" and "3 of 6 planes per picture" in what(colour)
+    assert saved(colour, "warping") == "3 warped planes per picture"
+    assert saved(colour, "disparity maps") == "6.9 kB not read"
+    far = make_plan(field(3, 101), with_keys(render__alpha_px=32.0))
+    unseen = 3 * 101 - 3 * 41
+    assert saved(far, "views") == f"{unseen * 3 * 48 * 64 / 1e6:.1f} MB not read" and f"{unseen} of 303 views" in what(far)
+
+
+def test_the_viewers_distance_is_left_out_with_its_reason() -> None:
+    plan = make_plan(field(3, 3), with_keys(render__alpha_px=10.5))
+    assert why(plan, "distance") == "render.alpha_px is given" and saved(plan, "distance") == "alpha stays 10.5 px per view"
+    for how in (Config(), with_keys(screen__distance_mm=600.0), with_keys(render__alpha_px=10.5, camera__above_mm=180.0)):
+        assert "the viewer's distance" not in what(make_plan(field(3, 3), how))
+
+
+def test_every_saving_has_a_number_and_measuring_changes_no_decision() -> None:
+    for scene in (field(1, 1), field(1, 9), field(3, 3, 1), field(4, 4, extent_px=0.1)):
+        plain, timed = make_plan(scene, Config()), make_plan(scene, Config(), measure=True)
+        assert attrs.evolve(plain, left_out=()) == attrs.evolve(timed, left_out=())
+        assert what(plain) == what(timed)
+        assert all(any(c.isdigit() for c in item.saves) or "process" in item.saves for item in plain.left_out)
+    rigid = with_keys(render__extrapolate_views=0.0)
+    assert saved(make_plan(field(1, 9), rigid, measure=True), "row").endswith("(measured)")
+    assert saved(make_plan(field(3, 3), with_keys(render__method="blend"), measure=True), "warping").endswith("(measured)")
