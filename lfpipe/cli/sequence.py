@@ -124,8 +124,10 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
 @click.option("--truth", type=PATH, metavar="CSV", help="Where the eyes really are, as tools/make_sequence.py writes it.")
 def import_(video: Path, out: Path, truth: Path | None) -> None:
     """Make the sequence OUT from VIDEO; the frames of Motion JPEG are taken over unchanged."""
+    from lfpipe.scene.video import examine
     from lfpipe.sequence import edit
 
+    examine(video)
     click.echo(f"{out}: {edit.from_video(video, out, truth)} frames")
 
 

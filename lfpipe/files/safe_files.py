@@ -6,7 +6,7 @@ import contextlib
 import errno
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from io import BufferedReader
 from pathlib import Path
 from typing import IO
@@ -40,6 +40,14 @@ def check_regular(path: Path) -> None:
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), "a thing")
         raise OSError(errno.EINVAL, f"is {kind}, not a file", str(path))
+
+
+def check_links(folder: Path, names: Iterable[str]) -> None:
+    """Raises UserError where a file of a folder is a link out of it: an unpacked archive could show whatever you may read."""
+    for path in (folder / name for name in names):
+        if path.is_symlink() and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+            there = os.path.realpath(path)
+            raise UserError(f"{path}: a link that leads out of the folder, to {there}", "copy the file into the folder")
 
 
 def open_regular(path: Path) -> BufferedReader:

@@ -15,10 +15,11 @@ import numpy as np
 
 from lfpipe.config import Config, to_dict
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import read_text, reason, replaced
+from lfpipe.files.safe_files import check_links, read_text, reason, replaced
 from lfpipe.files.trace import check_sides, trace_lines
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.versions import versions
+from lfpipe.render.replay_writer import PICTURES
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.folder import Sequence
 from lfpipe.sequence.index import INDEX, PACKETS
@@ -26,6 +27,7 @@ from lfpipe.sequence.truth import Truth, read_truth, summary
 
 FORMAT = 1
 REPORT, TRACE = "report.json", "trace.jsonl"
+FILES = (REPORT, TRACE, PICTURES, f"{PICTURES}/{INDEX}", f"{PICTURES}/{PACKETS}")
 STEADY = ("step", "max")  # paces whose results do not depend on any clock
 REPORT_BYTES = 1 << 20
 WRITTEN = "a folder that `lfpipe replay --out` wrote; --update makes the reference anew"
@@ -54,6 +56,7 @@ def read_report(folder: Path) -> dict[str, Any]:
 
     Raises UserError where it is none, or of another version.
     """
+    check_links(folder, FILES)
     path = folder / REPORT
     fields = json_fields(read_text(path, REPORT_BYTES, str(path), WRITTEN), str(path), WRITTEN)
     if fields.integer("format", 0, 1 << 30) != FORMAT:

@@ -19,7 +19,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, plain
 from lfpipe.files.decoding import is_video, opencv_name
 from lfpipe.files.safe_files import create_private, lines, open_regular, reason
 from lfpipe.files.untrusted import Fields, json_fields
@@ -72,7 +72,7 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
     if not chosen:
         raise UserError(f"no frame from {begin_s:g} s to {end_s:g} s", f"{sequence.path} lasts {sequence.duration_s:.3f} s")
     about = {key: value for key, value in sequence.manifest.items() if key in ("versions", "config", "cut_from")}
-    about["cut_from"] = {"name": sequence.path.name, "begin_s": begin_s, "end_s": min(end_s, sequence.duration_s)}
+    about["cut_from"] = {"name": plain(sequence.path.name, 255), "begin_s": begin_s, "end_s": min(end_s, sequence.duration_s)}
     source = str(sequence.manifest.get("source", ""))
     with new_folder(out):
         manifest = begin_manifest(out, source, sequence.width_px, sequence.height_px, sequence.rate_hz, **about)
@@ -116,22 +116,24 @@ def _cut_truth(path: Path, out: Path, start: int, count: int) -> None:
 def from_video(video: Path, out: Path, truth: Path | None = None) -> int:
     """A video as a sequence at its own rate: the packets of Motion JPEG unchanged, frames of anything else as PNG.
 
-    truth: a table as of tools/make_sequence.py. Returns the number of frames. Raises UserError where video cannot be read.
+    video: one that was examined (`lfpipe.scene.video.examine`), for a decoder believes what a stream claims. truth: a table as
+    of tools/make_sequence.py. Returns the number of frames. Raises UserError where video cannot be read.
     """
-    try:
-        with open_regular(video) as file:
-            readable = is_video(file.read(12))
-    except OSError as error:
-        raise UserError(f"{video}: cannot be read: {reason(error)}", "a video file") from None
-    if not readable:  # FFmpeg would look for a picture or a list of files in it, however long that takes
-        raise UserError(f"{video}: no video that can be read", "MP4, QuickTime, Matroska, WebM or AVI")
     if truth is not None:
         table_of(truth)
-    capture = cv2.VideoCapture(opencv_name(video.absolute()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
     try:
-        return _taken_over(capture, video, out, truth)
-    finally:
-        capture.release()
+        file = open_regular(video)
+    except OSError as error:
+        raise UserError(f"{video}: cannot be read: {reason(error)}", "a video file") from None
+    with file:
+        if not is_video(file.read(12)):  # FFmpeg would look for a picture or a list of files in it, however long that takes
+            raise UserError(f"{video}: not a video that can be read", "MP4, QuickTime, Matroska, WebM or AVI")
+        name = f"/proc/self/fd/{file.fileno()}"  # whatever bytes its own name has
+        capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+        try:
+            return _taken_over(capture, video, out, truth)
+        finally:
+            capture.release()
 
 
 def _taken_over(capture: cv2.VideoCapture, video: Path, out: Path, truth: Path | None) -> int:
@@ -175,6 +177,7 @@ def export(sequence: Sequence, video: Path) -> Path:
     """
     if video.suffix.lower() not in (".mkv", ".avi"):
         raise UserError(f"{video}: not .mkv or .avi", "for example walk.mkv; both hold RGB without loss")
+    opencv_name(video)
     table = video.with_suffix(".csv")
     made: list[Path] = []
     try:

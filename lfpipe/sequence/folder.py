@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, plain
-from lfpipe.files.safe_files import PRIVATE_FOLDER, open_regular, read_bytes, reason, replaced
+from lfpipe.files.safe_files import PRIVATE_FOLDER, check_links, open_regular, read_bytes, reason, replaced
 from lfpipe.files.untrusted import Fields, json_fields
 from lfpipe.sequence.index import COPY, INDEX, MAX_PIXELS, PACKETS, Packets, read_index
 from lfpipe.sequence.packets import CHANGED, changed, decoded
@@ -149,6 +149,7 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
 
     Raises UserError where it is no sequence, of an unknown version, damaged, or without a frame.
     """
+    check_links(path, (MANIFEST, *FILES))
     fields = _manifest(path)
     width_px, height_px = fields.integer("width_px", 1, MAX_PIXELS), fields.integer("height_px", 1, MAX_PIXELS)
     if width_px * height_px > MAX_PIXELS:

@@ -152,3 +152,13 @@ def test_results_that_are_links_go_without_what_they_lead_to(tmp_path: Path) -> 
     (tmp_path / "out" / (REPORT + ".turn")).unlink()
     clear_out(tmp_path / "out")
     assert (tmp_path / "mine" / "photo").exists() and not list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize("name", [REPORT, TRACE, "pictures", f"pictures/{INDEX}", f"pictures/{PACKETS}"])
+def test_a_link_out_of_a_reference_is_not_followed(run: Path, tmp_path: Path, name: str) -> None:
+    shutil.copytree(run, tmp_path / "ref")
+    path = tmp_path / "ref" / name
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    path.symlink_to(run / name)
+    with pytest.raises(UserError, match=f"{name}: a link that leads out of the folder"):
+        compare(tmp_path / "ref", run)

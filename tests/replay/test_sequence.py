@@ -177,7 +177,7 @@ def test_commands_name_what_is_wrong(short: Path, tmp_path: Path, monkeypatch: p
         (("replay", short, "--budget", tmp_path / "none"), "--budget"),
         (("record", folder, "--camera", "demo"), "is there already"),
         (("sequence", "cut", short, tmp_path / "cut", "--from", "9"), "no frame from 9 s"),
-        (("sequence", "import", blocked, tmp_path / "new"), "no video that can be read"),
+        (("sequence", "import", blocked, tmp_path / "new"), "not a video that can be read"),
         (("sequence", "export", short, tmp_path / "v.mp4"), "not .mkv or .avi"),
     ):
         found = CliRunner().invoke(cli, [str(arg) for arg in args]).exception

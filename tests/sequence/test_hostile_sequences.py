@@ -164,10 +164,11 @@ def test_all_broken_frames_are_named_and_those_before_can_be_cut_out(whole: Path
     assert [np.array_equal(part.frame(k), open_sequence(whole).frame(k)) for k in range(2)] == [True, True]
 
 
-def lfpipe(home: Path, *args: str | Path, **more: Any) -> tuple[int, str, str, float]:
+def lfpipe(home: Path, *args: str | Path, encoding: str = "utf-8", **more: Any) -> tuple[int, str, str, float]:
     """Runs the command line in a process of its own; see `hostile_files.ended`."""
     names = ("XDG_CONFIG_HOME", "XDG_CACHE_HOME", "XDG_RUNTIME_DIR")
     env = {**os.environ, **{name: str(home / "home") for name in names}, "PYTHONPATH": str(Path(__file__).parents[2])}
+    env["PYTHONIOENCODING"] = encoding
     (home / "home").mkdir(mode=0o700, exist_ok=True)
     return hostile_files.ended([sys.executable, "-m", "lfpipe", *map(str, args)], env=env, cwd=home, **more)
 
@@ -309,3 +310,52 @@ def test_a_cut_without_an_end_is_JSON_for_every_reader(whole: Path, tmp_path: Pa
     manifest = json.loads((tmp_path / "cut" / MANIFEST).read_text(), parse_constant=refuse)
     assert manifest["cut_from"]["end_s"] == pytest.approx(5 / 30, abs=1e-3)
     assert len(open_sequence(tmp_path / "cut").packets) == 6
+
+
+@pytest.mark.parametrize("name", [b"\xff\xfe", b"a\x1b[31mb", b"new\nline", "日本".encode()])
+def test_a_name_of_any_bytes_is_a_name(whole: Path, tmp_path: Path, name: bytes) -> None:
+    folder = tmp_path / os.fsdecode(name)
+    shutil.copytree(whole, folder)
+    for args in (("info", folder), ("check", folder), ("info", "--json", folder), ("cut", folder, tmp_path / "part")):
+        code, out, err, _ = lfpipe(tmp_path, "sequence", *args, encoding="utf-8:strict")
+        assert code == 0 and out and not err, (args, err)
+    open_sequence(tmp_path / "part")
+    code, _, err, _ = lfpipe(tmp_path, "sequence", "cut", folder, folder)
+    assert code == 2 and "is there already" in err and "Traceback" not in err
+    code, _, err, _ = lfpipe(tmp_path, "sequence", "export", folder, folder.with_suffix(".mkv"))
+    assert code in (0, 2) and "Traceback" not in err, err
+
+
+@pytest.mark.parametrize("name", ["jpeg of 20000x20000", "png cut off"])
+def test_a_session_that_comes_to_a_broken_frame_names_it(whole: Path, tmp_path: Path, name: str) -> None:
+    shutil.copytree(whole, tmp_path / "seq")
+    replaced_packet(tmp_path / "seq", *bombs()[name])
+    view = tmp_path / "scene" / "view_00_00.png"
+    view.parent.mkdir()
+    view.write_bytes(encoded(hostile_sequences.picture(0), fast=False)[1])
+    shutil.copy(view, view.with_name("view_00_01.png"))
+    for codes, args in (
+        ((2,), ("replay", tmp_path / "seq", "--scene", view.parent)),
+        ((1, 2), ("up", view.parent, "--camera", f"file:{tmp_path / 'seq'}?loop=0", "--display", "none")),  # tried again first
+        ((1, 2), ("record", tmp_path / "rec", "--camera", f"file:{tmp_path / 'seq'}?loop=0")),
+    ):
+        code, _, err, peak_mb = lfpipe(tmp_path, *args)
+        assert code in codes and "seq: frame 3: " in err and "Traceback" not in err, (args, err)
+        assert peak_mb <= hostile_files.PEAK_MB, args
+
+
+def test_a_link_out_of_the_folder_is_not_followed(whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "seq"
+    for name in (MANIFEST, INDEX, PACKETS, TRUTH, EYES):
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(whole, folder)
+        (folder / name).unlink()
+        (folder / name).symlink_to(whole / name)
+        with pytest.raises(UserError, match=f"{name}: a link that leads out of the folder, to"):
+            open_sequence(folder)
+        shutil.copy(whole / name, folder / "kept")
+        (folder / name).unlink()
+        (folder / name).symlink_to("kept")
+        open_sequence(folder)
+    (tmp_path / "link").symlink_to(whole)
+    open_sequence(tmp_path / "link")  # what a person names is followed
