@@ -23,6 +23,7 @@ from lfpipe.errors import UserError, plain
 from lfpipe.files.decoding import is_video, opencv_name
 from lfpipe.files.safe_files import create_private, lines, open_regular, reason
 from lfpipe.files.untrusted import Fields, json_fields
+from lfpipe.host.descriptors import path_of
 from lfpipe.host.versions import versions
 from lfpipe.sequence.folder import EYES, TRUTH, Sequence, begin_manifest, end_manifest, new_folder
 from lfpipe.sequence.index import COPY, LINE_BYTES, MAX_PIXELS
@@ -128,8 +129,7 @@ def from_video(video: Path, out: Path, truth: Path | None = None) -> int:
     with file:
         if not is_video(file.read(12)):  # FFmpeg would look for a picture or a list of files in it, however long that takes
             raise UserError(f"{video}: not a video that can be read", "MP4, QuickTime, Matroska, WebM or AVI")
-        name = f"/proc/self/fd/{file.fileno()}"  # whatever bytes its own name has
-        capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+        capture = cv2.VideoCapture(path_of(file.fileno()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
         try:
             return _taken_over(capture, video, out, truth)
         finally:
