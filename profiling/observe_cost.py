@@ -3,8 +3,9 @@
     uv run python profiling/observe_cost.py [--seconds 60] [--cycles 20]
 
 Runs a session of the demo (display none, fixed quality), nothing, `lfpipe monitor` in a pseudo-terminal of 80x24, and
-`lfpipe monitor --web` with a viewer that asks as the page does (events, both pictures four times a second), in turns of so many
-seconds; then attaches and detaches so many times, every other one by SIGKILL. Prints Markdown. Bounds: 2 % and 3 % of a core.
+`lfpipe monitor --web` with a viewer that looks as the page does (figures and both pictures four times a second), in turns of
+so many seconds; then attaches and detaches so many times, every other one by SIGKILL. Prints Markdown. Bounds: 2 % and 3 % of
+a core.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from lfpipe.supervisor.rundir import find
 from lfpipe.transport import segment
 
 NAME = "observe_cost"
-PICTURES_S = 0.25
+PERIOD_S = 0.25
 COMMAND = [sys.executable, "-m", "lfpipe"]
 Counts = tuple[dict[str, int], int]  # drops of each stage, and pictures
 
@@ -70,45 +71,41 @@ def terminal() -> Iterator[subprocess.Popen[bytes]]:
     os.close(outer)
 
 
-def served() -> tuple[subprocess.Popen[str], int]:
-    """`lfpipe monitor --web` and its port."""
+def served() -> tuple[subprocess.Popen[str], int, dict[str, str]]:
+    """`lfpipe monitor --web`, its port, and the header that carries its token."""
     process = subprocess.Popen([*COMMAND, "monitor", "--session", NAME, "--web", "--port", "0"], stdout=subprocess.PIPE,
                                stderr=subprocess.STDOUT, text=True)  # fmt: skip
     assert process.stdout is not None
-    found = re.search(r":(\d+)/", process.stdout.readline())
+    found = re.search(r":(\d+)/\?token=(\S+)", process.stdout.readline())
     assert found is not None, "the page is not served"
-    return process, int(found[1])
+    return process, int(found[1]), {"Authorization": f"Bearer {found[2]}"}
 
 
 @contextlib.contextmanager
 def page() -> Iterator[subprocess.Popen[str]]:
     """`lfpipe monitor --web` with one viewer."""
-    process, port = served()
-    left = threading.Event()
+    process, port, token = served()
+    left, seen = threading.Event(), {"": 0, "camera": 0, "picture": 0}
 
-    def pictures(path: str) -> None:
+    def look() -> None:
         connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
-        while not left.wait(PICTURES_S):
-            connection.request("GET", path)
-            connection.getresponse().read()
-        connection.close()
-
-    def events() -> None:
-        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
-        connection.request("GET", "/events")
-        told = connection.getresponse()
+        connection.request("GET", "/events?pictures", headers=token)
+        told, event = connection.getresponse(), ""
         while not left.is_set():
-            told.readline()
+            line = told.readline()
+            if line.startswith(b"event: "):
+                event = line[7:].decode().strip()
+            elif line.startswith(b"data: "):
+                seen[event], event = seen[event] + 1, ""
         connection.close()
 
-    viewers = [threading.Thread(target=events), *(threading.Thread(target=pictures, args=[f"/{name}.jpg"])
-               for name in ("camera", "picture"))]  # fmt: skip
-    for viewer in viewers:
-        viewer.start()
+    viewer, start = threading.Thread(target=look), time.monotonic()
+    viewer.start()
     yield process
     left.set()
-    for viewer in viewers:
-        viewer.join()
+    viewer.join()
+    expected = 0.8 * (time.monotonic() - start) / PERIOD_S
+    assert min(seen.values()) > expected, f"the viewer saw {seen}, {expected:.0f} of each are expected"
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=10)
 
@@ -149,10 +146,10 @@ def cycle(number: int) -> None:
     """Attaches, sees something, and leaves: a stream, a screen or a page in turn, every other one killed."""
     how = signal.SIGKILL if number % 2 else signal.SIGINT
     if number % 3 == 2:
-        process, port = served()
+        process, port, token = served()
         connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
         for path in ("/camera.jpg", "/picture.jpg"):
-            connection.request("GET", path)
+            connection.request("GET", path, headers=token)
             connection.getresponse().read()
         connection.close()
         process.send_signal(how)

@@ -8,6 +8,7 @@ page.png needs chromium and chromedriver, and is left as it is without them.
 from __future__ import annotations
 
 import argparse
+import asyncio
 import os
 import signal
 import subprocess
@@ -61,7 +62,7 @@ def terminal(text: object) -> NDArray[np.uint8]:
     return cv2.cvtColor(np.asarray(image), cv2.COLOR_RGB2BGR).astype(np.uint8)
 
 
-def page(port: int, out: Path, profile: Path) -> None:
+def page(url: str, out: Path, profile: Path) -> None:
     """The page in a browser, where there is one."""
     sys.path.insert(0, str(ROOT))
     from tests.web.browser import Browser, missing
@@ -70,7 +71,7 @@ def page(port: int, out: Path, profile: Path) -> None:
         print(f"{out} left as it is: {why}")
         return
     with Browser(profile) as browser:
-        browser.open(f"http://127.0.0.1:{port}/")
+        browser.open(url)
         time.sleep(12)
         browser.screenshot(profile / "page.png")
     picture = cv2.imread(str(profile / "page.png"))
@@ -89,43 +90,38 @@ def main() -> None:
             os.environ.pop(name, None)
         session = subprocess.Popen([sys.executable, "-m", "lfpipe", "up", "--demo", "--display", "none", "--session", "docs"])
         try:
-            take(out, Path(folder))
+            asyncio.run(take(out, Path(folder)))
         finally:
             session.send_signal(signal.SIGTERM)
             session.wait()
 
 
-def take(out: Path, folder: Path) -> None:
+async def take(out: Path, folder: Path) -> None:
     from lfpipe.observe.attachment import Attachment
     from lfpipe.observe.screen import Screen, SessionActivity
-    from lfpipe.observe.web import Server
 
     attachment, screen, shown = Attachment("docs"), Screen("docs"), None
     started = time.monotonic()
     while time.monotonic() - started < 25:
-        reading = attachment.read()
+        reading = await attachment.read()
         if reading is not None:
-            attachment.picture()  # while somebody asks, render tells where the eyes are
+            await attachment.picture()  # while somebody asks, render tells where the eyes are
             told = attachment.told()
             shown = screen.draw(reading, SessionActivity.of({**told, "options": {}}) if told else SessionActivity(), COLUMNS)
         time.sleep(0.25)
     assert shown is not None, "the demo does not run"
     save(out / "monitor.png", terminal(shown))
-    for name, jpeg in (("anaglyph", attachment.picture()), ("view_grid", attachment.camera())):
+    for name, jpeg in (("anaglyph", await attachment.picture()), ("view_grid", attachment.camera())):
         assert jpeg is not None
         picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
         assert picture is not None
         save(out / f"{name}.png", picture.astype(np.uint8))
     attachment.close()
-    server = Server("docs", 0)
-    try:
-        import threading
-
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        page(int(server.server_address[1]), out / "page.png", folder)
-    finally:
-        server.shutdown()
-        server.server_close()
+    command = [sys.executable, "-m", "lfpipe", "monitor", "--session", "docs", "--web", ":0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        page(server.stdout.readline().split()[3], out / "page.png", folder)
+        server.terminate()
 
 
 if __name__ == "__main__":

@@ -12,11 +12,12 @@ from lfpipe.cli.options import with_session
 @click.option("--once", is_flag=True, help="Print the state once and end.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @click.option("--csv", "as_csv", is_flag=True, help="One line of comma-separated values a sample, with a head.")
-@click.option("--web", is_flag=True, help="Serve a page with charts, pictures and controls on 127.0.0.1.")
+@click.option("--web", is_flag=False, flag_value="", metavar="[[HOST]:PORT]",
+              help="Serve a page with charts, pictures and controls on 127.0.0.1, or on HOST, behind a token.")  # fmt: skip
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of --web, 0 for a free one.  [default: 8765]")
 @click.option("--prometheus", metavar="[HOST]:PORT", help="Serve metrics for Prometheus on 127.0.0.1, or on HOST.")
 def monitor(
-    session_name: str | None, once: bool, as_json: bool, as_csv: bool, web: bool, port: int | None, prometheus: str | None
+    session_name: str | None, once: bool, as_json: bool, as_csv: bool, web: str | None, port: int | None, prometheus: str | None
 ) -> None:
     """Show latency, rate, drops and load of every stage of a running session.
 
@@ -26,16 +27,17 @@ def monitor(
     from lfpipe.transport.session import default_name
 
     name = session_name or default_name()
-    chosen = [word for word, on in (("--json", as_json), ("--csv", as_csv), ("--web", web), ("--prometheus", prometheus)) if on]
-    if len(chosen) > 1 or (once and (web or prometheus)):
+    served = (("--web", web is not None), ("--prometheus", prometheus is not None))
+    chosen = [word for word, on in (("--json", as_json), ("--csv", as_csv), *served) if on]
+    if len(chosen) > 1 or (once and any(on for _, on in served)):
         raise click.UsageError(f"{' and '.join(['--once'] * once + chosen)} exclude each other")
-    if port is not None and not web:
-        raise click.UsageError("--port belongs to --web")
-    if web:
+    if port is not None and web != "":
+        raise click.UsageError("--port belongs to --web without an address")
+    if web is not None:
         from lfpipe.observe.web import serve
 
-        serve(name, 8765 if port is None else port, click.echo)
-    elif prometheus:
+        serve(name, web or f":{8765 if port is None else port}", click.echo)
+    elif prometheus is not None:
         from lfpipe.observe.prometheus import serve as export
 
         export(name, prometheus, click.echo)

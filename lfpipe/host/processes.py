@@ -4,22 +4,34 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import functools
 import os
 import signal
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import psutil
 
 PR_SET_TIMERSLACK = 29
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 KEPT_BYTES = 32 << 20  # the most that glibc accepts; a frame of 4K has 25 MB
 
 
-def cpu_ns(pid: int) -> int:
-    """User and system time of a process so far; 0 where it is gone."""
+@functools.lru_cache(64)
+def _process(pid: int) -> psutil.Process:
     import psutil  # for monitors alone: a stage starts sooner without it
 
+    return psutil.Process(pid)  # which takes longer than what it is asked for
+
+
+def cpu_ns(pid: int) -> int:
+    """User and system time of a process so far; 0 where it is gone."""
+    import psutil
+
     try:
-        times = psutil.Process(pid).cpu_times()
+        times = _process(pid).cpu_times()
     except (psutil.Error, ValueError):
         return 0
     return int((times.user + times.system) * 1e9)
@@ -30,7 +42,7 @@ def rss_bytes(pid: int) -> int:
     import psutil
 
     try:
-        return int(psutil.Process(pid).memory_info().rss)
+        return int(_process(pid).memory_info().rss)
     except (psutil.Error, ValueError):
         return 0
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.observe.meter import Reading
-from lfpipe.observe.session_commands import SessionCommands
+from lfpipe.observe.session_commands import AsyncSessionCommands
 from lfpipe.observe.session_reader import FollowingReader
 from lfpipe.render.view_grid import Gaze, draw_over_eyes
 from lfpipe.transport import control, ring
@@ -52,10 +52,10 @@ class JpegReader:
 
 
 class Attachment:
-    """Not safe from several threads by itself: its owner holds a lock."""
+    """For the coroutines of one event loop."""
 
     def __init__(self, name: str) -> None:
-        self._follower, self._remote = FollowingReader(name), SessionCommands(name)
+        self._follower, self._remote = FollowingReader(name), AsyncSessionCommands(name)
         self._zmq = control.context()
         self._tap: zmq.Socket[bytes] | None = None
         self._camera: JpegReader | None = None
@@ -65,7 +65,7 @@ class Attachment:
         self._rev = -1
         self.gaze: Gaze | None = None
 
-    def read(self) -> Reading | None:
+    async def read(self) -> Reading | None:
         """The session now, None while there is none."""
         before = self._follower.watch
         reading = self._follower.read()
@@ -75,7 +75,7 @@ class Attachment:
             return None
         if reading.config_rev != self._rev:
             try:
-                self._hello, self._rev = self._remote.ask({"cmd": "hello"}, 0.5), reading.config_rev
+                self._hello, self._rev = await self._remote.ask({"cmd": "hello"}, 0.5), reading.config_rev
             except UserError:
                 self._hello = {}
         self._hear()
@@ -86,17 +86,22 @@ class Attachment:
         return {key: self._hello[key] for key in ("config", "paused") if key in self._hello}
 
     def _hear(self) -> None:
-        assert self._follower.watch is not None
+        if self._follower.watch is None:
+            return
         if self._tap is None:
             self._tap = self._zmq.socket(zmq.SUB)
             self._tap.setsockopt(zmq.RCVHWM, 100)
             self._tap.setsockopt(zmq.SUBSCRIBE, b"")
             self._tap.connect(control.address(self._follower.watch.session.run_dir, "tap"))
+        heard = []
         while self._tap.poll(0):
+            heard.append(self._tap.recv())
+        for data in reversed(heard):  # the newest look is enough
             try:
-                message = control.decode(self._tap.recv())
+                message = control.decode(data)
                 if message.get("topic") == "look":
                     self.gaze = Gaze.of(message)
+                    return
             except (control.BadMessage, KeyError, TypeError, ValueError):
                 continue  # of another version: the page does without
 
@@ -108,24 +113,23 @@ class Attachment:
             self._camera = JpegReader(self._follower.watch.session.segment("frames"))
         return self._camera.look(CAMERA_PX, self.gaze)
 
-    def picture(self) -> bytes | None:
-        """The picture on the screen, JPEG; asks the session for its ring, and again in time."""
-        if self._follower.watch is None:
+    async def picture(self) -> bytes | None:
+        """The picture on the screen, JPEG; asks the session for its ring, and again in time. One call at a time."""
+        watch = self._follower.watch
+        if watch is None:
             return None
         if now_ns() > self._lease_end_ns - LEASE_S / 2 * SECOND_NS:
-            part = str(self._remote.ask({"cmd": "pictures", "lease_s": LEASE_S})["ring"])
+            part = str((await self._remote.ask({"cmd": "pictures", "lease_s": LEASE_S}))["ring"])
+            if self._follower.watch is not watch:  # the session ended meanwhile
+                return None
             self._lease_end_ns = now_ns() + int(LEASE_S * SECOND_NS)
-            name = self._follower.watch.session.segment(part)
+            name = watch.session.segment(part)
             if self._picture is None or self._picture.name != name:
                 old, self._picture = self._picture, None
                 if old is not None:
                     old.close()
                 self._picture = JpegReader(name)
         return self._picture.look(LARGEST_PX, None) if self._picture else None
-
-    def command(self, message: dict[str, Any]) -> dict[str, Any]:
-        """Passes a command on. Raises UserError as ctl does."""
-        return self._remote.ask(message)
 
     def reset(self) -> None:
         """Histograms count from now on."""
@@ -149,4 +153,5 @@ class Attachment:
     def close(self) -> None:
         """For good."""
         self.rest()
+        self._remote.close()
         self._zmq.term()

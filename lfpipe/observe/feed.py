@@ -1,27 +1,34 @@
-"""One sampler for any number of viewers of the page: it works only while somebody looks."""
+"""One sampler for any number of viewers of the page, which works only while somebody looks."""
 
 from __future__ import annotations
 
+import asyncio
+import base64
 import json
-import threading
-from collections.abc import Callable, Iterator
-from typing import Any, TypeVar
+import logging
+from collections.abc import AsyncGenerator
+from typing import Any
 
+import attrs
 import numpy as np
 
 from lfpipe.errors import UserError
 from lfpipe.observe.attachment import Attachment
 from lfpipe.observe.meter import Counts, Reading, Times
+from lfpipe.observe.session_commands import AsyncSessionCommands
 from lfpipe.supervisor.snapshot import spans
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 
 PERIOD_S = 0.25
 IDLE_S = 3.0
+PICTURES = ("camera", "picture")
+PICTURE_S = 0.2  # less than PERIOD_S: each sample has a new one
+RETRY_NS = SECOND_NS  # after there was none
 EDGES_MS = np.geomspace(0.05, 100.0, 34)  # of the page's histograms; below and above go into the outer bins
 _BIN = np.clip(np.searchsorted(EDGES_MS, MIDDLES_US / 1e3) - 1, 0, len(EDGES_MS) - 2)
 
-T = TypeVar("T")
+log = logging.getLogger(__name__)
 
 
 def binned(counts: Counts) -> list[int]:
@@ -75,63 +82,103 @@ def message(reading: Reading | None, told: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+@attrs.define
+class _Shot:
+    """A picture that all viewers share."""
+
+    jpeg: bytes | None = None
+    made_ns: int = 0
+    lock: asyncio.Lock = attrs.field(factory=asyncio.Lock)
+
+
 class Feed:
-    """Threads call it; one of its own samples, and lets go of the session IDLE_S after the last call."""
+    """For the coroutines of one event loop. It lets go of the session IDLE_S after the last call."""
 
     def __init__(self, name: str) -> None:
-        self._attachment = Attachment(name)
-        self._changed = threading.Condition()
-        self._count, self._text = 0, ""
-        self._touched_ns, self._resting, self._ended = 0, True, False
-        self._thread = threading.Thread(target=self._sample, name="lfpipe-feed", daemon=True)
-        self._thread.start()
+        self.viewers = 0
+        self._seers = 0  # viewers who also want the pictures
+        self._attachment, self._remote = Attachment(name), AsyncSessionCommands(name)
+        self._shots = {which: _Shot() for which in PICTURES}
+        self._sampler: asyncio.Task[None] | None = None
+        self._wake, self._touched_ns, self._ended = asyncio.Event(), 0, False
+        self._next: asyncio.Future[tuple[bytes, bytes]] | None = None  # the next sample: figures, pictures
+
+    async def events(self, pictures: bool) -> AsyncGenerator[bytes]:
+        """Server-sent events, each time the newest sample, until the feed ends: figures as JSON, pictures as JPEG in base64."""
+        self.viewers += 1
+        self._seers += pictures
+        try:
+            while not self._ended:
+                self._touch()
+                if self._next is None:
+                    self._next = asyncio.get_running_loop().create_future()
+                figures, seen = await asyncio.shield(self._next)
+                if figures:
+                    yield figures + seen if pictures else figures
+        finally:
+            self.viewers -= 1
+            self._seers -= pictures
+
+    async def picture(self, which: str) -> bytes | None:
+        """JPEG of one of PICTURES, as new as PICTURE_S for any number of viewers; None where there is none."""
+        self._touch()
+        shot = self._shots[which]
+        async with shot.lock:
+            if now_ns() - shot.made_ns > PICTURE_S * SECOND_NS and not self._ended:
+                try:
+                    camera = which == "camera"
+                    shot.jpeg = self._attachment.camera() if camera else await self._attachment.picture()
+                except (UserError, FileNotFoundError, ValueError):  # the session ended in this moment
+                    shot.jpeg = None
+                shot.made_ns = now_ns() + (0 if shot.jpeg else RETRY_NS)
+            return shot.jpeg
+
+    async def command(self, message: dict[str, Any]) -> dict[str, Any]:
+        """The session's answer. Raises UserError as ctl does."""
+        return await self._remote.ask(message)
+
+    def reset(self) -> None:
+        """Histograms count from now on."""
+        self._touch()
+        self._attachment.reset()
+
+    async def end(self) -> None:
+        """Ends the streams and lets go of everything."""
+        self._ended = True
+        self._wake.set()
+        if self._sampler is not None:
+            await self._sampler
+        self._attachment.close()
+        self._remote.close()
 
     def _touch(self) -> None:
         self._touched_ns = now_ns()
-        if self._resting:
-            self._resting = False
-            self._changed.notify_all()
+        self._wake.set()
+        if self._sampler is None and not self._ended:
+            self._sampler = asyncio.create_task(self._sample())
 
-    def _sample(self) -> None:
-        with self._changed:
-            while not self._ended:
-                if now_ns() - self._touched_ns > IDLE_S * SECOND_NS:
+    async def _sample(self) -> None:
+        while not self._ended:
+            try:
+                if not self.viewers and now_ns() - self._touched_ns > IDLE_S * SECOND_NS:
+                    self._wake.clear()
                     self._attachment.rest()
-                    self._resting = True
-                    self._changed.wait_for(lambda: self._ended or not self._resting)
+                    await self._wake.wait()
                     continue
-                self._text = json.dumps(message(self._attachment.read(), self._attachment.told()))
-                self._count += 1
-                self._changed.notify_all()
-                self._changed.wait_for(lambda: self._ended, PERIOD_S)
+                figures = message(await self._attachment.read(), self._attachment.told())
+                pictures = [await self._event(which) for which in PICTURES if self._seers]
+            except Exception:  # a defect, or a session in pieces: the viewers read that there is none
+                log.exception("no sample of the session")
+                figures, pictures = message(None, {}), []
+            self._tell(f"data: {json.dumps(figures)}\n\n".encode(), b"".join(pictures))
+            await asyncio.sleep(PERIOD_S)
+        self._tell(b"", b"")
 
-    def messages(self) -> Iterator[str]:
-        """JSON texts, one a sample, until the feed ends."""
-        with self._changed:
-            seen = self._count  # an old sample says nothing of now
-        while True:
-            with self._changed:
-                self._touch()
-                self._changed.wait_for(lambda last=seen: self._ended or self._count > last, 1.0)  # type: ignore[misc]
-                if self._ended:
-                    return
-                if self._count == seen:
-                    continue
-                seen, text = self._count, self._text
-            yield text
+    async def _event(self, which: str) -> bytes:
+        jpeg = await self.picture(which)
+        return b"event: %s\ndata: %s\n\n" % (which.encode(), base64.b64encode(jpeg)) if jpeg else b""
 
-    def using(self, act: Callable[[Attachment], T]) -> T:
-        """The attachment's answer, with nobody else at it. Raises UserError as the attachment does."""
-        with self._changed:
-            if self._ended:
-                raise UserError("the monitor is ending", "start it again")
-            self._touch()
-            return act(self._attachment)
-
-    def end(self) -> None:
-        """Ends the sampler and lets go of everything."""
-        with self._changed:
-            self._ended = True
-            self._changed.notify_all()
-        self._thread.join()
-        self._attachment.close()
+    def _tell(self, figures: bytes, pictures: bytes) -> None:
+        told, self._next = self._next, None
+        if told is not None:
+            told.set_result((figures, pictures))

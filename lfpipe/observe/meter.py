@@ -16,6 +16,8 @@ from lfpipe.transport.status import State, Table, rate_hz
 
 WINDOW_S = 10.0
 KINDS = ("wait", "busy", "age", "horizon")
+_SHARES = np.array([0.5, 0.95, 0.99, 1.0])
+_MIDDLES_MS = np.array([round(float(middle) / 1e3, 3) for middle in MIDDLES_US])
 
 Counts = NDArray[np.int64]
 
@@ -94,8 +96,8 @@ def times(counts: Counts) -> Times:
     total = int(ranks[-1])
     if total <= 0:
         return Times()
-    at = np.searchsorted(ranks, [max(1, int(np.ceil(share * total))) for share in (0.5, 0.95, 0.99, 1.0)])
-    return Times(total, *(round(float(value) / 1e3, 3) for value in MIDDLES_US[at]))
+    at = np.searchsorted(ranks, np.maximum(1, np.ceil(_SHARES * total)).astype(np.int64))
+    return Times(total, *_MIDDLES_MS[at].tolist())
 
 
 class Meter:

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from prometheus_client import CollectorRegistry, start_http_server
+from prometheus_client import CollectorRegistry
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
+from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
+from tornado.web import Application
 
-from lfpipe.errors import UserError
+from lfpipe.observe.access import LOOPBACK, NOT_OURS, named, parse_address, url_of
+from lfpipe.observe.server import Handler, Missing, listen, run
 from lfpipe.observe.session_reader import FollowingReader
 from lfpipe.transport.histogram import MIDDLES_US
 
 BOUNDS_MS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 33, 50, 100, 200, 500, 1000)
-
-
-def parse_address(text: str) -> tuple[str, int]:
-    """`[HOST]:PORT` or PORT as (host, port); 127.0.0.1 where no host is named. Raises UserError."""
-    host, _, port = text.rpartition(":")
-    if not port.isdigit() or int(port) > 65535:
-        raise UserError(f"--prometheus {text!r}: no port from 0 to 65535", "for example --prometheus :9108")
-    return host or "127.0.0.1", int(port)
 
 
 def buckets(record: NDArray[np.void]) -> tuple[list[tuple[str, float]], float]:
@@ -38,13 +32,10 @@ class SessionCollector(Collector):
     """A session by name, there or not: `lfpipe_up` says which."""
 
     def __init__(self, name: str) -> None:
-        self._follower, self._lock = FollowingReader(name), threading.Lock()
+        self._follower = FollowingReader(name)
 
     def collect(self) -> Iterator[Metric]:
-        with self._lock:  # a server thread for each scrape
-            yield from list(self._collected())
-
-    def _collected(self) -> Iterator[Metric]:
+        """All metrics, for one scrape."""
         reading, watch, session = self._follower.read(), self._follower.watch, [self._follower.name]
         yield _one(GaugeMetricFamily("lfpipe_up", "1 while the session runs", labels=["session"]), session, watch is not None)
         if reading is None or watch is None:
@@ -88,21 +79,30 @@ def _one(family: Any, labels: list[str], value: float) -> Metric:
     return made
 
 
-def serve(name: str, address: str, tell: Callable[[str], None], until: threading.Event | None = None) -> None:
-    """Serves the metrics of session `name` until Ctrl-C, or until the event. Raises UserError where the port is taken."""
-    host, port = parse_address(address)
+class Metrics(Handler):
+    """The metrics, open to whoever reaches the port: numbers, no picture, no command."""
+
+    def initialize(self, registry: CollectorRegistry, host: str) -> None:
+        """host: where the server is bound; on 127.0.0.1 no page of another site may read it."""
+        self._registry, self._host = registry, host
+
+    def refusal(self) -> str:
+        """Why this request may not go on, or nothing."""
+        return "" if self._host != LOOPBACK or named(self.request.headers.get("Host", ""), self._host) else NOT_OURS
+
+    async def get(self) -> None:
+        """Sends them in the format that the scraper prefers."""
+        encode, kind = choose_encoder(self.request.headers.get("Accept", ""))
+        await self.answer(encode(self._registry), kind)
+
+
+def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
+    """Serves the metrics of session `name` until Ctrl-C. Raises UserError where the port is taken."""
+    host, port = parse_address(address, "--prometheus")
+    sockets = listen(host, port, "--prometheus")
     registry = CollectorRegistry(auto_describe=False)
     registry.register(SessionCollector(name))
-    try:
-        server, thread = start_http_server(port, host, registry)
-    except OSError as error:
-        raise UserError(f"--prometheus {address}: {error.strerror or error}", "another PORT, 0 for a free one") from None
-    tell(f"metrics of session {name!r} on http://{host}:{server.server_port}/metrics (Ctrl-C ends)")
-    try:
-        (until or threading.Event()).wait()
-    except KeyboardInterrupt:
-        pass
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
+    app = Application([("/(?:metrics)?", Metrics, {"registry": registry, "host": host})], default_handler_class=Missing)
+    bound = url_of(host, int(sockets[0].getsockname()[1]))
+    tell(f"metrics of session {name!r} on {bound}/metrics (Ctrl-C ends)")
+    run(app, sockets)

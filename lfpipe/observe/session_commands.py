@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,8 @@ from lfpipe.errors import UserError
 from lfpipe.observe.timeline import finish_trace
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport import control
+
+MAX_WAITING = 8  # commands of one monitor
 
 
 class SessionCommands:
@@ -67,3 +71,25 @@ class SessionCommands:
             return actions[key]() if key in actions else ""
         except UserError as error:
             return f"{error.message} ({error.remedy})" if error.remedy else error.message
+
+
+class AsyncSessionCommands:
+    """The same for coroutines: a thread of its own waits for the answers, to one command after the other."""
+
+    def __init__(self, name: str) -> None:
+        self._commands, self._thread = SessionCommands(name), ThreadPoolExecutor(1, "lfpipe-ctl")
+        self._waiting = 0
+
+    async def ask(self, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:
+        """One command and its answer. Raises UserError as SessionCommands does, and where MAX_WAITING commands wait already."""
+        if self._waiting >= MAX_WAITING:
+            raise UserError("the monitor is busy with other commands", "try again in a second")
+        self._waiting += 1
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._thread, self._commands.ask, message, timeout_s)
+        finally:
+            self._waiting -= 1
+
+    def close(self) -> None:
+        """Waits for the command that is under way; the others are never sent."""
+        self._thread.shutdown(cancel_futures=True)

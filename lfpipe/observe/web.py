@@ -1,157 +1,176 @@
-"""The server of `lfpipe monitor --web`: one page with charts, pictures and controls, for this user on this machine."""
+"""The page of `lfpipe monitor --web`: charts, pictures and controls, for whoever has the token."""
 
 from __future__ import annotations
 
-import contextlib
-import json
 from collections.abc import Callable
+from contextlib import aclosing
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs
 
+import attrs
 import cv2
+from tornado.web import Application, HTTPError
 
 from lfpipe.errors import UserError
-from lfpipe.observe.feed import Feed
-from lfpipe.observe.guard import own_page, same_user
+from lfpipe.files.untrusted import json_fields
+from lfpipe.observe.access import NO_TOKEN, NOT_OURS, Access, named, parse_address, same_origin, url_of
+from lfpipe.observe.feed import PICTURES, Feed
+from lfpipe.observe.server import Handler, Missing, listen, run
 
-HOST = "127.0.0.1"
 STATIC = Path(__file__).parent / "static"
 KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
-COMMANDS = ("set", "pause", "resume", "recentre")
-MOST_BYTES = 4096
-HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "X-Content-Type-Options": "nosniff",
-    "Cache-Control": "no-store",
-}
+COMMANDS = ("set", "pause", "resume", "recentre", "reset")
+MAX_COMMAND_BYTES = 4096
+MAX_STREAMS = 32
+REFUSED = (
+    "<!doctype html><html lang=en><meta charset=utf-8><title>lfpipe monitor</title><h1>403: not without the token</h1><p>{}.</p>"
+    "<p>The address is new each time the monitor starts; once it is open, this browser keeps the token in a cookie.</p>"
+)
 
 
-def _files() -> dict[str, tuple[bytes, str]]:
-    found = {f"/{path.name}": (path.read_bytes(), KINDS[path.suffix]) for path in STATIC.iterdir() if path.suffix in KINDS}
-    return {**found, "/": found["/index.html"]}
+@attrs.frozen
+class Site:
+    """What all handlers share. host, port: where the server is bound. files: name -> (bytes, media type)."""
+
+    host: str
+    port: int
+    feed: Feed
+    access: Access
+    files: dict[str, tuple[bytes, str]]
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie: two servers on one host each have their own."""
+        return f"lfpipe-{self.port}"
 
 
-class Server(ThreadingHTTPServer):
-    """Bound to 127.0.0.1. Raises OSError where the port is taken."""
+class Guarded(Handler):
+    """A request to the site. The token is in the cookie, in `Authorization: Bearer TOKEN` or in `?token=TOKEN`."""
 
-    daemon_threads = True
-    block_on_close = False  # a viewer that stays connected may not hold up the end
+    @property
+    def site(self) -> Site:
+        """The site."""
+        site: Site = self.settings["site"]
+        return site
 
-    def __init__(self, name: str, port: int) -> None:
-        self.files, self.feed = _files(), Feed(name)
-        super().__init__((HOST, port), Handler)  # where the port is taken this calls server_close
+    def refusal(self) -> str:
+        """Why this request may not go on, or nothing."""
+        headers, host = self.request.headers, self.request.headers.get("Host", "")
+        if not named(host, self.site.host) or not same_origin(headers.get("Origin"), host):
+            return NOT_OURS
+        scheme, _, bearer = headers.get("Authorization", "").partition(" ")
+        offered = [self.get_cookie(self.site.cookie) or "", *self.get_query_arguments("token")]
+        return "" if self.site.access.opens([*offered, bearer if scheme.lower() == "bearer" else ""]) else NO_TOKEN
 
-    def server_close(self) -> None:
-        super().server_close()
-        self.feed.end()
+
+class Unknown(Missing, Guarded):
+    """An address that there is not: 403 without the token, else 404."""
 
 
-class Handler(BaseHTTPRequestHandler):
-    """One connection."""
+class File(Guarded):
+    """A file of the page, from memory."""
 
-    server: Server
-    protocol_version = "HTTP/1.1"
-    _ours: bool | None = None
-    timeout = 30  # s without a request, or with one that does not get on
+    async def get(self, name: str) -> None:
+        """Sends it, or 404."""
+        if name not in self.site.files:
+            raise HTTPError(HTTPStatus.NOT_FOUND, "no such page")
+        await self.answer(*self.site.files[name])
 
-    def log_message(self, format: str, *args: Any) -> None:
-        """Says nothing: a page asks eight times a second."""
 
-    def _send(self, status: HTTPStatus, body: bytes, kind: str) -> None:
-        self.send_response(status)
-        for name, value in {"Content-Type": kind, "Content-Length": str(len(body)), **HEADERS}.items():
-            self.send_header(name, value)
-        self.end_headers()
-        self.wfile.write(body)
+class Page(Guarded):
+    """The page itself."""
 
-    def _json(self, status: HTTPStatus, value: dict[str, Any]) -> None:
-        self._send(status, json.dumps(value).encode(), "application/json")
+    async def get(self) -> None:
+        """Sends the page; with the token in the address, also the cookie that keeps it. The page then shows its address without.
 
-    def _admitted(self) -> bool:
-        if self._ours is None:  # once a connection: it cannot change hands
-            self._ours = same_user((str(self.client_address[0]), int(self.client_address[1])))
-        port = int(self.server.server_address[1])
-        if self._ours and own_page(self.headers.get("Host", ""), self.headers.get("Origin"), port):
-            return True
-        self.close_connection = True
-        self._json(HTTPStatus.FORBIDDEN, {"ok": False, "error": "for the user who started it, on its own address"})
-        return False
+        Not by a redirect: browsers keep a SameSite=Strict cookie out of a redirect that a link elsewhere began.
+        """
+        if self.get_query_arguments("token"):
+            access = self.site.access
+            self.set_cookie(self.site.cookie, access.token, path=access.path, httponly=True, samesite="Strict")
+        await self.answer(*self.site.files["index.html"])
 
-    def do_GET(self) -> None:
-        """The page, its files, the feed, the two pictures."""
-        if not self._admitted():
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        """Says to a person how to get in."""
+        if status_code != HTTPStatus.FORBIDDEN:
+            super().write_error(status_code, **kwargs)
             return
-        path = self.path.partition("?")[0]
-        if path in self.server.files:
-            self._send(HTTPStatus.OK, *self.server.files[path])
-        elif path == "/events":
-            self._events()
-        elif path in ("/camera.jpg", "/picture.jpg"):
-            try:
-                jpeg = self.server.feed.using(lambda held: held.camera() if path == "/camera.jpg" else held.picture())
-            except (UserError, FileNotFoundError, ValueError):  # the session ended in this moment
-                jpeg = None
-            if jpeg is None:
-                self._json(HTTPStatus.SERVICE_UNAVAILABLE, {"ok": False, "error": "no picture yet"})
-            else:
-                self._send(HTTPStatus.OK, jpeg, "image/jpeg")
-        else:
-            self._json(HTTPStatus.NOT_FOUND, {"ok": False, "error": "no such page"})
+        self.set_header("Content-Type", KINDS[".html"])
+        self.write(REFUSED.format(kwargs["exc_info"][1].log_message))
 
-    def _events(self) -> None:
-        self.send_response(HTTPStatus.OK)
-        for name, value in {"Content-Type": "text/event-stream", **HEADERS}.items():
-            self.send_header(name, value)
-        self.end_headers()
-        self.close_connection = True
-        with contextlib.suppress(OSError):  # the viewer has left
-            for text in self.server.feed.messages():
-                self.wfile.write(f"data: {text}\n\n".encode())
 
-    def do_POST(self) -> None:
-        """A command, as JSON: a map with `cmd`, one of COMMANDS or "reset"."""
-        if not self._admitted():
-            return
-        length = self.headers.get("Content-Length", "")
-        if not length.isdigit() or int(length) > MOST_BYTES:
-            self.close_connection = True
-            self._json(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {"ok": False, "error": f"at most {MOST_BYTES} bytes"})
-            return
+class Picture(Guarded):
+    """The newest camera picture, or picture on the screen, as JPEG."""
+
+    async def get(self, which: str) -> None:
+        """Sends it, or 503 where there is none yet. which: one of PICTURES."""
+        jpeg = await self.site.feed.picture(which)
+        if jpeg is None:
+            raise HTTPError(HTTPStatus.SERVICE_UNAVAILABLE, "no picture yet")
+        await self.answer(jpeg, "image/jpeg")
+
+
+class Events(Guarded):
+    """The figures as server-sent events; with `?pictures` also both pictures."""
+
+    async def get(self) -> None:
+        """Sends the newest until the viewer leaves or reads too slowly."""
+        if self.site.feed.viewers >= MAX_STREAMS:
+            raise HTTPError(HTTPStatus.SERVICE_UNAVAILABLE, f"{MAX_STREAMS} viewers already, no more are served")
+        self.set_header("Content-Type", "text/event-stream")
+        pictures = "pictures" in parse_qs(self.request.query, keep_blank_values=True)
+        async with aclosing(self.site.feed.events(pictures)) as events:
+            async for event in events:
+                if not await self.piece(event):
+                    return
+
+
+class Commands(Guarded):
+    """Commands to the session, as JSON: a map with `cmd`, one of COMMANDS."""
+
+    async def post(self) -> None:
+        """Passes a command on and sends the session's answer."""
+        if len(self.request.body) > MAX_COMMAND_BYTES:
+            raise HTTPError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"at most {MAX_COMMAND_BYTES} bytes")
         try:
-            message = json.loads(self.rfile.read(int(length)))
-        except ValueError:
-            message = None
-        word = message.get("cmd") if isinstance(message, dict) else None
-        as_json = self.headers.get("Content-Type") == "application/json"
-        if self.path != "/ctl" or not as_json or word not in (*COMMANDS, "reset"):
-            words = ", ".join((*COMMANDS, "reset"))
-            self._json(HTTPStatus.BAD_REQUEST, {"ok": False, "error": f"a JSON map with cmd, one of {words}"})
-            return
-        try:
-            if word == "reset":
-                self.server.feed.using(lambda held: held.reset())
-                answer: dict[str, Any] = {"ok": True}
-            else:
-                answer = self.server.feed.using(lambda held: held.command(message))
-            self._json(HTTPStatus.OK, answer)
+            await self.answer_json(await self._done())
         except UserError as error:
-            self._json(HTTPStatus.BAD_REQUEST, {"ok": False, "error": error.message, "remedy": error.remedy})
+            refused = {"ok": False, "error": error.message, "remedy": error.remedy}
+            await self.answer_json(refused, HTTPStatus.BAD_REQUEST)
+
+    async def _done(self) -> dict[str, Any]:
+        expected = f"a JSON map with cmd, one of {', '.join(COMMANDS)}"
+        if self.request.headers.get("Content-Type", "").partition(";")[0].strip() != "application/json":
+            raise UserError("not sent as application/json", expected)
+        message = dict(json_fields(self.request.body, "the command", expected).values)
+        if message.get("cmd") not in COMMANDS:
+            raise UserError("no command of the page", expected)
+        if message["cmd"] == "reset":
+            self.site.feed.reset()
+            return {"ok": True}
+        return await self.site.feed.command(message)
 
 
-def serve(name: str, port: int, tell: Callable[[str], None]) -> None:
-    """Serves the page of session `name` until Ctrl-C. Raises UserError where the port is taken."""
-    try:
-        server = Server(name, port)
-    except OSError as error:
-        raise UserError(f"--port {port}: {error.strerror}", "another --port, or 0 for a free one") from None
+def application(site: Site) -> Application:
+    """All addresses of the page, at the root and below the path of the cookie."""
+    root = f"(?:{site.access.path}|/)"
+    routes = [("", Page), ("events", Events), ("ctl", Commands), (rf"({'|'.join(PICTURES)})\.jpg", Picture), (r"([\w.]+)", File)]
+    return Application([(root + path, handler) for path, handler in routes], default_handler_class=Unknown, site=site)
+
+
+def _files(base: str) -> dict[str, tuple[bytes, str]]:
+    found = {path.name: (path.read_bytes(), KINDS[path.suffix]) for path in STATIC.iterdir() if path.suffix in KINDS}
+    page, kind = found["index.html"]
+    return {**found, "index.html": (page.replace(b'<base href="/">', f'<base href="{base}">'.encode()), kind)}
+
+
+def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
+    """Serves the page of session `name` on `[HOST]:PORT` until Ctrl-C. Raises UserError where the port is taken."""
+    host, port = parse_address(address, "--web")
+    sockets, access = listen(host, port, "--web"), Access()
+    site = Site(host, int(sockets[0].getsockname()[1]), Feed(name), access, _files(access.path))
     cv2.setNumThreads(1)  # the session's stages need the cores
-    tell(f"session {name!r} on http://{HOST}:{server.server_address[1]}/ (Ctrl-C ends)")
-    try:
-        server.serve_forever(0.2)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        server.server_close()
+    tell(f"session {name!r} on {url_of(site.host, site.port)}/?token={access.token} (Ctrl-C ends)")
+    run(application(site), sockets, site.feed.end)

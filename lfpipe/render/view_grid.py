@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import attrs
@@ -53,11 +54,12 @@ def draw_over_eyes(picture: NDArray[np.uint8], gaze: Gaze, scale: float = 1.0) -
         return
     radius = min(max(gaze.alpha_px * scale / 8, 0.8), 4.0)
     far = 4.0 * max(picture.shape)
-    for row in range(gaze.rows):
-        for col in range(gaze.cols):
-            x, y = (scale * value for value in gaze.place_px(row, col))
-            if abs(x) < far and abs(y) < far:
-                _dot(picture, x, y, radius, GRID_BGR, True)
+    across = [scale * gaze.place_px(0, col)[0] for col in range(gaze.cols)]
+    down = [scale * gaze.place_px(row, 0)[1] for row in range(gaze.rows)]
+    dots = [[round(at * (1 << _SHIFT)) for at in line if abs(at) < far] for line in (across, down)]
+    size = max(1, round(radius * (1 << _SHIFT)))
+    for at in itertools.product(*dots):
+        cv2.circle(picture, at, size, GRID_BGR, -1, cv2.LINE_AA, _SHIFT)
     for (x, y), colour in zip(gaze.eyes_px, (LEFT_BGR, RIGHT_BGR), strict=True):
         if gaze.face and abs(x) * scale < far and abs(y) * scale < far:
             _dot(picture, x * scale, y * scale, max(6.0 * scale, 3 * radius), colour, False)

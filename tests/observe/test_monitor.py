@@ -12,10 +12,12 @@ import pty
 import re
 import select
 import signal
+import socket
 import statistics
 import struct
 import termios
 import time
+import urllib.error
 import urllib.request
 from pathlib import Path
 
@@ -24,8 +26,6 @@ from click.testing import CliRunner
 from prometheus_client.parser import text_string_to_metric_families
 
 from lfpipe.cli import cli
-from lfpipe.errors import UserError
-from lfpipe.observe.prometheus import parse_address
 from lfpipe.observe.session_reader import Watch
 from lfpipe.supervisor.rundir import find
 from tests.world import World
@@ -178,11 +178,20 @@ def test_prometheus_reads_what_is_served(world: World, scene: Path) -> None:
     assert ages == sorted(ages) and ages[-1] == found["lfpipe_picture_age_seconds_count"][0][1] > 0
     stages = {labels["stage"] for labels, _ in found["lfpipe_stage_seconds_count"]}
     assert {"capture", "track", "render"} <= stages
-    busy = world.run("monitor", "--session", world.name, "--prometheus", url.group().split("/")[2])
-    assert busy.returncode == 2 and "another PORT" in busy.stderr
-
-
-@pytest.mark.parametrize("text", ["", "x", ":x", ":70000", "host:"])
-def test_wrong_addresses(text: str) -> None:
-    with pytest.raises(UserError, match="no port"):
-        parse_address(text)
+    address = url.group().split("/")[2]
+    threads = len(list(Path(f"/proc/{exporter.pid}/task").iterdir()))
+    halves = [socket.create_connection(("127.0.0.1", int(address.split(":")[1]))) for _ in range(300)]
+    for half in halves:
+        half.sendall(b"GET /metrics HTTP/1.1\r\n")
+    assert scrape()["lfpipe_up"][0][1] == 1
+    assert len(list(Path(f"/proc/{exporter.pid}/task").iterdir())) == threads
+    for half in halves:
+        half.close()
+    for wrong in ("/camera.jpg", "/metrics/x"):
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(url.group().replace("/metrics", wrong), timeout=10)
+    pointed_here = urllib.request.Request(url.group(), headers={"Host": "example.org"})
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        urllib.request.urlopen(pointed_here, timeout=10)
+    busy = world.run("monitor", "--session", world.name, "--prometheus", address)
+    assert busy.returncode == 2 and "another port" in busy.stderr

@@ -1,96 +1,50 @@
-"""The page of `lfpipe monitor --web`: in a real browser on a real session, and its door."""
+"""The page of `lfpipe monitor --web`: in a real browser on a real session."""
 
 from __future__ import annotations
 
-import http.client
+import base64
 import json
-import re
-import subprocess
-import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from lfpipe.observe.guard import own_page, owner
 from lfpipe.render.view_grid import Gaze, draw_over_eyes, inset
 from tests.web.browser import Browser, missing
+from tests.web.server import Server, until
 from tests.world import World
-
-
-def served(world: World) -> Iterator[int]:
-    """Serves the page of the world's session; gives the port."""
-    server = world.start("monitor", "--session", world.name, "--web", "--port", "0", stderr=subprocess.STDOUT)
-    assert server.stdout is not None
-    said = server.stdout.readline()
-    found = re.search(r"http://127\.0\.0\.1:(\d+)/", said)
-    assert found is not None, said
-    yield int(found[1])
-    server.terminate()
-    server.communicate(timeout=10)
-
-
-@pytest.fixture
-def port(world: World) -> Iterator[int]:
-    yield from served(world)
-
-
-@pytest.fixture(scope="module")
-def live_port(live: World) -> Iterator[int]:
-    yield from served(live)
-
-
-def ask(port: int, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
-    kind = {"Content-Type": "application/json"} if body is not None else {}
-    connection.request(method, path, None if body is None else json.dumps(body), {**kind, **headers})
-    answer = connection.getresponse()
-    data = answer.read()
-    connection.close()
-    return answer.status, data
 
 
 def rings(world: World) -> list[str]:
     return world.segments("pictures")
 
 
-def until(condition: Callable[[], Any], what: str, timeout_s: float = 20) -> Any:
-    end = time.monotonic() + timeout_s
-    while time.monotonic() < end:
-        if found := condition():
-            return found
-        time.sleep(0.1)
-    raise AssertionError(f"no {what} within {timeout_s} s")
-
-
-def test_the_picture_is_lent_at_full_chroma_and_taken_back(live: World, live_port: int) -> None:
-    world, port = live, live_port
+def test_the_picture_is_lent_at_full_chroma_and_taken_back(live: World, live_server: Server) -> None:
+    world, server = live, live_server
     assert rings(world) == [], "nobody asks, no ring"
-    until(lambda: ask(port, "GET", "/picture.jpg")[0] == 200, "picture")
+    until(lambda: server.ask("GET", "/picture.jpg")[0] == 200, "picture")
     assert len(rings(world)) == 1
-    picture = cv2.imdecode(np.frombuffer(ask(port, "GET", "/picture.jpg")[1], np.uint8), cv2.IMREAD_COLOR)
+    picture = cv2.imdecode(np.frombuffer(server.ask("GET", "/picture.jpg")[1], np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape == (48, 64, 3)
     shown = [set(8 * (3 * row + col) + 5 for col in range(3)) for row in range(3)]
     assert min(abs(int(picture[20, 30, 2]) - red) for red in set().union(*shown)) <= 3, "the red plane of a view that is stored"
-    data = ask(port, "GET", "/picture.jpg")[1]
+    data = server.ask("GET", "/picture.jpg")[1]
     start = data.index(b"\xff\xc0")
     assert data[start + 11] == 0x11, "4:4:4: the first component is sampled as the others"
-    camera = cv2.imdecode(np.frombuffer(ask(port, "GET", "/camera.jpg")[1], np.uint8), cv2.IMREAD_COLOR)
+    camera = cv2.imdecode(np.frombuffer(server.ask("GET", "/camera.jpg")[1], np.uint8), cv2.IMREAD_COLOR)
     assert camera.shape == (240, 320, 3) and camera.std() > 20
     until(lambda: rings(world) == [], "ring taken back when nobody asks")
     world.pictures(len(world.lines()) + 5)
 
 
-def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, port: int, tmp_path: Path) -> None:
+def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, server: Server, tmp_path: Path) -> None:
     if why := missing():
         pytest.skip(why)
     world.up(scene)
     world.pictures(5)
     with Browser(tmp_path / "profile") as browser:
-        browser.open(f"http://127.0.0.1:{port}/")
+        browser.open(server.url)
         until(lambda: browser.ask("window.lfpipe.latency && window.lfpipe.latency.data[0].length > 4"), "moving chart")
         assert browser.ask("Object.keys(window.lfpipe.hists).join()") == "capture,track,render"
         assert browser.ask("window.lfpipe.hists.track.data[1].reduce((a, b) => a + b)") > 10
@@ -120,47 +74,27 @@ def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, p
         world.pictures(before + 10)
         world.run("ctl", "--session", world.name, "stop")
         until(lambda: "no session" in browser.ask("document.getElementById('state').textContent"), "word of the end")
+        world.wait_for(lambda: not world.left(), "clean end")
+        world.trace.unlink()
+        world.up(scene)
+        until(lambda: browser.ask("window.lfpipe.last && window.lfpipe.last.alive"), "session that returned")
+        until(lambda: browser.ask("window.lfpipe.last.camera_hz > 5 && window.lfpipe.last.face"), "its figures", 60)
+        assert server.ask("POST", "/ctl", {"cmd": "recentre"})[0] == 200
 
 
-def test_a_control_changes_the_picture_that_is_served(live_port: int) -> None:
-    port = live_port
-    until(lambda: ask(port, "GET", "/picture.jpg")[0] == 200, "picture")
+def test_a_control_changes_the_picture_that_is_served(live_server: Server) -> None:
+    server = live_server
+    until(lambda: server.ask("GET", "/picture.jpg")[0] == 200, "picture")
 
     def spread() -> float:
-        picture = cv2.imdecode(np.frombuffer(ask(port, "GET", "/picture.jpg")[1], np.uint8), cv2.IMREAD_COLOR)
+        picture = cv2.imdecode(np.frombuffer(server.ask("GET", "/picture.jpg")[1], np.uint8), cv2.IMREAD_COLOR)
         return float(np.ptp(picture.reshape(-1, 3).mean(axis=0)))
 
-    status, data = ask(port, "POST", "/ctl", {"cmd": "set", "set": {"render.anaglyph": "grey", "render.alpha_px": 1000.0}})
+    status, data = server.ask("POST", "/ctl", {"cmd": "set", "set": {"render.anaglyph": "grey", "render.alpha_px": 1000.0}})
     assert status == 200 and json.loads(data)["applied"] is True
     until(lambda: spread() < 4, "grey picture: both eyes see the middle view")
-    assert ask(port, "POST", "/ctl", {"cmd": "set", "set": {"render.anaglyph": "colour", "render.alpha_px": 12.0}})[0] == 200
+    assert server.ask("POST", "/ctl", {"cmd": "set", "set": {"render.anaglyph": "colour", "render.alpha_px": 12.0}})[0] == 200
     until(lambda: spread() > 8, "picture in colour")
-
-
-def test_the_door(world: World, port: int) -> None:
-    assert ask(port, "GET", "/picture.jpg")[0] == 503, "no session yet"
-    assert ask(port, "GET", "/")[0] == 200 and ask(port, "GET", "/../guard.py")[0] == 404
-    assert ask(port, "GET", "/", Host="example.org")[0] == 403, "a name that was pointed here"
-    assert ask(port, "POST", "/ctl", {"cmd": "pause"}, Origin="http://example.org")[0] == 403, "another site in the browser"
-    for body in ({"cmd": "stop"}, {"cmd": "load", "scene": "/"}, [], "x", {"cmd": ["set"]}):
-        assert ask(port, "POST", "/ctl", body)[0] == 400
-    assert ask(port, "POST", "/ctl", {"cmd": "set", "x": "y" * 5000})[0] == 413
-    assert ask(port, "POST", "/ctl", {"cmd": "pause"}, **{"Content-Type": "text/plain"})[0] == 400
-    answer = json.loads(ask(port, "POST", "/ctl", {"cmd": "pause"})[1])
-    assert answer["ok"] is False and "no session" in answer["error"]
-    busy = world.run("monitor", "--web", "--port", str(port))
-    assert busy.returncode == 2 and "another --port" in busy.stderr
-
-
-def test_the_owner_of_a_connection_comes_from_the_kernel() -> None:
-    head = "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode\n"
-    line = "   0: 0100007F:1F90 0100007F:C001 01 00000000:00000000 00:00000000 00000000  1234        0 99\n"
-    assert owner(("127.0.0.1", 8080), head + line) == 1234
-    assert owner(("127.0.0.1", 8081), head + line) is None
-    assert owner(("127.0.0.1", 8080), head + line.replace(" 01 ", " 0A ")) is None, "a listener is no peer"
-    assert own_page("localhost:80", None, 80) and own_page("127.0.0.1:80", "http://localhost:80", 80)
-    assert not own_page("127.0.0.1:81", None, 80) and not own_page("", None, 80)
-    assert not own_page("127.0.0.1:80", "null", 80) and not own_page("127.0.0.1:80", "https://127.0.0.1:80", 80)
 
 
 def test_the_grid_is_where_the_mapping_says() -> None:
@@ -180,3 +114,28 @@ def test_the_grid_is_where_the_mapping_says() -> None:
     assert left[2] > 200 > 100 > left[0] and right[0] > 200 > 100 > right[2], "left eye red, right eye cyan"
     small = inset(gaze, 120)
     assert small.shape[1] == 120 and (small[:, :, 0] == small[:, :, 2]).all(), "white: the same behind both glasses"
+
+
+def test_events_hold_the_pictures_of_who_asks_for_them(live_server: Server) -> None:
+    def events(path: str, count: int) -> list[tuple[str, bytes]]:
+        head = f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {live_server.token}\r\n\r\n"
+        found: list[tuple[str, bytes]] = []
+        with live_server.send(head.encode()) as connection, connection.makefile("rb") as lines:
+            name = ""
+            while len(found) < count:
+                word, _, value = lines.readline().rstrip(b"\n").partition(b": ")
+                if word == b"event":
+                    name = value.decode()
+                elif word == b"data":
+                    found.append((name, value))
+                    name = ""
+        return found
+
+    assert {name for name, _ in events("/events", 6)} == {""}
+    told = events("/events?pictures", 12)
+    assert {name for name, _ in told} == {"", "camera", "picture"}
+    for name, data in told:
+        if name:
+            assert cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR) is not None
+        else:
+            assert {"alive", "stages", "config"} <= set(json.loads(data))

@@ -1,5 +1,5 @@
 "use strict";
-// The page of `lfpipe monitor --web`: draws what /events tells, fetches two pictures, sends commands to /ctl.
+// The page of `lfpipe monitor --web`: draws what /events tells and shows, sends commands to /ctl.
 
 const PERIOD_MS = 250, POINTS = 480;
 const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
@@ -7,6 +7,7 @@ const inkOf = (key) => ink(key) || ink("other"); // of a stage, or of the age
 const $ = (id) => document.getElementById(id);
 const page = { events: 0, latency: null, hists: {}, last: null };
 window.lfpipe = page; // for the tests
+history.replaceState(null, "", document.baseURI); // without the token, which the cookie keeps for this path
 
 const axis = { stroke: () => ink("dim"), grid: { stroke: () => ink("line"), width: 1 }, ticks: { stroke: () => ink("line") } };
 const rows = { t: [], age: [], stages: {} };
@@ -126,18 +127,7 @@ $("alpha_auto").addEventListener("change", () => {
 for (const word of ["recentre", "reset"]) $(word).addEventListener("click", () => command({ cmd: word }));
 $("pause").addEventListener("click", () => command({ cmd: $("pause").textContent }));
 
-function watch(id) {
-  const next = () => {
-    if (document.hidden || !(page.last && page.last.alive)) { setTimeout(next, PERIOD_MS); return; }
-    $(id).src = `${id}.jpg?${Date.now()}`;
-  };
-  $(id).addEventListener("load", () => setTimeout(next, PERIOD_MS));
-  $(id).addEventListener("error", () => setTimeout(next, 4 * PERIOD_MS));
-  next();
-}
-
-const events = new EventSource("events");
-events.onmessage = (event) => {
+function draw(event) {
   const told = JSON.parse(event.data);
   page.events += 1;
   page.last = told;
@@ -149,8 +139,27 @@ events.onmessage = (event) => {
     + `eyes predicted by ${told.horizon.p50.toFixed(1)} ms`;
   if (document.hidden) return;
   charts(told); table(told); show(told);
-};
-events.onerror = () => { $("state").textContent = "the monitor has ended; waiting for it"; page.last = null; };
+}
+
+let events = null; // a hidden page asks for no pictures
+
+function connect() {
+  if (events) events.close();
+  const opened = events = new EventSource(document.hidden ? "events" : "events?pictures");
+  opened.onmessage = draw;
+  for (const which of ["camera", "picture"])
+    opened.addEventListener(which, (event) => { $(which).src = `data:image/jpeg;base64,${event.data}`; });
+  opened.onerror = async () => {
+    page.last = null;
+    $("state").textContent = "the monitor has ended; open the address that it prints when it starts again";
+    if (opened.readyState !== EventSource.CLOSED) return; // the browser tries again by itself
+    const answer = await fetch("events").catch(() => null); // why it was refused
+    if (answer && answer.ok) answer.body.cancel();
+    else if (answer) $("state").textContent = (await answer.json()).error;
+    setTimeout(() => { if (events === opened) connect(); }, 20 * PERIOD_MS);
+  };
+}
+document.addEventListener("visibilitychange", connect);
 
 function fit() {
   if (page.latency) page.latency.setSize({ width: wide($("latency")), height: 220 });
@@ -160,5 +169,4 @@ addEventListener("resize", fit);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
   for (const chart of [page.latency, ...Object.values(page.hists)]) if (chart) chart.redraw();
 });
-watch("camera");
-watch("picture");
+connect();

@@ -1,0 +1,191 @@
+"""An HTTP server whose clients cannot exhaust it: Tornado, with limits on time, sizes and connections. One thread, no log."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import socket
+from collections.abc import Awaitable, Callable
+from http import HTTPStatus
+from typing import Any
+
+from tornado.httpserver import HTTPServer
+from tornado.httputil import HTTPConnection, HTTPMessageDelegate
+from tornado.iostream import StreamClosedError
+from tornado.netutil import bind_sockets
+from tornado.web import Application, HTTPError, RequestHandler
+
+from lfpipe.errors import UserError
+
+READ_TIMEOUT_S = 10.0  # for the headers of a request, for its body, and between two requests
+WRITE_TIMEOUT_S = 10.0  # for an answer, or a piece of a stream
+MAX_HEADER_BYTES = 16 * 1024
+MAX_BODY_BYTES = 64 * 1024
+SEND_BUFFER_BYTES = 64 * 1024  # of the kernel: a slow reader of a stream skips to the newest, and does not read the old first
+MAX_STRANGERS = 64  # connections that were not admitted yet; one more closes the oldest of them
+MAX_CONNECTIONS = 256  # connections that were admitted; one more is refused
+POLICY = "frame-ancestors 'none'; default-src 'self'; img-src 'self' data:; base-uri 'self'; form-action 'none'"
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+}
+log = logging.getLogger(__name__)
+
+
+class Connections:
+    """The open connections: strangers in their order of arrival, and those of which a request was admitted."""
+
+    def __init__(self) -> None:
+        self._strangers: dict[Any, None] = {}  # of IOStream
+        self._admitted: set[Any] = set()
+
+    def arrive(self, stream: Any) -> None:
+        """Counts a connection that waits for a request."""
+        if stream not in self._admitted:
+            self._strangers.setdefault(stream)
+            if len(self._strangers) > MAX_STRANGERS:
+                oldest = next(iter(self._strangers))
+                self.leave(oldest)
+                oldest.close()
+
+    def admit(self, stream: Any) -> bool:
+        """Keeps a connection out of the strangers. False where there are too many."""
+        if stream not in self._admitted and len(self._admitted) >= MAX_CONNECTIONS:
+            return False
+        self._strangers.pop(stream, None)
+        self._admitted.add(stream)
+        return True
+
+    def leave(self, stream: Any) -> None:
+        """Forgets a connection."""
+        self._strangers.pop(stream, None)
+        self._admitted.discard(stream)
+
+
+class Server(HTTPServer):
+    """Tornado's server, bounded. Made inside a running event loop."""
+
+    def initialize(self, app: Application, connections: Connections) -> None:  # type: ignore[override]
+        """Takes the place of __init__, as Tornado wants it."""
+        self._open = connections
+        super().initialize(app, idle_connection_timeout=READ_TIMEOUT_S, body_timeout=READ_TIMEOUT_S,
+                           max_header_size=MAX_HEADER_BYTES, max_body_size=MAX_BODY_BYTES)  # fmt: skip
+
+    def start_request(self, server_conn: Any, request_conn: HTTPConnection) -> HTTPMessageDelegate:
+        """Tornado calls it where a connection begins to wait for a request."""
+        self._open.arrive(server_conn.stream)
+        return super().start_request(server_conn, request_conn)
+
+    def on_close(self, server_conn: Any) -> None:
+        """Tornado calls it where a connection has ended."""
+        self._open.leave(server_conn.stream)
+        super().on_close(server_conn)
+
+
+class Handler(RequestHandler):
+    """One request. Every answer carries HEADERS; errors are JSON; nothing that a client sends reaches a log."""
+
+    def set_default_headers(self) -> None:
+        """Tornado calls it for every answer, errors included."""
+        self.clear_header("Server")
+        for name, value in HEADERS.items():
+            self.set_header(name, value)
+
+    def compute_etag(self) -> None:
+        """None: nothing is cached."""
+
+    def refusal(self) -> str:
+        """Why this request is answered with 403, or nothing."""
+        return ""
+
+    def prepare(self) -> None:
+        """Admits the request or raises HTTPError."""
+        if why := self.refusal():
+            raise HTTPError(HTTPStatus.FORBIDDEN, why)
+        if not self.settings["connections"].admit(self._stream()):
+            raise HTTPError(HTTPStatus.SERVICE_UNAVAILABLE, "too many connections")
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        """{"ok": false, "error": why}."""
+        error = kwargs.get("exc_info", (None, None, None))[1]
+        why = error.log_message if isinstance(error, HTTPError) else None
+        self.set_header("Content-Type", "application/json")
+        self.write(json.dumps({"ok": False, "error": why or HTTPStatus(status_code).phrase.lower()}))
+
+    def log_exception(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        """Logs what is a defect of ours, without the query of the address: it may hold the token."""
+        if not isinstance(error, HTTPError | StreamClosedError):
+            log.error("%s %s", self.request.method, self.request.path, exc_info=error)
+
+    async def answer(self, body: bytes, kind: str, status: HTTPStatus = HTTPStatus.OK) -> None:
+        """Sends a whole answer; the connection of who does not read it is closed."""
+        self.set_status(status)
+        self.set_header("Content-Type", kind)
+        await self._sent(self.finish(body))
+
+    async def answer_json(self, value: dict[str, Any], status: HTTPStatus = HTTPStatus.OK) -> None:
+        """The same for a JSON object."""
+        await self.answer(json.dumps(value).encode(), "application/json", status)
+
+    async def piece(self, data: bytes) -> bool:
+        """Sends a piece of a stream. False where nobody reads it any more."""
+        self.write(data)
+        return await self._sent(self.flush())
+
+    async def _sent(self, sent: Awaitable[None]) -> bool:
+        try:
+            async with asyncio.timeout(WRITE_TIMEOUT_S):
+                await sent
+        except (TimeoutError, StreamClosedError):
+            self._stream().close()
+            return False
+        return True
+
+    def _stream(self) -> Any:
+        return self.request.connection.stream  # type: ignore[union-attr]
+
+
+class Missing(Handler):
+    """For an address that there is not."""
+
+    def prepare(self) -> None:
+        super().prepare()
+        raise HTTPError(HTTPStatus.NOT_FOUND, "no such page")
+
+
+def listen(host: str, port: int, option: str) -> list[socket.socket]:
+    """Bound sockets, one for each address of host. Raises UserError, which names the option."""
+    try:
+        bound = bind_sockets(port, host)
+    except OSError as error:
+        why = f"{option} {host}:{port}: {error.strerror or error}"
+        raise UserError(why, "another port, or 0 for a free one") from None
+    for each in bound:
+        each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+    return bound
+
+
+def run(app: Application, bound: list[socket.socket], end: Callable[[], Awaitable[None]] | None = None) -> None:
+    """Serves app until Ctrl-C; `end` is awaited before the connections are closed."""
+    connections = Connections()
+    app.settings.update(connections=connections, log_function=lambda handler: None)
+
+    async def serve() -> None:
+        server = Server(app, connections)
+        server.add_sockets(bound)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            server.stop()
+            if end is not None:
+                await end()
+            await server.close_all_connections()
+
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(serve())

@@ -1,0 +1,139 @@
+"""What clients can take of the server: half requests, large ones, many of them, and answers that nobody reads."""
+
+from __future__ import annotations
+
+import http.client
+import signal
+import socket
+from contextlib import ExitStack
+from pathlib import Path
+
+from lfpipe.observe.server import MAX_STRANGERS
+from lfpipe.observe.web import MAX_STREAMS
+from lfpipe.transport.segment import PREFIX, SHM_DIR
+from tests.web.server import Server, served, until
+from tests.world import World
+
+HALVES = (
+    b"",
+    b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n",
+    b"POST /ctl HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 100\r\n\r\n{",
+    b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",  # whole and refused, and then nothing more
+)
+LARGE = 10_000_000
+
+
+def test_half_requests_hold_nothing(live_server: Server) -> None:
+    until(lambda: live_server.ask("GET", "/picture.jpg")[0] == 200, "picture")
+    assert live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
+    threads, sockets = live_server.threads(), live_server.sockets()
+    with ExitStack() as stack:
+        for _ in range(100):
+            for half in HALVES:
+                stack.enter_context(live_server.send(half))
+        assert live_server.ask("GET", "/")[0] == live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
+        assert live_server.threads() <= threads
+        assert live_server.sockets() <= sockets + MAX_STRANGERS + 2
+        until(lambda: live_server.sockets() <= sockets, "end of the half requests", 30)
+
+
+def test_those_with_the_token_are_not_closed_for_strangers(live_server: Server) -> None:
+    known = http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=20)
+    bearer = {"Authorization": f"Bearer {live_server.token}"}
+    known.request("GET", "/events", headers=bearer)
+    told = known.getresponse()
+    with ExitStack() as stack:
+        for _ in range(3 * MAX_STRANGERS):
+            stack.enter_context(live_server.send(b"GET"))
+        for _ in range(6):
+            assert told.readline()
+    known.close()
+
+
+def test_large_requests_are_refused(live_server: Server) -> None:
+    threads = live_server.threads()
+    for head in (f"Content-Length: {LARGE}", "Transfer-Encoding: chunked", f"X: {'y' * LARGE}"):
+        start = f"POST /ctl HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {live_server.token}\r\n{head}\r\n\r\n".encode()
+        piece = b"8000\r\n" + 0x8000 * b" " + b"\r\n" if "chunked" in head else 0x8000 * b" "
+        answer = b""
+        with socket.create_connection(("127.0.0.1", live_server.port), timeout=20) as connection:
+            try:
+                connection.sendall(start)
+                for _ in range(LARGE // len(piece)):
+                    connection.sendall(piece)
+                while got := connection.recv(65536):
+                    answer += got
+            except (BrokenPipeError, ConnectionResetError):
+                pass  # closed while it was sent
+            else:
+                assert answer.startswith(b"HTTP/1.1 4"), answer[:100]
+    assert live_server.ask("POST", "/ctl", b" " * 60_000)[0] == 413
+    assert live_server.ask("GET", "/page.js")[0] == 200 and live_server.threads() <= threads + 2
+
+
+def test_many_clients(live_server: Server) -> None:
+    until(lambda: live_server.ask("GET", "/picture.jpg")[0] == 200, "picture")
+    threads = live_server.threads()
+    bearer = {"Authorization": f"Bearer {live_server.token}"}
+    streams = [http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=20) for _ in range(64)]
+    others = [http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=20) for _ in range(64)]
+    answers = []
+    for stream, other in zip(streams, others, strict=True):
+        stream.request("GET", "/events", headers=bearer)
+        answers.append(stream.getresponse())
+        other.request("GET", "/camera.jpg", headers=bearer)
+        assert (answer := other.getresponse()).status == 200 and answer.read()[:2] == b"\xff\xd8"
+    refused = [answer.status for answer in answers].count(503)
+    assert [answer.status for answer in answers].count(200) == MAX_STREAMS and refused == 64 - MAX_STREAMS
+    for answer in answers[:MAX_STREAMS]:
+        assert answer.readline().startswith(b"data: ")
+    assert live_server.threads() <= threads
+    for connection in (*streams, *others):
+        connection.close()
+
+    def served_again() -> bool:
+        again = http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=20)
+        again.request("GET", "/events", headers=bearer)
+        found = again.getresponse().status == 200
+        again.close()
+        return found
+
+    until(served_again, "place for a new viewer")
+
+
+def test_who_does_not_read_is_dropped(live_server: Server) -> None:
+    sockets = live_server.sockets()
+    get = "GET {} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {}\r\n\r\n"
+    with ExitStack() as stack:
+        for path, count in (("/events?pictures", 1), ("/page.js", 500)):
+            lazy = stack.enter_context(socket.socket())
+            lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            lazy.connect(("127.0.0.1", live_server.port))
+            lazy.sendall(count * get.format(path, live_server.token).encode())
+        until(lambda: live_server.sockets() > sockets, "connections")
+        until(lambda: live_server.sockets() <= sockets, "end of who does not read", 90)
+
+
+def test_the_end_with_viewers_is_quiet(world: World, scene: Path) -> None:
+    log = world.root / "log"
+    with log.open("w") as output:
+        process = world.start("monitor", "--session", world.name, "--web", ":0", stdout=output, stderr=output)
+    until(lambda: "token=" in log.read_text(), "address")
+    address, token = log.read_text().split("http://")[1].split()[0].split("/?token=")
+    viewer = http.client.HTTPConnection(address, timeout=20)
+    viewer.request("GET", "/events", headers={"Authorization": f"Bearer {token}"})
+    assert viewer.getresponse().readline().startswith(b"data: ")
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20) == 0 and len(log.read_text().splitlines()) == 1, log.read_text()
+
+
+def test_a_server_that_nobody_looks_at_lets_go_of_the_session(live: World) -> None:
+    with served(live) as server:
+        held = Path(f"/proc/{server.pid}/maps")
+        until(lambda: server.ask("GET", "/camera.jpg")[0] == 200, "picture")
+
+        def segments() -> int:
+            return held.read_text().count(f"{SHM_DIR}/{PREFIX}")
+
+        assert segments() > 0
+        until(lambda: segments() == 0, "end of the attachment")
