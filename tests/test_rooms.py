@@ -76,7 +76,6 @@ ALLOWED = {
     "lfpipe/capture/v4l2.py": "Video4Linux is Linux's own",
     "lfpipe/render/monitors.py": "calls the SDL library that pygame loads",
     "lfpipe/track/network.py": "maps a tensor's memory",
-    "lfpipe/observe/guard.py": "reads who holds the other end of a connection",
     "lfpipe/bench/worker.py": "forks, so that every turn starts from the same prepared memory",
 }
 

@@ -55,6 +55,12 @@ def backdrop(seed: int = 1) -> Picture:
     return np.asarray(cv2.resize(small, SIZE, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
+def eyes_apart_px(name: str) -> float:
+    """Distance between the eyes in a portrait, as marked by hand."""
+    _, eyes = portrait(name)
+    return float(np.hypot(*(eyes[0] - eyes[1])))
+
+
 def placed(picture: Picture, name: str, x: float, y: float, apart_px: float, roll_deg: float = 0.0) -> Picture:
     """picture with the head of a portrait before it: eyes apart_px apart, their middle at (x, y), turned clockwise."""
     head, eyes = portrait(name)

@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 from lfpipe.track.litert_engine import LitertEngine
-from tests.track.people import FACES, SIZE, Picture, backdrop, middle, needs_faces, placed, watched, write_video
+from tests.track.people import FACES, SIZE, Picture, backdrop, eyes_apart_px, middle, needs_faces, placed, watched, write_video
 from tests.world import World
 
 pytestmark = needs_faces
 VIEWER, BYSTANDER, OTHER = "01-1m", "04-1m", "08-1f"
 LIDS = (281, 236), (397, 217)  # of the person who blinks
-TURNED = 0.886  # how far apart the eyes look in the sample's turned heads: the median over 80 pairs of pictures
 
 
 def poster(picture: Picture, seed: int, x: int, y: int, side: int) -> Picture:
@@ -130,8 +129,13 @@ def test_a_blink_moves_the_eyes_less_than_its_lids(world: World, scene: Path) ->
 
 @pytest.mark.parametrize("person", ["01", "02", "03", "05", "06", "09"])
 def test_a_head_that_turns_stays_at_its_distance(world: World, scene: Path, person: str) -> None:
-    """Seen from the side the eyes stand closer together; alpha, which follows the viewer's distance, must not."""
-    frontal, aside = (placed(backdrop(), f"{person}-{kind}m", 300, 220, wide) for kind, wide in ((1, 60.0), (3, 60.0 * TURNED)))
+    """Seen from the side the eyes stand closer together; alpha, which follows the viewer's distance, must not.
+
+    Both portraits keep the scale of their photographs, which were taken from the same place.
+    """
+    frontal_px, aside_px = (eyes_apart_px(f"{person}-{kind}m") for kind in (1, 3))
+    frontal = placed(backdrop(), f"{person}-1m", 300, 220, 60.0)
+    aside = placed(backdrop(), f"{person}-3m", 300, 220, 60.0 * aside_px / frontal_px)
     lines = watched(world, scene, write_video(world.root / "v.avi", [frontal] * 60 + [aside] * 150))
 
     def alpha_px(line: dict[str, Any]) -> float:
