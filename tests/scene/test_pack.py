@@ -177,7 +177,8 @@ def test_a_damaged_pack_is_told_and_made_again(folder: Path, scene_config: confi
 
 
 def test_a_failure_half_way_leaves_nothing(folder: Path, scene_config: config.Scene) -> None:
-    (folder / "input_Cam008.png").write_bytes((folder / "input_Cam008.png").read_bytes()[:2000])
+    data = (folder / "input_Cam008.png").read_bytes()
+    (folder / "input_Cam008.png").write_bytes(data[:2000] + bytes(100) + data[2100:])
     with pytest.raises(UserError, match=r"input_Cam008\.png.*truncated"):
         pack.open_scene(folder, scene_config)
     assert list((Path(scene_config.cache_dir) / "scenes").iterdir()) == []
