@@ -119,20 +119,20 @@ def virtual(folder: Path) -> Path:
 
 
 def chunk_bomb(folder: Path) -> Path:
-    """A chunk of 34 kB as 1 MB that unpacks to 1 GB."""
+    """A chunk of 34 kB as 0.5 MB that unpacks to 0.5 GB."""
     with h5py.File(folder / "lf.h5", "w") as file:
         made_here = file.create_dataset("LF", GRID.shape, np.uint8, chunks=GRID.shape, compression="gzip")
-        engine = zlib.compressobj(9)
-        packed = b"".join(engine.compress(b"\0" * (1 << 24)) for _ in range(64)) + engine.flush()
+        engine = zlib.compressobj(6)
+        packed = b"".join(engine.compress(b"\0" * (1 << 24)) for _ in range(32)) + engine.flush()
         made_here.id.write_direct_chunk((0,) * 5, packed)
     return folder
 
 
 def mat_bomb(name: str) -> Callable[[Path], Path]:
-    """1.5 MB that unpack to 1.5 GB, as the light field or beside it."""
+    """0.5 MB that unpack to 0.5 GB, as the light field or beside it."""
 
     def make(folder: Path) -> Path:
-        shape, engine = (3, 3, 7000, 8000, 3), zlib.compressobj(9)
+        shape, engine = (3, 3, 4000, 4700, 3), zlib.compressobj(6)
         size = int(np.prod(shape))
         dims = struct.pack("<II", 5, 4 * len(shape)) + struct.pack(f"<{len(shape)}i", *shape) + b"\0" * (-4 * len(shape) % 8)
         head = struct.pack("<IIII", 6, 8, 9, 0) + dims + struct.pack("<HH4s", 1, 2, name.encode()) + struct.pack("<II", 2, size)
