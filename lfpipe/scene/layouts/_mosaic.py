@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.disparity import flow
-from lfpipe.scene.files import Listing, read_picture
+from lfpipe.scene.files import Listing, picture_header, read_picture
 from lfpipe.scene.layouts._grid import asked_grid
 
 MOST_TILES = 64  # along one side
 _SMALLEST_TILE_PX = 24
+_LARGE_BYTES = 64_000_000  # of a picture
 _GLANCE_PX = 1024  # the longer side of the picture in which tiles are looked for
 _TWO_AXES, _ONE_AXIS = 0.5, 0.2  # how unlike neighbouring tiles may be, as `_unlike` counts
 
@@ -50,7 +51,7 @@ class Tiling:
 
 
 class LastPictures:
-    """Whole pictures by frame number, the last two kept, for readers in several threads."""
+    """Whole pictures by frame number, the last two kept, of large ones one, for readers in several threads."""
 
     def __init__(self, load: Callable[[int], NDArray[Any]]) -> None:
         self._load = load
@@ -60,10 +61,9 @@ class LastPictures:
     def __call__(self, frame: int) -> NDArray[Any]:
         with self._lock:
             if frame not in self._kept:
-                picture = self._load(frame)
-                while len(self._kept) > 1:
+                while self._kept and (len(self._kept) > 1 or next(iter(self._kept.values())).nbytes > _LARGE_BYTES):
                     del self._kept[min(self._kept)]
-                self._kept[frame] = picture
+                self._kept[frame] = self._load(frame)
             return self._kept[frame]
 
 
@@ -164,17 +164,11 @@ def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling:
 
 
 def picture_loader(paths: list[Path]) -> LastPictures:
-    """Pictures by frame number, each of the size of the first. Raises UserError when read."""
-    sizes: list[tuple[int, ...]] = []
-
-    def load(frame: int) -> NDArray[Any]:
-        picture, _ = read_picture(paths[frame])
-        sizes.append(picture.shape[:2])
-        if sizes[-1] != sizes[0]:
-            raise UserError(
-                f"{paths[frame]}: {picture.shape[1]}x{picture.shape[0]} px, {paths[0].name} has {sizes[0][1]}x{sizes[0][0]}",
-                "every frame of a light-field video has the same size",
-            )
-        return picture
-
-    return LastPictures(load)
+    """Pictures by frame number. Raises UserError where their sizes differ, and when one is read that is damaged."""
+    headers = [picture_header(path) for path in paths]
+    sizes = [f"{header.width_px}x{header.height_px}" for header in headers]
+    for path, size in zip(paths, sizes, strict=True):
+        if size != sizes[0]:
+            what = f"{path}: {size} px, {paths[0].name} has {sizes[0]}"
+            raise UserError(what, "every frame of a light-field video has the same size")
+    return LastPictures(lambda frame: read_picture(paths[frame], headers[frame])[0])

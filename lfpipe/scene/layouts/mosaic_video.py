@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import VIDEOS, Listing, read_picture
+from lfpipe.scene.files import VIDEOS, Listing, picture_header, read_picture
 from lfpipe.scene.layouts._grid import asked_grid
 from lfpipe.scene.layouts._mosaic import LastPictures, find_tiles, picture_loader, tiling
 from lfpipe.scene.source import Source, Turn
@@ -37,12 +37,18 @@ def detect(listing: Listing) -> int | None:
     return 45 if find_tiles(first, Path(pictures[0]).stem) else None
 
 
-def _alike(a: NDArray[Any], b: NDArray[Any]) -> bool:
-    """Whether two pictures can be frames of one video."""
-    if a.shape != b.shape:
+def _alike(a: Path, b: Path) -> bool:
+    """Whether two pictures can be frames of one video. Raises UserError."""
+    kinds = {(h.width_px, h.height_px, h.grey) for h in (picture_header(a), picture_header(b))}
+    if len(kinds) > 1:
         return False
-    small = [cv2.resize(p if p.ndim == 2 else p[..., 1], (256, 256), interpolation=cv2.INTER_AREA).ravel() for p in (a, b)]
-    return float(np.corrcoef(small[0], small[1])[0, 1]) > 0.5
+    return float(np.corrcoef(_glance(a), _glance(b))[0, 1]) > 0.5
+
+
+def _glance(path: Path) -> NDArray[Any]:
+    """A picture as 256x256 values."""
+    small = cv2.resize(read_picture(path)[0], (256, 256), interpolation=cv2.INTER_AREA)
+    return (small if small.ndim == 2 else small[..., 1]).ravel()
 
 
 def describe(listing: Listing, scene: config.Scene) -> Source:
@@ -52,18 +58,17 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
         video = Video(paths[0])
         frames, rate, full = video.about.frames, video.about.rate_hz, 255
         load = LastPictures(video.read)
-        first = load(0)
     else:
         paths = [listing.file(name) for name in listing.pictures()]
         if not paths:
             raise UserError(f"{listing.path}: no pictures", "give a folder of numbered mosaics, or a video of mosaics")
-        first, full = read_picture(paths[0])
-        if len(paths) > 1 and not _alike(first, read_picture(paths[1])[0]):
+        full = picture_header(paths[0]).max_value
+        if len(paths) > 1 and not _alike(paths[0], paths[1]):
             notes = (f"{len(paths)} pictures that do not belong together: this is {paths[0].name}; give another by its file",)
             paths = paths[:1]
         frames, rate = len(paths), USUAL_RATE_HZ if len(paths) > 1 else 0.0
         load = picture_loader(paths)
-        load(0)
+    first = load(0)
     if not asked_grid(scene.grid) and find_tiles(first, f"{paths[0].parent.name}/{paths[0].stem}") is None:
         raise UserError(f"{paths[0]}: its first frame is no mosaic of views", "give the tiles with --set scene.grid=ROWSxCOLS")
     cut = tiling(first, paths[0], scene)

@@ -61,9 +61,8 @@ class _Likeness:
     def _small(self, number: int) -> NDArray[np.float32]:
         picture, full = read_picture(self._listing.file(self._names[number]))
         scale = min(1.0, _SIDE_PX / max(picture.shape[:2]))
-        plane = picture if picture.ndim == 2 else picture[..., 1]
-        small = cv2.resize(plane, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        return np.asarray(small, np.float32) / np.float32(full)
+        small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        return np.asarray(small if small.ndim == 2 else small[..., 1], np.float32) / np.float32(full)
 
     def mean(self, pairs: list[tuple[int, int]]) -> float:
         """Mean difference over up to _PAIRS of the pairs, evenly chosen; 0 for none."""
