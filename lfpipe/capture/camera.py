@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import time
 from pathlib import Path
@@ -15,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.pictures import quiet_cv2
 from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2 import cameras, is_capture
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, retrieved_jpeg
+from lfpipe.host import opencv_log
 
 STALL_S = 0.9  # a grab that failed after this long ran into the driver's time-out; one that failed sooner found no camera
 START_GRABS = 5  # of a second each at the most: some cameras take seconds to their first frame
@@ -102,8 +103,10 @@ def check_device(path: Path) -> None:
     except PermissionError:
         raise UserError(f"camera {path}: no permission", "add yourself to the group `video` and log in again") from None
     except OSError as error:
-        if error.errno == 16:  # EBUSY
+        if error.errno == errno.EBUSY:
             raise _busy(path) from None
+        if error.errno == errno.ETIMEDOUT:
+            raise UserError(f"camera {path}: {error.strerror}", "plug it out and in again") from None
         raise UserError(f"camera {path}: not a camera ({error.strerror})", _others(path)) from None
     if not capture:
         raise UserError(f"camera {path}: this device gives no pictures (a camera's node for metadata?)", _others(path))
@@ -163,7 +166,10 @@ class CameraSource:
             packet, picture = found
             fitted(picture, out)
             return True, packet if picture.shape == self._own_size.shape else None
-        whole, frame = self._device.retrieve(out if out.shape == self._own_size.shape else self._own_size)
+        try:
+            whole, frame = self._device.retrieve(out if out.shape == self._own_size.shape else self._own_size)
+        except cv2.error:  # half a frame
+            return False, None
         if whole:
             fitted(np.asarray(frame, np.uint8), out)
         return whole, None
@@ -175,7 +181,7 @@ class CameraSource:
 def open_camera(spec: CameraSpec, camera: config.Camera) -> CameraSource:
     """Opens and configures the device. Raises UserError where it is missing, not permitted, no camera, or busy."""
     check_device(spec.path)
-    with quiet_cv2():
+    with opencv_log.silent():
         device = cv2.VideoCapture(str(spec.path), cv2.CAP_V4L2)
         if not device.isOpened():
             raise _busy(spec.path)

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.capture.pictures import open_recording
 from lfpipe.capture.schedule import EvenSchedule, StampSchedule
-from lfpipe.capture.source import Frame, SourceInfo
+from lfpipe.capture.source import BrokenFrame, Frame, SourceInfo, decoding
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
+
+MAX_BROKEN = 50
 
 
 class FileSource:
@@ -33,6 +35,7 @@ class FileSource:
         self._even = EvenSchedule(rate_hz)
         self._seq = 0
         self._start_ns = 0
+        self._broken = 0  # frames in a row
         width_px, height_px = self._recording.width_px, self._recording.height_px
         jpeg = self._recording.packet is not None
         notes = []
@@ -44,19 +47,18 @@ class FileSource:
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `Source.read`; never sleeps, and returns None at the end of a file that is not looped."""
-        stamp_ns = self._recording.next(out)
+        stamp_ns = self._next(out)
         if stamp_ns is None and self._spec.loop:
             self._recording.rewind()
             if self._stamps is not None:
                 self._stamps.restart()
-            stamp_ns = self._recording.next(out)
+            stamp_ns = self._next(out)
             if stamp_ns is None:
                 raise UserError(f"{self._spec.path}: cannot be read a second time", "play it once, with loop=0")
         if stamp_ns is None:
             return None
         now_ns = time.monotonic_ns()
-        if self._seq == 0:
-            self._start_ns = now_ns
+        self._start_ns = self._start_ns or now_ns
         if self._spec.pace == "max":
             due_ns = now_ns
         elif self._stamps is not None:
@@ -66,6 +68,20 @@ class FileSource:
         frame = Frame(self._seq, due_ns, 0, self._recording.packet)
         self._seq += 1
         return frame
+
+    def _next(self, out: NDArray[np.uint8]) -> int | None:
+        """As `Recording.next`; after MAX_BROKEN frames in a row that cannot be decoded nothing is left to wait for."""
+        try:
+            with decoding(str(self._spec.path)):
+                stamp_ns = self._recording.next(out)
+        except BrokenFrame as error:
+            self._broken += 1
+            if self._broken > MAX_BROKEN:
+                raise UserError(f"{error.message}; nor the {MAX_BROKEN} before it", error.remedy) from None
+            self._seq += 1
+            raise
+        self._broken = self._broken if stamp_ns is None else 0
+        return stamp_ns
 
     def close(self) -> None:
         self._recording.close()

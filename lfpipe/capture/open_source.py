@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import attrs
+import numpy as np
 
 from lfpipe import config
+from lfpipe.capture.limited import within
 from lfpipe.capture.mounting import oriented
-from lfpipe.capture.source import Source, SourceInfo
+from lfpipe.capture.source import Source, SourceInfo, decoding
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
 from lfpipe.capture.v4l2 import cameras
 from lfpipe.errors import UserError
+
+CAMERA_S, FILE_S = 15.0, 60.0  # how long a source may take to open, at most
 
 
 def resolve(text: str) -> Spec:
@@ -25,6 +31,14 @@ def resolve(text: str) -> Spec:
     return CameraSpec(found[0].path)
 
 
+def _check_name(path: Path) -> None:
+    """Raises UserError for a name that messages between processes cannot carry."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise UserError(f"{path}: recordings are opened under names in UTF-8 only", "rename the file or its folder") from None
+
+
 def open_source(text: str, camera: config.Camera) -> Source:
     """The source that text names, opened: `camera:N`, `camera:/dev/videoN`, `file:PATH[?...]`, `demo`, "" for the first camera.
 
@@ -33,6 +47,7 @@ def open_source(text: str, camera: config.Camera) -> Source:
     """
     spec = resolve(text)
     if isinstance(spec, FileSpec):
+        _check_name(spec.path)
         from lfpipe.sequence.folder import is_sequence
 
         if is_sequence(spec.path):
@@ -74,14 +89,32 @@ class Checked:
     jpeg_px: tuple[int, int] | None = None
 
 
+def _tried(text: str, camera: config.Camera) -> SourceInfo:
+    """Opens the source, takes the first frame of a recording (a camera has been asked for one), and closes it."""
+    with decoding(text):
+        source = open_source(text, camera)
+    try:
+        if not source.info.live:
+            width_px, height_px = camera.frame_px
+            source.read(np.empty((height_px, width_px, 3), np.uint8))
+    finally:
+        source.close()
+    return source.info
+
+
 def check_source(text: str, camera: config.Camera) -> Checked:
     """text, made definite (the first camera found by its path, anything else as it stands), and what it delivers.
 
-    It is opened, its first frame is decoded or taken, and it is closed again. Raises UserError as `open_source` does.
+    It is opened, its first frame is decoded or taken, and it is closed again. Raises UserError as `open_source` does, and where
+    it takes longer than CAMERA_S or FILE_S.
     """
     spec = resolve(text)
     definite = f"camera:{spec.path}" if isinstance(spec, CameraSpec) else text
-    source = open_source(definite, camera)
-    source.close()
-    info = source.info
+    limit_s, remedy = CAMERA_S, "plug it out and in again"
+    if not isinstance(spec, CameraSpec):
+        limit_s, remedy = FILE_S, "is its disk or network drive there?"
+    try:
+        info = within(limit_s, lambda: _tried(definite, camera))
+    except TimeoutError as error:
+        raise UserError(f"{definite}: {error}", remedy) from None
     return Checked(definite, info.rate_hz, (info.width_px, info.height_px) if info.jpeg else None)

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
-# FFmpeg prints straight to stderr, past Python; what it says of a broken file is said here as a UserError.
-os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.motion_jpeg import MotionJpeg
+from lfpipe.capture.source import BrokenFrame
+from lfpipe.capture.video import open_video
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fitted, is_jpeg, opencv_name, picture_of
+from lfpipe.files import safe_files
+from lfpipe.files.decoding import fitted, is_jpeg, picture_of
 from lfpipe.host import opencv_log
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
+MAX_FILE_BYTES = 1 << 28  # of one picture; what is behind is not read
 
 
 class Recording(Protocol):
@@ -35,22 +31,15 @@ class Recording(Protocol):
     packet: NDArray[np.uint8] | None
 
     def next(self, out: NDArray[np.uint8]) -> int | None:
-        """Decodes the next frame into out (height, width, 3) BGR, scaled where needed; its stamp in ns, or None at the end."""
+        """Decodes the next frame into out (height, width, 3) BGR, scaled where needed; its stamp in ns, or None at the end.
+
+        Raises BrokenFrame where it cannot be decoded; the next call goes on after it.
+        """
         ...
 
     def rewind(self) -> None: ...
 
     def close(self) -> None: ...
-
-
-@contextmanager
-def quiet_cv2() -> Iterator[None]:
-    """OpenCV's warnings about files it cannot read are dropped: the error that follows says it in the user's words."""
-    before = opencv_log.set_log_level(opencv_log.SILENT)
-    try:
-        yield
-    finally:
-        opencv_log.set_log_level(before)
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
@@ -59,64 +48,17 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
     return [(1, int(part), "") if index % 2 else (0, 0, part) for index, part in enumerate(parts)]
 
 
-class Video:
-    """A video through OpenCV's FFmpeg."""
-
-    packet: NDArray[np.uint8] | None = None
-
-    def __init__(self, path: Path) -> None:
-        """Raises UserError where path is no video that can be decoded."""
-        self._path = path
-        # One decoder thread: measured on 400x300 to 720x576, two take 20 to 40 % more CPU and are no faster.
-        with quiet_cv2():
-            self._capture = cv2.VideoCapture(opencv_name(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
-            readable = self._capture.isOpened() and self._capture.grab()
-        if not readable:
-            remedy = "give a video (mp4, mkv, avi, ...), a picture or a folder of pictures"
-            raise UserError(f"{path}: no video that can be read", remedy)
-        self.width_px = int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH))
-        self.height_px = int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
-        rate_hz = float(self._capture.get(cv2.CAP_PROP_FPS))
-        self.rate_hz = rate_hz if 0.01 <= rate_hz < 1e6 else 0.0
-        self._grabbed = True
-        self._scratch: NDArray[np.uint8] | None = None
-
-    def next(self, out: NDArray[np.uint8]) -> int | None:
-        if not self._grabbed and not self._capture.grab():
-            return None
-        self._grabbed = False
-        stamp_ns = round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-        same = out.shape == (self.height_px, self.width_px, 3)
-        ok, frame = self._capture.retrieve(out if same else self._scratch)
-        if not ok:
-            return None
-        decoded = np.asarray(frame, np.uint8)
-        if not same:
-            self._scratch = decoded
-        fitted(decoded, out)
-        return stamp_ns
-
-    def rewind(self) -> None:
-        self._capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
-        if not self._capture.grab():  # a stream that cannot seek is opened anew
-            self._capture.open(str(self._path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
-            self._capture.grab()
-        self._grabbed = True
-
-    def close(self) -> None:
-        self._capture.release()
-
-
 def _load(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """The bytes of a file, uint8 (n,), and the picture they hold."""
+    """The bytes of a file, uint8 (n,), and the picture they hold. Raises BrokenFrame."""
     try:
-        data = np.fromfile(path, np.uint8)
+        with safe_files.open_regular(path) as file:
+            data = np.fromfile(file, np.uint8, MAX_FILE_BYTES)
     except OSError as error:
-        raise UserError(f"{path}: not a picture that can be read: {error.strerror}", "write it anew") from None
-    with quiet_cv2():
+        raise BrokenFrame(f"{path}: not a picture that can be read: {safe_files.reason(error)}", "write it anew") from None
+    with opencv_log.silent():
         picture = picture_of(data)
     if picture is None:
-        raise UserError(f"{path}: not a picture that can be read", "take it out of the folder, or write it anew")
+        raise BrokenFrame(f"{path}: not a picture that can be read", "take it out of the folder, or write it anew")
     return data, picture
 
 
@@ -134,13 +76,14 @@ class Pictures:
         self.packet: NDArray[np.uint8] | None = data if is_jpeg(data) else None
 
     def next(self, out: NDArray[np.uint8]) -> int | None:
+        """See `Recording.next`."""
         if self._index == len(self._paths):
             return None
-        data, picture = _load(self._paths[self._index])
+        self._index += 1
+        data, picture = _load(self._paths[self._index - 1])
         own_size = picture.shape[:2] == (self.height_px, self.width_px)
         self.packet = data if own_size and is_jpeg(data) else None
         fitted(picture, out)
-        self._index += 1
         return 0
 
     def rewind(self) -> None:
@@ -150,30 +93,24 @@ class Pictures:
         pass
 
 
-def _video(path: Path) -> Recording:
-    with quiet_cv2():
-        try:
-            return MotionJpeg(cv2.VideoCapture(opencv_name(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1]), path)
-        except ValueError:
-            return Video(path)
-
-
 def open_recording(path: Path) -> Recording:
     """The recording at path: a video, a picture, or a folder of pictures.
 
     Raises UserError where there is nothing, nothing readable, or a folder without pictures.
     """
     try:
-        names = [entry.name for entry in path.iterdir()] if path.is_dir() else None
-        if names is None:
-            with path.open("rb"):
-                pass
+        if not path.is_dir():
+            file = safe_files.open_regular(path)
+            if path.suffix.lower() not in SUFFIXES:
+                return open_video(file, path)
+            file.close()
+            return Pictures([path])
+        names = [entry.name for entry in path.iterdir()]
     except FileNotFoundError:
         raise UserError(f"{path}: no such file", "check the path; it is taken from the current directory") from None
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}", "check its permissions") from None
-    if names is None:
-        return Pictures([path]) if path.suffix.lower() in SUFFIXES else _video(path)
+    except (OSError, ValueError) as error:
+        remedy = "give a video, a picture or a folder of pictures, and check its permissions"
+        raise UserError(f"{path}: cannot be read: {safe_files.reason(error)}", remedy) from None
     pictures = [name for name in names if Path(name).suffix.lower() in SUFFIXES and not name.startswith(".")]
     if not pictures:
         kinds = ", ".join(sorted(SUFFIXES))

@@ -16,7 +16,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.source import Frame, Source, SourceInfo
+from lfpipe.capture.source import Frame, Source, SourceInfo, decoding
 from lfpipe.errors import UserError
 
 WAIT_S = 0.1  # the longest that `read` keeps its caller
@@ -68,7 +68,8 @@ class _Connection:
 
     def _run(self) -> None:
         try:
-            source = self._open()
+            with decoding("camera"):
+                source = self._open()
         except Exception as error:  # it belongs to whoever waits for a frame, whatever it is
             self._told.put(error)
             self.settled.set()
@@ -78,7 +79,8 @@ class _Connection:
         failure: Exception | None = None
         while failure is None and (out := self._slots.get()) is not None:
             try:
-                frame = source.read(out)
+                with decoding(source.info.name):
+                    frame = source.read(out)
                 assert frame is not None, "a camera has no end"
                 self._told.put(frame)
             except Exception as error:

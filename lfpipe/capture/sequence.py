@@ -11,6 +11,7 @@ from lfpipe import config
 from lfpipe.capture.schedule import EvenSchedule
 from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.capture.spec import FileSpec
+from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted
 from lfpipe.files.safe_files import open_regular
 from lfpipe.sequence.folder import open_sequence
@@ -53,7 +54,10 @@ class SequenceSource:
             self._round_ns += packets[-1].t_sensor_ns - self._first_ns + round(1e9 / self._sequence.measured_hz)
         t_read_ns = time.monotonic_ns()
         packet = packets[index]
-        data = self._file.read(packet.bytes)
+        try:
+            data = self._file.read(packet.bytes)
+        except OSError as error:
+            raise UserError(f"{self._spec.path}: frame {index}: {error.strerror}", "is its disk still there?") from None
         size = self._sequence.width_px, self._sequence.height_px
         fitted(decoded(packet, data, *size, self._sequence.path), out)
         if self._seq == 0:

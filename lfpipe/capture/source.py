@@ -2,11 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Protocol
 
 import attrs
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+
+NO_MEMORY = -4  # cv::Error::StsNoMem
+
+
+class BrokenFrame(UserError):
+    """Raised by `read` for a frame that cannot be decoded: it is lost, and the next call goes on after it."""
+
+
+@contextmanager
+def decoding(what: str) -> Iterator[None]:
+    """Raises BrokenFrame where a decoder fails in its own way or runs out of memory. what: file or device."""
+    try:
+        yield
+    except (MemoryError, cv2.error) as error:
+        if isinstance(error, MemoryError) or error.code == NO_MEMORY:
+            why, remedy = "decoding takes more memory than is allowed or there", "a smaller picture or video"
+        else:
+            why, remedy = "cannot be decoded", "write or record it anew"
+        raise BrokenFrame(f"{what}: {why}", remedy) from None
 
 
 @attrs.frozen
@@ -48,7 +72,8 @@ class Source(Protocol):
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """Decodes the next frame into out, uint8 (height, width, 3) BGR, scaling where sizes differ; None at the end.
 
-        May block for the next frame of a device, 1 s at the most (then raises TimeoutError); never sleeps for a recording.
+        May block for the next frame of a device, 1 s at most (then raises TimeoutError); never sleeps for a recording. Raises
+        BrokenFrame for a frame of a recording that cannot be decoded; it has a number, which is then missing.
         """
         ...
 

@@ -2,7 +2,7 @@
 
 Reads: the source named by option "source".
 Writes: ring "frames", one slot per frame, decoded in place; while a recording runs, ring "packets", the JPEGs they came as.
-Commands: stop; pause and resume by configuration (frames go on being taken and are thrown away).
+Commands: stop; pause and resume by configuration (frames go on being taken and are left out).
 Emits: source (what was opened), camera (lost and found), notice (the same for people).
 State: READY, not RUNNING, while there is no camera to take frames of.
 """
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lfpipe.capture.open_source import open_reconnecting
 from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.schedule import Lateness
-from lfpipe.capture.source import Frame, Source, SourceInfo
+from lfpipe.capture.source import BrokenFrame, Frame, Source, SourceInfo
 from lfpipe.transport.clock import SleepWatch, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketOutput
@@ -71,13 +71,16 @@ def main(context: Context) -> None:
     info = source.info
     _tell(context, info)
     lateness = Lateness(int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.options.lossless else 0)
-    outage, sleeps = _Outage(context), SleepWatch()
+    outage, sleeps, broken = _Outage(context), SleepWatch(), 0
     context.ready()
     try:
         if not info.live and not context.wait_for_others():
             return
         while context.wait(now_ns()):
             context.ack_config()
+            if context.paused and context.options.lossless:
+                context.wait()  # no clock drives this source: it stands still
+                continue
             t_begin_ns = now_ns()
             try:
                 frame = _read(context, source, frames.begin())
@@ -85,6 +88,12 @@ def main(context: Context) -> None:
                 outage.begin(info.name, str(lost))
                 continue
             except TimeoutError:
+                continue
+            except BrokenFrame as error:
+                broken += 1
+                context.row["drops"] += 1
+                if broken & (broken - 1) == 0:  # the first, the second, the fourth, ...: a file may be full of them
+                    context.emit("notice", text=error.message + (f" ({broken} so far)" if broken > 1 else ""))
                 continue
             if frame is None:
                 return
@@ -104,6 +113,7 @@ def main(context: Context) -> None:
             else:
                 busy_ns = now_ns() - t_read_ns
             if context.paused:
+                context.row["left_out"] += 1
                 continue
             packets.follow(context.options)
             packets.publish(frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch)

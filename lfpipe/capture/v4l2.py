@@ -5,12 +5,17 @@ Numbers and layouts are those of linux/videodev2.h, which is a stable binary int
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import struct
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import attrs
+
+from lfpipe.capture.limited import within
 
 SYS = Path("/sys/class/video4linux")
 
@@ -21,6 +26,9 @@ ENUM_FRAMEINTERVALS, ENUM_FRAMEINTERVALS_BYTES = 0xC034564B, 52
 CAP_VIDEO_CAPTURE, CAP_DEVICE_CAPS = 0x1, 0x80000000
 BUF_TYPE_VIDEO_CAPTURE, FRAME_SIZE_DISCRETE = 1, 1
 INTERVAL_DISCRETE = 1
+ANSWER_S = 3.0  # drivers answer such questions in microseconds; one that is stuck never does
+
+T = TypeVar("T")
 
 
 @attrs.frozen
@@ -38,7 +46,18 @@ def captures(querycap: bytes) -> bool:
 
 
 def is_capture(path: Path) -> bool:
-    """Asks the driver at path. Raises OSError where it cannot be opened or is no video device."""
+    """Asks the driver at path. Raises OSError where it cannot be opened, is no video device, or does not answer in ANSWER_S."""
+    return _answered(lambda: _is_capture(path))
+
+
+def _answered(call: Callable[[], T]) -> T:
+    try:
+        return within(ANSWER_S, call)
+    except TimeoutError:
+        raise OSError(errno.ETIMEDOUT, "its driver does not answer") from None
+
+
+def _is_capture(path: Path) -> bool:
     descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK)
     try:
         reply = bytearray(QUERYCAP_BYTES)
@@ -82,8 +101,12 @@ def formats(path: Path, rates: bool = False) -> list[str]:
 
     rates: with the rates of each size in Hz: "MJPG 640x480@30,15 1280x720@30".
 
-    Raises OSError where the device cannot be opened.
+    Raises OSError where the device cannot be opened, or does not answer in ANSWER_S.
     """
+    return _answered(lambda: _formats(path, rates))
+
+
+def _formats(path: Path, rates: bool) -> list[str]:
     descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK)
     try:
         lines = []

@@ -41,3 +41,25 @@ def allow_files(needed: int = OPEN_FILES) -> None:
     most = MOST_FILES if hard < 0 else min(hard, MOST_FILES)
     if 0 <= soft < most:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+
+
+class MemoryLimit:
+    """A context in which this process may have only so much more memory than it had when the limit was made: what asks for more
+    gets none and fails. Shared memory and mapped files do not count.
+    """
+
+    def __init__(self, more_bytes: int) -> None:
+        self._before = resource.getrlimit(resource.RLIMIT_DATA)
+        self._inside = self._before
+        with contextlib.suppress(OSError):  # where the system does not say what a process has, there is no limit
+            lines = Path("/proc/self/status").read_text().splitlines()
+            has_kb = next(int(line.split()[1]) for line in lines if line.startswith("VmData"))
+            soft, hard = has_kb * 1024 + more_bytes, self._before[1]
+            self._inside = (soft if hard < 0 else min(soft, hard), hard)
+
+    def __enter__(self) -> None:
+        self._before = resource.getrlimit(resource.RLIMIT_DATA)
+        resource.setrlimit(resource.RLIMIT_DATA, self._inside)
+
+    def __exit__(self, *_: object) -> None:
+        resource.setrlimit(resource.RLIMIT_DATA, self._before)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import cv2
@@ -19,3 +21,13 @@ def set_log_level(level: int) -> int:
     before = older.getLogLevel()
     older.setLogLevel(level)
     return before
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """OpenCV's warnings are dropped: an error that follows says it in the user's words."""
+    before = set_log_level(SILENT)
+    try:
+        yield
+    finally:
+        set_log_level(before)

@@ -41,6 +41,8 @@ class FrameReader:
             if packet is not None:
                 self._begun = True
                 return stamp, packet
+            if self._packets is not None and self._packets.ended:
+                return None  # the recording is being stopped, and capture knows it already
             if self.shape[:2] != (self.height_px, self.width_px):
                 self._row["drops"] += self._begun  # scaled, it would be no frame of this recording
                 continue

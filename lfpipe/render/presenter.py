@@ -39,6 +39,7 @@ class Presenter:
         self._record: NDArray[np.void] | None = None
         self._stamp: Stamp | None = None
         self._t_taken_ns = 0
+        self._pending = False  # no picture was made yet for the record taken last
         self._key: Hashable = None
         self._parallax_told = ""
         self._trace = TraceFile(Path(context.options.trace) if context.options.trace else None, self._lost)
@@ -68,8 +69,15 @@ class Presenter:
         """Takes the newest eyes record if there is one; returns its stamp."""
         stamp = self._eyes.take(self._buffer)
         if stamp is not None:
+            self.leave_out()
+            self._pending = True
             self._record, self._stamp, self._t_taken_ns = self._buffer, stamp, now_ns()
         return stamp
+
+    def leave_out(self) -> None:
+        """Counts the record taken last where no picture has been made for it: a newer one came, or the session is paused."""
+        self._context.row["left_out"] += self._pending
+        self._pending = False
 
     def show(self, target_ns: int, refresh_ns: int = 0) -> None:
         """Shows the picture for target_ns. refresh_ns: target_ns is a refresh of the display, with the next so much later.
@@ -77,6 +85,7 @@ class Presenter:
         A picture that stays for a refresh is made for the middle of it: that is where the error over its time is least.
         """
         t_start_ns = now_ns()
+        self._pending = False
         seen_ns = target_ns + int(self._viewer.config.render.display_ms * 1e6) + refresh_ns // 2
         t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
         look = self._viewer.look(self._record, t_sensor_ns, seen_ns)

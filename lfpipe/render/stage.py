@@ -71,7 +71,9 @@ def main(context: Context) -> None:
             if fresh is not None and refresh is not None:
                 refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns(), lead_ns)
             if refresh is None:
-                if fresh is not None and not context.paused:
+                if context.paused:
+                    presenter.leave_out()
+                elif fresh is not None:
                     latency_ns = int(config.replay.latency_ms * MS_NS)
                     presenter.show(fresh.t_sensor_ns + latency_ns if lossless else now_ns() + presenter.cost_ns)
             elif now_ns() >= refresh.due_ns() - lead_ns:

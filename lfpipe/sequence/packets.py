@@ -119,6 +119,13 @@ class PacketWriter:
         self._sums[INDEX].update(line)
         return packet
 
+    def in_place(self, folder: Path) -> bool:
+        """Whether folder still holds the files that are being written."""
+        try:
+            return (folder / INDEX).stat().st_ino == os.fstat(self._index).st_ino
+        except FileNotFoundError:
+            return False
+
     def checksums(self) -> dict[str, str]:
         """sha256 of what was written so far, by file name."""
         return {name: sum_.hexdigest() for name, sum_ in self._sums.items()}

@@ -68,7 +68,7 @@ class StageProcess:
         self.process.close()
         self.process = None
         in_order = (0,) if self.wanted else (0, child.EXIT_TERMINATED)
-        finished = code in in_order and (not self.wanted or self.stage.source)  # it was asked to end, or its source has ended
+        finished = code in in_order and (not self.wanted or self.stage.source or self.stage.optional)  # nothing is left to do
         self.row["state"], self.row["dead_ns"] = State.FINISHED if finished else State.DEAD, now_ns()
         self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
         if code == 0:

@@ -58,7 +58,7 @@ class StageProcesses:
             if why := process.overdue():
                 log(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
             code = process.reap()
-            if code is None or (code == 0 and not process.wanted):
+            if code is None or (code == 0 and (process.stage.optional or not process.wanted)):
                 continue
             if code == 0 and name == SOURCE:
                 self._drain_since_ns = now_ns()

@@ -124,10 +124,11 @@ class Context:
         taken, self._commands = self._commands, []
         return taken
 
-    def wait(self, until_ns: int | None = None) -> bool:
+    def wait(self, until_ns: int | None = None, instead_fd: int | None = None) -> bool:
         """Sleeps until an input has something, a command or the stop comes, or until_ns; for BEAT_NS at most.
 
-        Returns False once the stage must end. The poll counts in ms: the rest below 1 ms is slept.
+        Returns False once the stage must end. The poll counts in ms: the rest below 1 ms is slept. instead_fd: a descriptor that
+        wakes it instead of the inputs, while it has no use for what they have.
         """
         t_ns = now_ns()
         limit_ns = t_ns + BEAT_NS
@@ -137,7 +138,8 @@ class Context:
         for each in self._inputs if self.spec.options.lock_step else ():
             each.give_credit()
         left_ms, rest = divmod(max(0, until_ns - t_ns), MS_NS)
-        events = dict(self._poller.poll(left_ms))
+        poller = self._poller if instead_fd is None else self._poller_of([instead_fd])
+        events = dict(poller.poll(left_ms))
         if self._ctl in events:
             self._take_messages()
         elif not events and rest and not self.stopping:
@@ -153,14 +155,19 @@ class Context:
 
     def _wait_for(self, condition: Callable[[], bool], credits: Sequence[Wake]) -> None:
         """Waits until condition holds or the stop; woken by credits."""
-        poller = zmq.Poller()
-        poller.register(self._ctl, zmq.POLLIN)
-        for credit in credits:
-            poller.register(credit.fd, zmq.POLLIN)
+        poller = self._poller_of([credit.fd for credit in credits])
         while not condition() and not self.stopping:
             self.row.beat()
             if self._ctl in dict(poller.poll(BEAT_NS // MS_NS)):
                 self._take_messages()
+
+    def _poller_of(self, fds: Sequence[int]) -> zmq.Poller:
+        """Of commands and of these descriptors."""
+        poller = zmq.Poller()
+        poller.register(self._ctl, zmq.POLLIN)
+        for fd in fds:
+            poller.register(fd, zmq.POLLIN)
+        return poller
 
     def _take_messages(self) -> None:
         while self._ctl.poll(0):

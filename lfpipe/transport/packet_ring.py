@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
+from lfpipe.host import shared_memory
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Stamp
 from lfpipe.transport.session import Session
@@ -63,7 +64,9 @@ class PacketInput:
     """The reading end. Raises FileNotFoundError where the ring has been taken back."""
 
     def __init__(self, session: Session, part: str) -> None:
-        self._ring = ring.Reader(session.segment(part))
+        self._name = session.segment(part)
+        self._ring = ring.Reader(self._name)
+        self._identity = shared_memory.identity(self._name)
         self._ring.last_seq = 0  # the packet of the first frame that we shall see may be there already
         self._at = (-1, -1)
         self._data: bytes | None = None
@@ -77,6 +80,14 @@ class PacketInput:
             data = slot["data"][: int(slot["bytes"])].tobytes() if self._at >= wanted else None
             self._data = data if self._ring.still_valid(found) else None
         return self._data if self._at == wanted else None
+
+    @property
+    def ended(self) -> bool:
+        """Whether the ring has been taken back: from then on frames come without their packets."""
+        try:
+            return shared_memory.identity(self._name) != self._identity
+        except FileNotFoundError:
+            return True
 
     def close(self) -> None:
         """Unmaps the ring."""

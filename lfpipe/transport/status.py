@@ -55,7 +55,7 @@ ROW = np.dtype(
         ("taken_seq", "<i8", (RINGS,)),  # last taken of each ring, by `StageSpec.ring_index`: the credit of lossless running
         ("epoch", "<i8"),
         ("drops", "<i8"),  # inputs this stage never saw, or could not use in time
-        ("left_out", "<i8"),  # inputs it was told to leave out, at a lowered quality
+        ("left_out", "<i8"),  # inputs it left out as told: at a lowered quality, while paused, for a newer one
         ("missed", "<i8"),  # of render: refreshes of the display that passed without it
         ("config_rev", "<i8"),  # revision of the configuration it works by
         ("busy_ns", "<i8"),

@@ -23,6 +23,7 @@ from lfpipe.transport.clock import now_ns
 from lfpipe.transport.session import Session
 
 LEASE_S = 20.0
+STAGES = ("capture", "track", "render")
 
 
 def write_checked_frames(folder: Path, width_px: int, height_px: int, count: int) -> Path:
@@ -49,7 +50,7 @@ class Account:
     """Where every frame of a session went, when nothing is under way.
 
     capture_lost: frames that are missing between others; capture_deaths: after each of them it counts from 0 again. `*_drops` is
-    what a stage says that it lost.
+    what a stage says that it lost or left out.
     """
 
     frames: int
@@ -143,7 +144,7 @@ class Watcher(threading.Thread):
 
     def account(self) -> Account:
         """The books as they are; only exact while capture stands still."""
-        row = {name: int(self.table.rows[name]["drops"]) for name in ("capture", "track", "render")}
+        row = {name: int(self.table.rows[name]["drops"] + self.table.rows[name]["left_out"]) for name in STAGES}
         frames = self._frames.published
         return Account(
             frames=frames,

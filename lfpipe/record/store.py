@@ -1,0 +1,166 @@
+"""What a recorder writes to disk, by a thread of its own: the ring is emptied whatever the disk does."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.files.line_file import LineFile
+from lfpipe.host.processes import yield_to_others
+from lfpipe.sequence.folder import EYES
+from lfpipe.sequence.packets import PacketWriter, encoded
+from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.ring import Stamp
+
+ROOM_BYTES = 128 << 20  # frames that wait for their encoding: seconds, so that a slow disk costs no frame
+LOOK_NS = SECOND_NS  # how often the thread looks whether its folder is still there
+SLOW_NS = SECOND_NS // 2  # a disk that takes longer for a frame is a thing to report
+
+Frame = NDArray[np.uint8] | bytes
+
+
+@attrs.frozen
+class Stored:
+    """What became of a frame. kept: it is in the recording; else its time stamp was not after that of the frame before."""
+
+    stamp: Stamp
+    t_taken_ns: int
+    t_stored_ns: int
+    kept: bool
+
+
+class Store:
+    """A packet is stored as it is; a picture as PNG while there is time, and as it stands once a quarter of the room is taken.
+
+    failure: why nothing more is stored, in words, "" while all is well. checksums, count: valid after `close`.
+    """
+
+    def __init__(self, folder: Path, shape: tuple[int, ...], with_eyes: bool) -> None:
+        """Raises OSError where the files cannot be written."""
+        self._folder, self._shape = folder, shape
+        self._eyes = LineFile(folder / EYES) if with_eyes else None
+        self._writer = PacketWriter(folder)
+        self._room = max(8, ROOM_BYTES // int(np.prod(shape)))
+        self._work: queue.SimpleQueue[tuple[Stamp, Frame, int] | bytes | None] = queue.SimpleQueue()
+        self._done: queue.SimpleQueue[Stored] = queue.SimpleQueue()
+        self._spare: list[NDArray[np.uint8]] = []
+        self._put = self._taken = 0  # frames; each is counted by one thread
+        self._last_ns, self._look_ns, self._busy_ns, self._hurry = 0, 0, 0, False
+        self.failure = ""
+        self._awaited = False
+        self._room_in, self._room_out = os.pipe()
+        os.set_blocking(self._room_in, False)
+        self._thread = threading.Thread(target=self._run, name="store")
+        self._thread.start()
+
+    @property
+    def count(self) -> int:
+        """Frames stored."""
+        return self._writer.count
+
+    @property
+    def full(self) -> bool:
+        """Whether another frame has no room now."""
+        return self._put - self._taken >= self._room
+
+    @contextlib.contextmanager
+    def room_fd(self) -> Iterator[int]:
+        """A descriptor that is readable as soon as there is room again."""
+        self._awaited = True
+        if not self.full:
+            os.write(self._room_out, b"x")  # meanwhile
+        yield self._room_in
+        self._awaited = False
+        with contextlib.suppress(BlockingIOError):
+            os.read(self._room_in, 4096)
+
+    @property
+    def slow(self) -> bool:
+        """Whether the disk has kept the thread for SLOW_NS or more."""
+        busy_ns = self._busy_ns
+        return bool(busy_ns) and now_ns() - busy_ns > SLOW_NS
+
+    def spare(self) -> NDArray[np.uint8]:
+        """An array for a picture, of which `put` takes possession."""
+        return self._spare.pop() if self._spare else np.empty(self._shape, np.uint8)
+
+    def put(self, stamp: Stamp, frame: Frame) -> None:
+        """frame: a picture in an array of `spare`, or its JPEG."""
+        self._put += 1
+        self._work.put((stamp, frame, now_ns()))
+
+    def put_eyes(self, line: bytes) -> None:
+        """A line of JSON for the file of eyes."""
+        self._work.put(line)
+
+    def results(self) -> Iterator[Stored]:
+        """What became of frames since the last call."""
+        while not self._done.empty():
+            yield self._done.get()
+
+    def _run(self) -> None:
+        # Gives way to what wakes up for a live picture. A lower priority would be wrong: held back with the interpreter's lock
+        # in its hand, this thread would keep the other one from the ring.
+        yield_to_others()
+        while (work := self._work.get()) is not None:
+            self._busy_ns = now_ns()
+            try:
+                if not self.failure:
+                    self._look()
+                    self._write(work)
+            except OSError as error:
+                self.failure = str(error.strerror or error)
+            except Exception as error:  # whatever it is, the session goes on without the recording
+                self.failure = f"{type(error).__name__}: {error}".rstrip(": ")
+            self._busy_ns = 0
+            if isinstance(work, tuple):
+                self._taken += 1
+                if not isinstance(work[1], bytes):
+                    self._spare.append(work[1])
+                if self._awaited:
+                    os.write(self._room_out, b"x")
+
+    def _look(self) -> None:
+        """Raises OSError where the files that are being written are no longer those in the folder."""
+        if self._busy_ns < self._look_ns:
+            return
+        self._look_ns = self._busy_ns + LOOK_NS
+        if not self._writer.in_place(self._folder):
+            raise OSError(0, "its folder is gone")
+
+    def _write(self, work: tuple[Stamp, Frame, int] | bytes) -> None:
+        if isinstance(work, bytes):
+            if self._eyes is not None:
+                self._eyes.append(work)
+            return
+        stamp, frame, t_taken_ns = work
+        kept = stamp.t_sensor_ns > self._last_ns  # a driver that repeats a stamp repeats a frame: it could not be replayed
+        if kept:
+            hurry = self._hurry or self._put - self._taken > self._room // 4
+            codec, data = ("jpeg", frame) if isinstance(frame, bytes) else encoded(frame, fast=hurry)
+            self._writer.append(data, codec, stamp.source_seq, stamp.epoch, stamp.t_sensor_ns, stamp.t_read_ns)
+            self._last_ns = stamp.t_sensor_ns
+        self._done.put(Stored(stamp, t_taken_ns, now_ns(), kept))
+
+    def close(self) -> dict[str, str]:
+        """Waits until all is on disk, without compression from here on: a session that ends does not wait for long.
+
+        Returns the checksums of the files that `PacketWriter` wrote.
+        """
+        self._hurry = True
+        self._work.put(None)
+        self._thread.join()
+        self._writer.close()
+        if self._eyes is not None:
+            self._eyes.close()
+        os.close(self._room_in)
+        os.close(self._room_out)
+        return self._writer.checksums()

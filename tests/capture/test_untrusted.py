@@ -1,0 +1,265 @@
+"""Files given as a camera that are not what they seem: too large, broken half-way, no files at all, odd names."""
+
+from __future__ import annotations
+
+import os
+import resource
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from lfpipe import config
+from lfpipe.capture import open_source as open_source_module
+from lfpipe.capture import v4l2
+from lfpipe.capture.file import MAX_BROKEN, FileSource
+from lfpipe.capture.limited import within
+from lfpipe.capture.open_source import check_source, open_source
+from lfpipe.capture.source import BrokenFrame
+from lfpipe.capture.spec import FileSpec
+from lfpipe.errors import UserError
+
+SIZE = (64, 48)
+CAMERA = config.Camera(width_px=SIZE[0], height_px=SIZE[1], rate_hz=50.0)
+OUT = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+COUNT = 6
+
+
+def picture(index: int, size: tuple[int, int] = SIZE) -> np.ndarray:
+    return np.random.default_rng(index).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
+
+
+def video(path: Path, fourcc: str, size: tuple[int, int] = SIZE, count: int = COUNT) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*fourcc), 25.0, size)
+    for index in range(count):
+        writer.write(picture(index, size))
+    writer.release()
+    return path
+
+
+def refused(path: Path) -> UserError:
+    with pytest.raises(UserError) as told:
+        check_source(f"file:{path}", CAMERA)
+    assert told.value.remedy
+    return told.value
+
+
+MEMORY = """
+import sys
+from pathlib import Path
+from lfpipe import config
+from lfpipe.capture.open_source import check_source
+from lfpipe.errors import UserError
+try:
+    check_source(f"file:{sys.argv[1]}", config.Camera())
+except UserError as error:
+    print("refused:", error)
+most = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+print(int(most.split()[1]) // 1024)
+"""
+
+
+@pytest.mark.parametrize("kind", ["MJPG", "png "])
+def test_a_video_of_too_large_frames_is_refused_without_decoding_them(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "large.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*kind), 25.0, (10_000, 10_000))
+    writer.write(np.full((10_000, 10_000, 3), 90, np.uint8))
+    writer.release()
+    assert path.stat().st_size < 3_000_000
+    done = subprocess.run([sys.executable, "-c", MEMORY, str(path)], capture_output=True, text=True, timeout=100)
+    said, used_mb = done.stdout.splitlines()[0], int(done.stdout.splitlines()[-1])
+    assert said.startswith("refused:") and str(path) in said and used_mb < 300, done.stdout + done.stderr
+    assert "too large to decode" in said or "10000x10000" in said
+
+
+def test_a_stream_that_grows_half_way_loses_that_frame_and_goes_on(tmp_path: Path) -> None:
+    small = cv2.imencode(".jpg", picture(0))[1].tobytes()
+    large = cv2.imencode(".jpg", np.full((10_000, 10_000, 3), 90, np.uint8))[1].tobytes()
+    path = tmp_path / "grows.mjpeg"
+    path.write_bytes(small * 3 + large + small * 3)
+    source = FileSource(FileSpec(path, loop=False), CAMERA)
+    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    seqs, broken = played(source)
+    assert seqs == [0, 1, 2, 4, 5, 6] and broken == 1
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 250_000
+    source.close()
+
+
+def played(source: FileSource) -> tuple[list[int], int]:
+    """Numbers of the frames, and how many were broken."""
+    seqs, broken = [], 0
+    while True:
+        try:
+            frame = source.read(OUT)
+        except BrokenFrame as error:
+            assert error.remedy and "\n" not in error.message
+            broken += 1
+            continue
+        if frame is None:
+            return seqs, broken
+        seqs.append(frame.source_seq)
+
+
+def test_the_limit_on_memory_holds_for_decoding_alone(tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    source = FileSource(FileSpec(video(tmp_path / "v.avi", "HFYU")), CAMERA)
+    source.read(OUT)
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
+    source.close()
+    (tmp_path / "v.txt").write_text("no video")
+    refused(tmp_path / "v.txt")
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
+
+
+@pytest.mark.parametrize("kind", ["MJPG", "png "])
+def test_a_damaged_frame_is_reported_and_counted_and_the_rest_is_played(tmp_path: Path, kind: str) -> None:
+    path = video(tmp_path / "v.avi", kind)
+    data = bytearray(path.read_bytes())
+    places = [at for at in range(data.index(b"movi"), len(data)) if data[at : at + 4] in (b"00dc", b"00db")]
+    third = places[2]
+    for at in range(third + 8, third + 300):
+        data[at] = 0
+    path.write_bytes(data)
+    source = FileSource(FileSpec(path, loop=False), CAMERA)
+    seqs, broken = played(source)
+    assert seqs[:3] == [0, 1, 3] and len(seqs) + broken == COUNT, "FFmpeg may lose the one behind it too"
+    source.close()
+
+
+def test_a_truncated_video_says_what_is_missing(tmp_path: Path) -> None:
+    path = video(tmp_path / "v.avi", "HFYU")
+    data = path.read_bytes()
+    at = [at for at in range(data.index(b"movi"), len(data)) if data[at : at + 4] in (b"00dc", b"00db")][4]
+    path.write_bytes(data[:at])
+    source = FileSource(FileSpec(path, loop=False), CAMERA)
+    with pytest.raises(BrokenFrame, match="2 of its 6 frames cannot be decoded"):
+        while source.read(OUT) is not None:
+            pass
+    assert source.read(OUT) is None
+    source.close()
+
+
+def test_a_broken_picture_in_a_folder_is_one_frame(tmp_path: Path) -> None:
+    for index in range(5):
+        cv2.imwrite(str(tmp_path / f"{index}.png"), picture(index))
+    (tmp_path / "2.png").write_bytes(b"nothing")
+    source = FileSource(FileSpec(tmp_path, loop=False), CAMERA)
+    assert played(source) == ([0, 1, 3, 4], 1)
+
+def test_a_source_of_broken_frames_only_gives_up(tmp_path: Path) -> None:
+    for index in range(5):
+        cv2.imwrite(str(tmp_path / f"{index}.png"), picture(index))
+    source = FileSource(FileSpec(tmp_path), CAMERA)
+    source.read(OUT)
+    for path in tmp_path.iterdir():
+        path.unlink()
+    broken = 0
+    with pytest.raises(UserError, match=f"nor the {MAX_BROKEN} before it") as told:
+        while True:
+            try:
+                source.read(OUT)
+            except BrokenFrame:
+                broken += 1
+    assert broken == MAX_BROKEN and not isinstance(told.value, BrokenFrame)
+
+
+@pytest.mark.parametrize("error", [MemoryError(), cv2.error("boom\nfrom within")])
+def test_errors_of_libraries_reach_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    def fails(*_: Any) -> None:
+        raise error
+
+    source = FileSource(FileSpec(video(tmp_path / "v.avi", "HFYU")), CAMERA)
+    monkeypatch.setattr(source._recording, "next", fails)
+    with pytest.raises(BrokenFrame) as told:
+        source.read(OUT)
+    assert "v.avi" in told.value.message and "boom" not in told.value.message
+    source.close()
+    monkeypatch.setattr(open_source_module, "open_source", fails)
+    with pytest.raises(UserError):
+        check_source("demo", CAMERA)
+
+
+def _fifo(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def _socket(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind(str(path))
+
+
+def _device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+@pytest.mark.parametrize("make", [_fifo, _socket, _device])
+@pytest.mark.parametrize("name", ["v.avi", "p.png"])
+def test_what_is_no_file_is_refused_at_once(tmp_path: Path, make: Callable[[Path], None], name: str) -> None:
+    folder = tmp_path / "f"
+    folder.mkdir()
+    make(folder / name)
+    assert "not a file" in refused(folder / name).message or "cannot be read" in refused(folder / name).message
+    if name == "p.png":
+        assert "p.png" in refused(folder).message
+
+
+@pytest.mark.parametrize("name", ["a%d.avi", "concat:a|b.avi", "http:x.avi", "-v.avi", "ä ö.avi", "weiß?.avi", "a\nb.avi"])
+def test_odd_names_are_opened_as_they_stand(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    video(tmp_path / "plain.avi", "HFYU").rename(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    assert check_source(f"file:{name}?loop=1", CAMERA).rate_hz == 25.0
+
+
+def test_a_name_that_is_not_utf8_is_refused_with_words(tmp_path: Path) -> None:
+    path = os.fsencode(video(tmp_path / "v.avi", "HFYU"))[:-5] + b"\xff\xfe.avi"
+    (tmp_path / "v.avi").rename(os.fsdecode(path))
+    command = [sys.executable, "-m", "lfpipe", "up", "--demo", "--display", "none", "--duration", "1"]
+    done = subprocess.run([*command, "--camera", b"file:" + path], capture_output=True, timeout=100)
+    assert done.returncode == 2 and b"UTF-8 only" in done.stderr and b"Traceback" not in done.stderr, done.stderr
+
+
+LISTS = ("ffconcat version 1.0\nfile /etc/passwd\n", "#EXTM3U\n#EXTINF:1,\nhttp://localhost/x\n", "v=0\no=- 0 0\n")
+
+
+@pytest.mark.parametrize("text", LISTS)
+def test_lists_of_other_files_are_no_videos(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "v.avi"
+    path.write_text(text)
+    assert "no video" in refused(path).message
+
+
+def test_nobody_waits_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    def hangs(*_: Any) -> Any:
+        time.sleep(1000)
+
+    monkeypatch.setattr(open_source_module, "open_source", hangs)
+    monkeypatch.setattr(open_source_module, "FILE_S", 0.2)
+    monkeypatch.setattr(open_source_module, "CAMERA_S", 0.2)
+    for text in ("file:x.avi", "camera:/dev/video7"):
+        with pytest.raises(UserError, match=r"no answer for 0\.2 s") as told:
+            check_source(text, CAMERA)
+        assert told.value.message.startswith(text)
+    monkeypatch.setattr(v4l2, "ANSWER_S", 0.2)
+    monkeypatch.setattr(v4l2, "_is_capture", hangs)
+    monkeypatch.setattr(v4l2, "_formats", hangs)
+    for call in (v4l2.is_capture, v4l2.formats):
+        with pytest.raises(OSError, match="does not answer"):
+            call(Path("/dev/video0"))
+    monkeypatch.undo()
+    monkeypatch.setattr(v4l2, "ANSWER_S", 0.2)
+    monkeypatch.setattr(v4l2, "_is_capture", hangs)
+    with pytest.raises(UserError, match="does not answer"):
+        open_source("camera:/dev/video7", CAMERA)
+
+
+def test_within_returns_and_raises_as_its_call() -> None:
+    assert within(10, lambda: 7) == 7
+    with pytest.raises(ZeroDivisionError):
+        within(10, lambda: 1 // 0)

@@ -1,0 +1,237 @@
+"""Disks that are slow, full or gone, and ends that nobody planned: the session goes on, and what was recorded can be read."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lfpipe.record import store as store_module
+from lfpipe.record.store import Store
+from lfpipe.sequence.folder import begin_manifest, open_sequence
+from lfpipe.sequence.packets import INDEX
+from lfpipe.transport import control
+from lfpipe.transport.ring import Reader, Stamp
+from lfpipe.transport.session import Session
+from tests.world import World
+
+SMALL = ("--set", "camera.width_px=160", "--set", "camera.height_px=120", "--set", "camera.rate_hz=60")
+SHAPE = (120, 160, 3)
+
+
+def frames(out: Path) -> int:
+    return (out / INDEX).read_text().count("\n") if (out / INDEX).exists() else 0
+
+
+def recorder(world: World) -> dict[str, object]:
+    return world.monitor()["stages"].get("record", {"state": "NONE"})
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of its own, on a disk that can be stopped."""
+    image, place = tmp_path / "disk.img", tmp_path / "disk"
+    place.mkdir()
+    with image.open("wb") as file:
+        file.truncate(64 << 20)
+    made = [["mkfs.ext4", "-q", str(image)], ["mount", "-o", "loop", str(image), str(place)]]
+    if os.getuid() or not all(shutil.which(command[0]) and not subprocess.run(command).returncode for command in made):
+        pytest.skip("no file system can be made and mounted here (needs root, mkfs.ext4 and loop devices)")
+    yield place
+    subprocess.run(["fsfreeze", "-u", str(place)], capture_output=True)
+    for _ in range(100):
+        if subprocess.run(["umount", str(place)], capture_output=True).returncode == 0:
+            break
+        time.sleep(0.1)
+
+
+@contextlib.contextmanager
+def stopped(disk: Path) -> Iterator[None]:
+    """Every write waits in the kernel, as with a network drive whose server is gone."""
+    subprocess.run(["fsfreeze", "-f", str(disk)], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run(["fsfreeze", "-u", str(disk)], check=True)
+
+
+def test_a_disk_that_stalls_costs_nothing_and_nobody_is_killed(world: World, scene: Path, disk: Path) -> None:
+    process = world.up(scene, *SMALL)
+    world.pictures(5)
+    out = disk / "rec"
+    assert world.run("ctl", "--session", world.name, "record", "start", out, "--with-eyes").returncode == 0
+    world.wait_for(lambda: frames(out) > 30, "frames")
+    with stopped(disk):
+        world.wait_for(lambda: str(recorder(world)["busy_with"]).startswith("waiting for the disk"), "words")
+        time.sleep(4.0)  # longer than a stage may be silent
+    stored = frames(out)
+    world.wait_for(lambda: frames(out) > stored + 30 and not recorder(world)["busy_with"], "frames again")
+    assert world.run("ctl", "--session", world.name, "record", "stop").returncode == 0
+    world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
+    world.wait_for(lambda: recorder(world)["state"] == "FINISHED", "end of the recorder")
+    stages = world.monitor()["stages"]
+    assert [stage["restarts"] for stage in stages.values()] == [0] * 4
+    assert open_sequence(out).lost <= stages["capture"]["dropped"] + stages["record"]["dropped"], "every hole is counted"
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20) == 0
+
+
+def test_the_end_of_a_session_waits_for_the_disk(world: World, disk: Path) -> None:
+    out = disk / "rec"
+    process = world.start("record", out, "--camera", "demo", *SMALL)
+    world.wait_for(lambda: frames(out) > 30, "frames")
+    with stopped(disk):
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        time.sleep(4.0)  # longer than a stage may take for its end
+        assert process.poll() is None
+    out_text, err = process.communicate(timeout=30)
+    assert process.returncode == 0 and "record: writing the recording" in err, (out_text, err)
+    sequence = open_sequence(out)
+    assert sequence.complete and len(sequence.packets) > 50
+    seqs = [packet.source_seq for packet in sequence.packets]
+    assert seqs == list(range(seqs[0], seqs[0] + len(seqs)))
+
+
+def test_a_second_ctrl_c_does_not_wait_and_leaves_what_is_written(world: World, disk: Path) -> None:
+    out = disk / "rec"
+    process = world.start("record", out, "--camera", "demo", *SMALL)
+    world.wait_for(lambda: frames(out) > 30, "frames")
+    with stopped(disk):
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        time.sleep(1.5)
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.2)
+    assert process.wait(20) is not None
+    sequence = open_sequence(out)
+    assert not sequence.complete and len(sequence.packets) > 30
+
+
+def test_a_folder_that_goes_away_ends_the_recording_and_nothing_else(world: World, scene: Path) -> None:
+    process = world.up(scene, *SMALL)
+    world.pictures(5)
+    out = world.root / "rec"
+    assert world.run("ctl", "--session", world.name, "record", "start", out, "--with-eyes").returncode == 0
+    world.wait_for(lambda: frames(out) > 10, "frames")
+    shutil.rmtree(out)
+    world.wait_for(lambda: recorder(world)["state"] == "FINISHED", "end of the recorder")
+    assert recorder(world)["restarts"] == 0
+    world.pictures(len(world.lines()) + 10)
+    again = world.root / "again"
+    assert world.run("ctl", "--session", world.name, "record", "start", again).returncode == 0, "the recording is over"
+    world.wait_for(lambda: frames(again) > 10, "frames")
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 0 and f"recording {out}: its folder is gone" in err, err
+    assert open_sequence(again).complete and "restarting" not in err
+
+
+def test_recordings_that_follow_each_other_at_once_are_each_whole(world: World, scene: Path) -> None:
+    process = world.up(scene, *SMALL)
+    world.pictures(5)
+    outs = [world.root / f"rec{number}" for number in range(3)]
+    run_dir = next(world.run_dir.glob("lfpipe-*"))
+    for out in outs:
+        assert control.request(run_dir, {"cmd": "record", "path": str(out)}, 20)["ok"]
+        world.wait_for(lambda out=out: frames(out) > 10, "frames")
+        assert control.request(run_dir, {"cmd": "record", "path": ""}, 20)["ok"]
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 0 and "restarting" not in err, err
+    assert all(open_sequence(out).complete for out in outs)
+
+
+def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = world.root / "rec"
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
+    large = ("--set", "camera.width_px=1280", "--set", "camera.height_px=720", "--set", "camera.rate_hz=60")
+    process = world.start("record", out, "--camera", "demo", *large)
+    world.wait_for(lambda: frames(out) > 20, "frames")
+    ring = Reader(Session(f"record.{process.pid}").segment("frames"))
+    process.kill()
+    process.wait()
+    world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "end of the recording", 60)
+    seqs = [packet.source_seq for packet in open_sequence(out).packets]
+    assert len(seqs) > 20
+    picture = np.empty(ring.shape, ring.dtype)
+    ring.last_seq = 0
+    newest = ring.read(picture)
+    assert newest is not None and newest.source_seq - seqs[-1] <= ring.slots, "only what was under way"
+    ring.close()
+
+
+def stamp(number: int) -> Stamp:
+    return Stamp(number + 1, number, 0, 10**9 + number, 10**9 + number, 10**9 + number, 0)
+
+
+def made(folder: Path) -> Store:
+    begin_manifest(folder, "demo", SHAPE[1], SHAPE[0], 30.0)
+    return Store(folder, SHAPE, with_eyes=True)
+
+
+def test_whatever_goes_wrong_in_the_thread_ends_the_recording_with_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = made(tmp_path)
+    store.put(stamp(0), store.spare())
+
+    def fails(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(store_module, "encoded", lambda frame, fast: ("png", b"") if frame.any() else fails())
+    store.put(stamp(1), np.zeros(SHAPE, np.uint8))
+    store.put(stamp(2), np.ones(SHAPE, np.uint8))
+    store.close()
+    assert store.failure == "MemoryError" and store.count <= 1 and not store.full
+
+
+def test_a_full_store_wakes_who_waits_for_room_and_nobody_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store_module, "ROOM_BYTES", 0)  # room for the fewest there may be
+    gate: list[int] = []
+    encoded = store_module.encoded
+
+    def slowly(frame: np.ndarray, fast: bool) -> tuple[str, bytes]:
+        while not gate:
+            time.sleep(0.01)
+        return encoded(frame, fast)
+
+    monkeypatch.setattr(store_module, "encoded", slowly)
+    store = made(tmp_path)
+    count = 0
+    while not store.full:
+        store.put(stamp(count), np.zeros(SHAPE, np.uint8))
+        count += 1
+    with store.room_fd() as fd:
+        assert not select.select([fd], [], [], 0.2)[0]
+        gate.append(1)
+        assert select.select([fd], [], [], 20)[0]
+    assert not store.full
+    store.close()
+    assert sorted(done.stamp.source_seq for done in store.results()) == list(range(count))
+
+
+def test_the_row_counts_what_is_in_the_recording(world: World, scene: Path) -> None:
+    """The main thread alone writes the row; it hears of every frame."""
+    process = world.up(scene, *SMALL)
+    world.pictures(5)
+    out = world.root / "rec"
+    assert world.run("ctl", "--session", world.name, "record", "start", out).returncode == 0
+    world.wait_for(lambda: frames(out) > 60, "frames")
+    assert world.run("ctl", "--session", world.name, "record", "stop").returncode == 0
+    world.wait_for(lambda: recorder(world)["state"] == "FINISHED", "end of the recorder")
+    assert recorder(world)["count"] == len(open_sequence(out).packets)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20) == 0
