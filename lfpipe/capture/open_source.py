@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import attrs
 import numpy as np
 
@@ -31,14 +29,6 @@ def resolve(text: str) -> Spec:
     return CameraSpec(found[0].path)
 
 
-def _check_name(path: Path) -> None:
-    """Raises UserError for a name that messages between processes cannot carry."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        raise UserError(f"{path}: recordings are opened under names in UTF-8 only", "rename the file or its folder") from None
-
-
 def open_source(text: str, camera: config.Camera) -> Source:
     """The source that text names, opened: `camera:N`, `camera:/dev/videoN`, `file:PATH[?...]`, `demo`, "" for the first camera.
 
@@ -47,7 +37,6 @@ def open_source(text: str, camera: config.Camera) -> Source:
     """
     spec = resolve(text)
     if isinstance(spec, FileSpec):
-        _check_name(spec.path)
         from lfpipe.sequence.folder import is_sequence
 
         if is_sequence(spec.path):

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from lfpipe.capture.source import BrokenFrame
 from lfpipe.capture.video import open_video
 from lfpipe.errors import UserError
-from lfpipe.files import safe_files
 from lfpipe.files.decoding import fitted, is_jpeg, picture_of
+from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host import opencv_log
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
@@ -51,10 +51,10 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 def _load(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """The bytes of a file, uint8 (n,), and the picture they hold. Raises BrokenFrame."""
     try:
-        with safe_files.open_regular(path) as file:
+        with open_regular(path) as file:
             data = np.fromfile(file, np.uint8, MAX_FILE_BYTES)
     except OSError as error:
-        raise BrokenFrame(f"{path}: not a picture that can be read: {safe_files.reason(error)}", "write it anew") from None
+        raise BrokenFrame(f"{path}: not a picture that can be read: {reason(error)}", "write it anew") from None
     with opencv_log.silent():
         picture = picture_of(data)
     if picture is None:
@@ -100,7 +100,7 @@ def open_recording(path: Path) -> Recording:
     """
     try:
         if not path.is_dir():
-            file = safe_files.open_regular(path)
+            file = open_regular(path)
             if path.suffix.lower() not in SUFFIXES:
                 return open_video(file, path)
             file.close()
@@ -110,7 +110,7 @@ def open_recording(path: Path) -> Recording:
         raise UserError(f"{path}: no such file", "check the path; it is taken from the current directory") from None
     except (OSError, ValueError) as error:
         remedy = "give a video, a picture or a folder of pictures, and check its permissions"
-        raise UserError(f"{path}: cannot be read: {safe_files.reason(error)}", remedy) from None
+        raise UserError(f"{path}: cannot be read: {reason(error)}", remedy) from None
     pictures = [name for name in names if Path(name).suffix.lower() in SUFFIXES and not name.startswith(".")]
     if not pictures:
         kinds = ", ".join(sorted(SUFFIXES))

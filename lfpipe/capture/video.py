@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lfpipe.capture.source import BrokenFrame
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fitted, is_jpeg, picture_of
+from lfpipe.files.decoding import fitted, is_jpeg, is_video, picture_of
 from lfpipe.host import opencv_log
 from lfpipe.host.descriptors import path_of
 from lfpipe.host.limits import MemoryLimit
@@ -24,20 +24,17 @@ from lfpipe.scene.video_probe import FRAME_BYTES_PX, MAX_FRAME_PX, OPENING_BYTES
 DAMAGED = "play it with another program, or export it again"
 TRIES = 16  # a frame that cannot be decoded looks like the end, until one behind it can
 REMEDY = "give a video (mp4, mkv, avi, ...), a picture or a folder of pictures"
-# Beginnings of the files that are handed to FFmpeg, which also reads lists of other files and of addresses: (offset, bytes).
-KINDS = (
-    *((4, box) for box in (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")),  # MP4, QuickTime
-    (0, b"\x1aE\xdf\xa3"),  # Matroska, WebM
-    (8, b"AVI "),
-    (0, b"OggS"),
-    (0, b"FLV\x01"),
-    (0, b"\x30\x26\xb2\x75"),  # ASF
-    (0, b"\x00\x00\x01"),  # MPEG program stream, raw MPEG and H.264
-    (0, b"\x00\x00\x00\x01"),  # raw H.264, H.265
-    (0, b"\x47"),  # MPEG transport stream
-    (0, b"\xff\xd8\xff"),  # JPEGs end to end
-    (0, b"YUV4MPEG2 "),
-    (0, b"GIF8"),
+# What FFmpeg is given besides files that are a video by `is_video`. It also reads lists of other files and of addresses.
+MORE_KINDS = (
+    b"OggS",
+    b"FLV\x01",
+    b"\x30\x26\xb2\x75",  # ASF
+    b"\x00\x00\x01",  # MPEG program stream, raw MPEG and H.264
+    b"\x00\x00\x00\x01",  # raw H.264, H.265
+    b"\x47\x40",  # MPEG transport stream
+    b"\xff\xd8\xff",  # JPEGs end to end
+    b"YUV4MPEG2 ",
+    b"GIF8",
 )
 
 
@@ -55,7 +52,7 @@ class VideoFile:
         self.memory = MemoryLimit(OPENING_BYTES)
         self.capture = cv2.VideoCapture()
         try:
-            if not any(start[at : at + len(sign)] == sign for at, sign in KINDS):
+            if not is_video(start) and not start.startswith(MORE_KINDS):
                 raise UserError(f"{path}: no video that can be read", REMEDY)
             self.reopen()
             self.width_px = int(self.capture.get(cv2.CAP_PROP_FRAME_WIDTH))
