@@ -110,7 +110,7 @@ def run(book: Book, part: str, numbers: Iterator[int], work: Path, templates: Pa
                 break
             if worker is None:
                 worker = Worker(templates, work / f"stacks-{index}")
-            folder = work / f"case-{index}"
+            folder = work / f"case-{index}-{number}"  # a process of the case before may still write into that one's
             folder.mkdir()
             folder.with_suffix(".case").unlink(missing_ok=True)
             found = worker.ask(part, number, book.seed, folder)
