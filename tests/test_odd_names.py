@@ -47,12 +47,9 @@ def test_a_video_under_such_a_name_is_played_but_not_made(
     assert (done.returncode, b"UTF-8 only" in done.stderr) == (code, code == 2), done.stderr
 
 
-def test_a_video_under_such_a_name_is_not_imported_nor_made(tmp_path: Path, clip: Path) -> None:
+def test_a_video_under_such_a_name_is_imported_but_not_made(tmp_path: Path, clip: Path) -> None:
     shutil.copy(clip, tmp_path / ODD)
-    shutil.copy(clip, tmp_path / "a.avi")
-    done = lfpipe(tmp_path, "sequence", "import", ODD, "out")
-    assert (done.returncode, b"UTF-8 only" in done.stderr) == (2, True)
-    assert lfpipe(tmp_path, "sequence", "import", "a.avi", "out").returncode == 0
+    assert lfpipe(tmp_path, "sequence", "import", ODD, "out").returncode == 0
     done = lfpipe(tmp_path, "sequence", "export", "out", f"new-{ODD}")
     assert (done.returncode, b"UTF-8 only" in done.stderr) == (2, True)
 
