@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.source import Frame, SourceInfo
+from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2 import cameras, is_capture
 from lfpipe.errors import UserError
@@ -138,7 +138,7 @@ class CameraSource:
         self.info = SourceInfo(f"camera:{path}", width_px, height_px, rate_hz, live=True, jpeg=self._jpeg, notes=notes)
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `Source.read`. Raises TimeoutError where the camera stalls, UserError where it is gone."""
+        """See `FrameSource.read`. Raises TimeoutError where the camera stalls, UserError where it is gone."""
         began_ns = time.monotonic_ns()
         while True:
             grabbed = self._device.grab()

@@ -1,4 +1,4 @@
-"""The demo's viewer: matplotlib's sample portrait moved along a known smooth path, so that no camera is needed."""
+"""The demo's viewer: matplotlib's sample portrait on a known smooth path. Needs no camera."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
+from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.schedule import EvenSchedule
-from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.errors import UserError
 
 # Mean of the 16 landmarks around each eye in the portrait, the left eye of the sitter first, as FaceMesh finds them.
 PORTRAIT_EYES_PX = np.array([[308.0, 188.1], [220.2, 193.0]])
 EYE_DISTANCE_PX = 65.0  # in a frame of 640x480: someone 600 mm before a webcam
-EYE_LINE = 0.47  # of the frame's height, for the middle of the path
-FRAME_PX = (640, 480)  # the size that lengths in px here are meant for; other sizes scale with it
+EYE_LINE = 0.47  # share of the frame's height, at the middle of the path
+FRAME_PX = (640, 480)  # the size that lengths in px here refer to; other sizes scale
 
 
 def portrait_path() -> Path:
-    """Where matplotlib keeps the portrait; matplotlib itself is not imported. Raises UserError where it is missing."""
+    """Path of matplotlib's portrait, without importing matplotlib. Raises UserError if it is missing."""
     spec = importlib.util.find_spec("matplotlib")
     if spec is None or spec.origin is None:
-        raise UserError("demo: matplotlib, which brings the portrait, is not installed", "install it: pip install matplotlib")
+        raise UserError("demo: matplotlib, which contains the portrait, is not installed", "install it: pip install matplotlib")
     path = Path(spec.origin).parent / "mpl-data" / "sample_data" / "grace_hopper.jpg"
     if not path.is_file():
-        raise UserError(f"demo: {path} is missing", "install matplotlib whole, or use --camera file:PATH with a recording")
+        raise UserError(f"demo: {path} is missing", "reinstall matplotlib, or use --camera file:PATH with a recording")
     return path
 
 
 def demo_pose(t_s: float) -> tuple[float, float, float, float]:
     """The head at time t_s: (right_px, down_px) from the middle of a 640x480 frame, roll in rad, size relative to the mean.
 
-    Sums of sines: smooth at any time, without an end, and slow enough for a head (90 px/s at the most).
+    Sums of sines: smooth, endless, and slow enough for a head (at most 90 px/s).
     """
     turn = 2 * math.pi * t_s
     right_px = 62 * math.sin(turn / 7.3) + 14 * math.sin(turn / 3.1)
@@ -59,7 +59,7 @@ def _head_matrix(t_s: float, width_px: int, height_px: int) -> NDArray[np.float6
 
 
 def demo_eyes_px(t_s: float, width_px: int = FRAME_PX[0], height_px: int = FRAME_PX[1]) -> NDArray[np.float64]:
-    """Where the eyes are in the frame of time t_s: (2, 2), [[left x, left y], [right x, right y]] of the sitter's own eyes."""
+    """Eyes in the frame of time t_s: (2, 2) px, [[left x, left y], [right x, right y]], the sitter's own left and right."""
     about_px = (PORTRAIT_EYES_PX - PORTRAIT_EYES_PX.mean(axis=0)) * _portrait_scale(width_px, height_px)
     matrix = _head_matrix(t_s, width_px, height_px)
     return np.asarray(about_px @ matrix[:, :2].T + matrix[:, 2], np.float64)
@@ -70,13 +70,13 @@ def _portrait_scale(width_px: int, height_px: int) -> float:
 
 
 def backdrop(width_px: int, height_px: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-    """The portrait at the size it is shown with, its surroundings carried on out of focus: (BGR picture, point between the eyes).
+    """The scaled portrait with blurred surroundings: (BGR picture, point between the eyes).
 
-    Larger than a frame by what the path needs on each side.
+    Larger than a frame by the margin that the path needs on each side.
     """
     portrait = cv2.imread(str(portrait_path()), cv2.IMREAD_COLOR)
     if portrait is None:
-        raise UserError(f"demo: {portrait_path()} cannot be read", "install matplotlib anew")
+        raise UserError(f"demo: {portrait_path()} cannot be read", "reinstall matplotlib")
     scale = _portrait_scale(width_px, height_px)
     small = cv2.resize(portrait, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     rows, cols = small.shape[:2]
@@ -96,13 +96,13 @@ def backdrop(width_px: int, height_px: int) -> tuple[NDArray[np.uint8], NDArray[
 
 
 class DemoSource:
-    """Frames of camera.width_px x camera.height_px at camera.rate_hz, without an end; frame k shows the head at k / rate_hz."""
+    """Frames of camera.width_px x camera.height_px at camera.rate_hz, endlessly; frame k shows the head at k / rate_hz."""
 
     def __init__(self, camera: config.Camera) -> None:
-        """Raises UserError where the portrait is missing."""
+        """Raises UserError if the portrait is missing."""
         self._size = camera.width_px, camera.height_px
         picture, self._middle = backdrop(*self._size)
-        # Four channels are warped in 0.65 ms where three take 1.65 (640x480, OpenCV 5), to the same values.
+        # Warping four channels takes 0.65 ms, three 1.65 (640x480, OpenCV 5); the values are equal.
         self._picture = cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA)
         self._warped: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
         self._schedule = EvenSchedule(camera.rate_hz)
@@ -111,7 +111,7 @@ class DemoSource:
         self.info = SourceInfo("demo", camera.width_px, camera.height_px, camera.rate_hz, live=False)
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `Source.read`; out may have another size than the camera's. Never returns None."""
+        """See `FrameSource.read`; out may have another size than the camera's. Never returns None."""
         height_px, width_px = out.shape[:2]
         after_ns = self._schedule.due_ns(self._seq)
         matrix = _head_matrix(after_ns / 1e9, *self._size)

@@ -1,4 +1,4 @@
-"""A recording as a source: the stand-in for a camera, with due times that never drift."""
+"""A recording as a source, with due times that never drift."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
+from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo, decoding
 from lfpipe.capture.pictures import open_recording
 from lfpipe.capture.schedule import EvenSchedule, StampSchedule
-from lfpipe.capture.source import BrokenFrame, Frame, SourceInfo, decoding
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
 
@@ -18,14 +18,14 @@ MAX_BROKEN = 50
 
 
 class FileSource:
-    """Plays a video or a folder of pictures. Frame 0 is due when it has first been decoded, the others relative to it.
+    """Plays a video or a folder of pictures. Frame 0 is due when first decoded, the others relative to it.
 
-    pace a number: frame k is due exactly k periods later; "recorded": at the file's own stamps and rate (camera.rate_hz where it
-    has none); "max": each frame is due the moment it is decoded. source_seq goes on counting when a looped file starts over.
+    pace a number: frame k is due exactly k periods later; "recorded": at the file's own stamps and rate (camera.rate_hz if it
+    has none); "max": each frame is due the moment it is decoded. source_seq continues when a looped file starts over.
     """
 
     def __init__(self, spec: FileSpec, camera: config.Camera) -> None:
-        """Raises UserError where the file is missing or cannot be decoded."""
+        """Raises UserError if the file is missing or cannot be decoded."""
         self._spec = spec
         self._recording = open_recording(spec.path)
         own_hz = self._recording.rate_hz
@@ -42,11 +42,11 @@ class FileSource:
         if (width_px, height_px) != (camera.width_px, camera.height_px):
             notes.append(f"frames of {width_px}x{height_px} are scaled to {camera.width_px}x{camera.height_px}")
         if spec.pace == "recorded" and own_hz == 0:
-            notes.append(f"no frame rate of its own: played at camera.rate_hz = {rate_hz:g} Hz")
+            notes.append(f"no frame rate in the file: played at camera.rate_hz = {rate_hz:g} Hz")
         self.info = SourceInfo(f"file:{spec.path}", width_px, height_px, rate_hz, live=False, jpeg=jpeg, notes=tuple(notes))
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `Source.read`; never sleeps, and returns None at the end of a file that is not looped."""
+        """See `FrameSource.read`; never sleeps, and returns None at the end of a file that is not looped."""
         stamp_ns = self._next(out)
         if stamp_ns is None and self._spec.loop:
             self._recording.rewind()
@@ -70,14 +70,14 @@ class FileSource:
         return frame
 
     def _next(self, out: NDArray[np.uint8]) -> int | None:
-        """As `Recording.next`; after MAX_BROKEN frames in a row that cannot be decoded nothing is left to wait for."""
+        """As `Recording.next`; gives up after MAX_BROKEN undecodable frames in a row."""
         try:
             with decoding(str(self._spec.path)):
                 stamp_ns = self._recording.next(out)
         except BrokenFrame as error:
             self._broken += 1
             if self._broken > MAX_BROKEN:
-                raise UserError(f"{error.message}; nor the {MAX_BROKEN} before it", error.remedy) from None
+                raise UserError(f"{error.message}; nor can the {MAX_BROKEN} before it", error.remedy) from None
             self._seq += 1
             raise
         self._broken = self._broken if stamp_ns is None else 0

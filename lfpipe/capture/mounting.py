@@ -1,4 +1,4 @@
-"""Frames turned and mirrored as a camera is mounted."""
+"""Frames rotated and mirrored to suit the mounting of the camera."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.source import Frame, Source, SourceInfo
+from lfpipe.capture.frame_source import Frame, FrameSource, SourceInfo
 
 _TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 
 
 class OrientedSource:
-    """Another source's frames, turned clockwise by camera.rotate degrees and then mirrored where camera.mirror says so.
+    """Another source's frames, rotated clockwise by camera.rotate degrees, then mirrored if camera.mirror is set.
 
-    Its frames no longer are the JPEGs that the other source delivers, so it hands out none: recordings of it stand upright.
+    It passes no JPEGs on, because those are not rotated: recordings of it are upright.
     """
 
-    def __init__(self, source: Source, camera: config.Camera) -> None:
+    def __init__(self, source: FrameSource, camera: config.Camera) -> None:
         self._source, self._camera = source, camera
         self._taken = np.empty((camera.height_px, camera.width_px, 3), np.uint8)
         self._turned = np.empty((camera.frame_px[1], camera.frame_px[0], 3), np.uint8)
 
     @property
     def info(self) -> SourceInfo:
-        """Of the other source, with the size as it is after the turn."""
+        """Info of the other source, with the rotated size."""
         inner, upright = self._source.info, self._camera.rotate % 180 == 0
         width_px, height_px = inner.width_px, inner.height_px
         size = (width_px, height_px) if upright else (height_px, width_px)
         return attrs.evolve(inner, width_px=size[0], height_px=size[1], jpeg=False)
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `Source.read`."""
+        """See `FrameSource.read`."""
         frame = self._source.read(self._taken)
         if frame is None:
             return None
@@ -50,6 +50,6 @@ class OrientedSource:
         self._source.close()
 
 
-def oriented(source: Source, camera: config.Camera) -> Source:
-    """source as the camera is mounted: itself where that is upright and not mirrored."""
+def orient(source: FrameSource, camera: config.Camera) -> FrameSource:
+    """source rotated and mirrored by the configuration; source itself if that asks for neither."""
     return OrientedSource(source, camera) if camera.rotate or camera.mirror else source

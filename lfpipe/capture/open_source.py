@@ -1,4 +1,4 @@
-"""From what a person typed to an open source; the decoders are imported only for the kind that is asked for."""
+"""Opens a source by its name; imports the decoders of its kind only."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import attrs
 import numpy as np
 
 from lfpipe import config
-from lfpipe.capture.limited import within
-from lfpipe.capture.mounting import oriented
-from lfpipe.capture.source import Source, SourceInfo, decoding
+from lfpipe.capture.frame_source import FrameSource, SourceInfo, decoding
+from lfpipe.capture.mounting import orient
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
+from lfpipe.capture.time_limit import with_time_limit
 from lfpipe.capture.v4l2 import cameras
 from lfpipe.errors import UserError
 
-CAMERA_S, FILE_S = 15.0, 60.0  # how long a source may take to open, at most
+CAMERA_S, FILE_S = 15.0, 60.0  # longest time a source may take to open
 
 
 def resolve(text: str) -> Spec:
-    """text parsed; an empty one stands for the first camera found.
+    """Parses text; an empty one stands for the first camera.
 
-    Raises UserError for a text that is no source, and where there is no camera at all.
+    Raises UserError if text names no source, or if there is no camera at all.
     """
     if text:
         return parse_source(text)
@@ -29,11 +29,11 @@ def resolve(text: str) -> Spec:
     return CameraSpec(found[0].path)
 
 
-def open_source(text: str, camera: config.Camera) -> Source:
-    """The source that text names, opened: `camera:N`, `camera:/dev/videoN`, `file:PATH[?...]`, `demo`, "" for the first camera.
+def open_source(text: str, camera: config.Camera) -> FrameSource:
+    """Opens the source that text names: `camera:N`, `camera:/dev/videoN`, `file:PATH[?...]`, `demo`, "" for the first camera.
 
-    A camera or a video is turned as camera.rotate and camera.mirror say; a recorded sequence was when it was recorded.
-    Raises UserError where it cannot be opened, with the reason.
+    A camera or a video is rotated and mirrored by camera.rotate and camera.mirror; a sequence was when it was recorded.
+    Raises UserError with the reason if it cannot be opened.
     """
     spec = resolve(text)
     if isinstance(spec, FileSpec):
@@ -45,18 +45,18 @@ def open_source(text: str, camera: config.Camera) -> Source:
             return SequenceSource(spec, camera)
         from lfpipe.capture.file import FileSource
 
-        return oriented(FileSource(spec, camera), camera)
+        return orient(FileSource(spec, camera), camera)
     if isinstance(spec, DemoSpec):
         from lfpipe.capture.demo import DemoSource
 
         return DemoSource(camera)
     from lfpipe.capture.camera import open_camera
 
-    return oriented(open_camera(spec, camera), camera)
+    return orient(open_camera(spec, camera), camera)
 
 
-def open_reconnecting(text: str, camera: config.Camera) -> Source:
-    """As `open_source`, but a device that cannot be opened, or is lost later, is tried again: see `ReconnectingCamera`."""
+def open_reconnecting(text: str, camera: config.Camera) -> FrameSource:
+    """As `open_source`, but retries a device that cannot be opened or is lost later: see `ReconnectingCamera`."""
     spec = resolve(text)
     if not isinstance(spec, CameraSpec):
         return open_source(text, camera)
@@ -64,13 +64,13 @@ def open_reconnecting(text: str, camera: config.Camera) -> Source:
     from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 
     info = SourceInfo(f"camera:{spec.path}", camera.width_px, camera.height_px, camera.rate_hz, live=True)
-    return oriented(ReconnectingCamera(info, lambda: device.open_camera(spec, camera)), camera)
+    return orient(ReconnectingCamera(info, lambda: device.open_camera(spec, camera)), camera)
 
 
 @attrs.frozen
-class Checked:
-    """A source that was open a moment ago. text: what to open, definite. jpeg_px: width and height of the JPEGs that it
-    delivers, None where it delivers none.
+class CheckedSource:
+    """A source that has been opened once. text: its definite name. jpeg_px: (width, height) of its JPEGs, None if it
+    delivers none.
     """
 
     text: str
@@ -79,7 +79,7 @@ class Checked:
 
 
 def _tried(text: str, camera: config.Camera) -> SourceInfo:
-    """Opens the source, takes the first frame of a recording (a camera has been asked for one), and closes it."""
+    """Opens the source, reads the first frame of a recording (opening a camera has read one), closes it."""
     with decoding(text):
         source = open_source(text, camera)
     try:
@@ -91,19 +91,18 @@ def _tried(text: str, camera: config.Camera) -> SourceInfo:
     return source.info
 
 
-def check_source(text: str, camera: config.Camera) -> Checked:
-    """text, made definite (the first camera found by its path, anything else as it stands), and what it delivers.
+def check_source(text: str, camera: config.Camera) -> CheckedSource:
+    """Opens the source, decodes its first frame and closes it: its definite name (a path for the first camera) and properties.
 
-    It is opened, its first frame is decoded or taken, and it is closed again. Raises UserError as `open_source` does, and where
-    it takes longer than CAMERA_S or FILE_S.
+    Raises UserError as `open_source` does, and after CAMERA_S or FILE_S.
     """
     spec = resolve(text)
     definite = f"camera:{spec.path}" if isinstance(spec, CameraSpec) else text
-    limit_s, remedy = CAMERA_S, "plug it out and in again"
+    limit_s, remedy = CAMERA_S, "unplug the camera and plug it in again"
     if not isinstance(spec, CameraSpec):
-        limit_s, remedy = FILE_S, "is its disk or network drive there?"
+        limit_s, remedy = FILE_S, "check its disk or network drive"
     try:
-        info = within(limit_s, lambda: _tried(definite, camera))
+        info = with_time_limit(limit_s, lambda: _tried(definite, camera))
     except TimeoutError as error:
         raise UserError(f"{definite}: {error}", remedy) from None
-    return Checked(definite, info.rate_hz, (info.width_px, info.height_px) if info.jpeg else None)
+    return CheckedSource(definite, info.rate_hz, (info.width_px, info.height_px) if info.jpeg else None)

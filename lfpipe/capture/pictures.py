@@ -1,4 +1,4 @@
-"""The kinds of recording that a file source plays: a video, and pictures in the order of their names."""
+"""Recordings that a file source plays: a video, or pictures in the order of their names."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.source import BrokenFrame
+from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.capture.video import open_video
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, is_jpeg, picture_of
@@ -17,12 +17,12 @@ from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host import opencv_log
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
-MAX_FILE_BYTES = 1 << 28  # of one picture; what is behind is not read
+MAX_FILE_BYTES = 1 << 28  # of one picture; the rest is not read
 
 
 class Recording(Protocol):
-    """Frames one after the other, as often as wanted. rate_hz is 0 where the recording has none of its own. packet: the JPEG
-    of the last frame, uint8 (n,), None where it was none of this size.
+    """A rewindable series of frames. rate_hz: 0 if the recording has none. packet: the JPEG of the last frame, uint8 (n,);
+    None if it was no JPEG of this size.
     """
 
     width_px: int
@@ -31,9 +31,9 @@ class Recording(Protocol):
     packet: NDArray[np.uint8] | None
 
     def next(self, out: NDArray[np.uint8]) -> int | None:
-        """Decodes the next frame into out (height, width, 3) BGR, scaled where needed; its stamp in ns, or None at the end.
+        """Decodes the next frame into out (height, width, 3) BGR, scaled to fit; returns its stamp in ns, None at the end.
 
-        Raises BrokenFrame where it cannot be decoded; the next call goes on after it.
+        Raises BrokenFrame if it cannot be decoded; the next call continues after it.
         """
         ...
 
@@ -44,21 +44,21 @@ class Recording(Protocol):
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
     """Sorts `frame2` before `frame10`."""
-    parts = re.split(r"([0-9]+)", name.lower())  # every second one is a number
+    parts = re.split(r"([0-9]+)", name.lower())  # odd parts are numbers
     return [(1, int(part), "") if index % 2 else (0, 0, part) for index, part in enumerate(parts)]
 
 
 def _load(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """The bytes of a file, uint8 (n,), and the picture they hold. Raises BrokenFrame."""
+    """The bytes of a file, uint8 (n,), and its picture. Raises BrokenFrame."""
     try:
         with open_regular(path) as file:
             data = np.fromfile(file, np.uint8, MAX_FILE_BYTES)
     except OSError as error:
-        raise BrokenFrame(f"{path}: not a picture that can be read: {reason(error)}", "write it anew") from None
+        raise BrokenFrame(f"{path}: not a readable picture: {reason(error)}", "save it again") from None
     with opencv_log.silent():
         picture = picture_of(data)
     if picture is None:
-        raise BrokenFrame(f"{path}: not a picture that can be read", "take it out of the folder, or write it anew")
+        raise BrokenFrame(f"{path}: not a readable picture", "remove it from the folder, or save it again")
     return data, picture
 
 
@@ -68,7 +68,7 @@ class Pictures:
     rate_hz = 0.0
 
     def __init__(self, paths: list[Path]) -> None:
-        """Raises UserError where the first of them cannot be decoded."""
+        """Raises BrokenFrame if the first cannot be decoded."""
         self._paths = paths
         self._index = 0
         data, first = _load(paths[0])
@@ -94,9 +94,9 @@ class Pictures:
 
 
 def open_recording(path: Path) -> Recording:
-    """The recording at path: a video, a picture, or a folder of pictures.
+    """Opens the video, picture or folder of pictures at path.
 
-    Raises UserError where there is nothing, nothing readable, or a folder without pictures.
+    Raises UserError if it is missing, unreadable, or a folder without pictures.
     """
     try:
         if not path.is_dir():
@@ -107,7 +107,7 @@ def open_recording(path: Path) -> Recording:
             return Pictures([path])
         names = [entry.name for entry in path.iterdir()]
     except FileNotFoundError:
-        raise UserError(f"{path}: no such file", "check the path; it is taken from the current directory") from None
+        raise UserError(f"{path}: no such file", "check the path; it is relative to the current directory") from None
     except (OSError, ValueError) as error:
         remedy = "give a video, a picture or a folder of pictures, and check its permissions"
         raise UserError(f"{path}: cannot be read: {reason(error)}", remedy) from None

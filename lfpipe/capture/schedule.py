@@ -1,22 +1,22 @@
-"""When the frames of a recording are due: absolute deadlines in whole nanoseconds, so that no error ever adds up."""
+"""Due times of a recording's frames: absolute deadlines in whole nanoseconds, so that errors never add up."""
 
 from __future__ import annotations
 
 from fractions import Fraction
 
-# A container that counts in milliseconds rounds every stamp by up to half of one; one more half for the encoder's own.
-# Within that the even grid of the frame rate is nearer to the truth than the stamps.
+# A container that counts milliseconds rounds each stamp by up to 0.5 ms, the encoder by as much again.
+# Within that the even grid of the frame rate is more accurate than the stamps.
 STAMP_ROUNDING_NS = 1_000_000
 MOVE_NS = 1_000_000_000
 
 
 def period(rate_hz: float) -> Fraction:
-    """Nanoseconds from frame to frame, exactly: 29.97002997 is taken for the 30000/1001 that it stands for."""
+    """Nanoseconds from frame to frame, exactly: 29.97002997 stands for 30000/1001."""
     return 1_000_000_000 / Fraction(rate_hz).limit_denominator(1001)
 
 
 class EvenSchedule:
-    """Frame k is due k periods after frame 0, by integer arithmetic: the error stays under 1 ns for ever."""
+    """Frame k is due k periods after frame 0, by integer arithmetic: the error stays below 1 ns."""
 
     def __init__(self, rate_hz: float) -> None:
         self._period = period(rate_hz)
@@ -27,21 +27,21 @@ class EvenSchedule:
 
 
 class StampSchedule:
-    """Frames are due as the recording's own stamps say, on the even grid of its rate where they agree with it.
+    """Due times by the recording's own stamps, snapped to the even grid of its rate where they agree with it.
 
-    Stamps that go back or stand still count as one period after the frame before, so due times always grow.
+    A stamp that does not increase counts as one period after the frame before, so due times always grow.
     """
 
     def __init__(self, rate_hz: float) -> None:
         self._even = EvenSchedule(rate_hz)
         self._step_ns = max(1, self._even.due_ns(1))
-        self._base_ns = 0  # due time of the first frame of this round through the file
+        self._base_ns = 0  # due time of the first frame of this loop
         self._count = 0
         self._first_stamp_ns = 0
         self._last_ns = -1
 
     def due_ns(self, stamp_ns: int) -> int:
-        """Nanoseconds from the very first frame to the next one, which the file stamps with stamp_ns."""
+        """Nanoseconds from the very first frame to the next one, stamped stamp_ns in the file."""
         if self._count == 0:
             self._first_stamp_ns = stamp_ns
         even_ns = self._base_ns + self._even.due_ns(self._count)
@@ -55,25 +55,25 @@ class StampSchedule:
         return due_ns
 
     def restart(self) -> None:
-        """The file starts over: its first frame is due one period after its last."""
+        """Starts the next loop: the first frame is due one period after the last."""
         self._base_ns = self._last_ns + self._step_ns
         self._count = 0
 
 
 class Lateness:
-    """What becomes of a recording's frames that come late. late_ns: how late one may be, 0 for as late as it likes.
+    """Drops or reschedules late frames of a recording. late_ns: tolerance, 0 for none.
 
-    After a hiccup frames are dropped, as a camera's driver would have overwritten them, until the recording has caught up. Where
-    it does not, because decoding takes longer than a period, or where it has not been played for MOVE_NS, it goes on from where
-    it stands: to drop on would leave no frame at all.
+    After a hiccup frames are dropped, as a camera's driver would overwrite them, until playback has caught up. If it does not,
+    because decoding takes longer than a period, or if playback stood still for MOVE_NS, the schedule moves: dropping on would
+    leave no frame at all.
     """
 
     def __init__(self, late_ns: int) -> None:
         self._late_ns, self._behind_ns = late_ns, 0
-        self.moved_ns = 0  # how much later than its own schedule the recording plays
+        self.moved_ns = 0  # delay of playback against the original schedule
 
     def drops(self, due_ns: int, t_read_ns: int) -> bool:
-        """Whether the frame that was due at due_ns by its schedule, and came at t_read_ns, is dropped; may move the schedule."""
+        """Whether to drop the frame due at due_ns that was read at t_read_ns; may move the schedule."""
         late_ns = t_read_ns - due_ns - self.moved_ns
         if not self._late_ns or late_ns <= self._late_ns:
             self._behind_ns = 0

@@ -1,4 +1,4 @@
-"""A recorded sequence as a source: the stored packets, decoded, with the recorded stamps moved to now."""
+"""A recorded sequence as a source: stored packets, decoded, with the recorded stamps shifted to now."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
+from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.schedule import EvenSchedule
-from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted
@@ -20,14 +20,14 @@ from lfpipe.sequence.packets import decoded
 
 
 class SequenceSource:
-    """Plays a sequence. Frame 0 is due when it has been decoded first, the others as much later as their stamps say.
+    """Plays a sequence. Frame 0 is due when first decoded, the others follow by their recorded stamps.
 
-    pace a number: at that even rate instead. pace max: stamps as recorded, and no wait for them: whoever works by stamps alone
-    sees the same as at the recorded pace.
+    pace a number: that even rate instead. pace max: recorded stamps without waiting for them; consumers that use stamps alone
+    see the same as at the recorded pace.
     """
 
     def __init__(self, spec: FileSpec, camera: config.Camera) -> None:
-        """Raises UserError where the sequence cannot be read."""
+        """Raises UserError if the sequence cannot be read."""
         self._spec, self._sequence = spec, open_sequence(spec.path, verify=False)
         rate_hz = spec.pace if isinstance(spec.pace, float) else self._sequence.measured_hz
         self._even = EvenSchedule(rate_hz) if isinstance(spec.pace, float) else None
@@ -39,12 +39,12 @@ class SequenceSource:
         if (width_px, height_px) != (camera.width_px, camera.height_px):
             notes.append(f"frames of {width_px}x{height_px} are scaled to {camera.width_px}x{camera.height_px}")
         if not self._sequence.complete:
-            notes.append(f"{spec.path} was cut off: {len(self._sequence.packets)} whole frames")
+            notes.append(f"{spec.path} was cut off after {len(self._sequence.packets)} frames")
         jpeg = all(packet.codec == "jpeg" for packet in self._sequence.packets)
         self.info = SourceInfo(f"file:{spec.path}", width_px, height_px, rate_hz, live=False, jpeg=jpeg, notes=tuple(notes))
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `Source.read`; never sleeps, and returns None at the end of a sequence that is not looped."""
+        """See `FrameSource.read`; never sleeps, and returns None at the end of a sequence that is not looped."""
         packets = self._sequence.packets
         index = self._seq % len(packets)
         if self._seq and index == 0:

@@ -1,4 +1,4 @@
-"""What a person may type for a source of frames, taken apart: `camera:N`, `camera:/dev/videoN`, `file:PATH[?...]`, `demo`."""
+"""Parser for names of frame sources: `camera:N`, `camera:/dev/videoN`, `file:PATH[?...]`, `demo`."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
 
 @attrs.frozen
 class CameraSpec:
-    """A device; path is of the device file."""
+    """A camera. path: its device file."""
 
     path: Path
 
 
 @attrs.frozen
 class FileSpec:
-    """A video, a picture or a folder of pictures. pace: the recording's own times, as fast as it decodes, or a rate in Hz."""
+    """A video, a picture or a folder of pictures. pace: recorded times, as fast as it decodes, or a rate in Hz."""
 
     path: Path
     loop: bool = True
@@ -32,7 +32,7 @@ class FileSpec:
 
 @attrs.frozen
 class DemoSpec:
-    """The portrait on a path."""
+    """The moving portrait."""
 
 
 Spec = CameraSpec | FileSpec | DemoSpec
@@ -51,7 +51,7 @@ def _pace(value: str) -> float | Literal["recorded", "max"]:
         return "recorded"
     if value == "max":
         return "max"
-    example = "for example pace=30, or pace=max for no pace at all"
+    example = "for example pace=30, or pace=max to play without waiting"
     try:
         rate_hz = float(value)
     except ValueError:
@@ -68,16 +68,16 @@ def _file(text: str) -> FileSpec:
     if not mark:
         path, query = text, ""
     if not path:
-        raise UserError("file: names no file", "for example file:walk.mp4")
+        raise UserError("file: no path given", "for example file:walk.mp4")
     spec = FileSpec(Path(path).expanduser())
     for item in query.split("&") if query else ():
         name, sign, value = item.partition("=")
         if not sign:
-            remedy = "a path that holds a '?' itself needs another '?' at its end"
+            remedy = "a path that contains a '?' needs another '?' at its end"
             raise UserError(f"{item!r} in {'file:' + text!r} is not NAME=VALUE", remedy)
         if name == "loop":
             if value not in ("0", "1"):
-                raise UserError(f"loop={value}: not 0 or 1", "loop=0 ends with the file, loop=1 starts it over")
+                raise UserError(f"loop={value}: not 0 or 1", "loop=0 plays once, loop=1 repeats")
             spec = attrs.evolve(spec, loop=value == "1")
         elif name == "pace":
             spec = attrs.evolve(spec, pace=_pace(value))
@@ -90,9 +90,9 @@ def _file(text: str) -> FileSpec:
 
 
 def parse_source(text: str) -> Spec:
-    """text as a Spec; looks at nothing but the text.
+    """Parses text, without touching any file.
 
-    Raises UserError that names the part that is wrong.
+    Raises UserError that names the wrong part.
     """
     scheme, colon, rest = text.partition(":")
     if text == "demo":
@@ -104,4 +104,4 @@ def parse_source(text: str) -> Spec:
     schemes = {"camera": "camera:0", "file": "file:PATH", "demo": "demo"}
     close = difflib.get_close_matches(scheme, schemes, 1, 0.5)
     hint = f" (did you mean {schemes[close[0]]!r}?)" if close else ""
-    raise UserError(f"{text!r}: not a source of frames{hint}", f"one of {FORMS}")
+    raise UserError(f"{text!r}: not a frame source{hint}", f"one of {FORMS}")

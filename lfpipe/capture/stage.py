@@ -1,10 +1,10 @@
 """Capture: frames of a camera, a file or the demo into the ring.
 
-Reads: the source named by option "source".
-Writes: ring "frames", one slot per frame, decoded in place; while a recording runs, ring "packets", the JPEGs they came as.
-Commands: stop; pause and resume by configuration (frames go on being taken and are left out).
-Emits: source (what was opened), camera (lost and found), notice (the same for people).
-State: READY, not RUNNING, while there is no camera to take frames of.
+Reads: the source in option "source".
+Writes: ring "frames", one slot per frame, decoded in place; while a recording runs, ring "packets" with the original JPEGs.
+Commands: stop; pause and resume by configuration (the source is still read, frames are left out).
+Emits: source (what was opened), camera (lost, found), notice (the same for people).
+State: READY, not RUNNING, while no camera delivers frames.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.capture.frame_source import BrokenFrame, Frame, FrameSource, SourceInfo
 from lfpipe.capture.open_source import open_reconnecting
 from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.schedule import Lateness
-from lfpipe.capture.source import BrokenFrame, Frame, Source, SourceInfo
 from lfpipe.transport.clock import SleepWatch, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketOutput
 from lfpipe.transport.status import State
 
-LATE_PERIODS = 2  # as many frames as a camera's driver would have kept for us
+LATE_PERIODS = 2  # as many frames as a camera's driver would have kept
 
 
 class _Outage:
-    """Tells when the camera is lost and when it is back."""
+    """Reports when the camera is lost and when it is back."""
 
     def __init__(self, context: Context) -> None:
         self._context, self._since_ns = context, 0
@@ -40,23 +40,23 @@ class _Outage:
         self._context.emit("notice", text=f"{why}; camera lost, trying again")
 
     def end(self, info: SourceInfo) -> bool:
-        """A frame has come: True where there was an outage."""
+        """Ends the outage: True if there was one."""
         if not self._since_ns:
             return False
         away_s, self._since_ns = (now_ns() - self._since_ns) / 1e9, 0
         self._context.row["state"] = State.RUNNING
         self._context.emit("camera", name=info.name, lost=False, away_s=away_s)
         self._context.emit("notice", text=f"{info.name} is back after {away_s:.1f} s")
-        _tell(self._context, info)
+        _report(self._context, info)
         return True
 
 
-def _tell(context: Context, info: SourceInfo) -> None:
+def _report(context: Context, info: SourceInfo) -> None:
     context.emit("source", name=info.name, rate_hz=info.rate_hz, live=info.live, notes=list(info.notes))
 
 
-def _read(context: Context, source: Source, out: NDArray[np.uint8]) -> Frame | None:
-    """The next frame; one of a recording may have to wait for its disk."""
+def _read(context: Context, source: FrameSource, out: NDArray[np.uint8]) -> Frame | None:
+    """The next frame; a recording may wait for its disk."""
     if source.info.live:
         return source.read(out)
     with context.busy_with("reading the recording"):
@@ -69,7 +69,7 @@ def main(context: Context) -> None:
     with context.setting_up("opening the source"):
         source = open_reconnecting(context.options.source, context.config.camera)
     info = source.info
-    _tell(context, info)
+    _report(context, info)
     lateness = Lateness(int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.options.lossless else 0)
     outage, sleeps, broken = _Outage(context), SleepWatch(), 0
     context.ready()
@@ -79,7 +79,7 @@ def main(context: Context) -> None:
         while context.wait(now_ns()):
             context.ack_config()
             if context.paused and context.options.lossless:
-                context.wait()  # no clock drives this source: it stands still
+                context.wait()  # no clock drives this source: it stops
                 continue
             t_begin_ns = now_ns()
             try:
@@ -92,19 +92,19 @@ def main(context: Context) -> None:
             except BrokenFrame as error:
                 broken += 1
                 context.row["drops"] += 1
-                if broken & (broken - 1) == 0:  # the first, the second, the fourth, ...: a file may be full of them
+                if broken & (broken - 1) == 0:  # the 1st, 2nd, 4th, ...: a file may be full of them
                     context.emit("notice", text=error.message + (f" ({broken} so far)" if broken > 1 else ""))
                 continue
             if frame is None:
                 return
             if outage.end(source.info) or sleeps.woke():
-                frames.writer.new_epoch()  # the viewer may be anywhere by now: what was before says nothing
+                frames.writer.new_epoch()  # the viewer may be anywhere by now: the past says nothing
             busy_ns, t_read_ns, t_sensor_ns = now_ns() - t_begin_ns, frame.t_read_ns, frame.t_sensor_ns + lateness.moved_ns
             if not t_read_ns:
                 while now_ns() < t_sensor_ns:
                     if not context.wait(t_sensor_ns):
                         return
-                    context.ack_config()  # from this frame on, which nobody has seen yet
+                    context.ack_config()  # takes effect with this frame, not yet published
                 t_read_ns = now_ns()
                 if lateness.drops(frame.t_sensor_ns, t_read_ns):
                     context.row["drops"] += 1

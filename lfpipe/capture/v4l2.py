@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import attrs
 
-from lfpipe.capture.limited import within
+from lfpipe.capture.time_limit import with_time_limit
 
 SYS = Path("/sys/class/video4linux")
 
@@ -52,7 +52,7 @@ def is_capture(path: Path) -> bool:
 
 def _answered(call: Callable[[], T]) -> T:
     try:
-        return within(ANSWER_S, call)
+        return with_time_limit(ANSWER_S, call)
     except TimeoutError:
         raise OSError(errno.ETIMEDOUT, "its driver does not answer") from None
 

@@ -1,4 +1,4 @@
-"""Videos through OpenCV's FFmpeg, which are not trusted: what they may be, how much memory they may take, how they are opened."""
+"""Untrusted videos, decoded by OpenCV's FFmpeg: accepted kinds, memory limits, opening."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import os
 from pathlib import Path
 from typing import BinaryIO
 
-# FFmpeg prints straight to stderr, past Python; what it says of a broken file is said here as a UserError.
+# FFmpeg prints straight to stderr, past Python; a UserError here reports the broken file.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.source import BrokenFrame
+from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, is_jpeg, is_video, picture_of
 from lfpipe.host import opencv_log
@@ -24,7 +24,7 @@ from lfpipe.scene.video_probe import FRAME_BYTES_PX, MAX_FRAME_PX, OPENING_BYTES
 DAMAGED = "play it with another program, or export it again"
 TRIES = 16  # a frame that cannot be decoded looks like the end, until one behind it can
 REMEDY = "give a video (mp4, mkv, avi, ...), a picture or a folder of pictures"
-# What FFmpeg is given besides files that are a video by `is_video`. It also reads lists of other files and of addresses.
+# Kinds allowed besides those of `is_video`. FFmpeg would also follow playlists of other files and addresses.
 MORE_KINDS = (
     b"OggS",
     b"FLV\x01",
@@ -39,21 +39,21 @@ MORE_KINDS = (
 
 
 class VideoFile:
-    """An open video. width_px, height_px: of its frames as the header has them; rate_hz: 0 where it has none; frames: as its
-    header counts them, 0 where it does not count exactly.
+    """An open video. width_px, height_px: frame size in the header; rate_hz: 0 if unknown; frames: exact count in the header,
+    0 if unknown.
 
-    memory: the limit under which frames are decoded, for a stream may change its size half-way.
+    memory: limit for decoding a frame; a stream may change its size half-way.
     """
 
     def __init__(self, file: BinaryIO, path: Path) -> None:
-        """file: open at its start; this object closes it. Raises UserError where it is no video, or too large to decode."""
+        """file: open at its start; closed by this object. Raises UserError if it is no video or too large to decode."""
         self._file, self.path = file, path
         start = file.read(16)
         self.memory = MemoryLimit(OPENING_BYTES)
         self.capture = cv2.VideoCapture()
         try:
             if not is_video(start) and not start.startswith(MORE_KINDS):
-                raise UserError(f"{path}: no video that can be read", REMEDY)
+                raise UserError(f"{path}: not a readable video", REMEDY)
             self.reopen()
             self.width_px = int(self.capture.get(cv2.CAP_PROP_FRAME_WIDTH))
             self.height_px = int(self.capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
@@ -67,23 +67,23 @@ class VideoFile:
         self.memory = MemoryLimit(max(OPENING_BYTES, FRAME_BYTES_PX * self.width_px * self.height_px))
 
     def reopen(self) -> None:
-        """From its start again; `capture` is then not opened where that fails."""
-        # One decoder thread: measured on 400x300 to 720x576, two take 20 to 40 % more CPU and are no faster. The name is of
-        # the open file: it is the one that was checked, and OpenCV would crash on names that are not UTF-8.
+        """Opens the file from its start again; on failure `capture` is not opened."""
+        # One decoder thread: measured on 400x300 to 720x576, two take 20 to 40 % more CPU and are no faster. The path is
+        # that of the checked descriptor; OpenCV would crash on names that are not UTF-8.
         with self.memory, opencv_log.silent():
             self.capture.open(path_of(self._file.fileno()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
 
     def check_end(self, count: int) -> None:
-        """Raises BrokenFrame where a video that has come to its end after count frames should have more."""
-        if count < self.frames:  # FFmpeg passes over what is damaged
+        """Raises BrokenFrame if a video that ended after count frames should have more."""
+        if count < self.frames:  # FFmpeg skips damaged frames
             raise BrokenFrame(f"{self.path}: {self.frames - count} of its {self.frames} frames cannot be decoded", DAMAGED)
 
     def _check(self) -> None:
         if not self.capture.isOpened() or self.width_px < 1 or self.height_px < 1:
-            raise UserError(f"{self.path}: no video that can be read, or too large to decode", REMEDY)
+            raise UserError(f"{self.path}: not a readable video, or too large to decode", REMEDY)
         if self.width_px * self.height_px > MAX_FRAME_PX:
             size = f"{self.width_px}x{self.height_px}"
-            raise UserError(f"{self.path}: frames of {size} px, at most {MAX_FRAME_PX} px are decoded", "scale the video down")
+            raise UserError(f"{self.path}: frames of {size} px, limit {MAX_FRAME_PX} px", "scale the video down")
 
     def close(self) -> None:
         self.capture.release()
@@ -91,19 +91,19 @@ class VideoFile:
 
 
 class Video:
-    """A `Recording` in any codec that FFmpeg decodes."""
+    """A `Recording` in any codec of FFmpeg."""
 
     packet: NDArray[np.uint8] | None = None
 
     def __init__(self, video: VideoFile) -> None:
-        """Raises UserError where no frame can be decoded."""
+        """Raises UserError if no frame can be decoded."""
         self._video, self._capture = video, video.capture
         self.width_px, self.height_px, self.rate_hz = video.width_px, video.height_px, video.rate_hz
         with video.memory:
             self._grabbed = self._capture.grab()
         self._count = 0  # frames since the start
         if not self._grabbed:
-            raise UserError(f"{video.path}: no video that can be read", REMEDY)
+            raise UserError(f"{video.path}: not a readable video", REMEDY)
         self._scratch: NDArray[np.uint8] | None = None
 
     def next(self, out: NDArray[np.uint8]) -> int | None:
@@ -117,7 +117,7 @@ class Video:
             if self._grabbed:
                 self._count += 1
                 raise BrokenFrame(f"{self._video.path}: frame {self._count - 1} cannot be decoded", DAMAGED)
-            count, self._count = self._count, self._video.frames  # said once a round
+            count, self._count = self._count, self._video.frames  # reported once per loop
             self._video.check_end(count)
             return None
         self._grabbed = False
@@ -135,7 +135,7 @@ class Video:
 
     def rewind(self) -> None:
         self._capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
-        if not self._capture.grab():  # a stream that cannot seek is opened anew
+        if not self._capture.grab():  # a stream that cannot seek is reopened
             self._video.reopen()
             self._capture.grab()
         self._grabbed, self._count = True, 0
@@ -145,13 +145,13 @@ class Video:
 
 
 class MotionJpeg:
-    """A `Recording` whose packets are JPEGs: taken apart by FFmpeg, decoded as a camera's JPEGs are, handed on as they stand.
+    """A `Recording` of JPEGs: demuxed by FFmpeg, decoded like a camera's JPEGs, with the packets passed through.
 
     Measured at 640x480: 1.15 ms a frame, as with FFmpeg's own decoder.
     """
 
     def __init__(self, video: VideoFile) -> None:
-        """Raises ValueError where its packets are no JPEGs of the size that it tells; the video is then to be opened anew."""
+        """Raises ValueError if its packets are not JPEGs of the size in the header; the caller then reopens the video."""
         self._video, self._capture = video, video.capture
         self.width_px, self.height_px, self.rate_hz = video.width_px, video.height_px, video.rate_hz
         self.packet: NDArray[np.uint8] | None = None
@@ -167,7 +167,7 @@ class MotionJpeg:
             raise ValueError(f"{video.path}: no Motion JPEG, or two half pictures a packet")
 
     def _decode_next(self) -> tuple[int, NDArray[np.uint8]] | None:
-        """Stamp in ns and picture of the next packet that is not empty (an AVI has empty ones); None at the end."""
+        """Stamp in ns and picture of the next non-empty packet (an AVI has empty ones); None at the end."""
         with self._video.memory:
             return self._decoded()
 
@@ -181,7 +181,7 @@ class MotionJpeg:
                 continue
             picture = picture_of(packet) if is_jpeg(packet) else None
             if picture is None:
-                raise BrokenFrame(f"{self._video.path}: frame {self._count - 1} is no JPEG that can be decoded", DAMAGED)
+                raise BrokenFrame(f"{self._video.path}: frame {self._count - 1} is not a decodable JPEG", DAMAGED)
             self.packet = packet if picture.shape == (self.height_px, self.width_px, 3) else None
             return stamp_ns, picture
         return None
@@ -201,7 +201,7 @@ class MotionJpeg:
         self._capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
         self._count = 0
         self._ready = self._decode_next()
-        if self._ready is None:  # a stream that cannot seek is opened anew
+        if self._ready is None:  # a stream that cannot seek is reopened
             self._video.reopen()
             self._capture.set(cv2.CAP_PROP_FORMAT, -1)
 
@@ -210,7 +210,7 @@ class MotionJpeg:
 
 
 def open_video(file: BinaryIO, path: Path) -> Video | MotionJpeg:
-    """The video in file, which is closed with it. Raises UserError where there is none, or it is too large."""
+    """Opens the video in file and takes ownership of file. Raises UserError if it is no video or too large."""
     video = VideoFile(file, path)
     try:
         try:

@@ -18,7 +18,7 @@ from lfpipe.supervisor import rundir
 from lfpipe.transport.session import Session, default_name
 
 if TYPE_CHECKING:
-    from lfpipe.capture.open_source import Checked
+    from lfpipe.capture.open_source import CheckedSource
     from lfpipe.supervisor.outcome import Outcome
 
 DEMO_S = 10.0  # length of the demo without a screen
@@ -130,9 +130,9 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     return SessionPlan(config, options, duration_s, files, field.hold)
 
 
-def _checked(arguments: UpArguments, config: Config, display: str) -> Checked:
+def _checked(arguments: UpArguments, config: Config, display: str) -> CheckedSource:
     """The source of frames. Raises one UserError for all mistakes in the arguments."""
-    from lfpipe.capture.open_source import Checked, check_source
+    from lfpipe.capture.open_source import CheckedSource, check_source
     from lfpipe.files.trace import check_trace
     from lfpipe.render.open_display import check_display
 
@@ -153,7 +153,7 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> Checked:
         single = rows * cols == 1
     elif not arguments.demo:
         errors.append(UserError("no SCENE given", "a folder of views, or --demo for the built-in scene"))
-    found = Checked("", 0.0) if single else attempt(lambda: check_source(camera, config.camera))
+    found = CheckedSource("", 0.0) if single else attempt(lambda: check_source(camera, config.camera))
     attempt(lambda: check_display(display, str(config.screen.monitor)))
     if arguments.trace is not None:
         trace = arguments.trace
@@ -162,7 +162,7 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> Checked:
         raise UserError("\nerror: ".join(map(str, errors)))
     if errors:
         raise errors[0]
-    assert isinstance(found, Checked)
+    assert isinstance(found, CheckedSource)
     return found
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from collections import deque
+from collections.abc import MutableMapping
 from pathlib import Path
 
 import numpy as np
+import tomlkit
 
 from lfpipe.track.engine import Face
 
@@ -43,28 +43,18 @@ class EyeGauge:
         return bool(high - low <= SPREAD * middle)
 
 
-def with_key(text: str, section: str, name: str, value: float) -> str:
-    """TOML text with [section] name = value put in; comments and all else stay as they are."""
-    line = f"{name} = {value}"
-    head = re.search(rf"^\[{re.escape(section)}\][^\n]*$", text, re.M)
-    if head is None:
-        return text.rstrip() + ("\n\n" if text.strip() else "") + f"[{section}]\n{line}\n"
-    following = re.search(r"^\[", text[head.end() :], re.M)
-    end = head.end() + following.start() if following else len(text)
-    body, count = re.subn(rf"^{re.escape(name)}[ \t]*=.*$", line, text[head.end() : end], count=1, flags=re.M)
-    return text[: head.end()] + (body if count else f"\n{line}{body}") + text[end:]
-
-
 def write_key(path: Path, section: str, name: str, value: float) -> None:
-    """Puts [section] name = value into the TOML file at path, whole or not at all.
+    """Sets [section] name = value in the TOML file at path and keeps everything else; the file changes whole or not at all.
 
-    Raises OSError where it cannot be written, ValueError where the file is of a form that has no place for a line.
+    Raises OSError if it cannot be written, ValueError if it is no TOML or section is no table.
     """
-    text = with_key(path.read_text() if path.exists() else "", section, name, value)
-    if tomllib.loads(text)[section][name] != value:
-        raise ValueError(f"{section}.{name} is set in another way")
+    tree = tomlkit.parse(path.read_text() if path.exists() else "")
+    table = tree.setdefault(section, tomlkit.table())
+    if not isinstance(table, MutableMapping):
+        raise ValueError(f"{section} is not a table")
+    table[name] = value
     path.parent.mkdir(parents=True, exist_ok=True)
-    path = path.resolve()  # where it is a link it stays one
+    path = path.resolve()  # a link stays a link
     new = path.with_name(path.name + ".new")
-    new.write_text(text)
+    new.write_text(tomlkit.dumps(tree))
     new.replace(path)

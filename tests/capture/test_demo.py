@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.capture.demo import demo_eyes_px, demo_pose
-from lfpipe.capture.open_source import Checked, check_source, open_source
+from lfpipe.capture.open_source import CheckedSource, check_source, open_source
 from lfpipe.track.mediapipe_engine import MediapipeEngine
 
 
@@ -69,4 +69,4 @@ def test_it_is_drawn_into_slots_of_another_size_too() -> None:
 
 
 def test_check_source_returns_what_to_open() -> None:
-    assert check_source("demo", config.Camera()) == Checked("demo", 30.0)
+    assert check_source("demo", config.Camera()) == CheckedSource("demo", 30.0)

@@ -119,16 +119,16 @@ def test_a_single_picture(folder: Path) -> None:
 
 def test_what_is_wrong_with_a_file(tmp_path: Path, folder: Path) -> None:
     text = tmp_path / "text.mp4"
-    text.write_text("no video")
+    text.write_text("not a readable video")
     empty = tmp_path / "empty"
     empty.mkdir()
     broken = tmp_path / "broken.png"
     broken.write_bytes(b"\x89PNG and nothing more")
     for path, says in (
         (tmp_path / "gone.mp4", "no such file"),
-        (text, "no video"),
+        (text, "not a readable video"),
         (empty, "without pictures"),
-        (broken, "not a picture"),
+        (broken, "not a readable picture"),
     ):
         with pytest.raises(UserError, match=says) as told:
             check_source(f"file:{path}", CAMERA)
@@ -147,7 +147,7 @@ def test_a_picture_that_breaks_later_is_named(folder: Path) -> None:
 
 def test_check_makes_nothing_noisy(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     text = tmp_path / "text.mp4"
-    text.write_text("no video")
+    text.write_text("not a readable video")
     with pytest.raises(UserError):
         check_source(f"file:{text}", CAMERA)
     assert capfd.readouterr() == ("", "")

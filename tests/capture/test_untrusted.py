@@ -20,10 +20,10 @@ from lfpipe import config
 from lfpipe.capture import open_source as open_source_module
 from lfpipe.capture import v4l2
 from lfpipe.capture.file import MAX_BROKEN, FileSource
-from lfpipe.capture.limited import within
+from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.capture.open_source import check_source, open_source
-from lfpipe.capture.source import BrokenFrame
 from lfpipe.capture.spec import FileSpec
+from lfpipe.capture.time_limit import with_time_limit
 from lfpipe.errors import UserError
 
 SIZE = (64, 48)
@@ -161,7 +161,7 @@ def test_a_source_of_broken_frames_only_gives_up(tmp_path: Path) -> None:
     for path in tmp_path.iterdir():
         path.unlink()
     broken = 0
-    with pytest.raises(UserError, match=f"nor the {MAX_BROKEN} before it") as told:
+    with pytest.raises(UserError, match=f"nor can the {MAX_BROKEN} before it") as told:
         while True:
             try:
                 source.read(OUT)
@@ -233,7 +233,7 @@ LISTS = ("ffconcat version 1.0\nfile /etc/passwd\n", "#EXTM3U\n#EXTINF:1,\nhttp:
 def test_lists_of_other_files_are_no_videos(tmp_path: Path, text: str) -> None:
     path = tmp_path / "v.avi"
     path.write_text(text)
-    assert "no video" in refused(path).message
+    assert "not a readable video" in refused(path).message
 
 
 def test_nobody_waits_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -261,6 +261,6 @@ def test_nobody_waits_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_within_returns_and_raises_as_its_call() -> None:
-    assert within(10, lambda: 7) == 7
+    assert with_time_limit(10, lambda: 7) == 7
     with pytest.raises(ZeroDivisionError):
-        within(10, lambda: 1 // 0)
+        with_time_limit(10, lambda: 1 // 0)

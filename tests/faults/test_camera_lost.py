@@ -13,8 +13,8 @@ import pytest
 import zmq
 
 from lfpipe import config
+from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.reconnecting_camera import BACKOFF_S, CameraLost, ReconnectingCamera
-from lfpipe.capture.source import Frame, SourceInfo
 from lfpipe.errors import UserError
 from lfpipe.transport import control
 from lfpipe.transport.session import Session

@@ -18,7 +18,7 @@ import pytest
 from lfpipe.capture.open_source import open_source
 from lfpipe.capture.v4l2 import ENUM_FRAMEINTERVALS_BYTES, rate_of
 from lfpipe.config import Camera
-from lfpipe.track.calibration import FRAMES, EyeGauge, with_key, write_key
+from lfpipe.track.calibration import FRAMES, EyeGauge, write_key
 from lfpipe.track.engine import Face
 from lfpipe.track.litert_engine import LitertEngine
 from tests.world import World
@@ -40,21 +40,30 @@ def test_rates_of_a_camera(interval: tuple[int, int], rate: str) -> None:
         "[camera]\nfocal_px = 1.0 # mine\nfov_deg = 60\n",
         "[render]\nalpha_px = 3\n",
         "# c\n[camera]\nfov_deg = 60\n[render]\nfocal_px = 9\n",
+        "camera.fov_deg = 60\n",
+        "camera = { fov_deg = 60 } # one line\n",
     ],
 )
 def test_one_key_changes_and_nothing_else(before: str, tmp_path: Path) -> None:
     wanted = tomllib.loads(before)
     wanted.setdefault("camera", {})["focal_px"] = 612.5
-    assert tomllib.loads(with_key(before, "camera", "focal_px", 612.5)) == wanted
-    other = tmp_path / "other.toml"
-    other.write_text("camera.fov_deg = 60\n")
-    with pytest.raises(ValueError):
-        write_key(other, "camera", "focal_px", 612.5)
-    assert other.read_text() == "camera.fov_deg = 60\n"
     path = tmp_path / "new" / "config.toml"
     write_key(path, "camera", "focal_px", 1.5)
+    path.write_text(before)
     write_key(path, "camera", "focal_px", 612.5)
-    assert tomllib.loads(path.read_text()) == {"camera": {"focal_px": 612.5}} and len(list(path.parent.iterdir())) == 1
+    assert tomllib.loads(path.read_text()) == wanted and len(list(path.parent.iterdir())) == 1
+    assert [line.partition("#")[2] for line in path.read_text().splitlines() if "#" in line] == [
+        line.partition("#")[2] for line in before.splitlines() if "#" in line
+    ]
+
+
+@pytest.mark.parametrize("before", ["camera = 3\n", "[camera\n"])
+def test_a_file_without_a_place_for_the_key_stays_as_it_is(before: str, tmp_path: Path) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(before)
+    with pytest.raises(ValueError):
+        write_key(path, "camera", "focal_px", 612.5)
+    assert path.read_text() == before
 
 
 def test_a_viewer_who_moves_is_no_measure() -> None:

@@ -1,4 +1,4 @@
-"""Calls into drivers and decoders that may never come back, with a limit on the time that anybody waits for them."""
+"""A time limit for calls into drivers and decoders that may never return."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def within(limit_s: float, call: Callable[[], T]) -> T:
-    """What call returns, or raises. Raises TimeoutError after limit_s; the thread that it runs in is then left behind, for nobody
-    can end it, and goes with the process.
+def with_time_limit(limit_s: float, call: Callable[[], T]) -> T:
+    """Returns or raises what call does. Raises TimeoutError after limit_s; the thread of the call then stays behind until the
+    process ends, because nothing can end it.
     """
     results: list[T] = []
     errors: list[BaseException] = []
@@ -19,10 +19,10 @@ def within(limit_s: float, call: Callable[[], T]) -> T:
     def run() -> None:
         try:
             results.append(call())
-        except BaseException as error:  # it belongs to whoever waits
+        except BaseException as error:  # raised in the caller's thread
             errors.append(error)
 
-    thread = threading.Thread(target=run, name="limited", daemon=True)
+    thread = threading.Thread(target=run, name="time-limit", daemon=True)
     thread.start()
     thread.join(limit_s)
     if errors:
