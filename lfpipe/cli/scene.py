@@ -1,4 +1,4 @@
-"""`lfpipe scene`: light fields packed, listed, looked at and planned."""
+"""`lfpipe scene`: packs, lists, inspects and plans light fields."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ SCENE = click.argument("path", metavar="SCENE", type=click.Path(path_type=Path))
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
-def with_word(command: F) -> F:
+def with_scene_options(command: F) -> F:
     """--layout, --grid, --flip, --transpose, --gamma, --config, --set."""
     options = [
-        click.option("--layout", metavar="NAME", help="Name of the layout on disk, instead of finding it out."),
-        click.option("--grid", metavar="ROWSxCOLS", help="The grid of views in file order, where the files do not tell it."),
+        click.option("--layout", metavar="NAME", help="Layout on disk; detected by default."),
+        click.option("--grid", metavar="ROWSxCOLS", help="Grid of views in file order, where the files do not define it."),
         click.option("--flip", type=click.Choice(["none", "rows", "cols", "both"]), help="Reverse rows or columns of the grid."),
         click.option("--transpose/--no-transpose", default=None, help="Exchange rows and columns of the grid, before any flip."),
-        click.option("--gamma", metavar="G", help="Bring linear light to screen values, out = in ** (1/G); 1 for none."),
+        click.option("--gamma", metavar="G", help="Convert linear light to screen values, out = in ** (1/G); 1 for none."),
         with_config,
     ]
     for option in reversed(options):
@@ -37,17 +37,17 @@ def with_word(command: F) -> F:
     return command
 
 
-def _config(word: dict[str, Any]) -> Config:
-    """The configuration with the user's word on the scene put in. Raises UserError."""
+def _config(options: dict[str, Any]) -> Config:
+    """The configuration with the scene options applied. Raises UserError."""
     from lfpipe.config import load, parse_set, updated
 
-    config = load(word["config_file"], word["sets"])
-    told: dict[str, Any] = {f"scene.{key}": word[key] for key in ("layout", "grid", "flip") if word[key] is not None}
-    if word["transpose"] is not None:
-        told["scene.transpose"] = "yes" if word["transpose"] else "no"
-    if word["gamma"] is not None:
-        told["scene.gamma"] = parse_set(f"scene.gamma={word['gamma']}")[1]
-    return updated(config, told)
+    config = load(options["config_file"], options["sets"])
+    chosen: dict[str, Any] = {f"scene.{key}": options[key] for key in ("layout", "grid", "flip") if options[key] is not None}
+    if options["transpose"] is not None:
+        chosen["scene.transpose"] = "yes" if options["transpose"] else "no"
+    if options["gamma"] is not None:
+        chosen["scene.gamma"] = parse_set(f"scene.gamma={options['gamma']}")[1]
+    return updated(config, chosen)
 
 
 def _opened(path: Path, config: Config) -> LightField:
@@ -83,27 +83,27 @@ def _write(path: Path, picture: NDArray[np.uint8]) -> None:
 
 @click.group()
 def scene() -> None:
-    """Light fields: pack, list and look at them, and see what they need."""
+    """Pack, list and inspect light fields."""
 
 
 @scene.command()
 @SCENE
-@with_word
+@with_scene_options
 @JSON
-def pack(path: Path, as_json: bool, **word: Any) -> None:
+def pack(path: Path, as_json: bool, **options: Any) -> None:
     """Pack SCENE into the cache, as `lfpipe up` does by itself."""
     import json
 
     from lfpipe.render.plan import make_plan
     from lfpipe.scene.cache import cache_dir
 
-    config = _config(word)
+    config = _config(options)
     field = _opened(path, config)
     folder = cache_dir(config.scene) / "scenes" / str(field.manifest["key"])
     if as_json:
         plan = make_plan(field, config)
-        told = {"pack": str(folder), "needs_tracking": plan.needs_tracking, "method": plan.method, **field.manifest}
-        click.echo(json.dumps(told))
+        facts = {"pack": str(folder), "needs_tracking": plan.needs_tracking, "method": plan.method, **field.manifest}
+        click.echo(json.dumps(facts))
     else:
         click.echo(folder)
 
@@ -157,15 +157,15 @@ def clean(keys: tuple[str, ...], everything: bool, config_file: str | None, sets
 
 @scene.command()
 @SCENE
-@with_word
-def check(path: Path, **word: Any) -> None:
+@with_scene_options
+def check(path: Path, **options: Any) -> None:
     """Read the pack of SCENE whole and compare it with its checksums. SCENE may be the folder of a pack, too."""
     from lfpipe.errors import UserError
     from lfpipe.scene.cache import find_pack
     from lfpipe.scene.manifest import NAME
     from lfpipe.scene.pack_files import check_pack
 
-    pack = path if (path / NAME).is_file() else find_pack(path, _config(word).scene)
+    pack = path if (path / NAME).is_file() else find_pack(path, _config(options).scene)
     if pack is None:
         raise UserError(f"{path}: is not packed", "`lfpipe scene pack` packs it")
     click.echo(f"whole: {check_pack(pack) / 1e6:.1f} MB in {pack}")
@@ -173,9 +173,9 @@ def check(path: Path, **word: Any) -> None:
 
 @scene.command()
 @SCENE
-@with_word
+@with_scene_options
 @JSON
-def plan(path: Path, as_json: bool, **word: Any) -> None:
+def plan(path: Path, as_json: bool, **options: Any) -> None:
     """Show what SCENE does not need, why, and what leaving it out saves."""
     import json
 
@@ -183,7 +183,7 @@ def plan(path: Path, as_json: bool, **word: Any) -> None:
 
     from lfpipe.render.plan import make_plan
 
-    config = _config(word)
+    config = _config(options)
     field = _opened(path, config)
     made = make_plan(field, config, measure=True)
     if as_json:
@@ -199,18 +199,18 @@ def plan(path: Path, as_json: bool, **word: Any) -> None:
 
 @scene.command()
 @SCENE
-@with_word
+@with_scene_options
 @JSON
-def info(path: Path, as_json: bool, **word: Any) -> None:
+def info(path: Path, as_json: bool, **options: Any) -> None:
     """Show what SCENE is: layout, grid, order of its views, disparity, geometry."""
     import json
 
     from lfpipe.scene.info import describe_pack, lines
 
-    config = _config(word)
+    config = _config(options)
     field = _opened(path, config)
-    told = describe_pack(field, config.scene)
-    click.echo(json.dumps(told) if as_json else "\n".join(lines(told)))
+    facts = describe_pack(field, config.scene)
+    click.echo(json.dumps(facts) if as_json else "\n".join(lines(facts)))
 
 
 @scene.command()
@@ -220,8 +220,8 @@ def info(path: Path, as_json: bool, **word: Any) -> None:
 @click.option("--frame", type=click.IntRange(0), default=0, show_default=True, help="Frame of a light-field video.")
 @click.option("--method", type=click.Choice(["auto", "nearest", "blend", "warp", "warp2"]), default="auto", show_default=True)
 @click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="Where to write the picture.")
-@with_word
-def view(path: Path, row: float, col: float, frame: int, method: str, out: Path, **word: Any) -> None:
+@with_scene_options
+def view(path: Path, row: float, col: float, frame: int, method: str, out: Path, **options: Any) -> None:
     """Write the picture that a camera at ROW, COL of the grid sees."""
     import numpy as np
 
@@ -229,11 +229,11 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
     from lfpipe.errors import UserError
     from lfpipe.render.compositor import method_for
     from lfpipe.render.synthesis import Synthesiser
-    from lfpipe.scene.contact_sheet import require_place
+    from lfpipe.scene.contact_sheet import require_view_index
 
-    config = _config(word)
+    config = _config(options)
     field = _opened(path, config)
-    require_place(field, row, col)
+    require_view_index(field, row, col)
     if frame >= field.frames:
         raise UserError(f"--frame {frame}: the scene has {field.frames} frames", f"--frame 0 to {field.frames - 1}")
     if method in WARPS and field.disparity is None:
@@ -251,9 +251,9 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
 @scene.command()
 @SCENE
 @click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="Where to write the picture.")
-@with_word
-def sheet(path: Path, out: Path, **word: Any) -> None:
+@with_scene_options
+def sheet(path: Path, out: Path, **options: Any) -> None:
     """Write a contact sheet of all views with epipolar slices: order errors show at a glance."""
     from lfpipe.scene.contact_sheet import contact_sheet
 
-    _write(out, contact_sheet(_opened(path, _config(word))))
+    _write(out, contact_sheet(_opened(path, _config(options))))

@@ -158,13 +158,13 @@ class Screen:
 
 @attrs.frozen
 class Scene:
-    layout: Annotated[str, Opt("name of the layout on disk; auto: found out (`lfpipe scene info`)")] = "auto"
-    grid: Annotated[str, Opt("ROWSxCOLS where the files do not tell it; empty: found out")] = ""
-    flip: Annotated[Literal["auto", "none", "rows", "cols", "both"], Opt("turn the order of the views; auto: found out")] = "auto"
-    transpose: Annotated[Literal["auto", "no", "yes"], Opt("exchange rows and columns of the grid; auto: found out")] = "auto"
+    layout: Annotated[str, Opt("layout on disk; auto: detect it (`lfpipe scene info` shows it)")] = "auto"
+    grid: Annotated[str, Opt("ROWSxCOLS where the files do not define it; empty: detect it")] = ""
+    flip: Annotated[Literal["auto", "none", "rows", "cols", "both"], Opt("reverse the order of the views; auto: detect it")] = "auto"
+    transpose: Annotated[Literal["auto", "no", "yes"], Opt("exchange rows and columns of the grid; auto: detect it")] = "auto"
     gamma: Annotated[
         float | Literal["auto"],
-        Opt("screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: found out", "", 0.1, 10),
+        Opt("screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: detect it", "", 0.1, 10),
     ] = "auto"
     cache_dir: Annotated[str, Opt("where packed scenes are kept; empty: the user's cache directory")] = ""
 

@@ -24,10 +24,10 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_bytes
 from lfpipe.host import file_lock
-from lfpipe.scene.files import look, open_file
+from lfpipe.scene.files import list_scene, open_file
 from lfpipe.scene.manifest import VERSION, DamagedPackError, read_manifest
 from lfpipe.scene.pack_lock import unused
-from lfpipe.scene.source import Source
+from lfpipe.scene.source import SceneSource
 
 MAX_KEY_BYTES = 256  # of an entry of the index
 
@@ -37,7 +37,7 @@ def cache_dir(scene: config.Scene) -> Path:
     return Path(scene.cache_dir).expanduser() if scene.cache_dir else Path(platformdirs.user_cache_dir("lfpipe"))
 
 
-def prepared(scene: config.Scene) -> Path:
+def prepare_cache(scene: config.Scene) -> Path:
     """The cache with its folders made. Raises UserError where it cannot be written."""
     root = cache_dir(scene)
     try:
@@ -54,21 +54,21 @@ def _unwritten(root: Path, error: OSError) -> UserError:
     return UserError(f"cache directory {root}: {error.strerror}", "name another with --set scene.cache_dir=DIR")
 
 
-def _said(scene: config.Scene) -> str:
-    """The user's word on the scene, as part of a key."""
+def _settings_key(scene: config.Scene) -> str:
+    """The settings that a pack depends on, as part of a key."""
     return json.dumps({"version": VERSION, **{k: v for k, v in attrs.asdict(scene).items() if k != "cache_dir"}}, sort_keys=True)
 
 
 def stamp(path: str | os.PathLike[str], scene: config.Scene) -> str:
-    """Hash of names, sizes and times at path, one subfolder deep: equal while nobody touched it. Raises UserError."""
-    digest = hashlib.blake2b(_said(scene).encode(), digest_size=16)
-    listing = look(path)
+    """Hash of names, sizes and times at path, one subfolder deep: equal while nothing changed. Raises UserError."""
+    digest = hashlib.blake2b(_settings_key(scene).encode(), digest_size=16)
+    listing = list_scene(path)
     digest.update(str(listing.path.resolve()).encode(errors="surrogateescape"))
     for name in (*listing.names, *listing.folders):
         entries = [listing.folder / name]
         if name in listing.folders:
             with contextlib.suppress(UserError):
-                entries = [listing.folder / name / inner for inner in look(listing.folder / name).names]
+                entries = [listing.folder / name / inner for inner in list_scene(listing.folder / name).names]
         for entry in entries:
             with contextlib.suppress(OSError):
                 state = entry.stat()
@@ -76,9 +76,9 @@ def stamp(path: str | os.PathLike[str], scene: config.Scene) -> str:
     return digest.hexdigest()
 
 
-def content_key(source: Source, scene: config.Scene) -> str:
-    """Hash of what the source's files hold, its layout and the user's word. Raises UserError where one is unreadable."""
-    digest = hashlib.blake2b(f"{_said(scene)}{source.layout}".encode(), digest_size=12)
+def content_key(source: SceneSource, scene: config.Scene) -> str:
+    """Hash of the contents of the source's files, its layout and the settings. Raises UserError where a file is unreadable."""
+    digest = hashlib.blake2b(f"{_settings_key(scene)}{source.layout}".encode(), digest_size=12)
     for path in source.files:
         try:
             with open_file(path) as stream:

@@ -20,7 +20,7 @@ def stored_view(field: LightField, row: int, col: int, frame: int = 0) -> NDArra
     return np.asarray(cv2.merge(planes * 3 if len(planes) == 1 else planes), np.uint8)
 
 
-def require_place(field: LightField, row: float, col: float) -> None:
+def require_view_index(field: LightField, row: float, col: float) -> None:
     """Raises UserError where (row, col) is not finite or lies outside of the grid."""
     for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):
         if not 0 <= value <= count - 1:  # not a number compares false

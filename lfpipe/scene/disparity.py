@@ -81,7 +81,7 @@ def halved(disparity_px: FloatMap) -> FloatMap:
     return np.asarray(cv2.resize(disparity_px, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA), np.float32)
 
 
-def neighbour_places(row: int, col: int, rows: int, cols: int) -> list[tuple[int, int]]:
+def neighbour_indices(row: int, col: int, rows: int, cols: int) -> list[tuple[int, int]]:
     """The up to four neighbours of a place in the grid."""
     places = [(row, col + 1), (row, col - 1), (row + 1, col), (row - 1, col)]
     return [(r, c) for r, c in places if 0 <= r < rows and 0 <= c < cols]
@@ -92,7 +92,7 @@ def _neighbours(
 ) -> list[tuple[Grey, float, float]]:
     """Present neighbours of a place as (picture, rows away, columns away)."""
     neighbours: list[tuple[Grey, float, float]] = []
-    for r, c in neighbour_places(row, col, *present.shape):
+    for r, c in neighbour_indices(row, col, *present.shape):
         if present[r, c]:
             d_row, d_col = (float(v) for v in (offsets[r, c] - offsets[row, col]) + np.array([r - row, c - col], np.float32))
             if d_row * d_row + d_col * d_col > 0.01:  # two cameras in one place tell nothing
@@ -100,7 +100,7 @@ def _neighbours(
     return neighbours
 
 
-def place_disparity(
+def disparity_at(
     grey: Callable[[int, int], Grey], row: int, col: int, present: NDArray[np.bool_], offsets: NDArray[np.float32]
 ) -> FloatMap | None:
     """Disparity of the view at (row, col), float32 (h, w), or None where it has no neighbour.
@@ -147,7 +147,7 @@ def estimate_disparity(views: NDArray[np.uint8], offsets: NDArray[np.float32] | 
     out = np.zeros((rows, cols, (height + 1) // 2, (width + 1) // 2), np.float32)
     for r in range(rows):
         for c in range(cols):
-            found = place_disparity(lambda i, j: grid[i][j], r, c, np.ones((rows, cols), bool), moved)
+            found = disparity_at(lambda i, j: grid[i][j], r, c, np.ones((rows, cols), bool), moved)
             if found is not None:
                 out[r, c] = halved(found)
     return out

@@ -8,25 +8,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.scene.disparity import SMALLEST_PX, halved, landing, luma, place_disparity, quantised, scale_for
+from lfpipe.scene.disparity import SMALLEST_PX, disparity_at, halved, landing, luma, quantised, scale_for
 from lfpipe.scene.grid_geometry import nearest_present, truth_sign
 from lfpipe.scene.pack_files import PlaneFile
-from lfpipe.scene.view_writer import Making, Place, in_parallel
+from lfpipe.scene.view_writer import FrameIndex, PackJob, run_parallel
 
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
 _NO_LIMIT_PX = 400.0  # no disparity between neighbours is larger, whatever a map says
 
 
-def _truth(job: Making, place: Place) -> NDArray[np.float32] | None:
+def _truth(job: PackJob, place: FrameIndex) -> NDArray[np.float32] | None:
     """The true map of a place with its sign, or None."""
-    row, col = job.turn.turn.file_place(place[1], place[2], job.rows, job.cols)
-    sign = truth_sign(job.turn.base, job.turn.turn)
+    row, col = job.orientation.turn.file_index(place[1], place[2], job.rows, job.cols)
+    sign = truth_sign(job.orientation.base, job.orientation.turn)
     if (row, col) not in job.source.truth or not sign or place[0]:
         return None
     return job.source.truth[row, col]() * np.float32(sign)
 
 
-def write_disparity(job: Making, views: PlaneFile) -> dict[str, Any]:
+def write_disparity(job: PackJob, views: PlaneFile) -> dict[str, Any]:
     """disparity.npy and its entry in the manifest: flow between neighbours, or truth where it is given and lands better.
 
     min_px and max_px are those of the truth where there is any ("source"), else the usual extremes of the estimates.
@@ -39,7 +39,7 @@ def write_disparity(job: Making, views: PlaneFile) -> dict[str, Any]:
     with PlaneFile.create(job.folder / "interim.npy", shape, np.int16, index_axes=3) as interim:
         about = _estimate(job, views, interim)
         with PlaneFile.create(job.folder / "disparity.npy", shape, np.int8, index_axes=3) as out:
-            for place in job.places():
+            for place in job.view_indices():
                 near = place if job.present[place[1:]] else (place[0], *nearest_present(job.present, *place[1:]))
                 steps = interim.read(near).astype(np.float32) * np.float32(_INTERIM_PX)
                 out.write(place, quantised(steps, about["scale_px"]))
@@ -47,22 +47,22 @@ def write_disparity(job: Making, views: PlaneFile) -> dict[str, Any]:
     return about
 
 
-def _estimate(job: Making, views: PlaneFile, interim: PlaneFile) -> dict[str, Any]:
+def _estimate(job: PackJob, views: PlaneFile, interim: PlaneFile) -> dict[str, Any]:
     """Every present view's map into interim, in steps of _INTERIM_PX; the entry in the manifest."""
     source = job.source
-    ranges: dict[Place, NDArray[np.float64]] = {}
+    ranges: dict[FrameIndex, NDArray[np.float64]] = {}
     true_ranges: list[tuple[float, float]] = []
     errors: list[float] = []
-    kept: list[Place] = []
+    kept: list[FrameIndex] = []
 
     @lru_cache(maxsize=3 * job.cols + 4)
     def grey(frame: int, row: int, col: int) -> NDArray[np.uint8]:
         return luma(views.read((frame, row, col)))
 
-    def one(place: Place) -> None:
+    def one(place: FrameIndex) -> None:
         frame, row, col = place
         at = partial(grey, frame)
-        use = place_disparity(at, row, col, job.present, job.offsets)
+        use = disparity_at(at, row, col, job.present, job.offsets)
         true = _truth(job, place)
         if true is not None:
             true_ranges.append((float(true.min()), float(true.max())))
@@ -81,8 +81,8 @@ def _estimate(job: Making, views: PlaneFile, interim: PlaneFile) -> dict[str, An
         steps = np.clip(halved(use), -_NO_LIMIT_PX, _NO_LIMIT_PX) * np.float32(1 / _INTERIM_PX)
         interim.write(place, np.rint(steps).astype(np.int16))
 
-    there = [place for place in job.places() if job.present[place[1:]]]
-    in_parallel(one, there, job.ticker("disparity", len(there)))
+    there = [place for place in job.view_indices() if job.present[place[1:]]]
+    run_parallel(one, there, job.ticker("disparity", len(there)))
     spans = np.array(list(ranges.values()))
     scale = scale_for(float(spans[:, 0].min()), float(spans[:, 1].max()))
     # Truth is exact; the extremes of an estimate are its mistakes, so all views are asked together, and robustly.

@@ -1,4 +1,4 @@
-"""Folders and pictures that somebody else made: bounded, inside the folder, and clear about what is wrong."""
+"""Folders and pictures from elsewhere: bounded, inside the folder, with errors that name what is wrong."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def natural(name: str) -> list[tuple[int, int, str]]:
     return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
 
 
-def look(path: str | os.PathLike[str]) -> Listing:
+def list_scene(path: str | os.PathLike[str]) -> Listing:
     """List a scene's folder or file. Raises UserError where there is none, it cannot be read or holds too many files."""
     given = Path(path)
     if "\n" in str(given):
@@ -91,7 +91,7 @@ def look(path: str | os.PathLike[str]) -> Listing:
 
 
 def _entries(folder: Path) -> tuple[list[str], list[str]]:
-    """Names of files and of subfolders; hidden ones and those with a line break are left out."""
+    """Names of files and of subfolders; without hidden ones and those with a line break."""
     names: list[str] = []
     folders: list[str] = []
     with os.scandir(folder) as entries:
@@ -148,7 +148,7 @@ def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BinaryIO:
     size = os.fstat(file.fileno()).st_size
     if size > most_bytes:
         file.close()
-        raise UserError(f"{path}: has {size} bytes, at most {most_bytes} are expected", "is this file what its name says?")
+        raise UserError(f"{path}: has {size} bytes, at most {most_bytes} allowed", "is this file what its name says?")
     return file
 
 
@@ -222,7 +222,7 @@ def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], 
     """A picture's own values and the value that stands for full: ((h, w) or (h, w, 3) RGB, uint8 or uint16, max_value).
 
     The depth of the file is kept (a 10-bit PPM holds 0..1023; OpenCV's usual read would shift it to 0..3). An alpha
-    plane is left out. like: what `picture_header` has returned for the path. Raises UserError where the file is truncated,
+    plane is dropped. like: what `picture_header` has returned for the path. Raises UserError where the file is truncated,
     no picture, too large, or changed since then.
     """
     with open_file(path) as file:

@@ -108,7 +108,7 @@ def _votes(here: Grey, disparity_px: FloatMap, there: Grey, steps: int, sideways
     return right, int(np.count_nonzero((back_off < _SAME) & (front_off > _WRONG)))
 
 
-def look_along(grey: GreyAt, count: int) -> Axis | None:
+def examine_axis(grey: GreyAt, count: int) -> Axis | None:
     """What the views grey(0) .. grey(count - 1) along one axis of the grid say; None where there are fewer than two."""
     if count < 2:
         return None

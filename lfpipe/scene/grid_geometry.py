@@ -17,7 +17,7 @@ def grid_offsets(coordinates: NDArray[np.float64] | None, turn: Turn, rows: int,
     out = np.zeros((rows, cols, 2), np.float32)
     if coordinates is None:
         return out
-    placed = np.array([[coordinates[turn.file_place(r, c, rows, cols)] for c in range(cols)] for r in range(rows)])
+    placed = np.array([[coordinates[turn.file_index(r, c, rows, cols)] for c in range(cols)] for r in range(rows)])
     known = np.isfinite(placed).all(axis=2)
     row, col = np.nonzero(known)
     for axis, count, index in ((0, rows, row), (1, cols, col)):

@@ -37,22 +37,23 @@ def describe_pack(field: LightField, scene: config.Scene) -> dict[str, Any]:
     }
 
 
-def lines(told: dict[str, Any]) -> list[str]:
+def lines(facts: dict[str, Any]) -> list[str]:
     """The same facts for people."""
-    found = told["orientation_evidence"]
-    turned = [name for name, on in (("rows reversed", told["flips"]["rows"]), ("columns reversed", told["flips"]["cols"]),
-                                    ("rows and columns exchanged", told["flips"]["transpose"])) if on]  # fmt: skip
-    disparity, geometry = told["disparity"], told["geometry"]
-    tone = f", gamma {told['gamma']:g} ({told['gamma_by']})" if told["gamma"] != 1 else ""
+    found = facts["orientation_evidence"]
+    turned = [name for name, on in (("rows reversed", facts["flips"]["rows"]), ("columns reversed", facts["flips"]["cols"]),
+                                    ("rows and columns exchanged", facts["flips"]["transpose"])) if on]  # fmt: skip
+    disparity, geometry = facts["disparity"], facts["geometry"]
+    tone = f", gamma {facts['gamma']:g} ({facts['gamma_by']})" if facts["gamma"] != 1 else ""
     out = [
-        f"{told['name']}: {told['rows']}x{told['cols']} views of {told['width']}x{told['height']} px, layout {told['layout']}",
-        f"  depth       {told['bit_depth']} bit, {'colour' if told['channels'] == 3 else 'grey'}{tone}",
+        f"{facts['name']}: {facts['rows']}x{facts['cols']} views of {facts['width']}x{facts['height']} px, "
+        f"layout {facts['layout']}",
+        f"  depth       {facts['bit_depth']} bit, {'colour' if facts['channels'] == 3 else 'grey'}{tone}",
         f"  order       {' and '.join(turned) or 'as in the files'}: {found['said']} ({found['by']}, {found['sure']:.0%} sure)",
     ]
     if found["undecided"]:
         out.append(f"  undecided   {found['undecided']}")
-    if told["frames"] > 1:
-        out.append(f"  video       {told['frames']} frames at {told['frame_rate_hz']:g} Hz")
+    if facts["frames"] > 1:
+        out.append(f"  video       {facts['frames']} frames at {facts['frame_rate_hz']:g} Hz")
     if disparity["source"] == "none":
         out.append("  disparity   none")
     else:
@@ -62,10 +63,10 @@ def lines(told: dict[str, Any]) -> list[str]:
     parts = [(*name.rsplit("_", 1), value) for name, value in geometry.items() if value]
     known = [f"{name.replace('_', ' ')} {value:g} {unit}" for name, unit, value in parts]
     out.append(f"  geometry    {', '.join(known) or 'not known'}")
-    scores = ", ".join(f"{name} {value:.1f} dB" for name, value in told["scores_db"].items())
-    out.append(f"  method      {told['method']}" + (f" (views left out are met with {scores})" if scores else ""))
-    if told["views_missing"]:
-        out.append(f"  missing     {len(told['views_missing'])} views: {told['views_missing'][:8]}")
-    out += [f"  note        {note}" for note in told["notes"]]
-    out.append(f"  pack        {told['pack_bytes'] / 1e6:.1f} MB in {told['pack']}")
+    scores = ", ".join(f"{name} {value:.1f} dB" for name, value in facts["scores_db"].items())
+    out.append(f"  method      {facts['method']}" + (f" (quality when predicting held-out views: {scores})" if scores else ""))
+    if facts["views_missing"]:
+        out.append(f"  missing     {len(facts['views_missing'])} views: {facts['views_missing'][:8]}")
+    out += [f"  note        {note}" for note in facts["notes"]]
+    out.append(f"  pack        {facts['pack_bytes'] / 1e6:.1f} MB in {facts['pack']}")
     return out

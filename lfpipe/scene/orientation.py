@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.scene.disparity import SMALLEST_PX, Grey, mismatch
-from lfpipe.scene.flow_check import Axis, look_along, same_way
-from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.flow_check import Axis, examine_axis, same_way
+from lfpipe.scene.source import SceneSource, Turn
 
 _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
 _DARK = 0.2  # mean of a view below which it is lifted
-_FLOW_WINS = 0.75  # how sure the flow has to be to contradict the habit of a layout
+_FLOW_WINS = 0.75  # certainty above which flow overrides the convention of a layout
 _FLOW_PX = 1 << 21  # of a view: more tells nothing about the order of views
 _FLAT_PX = 0.05  # per step: below this the flow is noise
 _HELP = "scene.flip=rows, cols or both and scene.transpose=yes turn it"
@@ -28,23 +28,23 @@ _HELP = "scene.flip=rows, cols or both and scene.transpose=yes turn it"
 @attrs.frozen
 class Orientation:
     """turn: from file order to canonical. by: "override", "coordinates", "truth", "layout", "flow" or "nothing"; sure: 0..1;
-    said: sentences a person can use; undecided: what evidence does not settle, "" for nothing;
-    untold: the turn that was found, where the user told another."""
+    said: sentences a person can use; undecided: what the evidence does not settle, "" for nothing;
+    detected: the turn without the user's setting, where that differs."""
 
     turn: Turn
     by: str
     sure: float
     said: str
     undecided: str = ""
-    untold: Turn | None = None
+    detected: Turn | None = None
 
     @property
     def base(self) -> Turn:
-        """The turn without the user's word: the one that true disparity holds with."""
-        return self.turn if self.untold is None else self.untold
+        """The turn without the user's setting: true disparity holds with it."""
+        return self.turn if self.detected is None else self.detected
 
 
-def _greys(source: Source, most_px: float = math.inf) -> Callable[[int, int], Grey]:
+def _greys(source: SceneSource, most_px: float = math.inf) -> Callable[[int, int], Grey]:
     """Views by file place as the flow wants them: grey, 8 bit, and dark (linear-light) scenes lifted so that it finds texture.
 
     Those of more than most_px are made smaller.
@@ -68,16 +68,16 @@ def _greys(source: Source, most_px: float = math.inf) -> Callable[[int, int], Gr
     return grey
 
 
-def _by_flow(source: Source) -> Orientation:
-    """What flow between a few views tells."""
+def _by_flow(source: SceneSource) -> Orientation:
+    """Orientation from flow between a few views."""
     if min(source.height_px, source.width_px) < SMALLEST_PX:
-        return Orientation(Turn(), "nothing", 0.0, "the views are too small to tell", f"the whole order; {_HELP}")
+        return Orientation(Turn(), "nothing", 0.0, "the views are too small for optical flow", f"the whole order; {_HELP}")
     rows, cols, grey = source.rows, source.cols, _greys(source, _FLOW_PX)
-    by_col = look_along(lambda c: grey(rows // 2, c), cols)
-    by_row = look_along(lambda r: grey(r, cols // 2), rows)
+    by_col = examine_axis(lambda c: grey(rows // 2, c), cols)
+    by_row = examine_axis(lambda r: grey(r, cols // 2), rows)
     axes = [axis for axis in (by_row, by_col) if axis is not None and axis.along_px > _FLAT_PX]
     if not axes:
-        return Orientation(Turn(), "nothing", 0.0, "the views do not differ enough to tell", f"the whole order; {_HELP}")
+        return Orientation(Turn(), "nothing", 0.0, "the views hardly differ", f"the whole order; {_HELP}")
     if by_row is not None and by_col is not None and len(axes) == 2:
         return _two_axes(by_row, by_col)
     axis = axes[0]
@@ -102,7 +102,7 @@ def _signed(axes: list[Axis], relative: list[int]) -> tuple[int, float, str]:
     ways = {a.one_way * r for a, r in zip(axes, relative, strict=True)} - {0}
     if len(ways) == 1:
         return ways.pop(), 0.8, "everything moves one way, as parallel cameras see it"
-    return 1, 0.5, "nothing tells the half-turn, which exchanges near and far"
+    return 1, 0.5, "nothing decides the half-turn, which exchanges near and far"
 
 
 def _two_axes(by_row: Axis, by_col: Axis) -> Orientation:
@@ -123,7 +123,7 @@ def _two_axes(by_row: Axis, by_col: Axis) -> Orientation:
     return Orientation(turn, "flow", min(half_sure, abs(alike)), said, undecided)
 
 
-def _by_truth(source: Source) -> tuple[Turn, float] | None:
+def _by_truth(source: SceneSource) -> tuple[Turn, float] | None:
     """The turn under which a true map lands best on its neighbours, and how much better than the runner-up it does."""
     inner = [p for p in source.truth if 0 < p[0] < source.rows - 1 and 0 < p[1] < source.cols - 1]
     if not inner or min(source.height_px, source.width_px) < SMALLEST_PX:
@@ -144,8 +144,8 @@ def _by_truth(source: Source) -> tuple[Turn, float] | None:
     return best, 1 - found[best] / max(found[second], 1e-9)
 
 
-def orient(source: Source, scene: config.Scene) -> Orientation:
-    """The way to canonical order: the user's word first, then coordinates or the layout, checked by true disparity, then
+def orient(source: SceneSource, scene: config.Scene) -> Orientation:
+    """The way to canonical order: the user's setting first, then coordinates or the layout, checked by true disparity, then
     flow between a few views."""
     found = _found(source)
     turn = found.turn
@@ -154,12 +154,13 @@ def orient(source: Source, scene: config.Scene) -> Orientation:
     if scene.transpose != "auto":
         turn = attrs.evolve(turn, transpose=scene.transpose == "yes")
     if scene.flip != "auto" or (scene.transpose != "auto" and turn != found.turn):
-        return Orientation(turn, "override", 1.0, f"as told; without that: {found.said}", untold=found.turn)
+        said = f"set by scene.flip or scene.transpose; without that: {found.said}"
+        return Orientation(turn, "override", 1.0, said, detected=found.turn)
     return found
 
 
-def _found(source: Source) -> Orientation:
-    """Orientation without the user's word."""
+def _found(source: SceneSource) -> Orientation:
+    """Orientation without the user's setting."""
     if source.rows * source.cols == 1:
         return Orientation(Turn(), "layout", 1.0, "there is one view")
     truth = _by_truth(source)

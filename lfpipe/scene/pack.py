@@ -24,18 +24,18 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.manifest import VERSION, DamagedPackError, contents, write_manifest
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.pack_files import PlaneFile, open_pack
-from lfpipe.scene.source import Source
-from lfpipe.scene.truth import with_plausible_truth
-from lfpipe.scene.view_writer import Making, NotGreyError, Progress, write_views
+from lfpipe.scene.source import SceneSource
+from lfpipe.scene.truth import without_implausible_truth
+from lfpipe.scene.view_writer import NotGreyError, PackJob, Progress, write_views
 
 ChooseMethod = Callable[[LightField], tuple[str, dict[str, Any]]]  # -> the best method here, and its scores
 
 
 def _silent(what: str, done: int, total: int) -> None:
-    """Progress that nobody watches."""
+    """Ignores progress."""
 
 
-def _room(root: Path, source: Source, channels: int) -> None:
+def _room(root: Path, source: SceneSource, channels: int) -> None:
     """Raises UserError where the disk is too small for the pack, with both sizes."""
     views = source.frames * source.rows * source.cols
     maps = views * ((source.height_px + 1) // 2) * ((source.width_px + 1) // 2)
@@ -48,16 +48,16 @@ def _room(root: Path, source: Source, channels: int) -> None:
         )
 
 
-def _is_grey(source: Source) -> bool:
+def _is_grey(source: SceneSource) -> bool:
     """Whether the corner views and the middle one have no colour."""
     places = {(0, 0), (0, source.cols - 1), (source.rows // 2, source.cols // 2), (source.rows - 1, source.cols - 1)}
     return all(screen_values.is_grey(source.read(0, *place)) for place in places - source.missing)
 
 
-def _gamma(source: Source, scene: config.Scene) -> tuple[float, str]:
+def _gamma(source: SceneSource, scene: config.Scene) -> tuple[float, str]:
     """The exponent for this scene and why."""
     if scene.gamma != "auto":
-        return float(scene.gamma), "as told"
+        return float(scene.gamma), "set by scene.gamma"
     if source.linear:
         return screen_values.SCREEN_GAMMA, f"{source.layout} holds linear light"
     middle = min(
@@ -70,7 +70,7 @@ def _gamma(source: Source, scene: config.Scene) -> tuple[float, str]:
 
 
 def _make(
-    root: Path, key: str, source: Source, scene: config.Scene, progress: Progress, choose: ChooseMethod | None, grey: bool
+    root: Path, key: str, source: SceneSource, scene: config.Scene, progress: Progress, choose: ChooseMethod | None, grey: bool
 ) -> Path:
     """Write the pack of source under its key and return its folder. The lock of key is held."""
     _room(root, source, 1 if grey else 3)
@@ -81,12 +81,12 @@ def _make(
     present = np.ones((rows, cols), bool)
     for r in range(rows):
         for c in range(cols):
-            present[r, c] = orientation.turn.file_place(r, c, rows, cols) not in source.missing
+            present[r, c] = orientation.turn.file_index(r, c, rows, cols) not in source.missing
     folder = root / "scenes" / f".{key}.{os.getpid()}"
     folder.mkdir()
     try:
         offsets = grid_offsets(source.coordinates, orientation.turn, rows, cols)
-        job = Making(source, orientation, folder, rows, cols, 1 if grey else 3, present, offsets, progress)
+        job = PackJob(source, orientation, folder, rows, cols, 1 if grey else 3, present, offsets, progress)
         with PlaneFile.create(folder / "views.npy", job.shape, np.uint8, index_axes=3) as views:
             write_views(job, views, screen_values.screen_table(source.max_value, gamma))
             disparity = write_disparity(job, views)
@@ -144,8 +144,8 @@ def _packed(
     path: str | os.PathLike[str], scene: config.Scene, mark: str, say: Progress, choose: ChooseMethod | None
 ) -> LightField:
     """The light field of a scene that may still have to be packed."""
-    source = with_plausible_truth(layouts.describe(path, scene))
-    root = cache.prepared(scene)
+    source = without_implausible_truth(layouts.describe(path, scene))
+    root = cache.prepare_cache(scene)
     key = cache.content_key(source, scene)
     folder = root / "scenes" / key
     with cache.locked(root, key):

@@ -1,4 +1,4 @@
-"""What a layout says about a scene on disk, before anything is turned or packed."""
+"""A scene on disk as its layout describes it, before it is turned or packed."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from lfpipe.scene.lightfield import Geometry
 
+ViewIndex = tuple[int, int]  # (row, column)
+
 
 @attrs.frozen
 class Turn:
@@ -21,8 +23,8 @@ class Turn:
     cols: bool = False
     transpose: bool = False
 
-    def file_place(self, row: int, col: int, rows: int, cols: int) -> tuple[int, int]:
-        """Where the view of canonical place (row, col) stands in the file order; rows, cols: the canonical grid."""
+    def file_index(self, row: int, col: int, rows: int, cols: int) -> tuple[int, int]:
+        """The file index of the canonical view (row, col); rows, cols: the canonical grid."""
         row = rows - 1 - row if self.rows else row
         col = cols - 1 - col if self.cols else col
         return (col, row) if self.transpose else (row, col)
@@ -33,18 +35,18 @@ class Turn:
 
 
 @attrs.frozen(eq=False)
-class Source:
+class SceneSource:
     """A scene on disk as its layout describes it. Rows and columns here are in FILE order.
 
     read(frame, row, col): one view, (h, w) or (h, w, 3) RGB, uint8 or uint16 up to max_value; may be called from
         several threads; raises UserError that names the file.
-    missing: places without a view. files: everything that read and truth read from, for the content key.
-    turn: the way to canonical order where the layout or its coordinates tell it, with the reason in turn_by; else None.
-        turn_firm: no scene of this layout was seen that is ordered otherwise; where False, clear flow contradicts it.
+    missing: indices without a view. files: everything that read and truth read from, for the content key.
+    turn: the way to canonical order where the layout or its coordinates define it, with the reason in turn_by; else None.
+        turn_firm: False where scenes of this layout with another order exist, so that clear flow overrides it.
     coordinates: float64 (rows, cols, 2), where each camera stood, (down, right) in any one unit, or None.
-    truth: true disparity by file place, as functions that read float32 (h, w) in px per canonical grid step, positive
+    truth: true disparity by file index, as functions that read float32 (h, w) in px per canonical grid step, positive
         nearer, and hold with `turn` (no turn where that is None).
-    linear: the values are linear light. notes: what a person should know, one sentence each.
+    linear: the values are linear light. notes: for people, one sentence each.
     """
 
     layout: str

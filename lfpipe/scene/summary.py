@@ -1,4 +1,4 @@
-"""What a session keeps of a scene: its summary, so that nobody but render opens the pack."""
+"""The summary of a scene that a session keeps, so that only render opens the pack."""
 
 from __future__ import annotations
 

@@ -6,10 +6,10 @@ import attrs
 import numpy as np
 
 from lfpipe.errors import UserError
-from lfpipe.scene.source import Source
+from lfpipe.scene.source import SceneSource
 
 
-def with_plausible_truth(source: Source) -> Source:
+def without_implausible_truth(source: SceneSource) -> SceneSource:
     """source without the maps that claim more than a picture's side per view, which a note then says.
 
     Such values leave a range in which the whole scene looks flat. Raises UserError where a map has another size than the views,

@@ -22,8 +22,8 @@ from lfpipe.scene.video_probe import MAX_FRAME_PX, open_video
 
 # -P: the folder that lfpipe is run in may be anybody's, and no module is imported from there.
 PROBE = ("-P", "-m", "lfpipe.scene.video_probe")
-USUAL_RATE_HZ = 25.0  # where a video does not tell
-SILENT_S = 30.0  # without a frame, then the video is given up
+USUAL_RATE_HZ = 25.0  # where a video has no rate
+SILENT_S = 30.0  # without a frame before the video is refused
 _REMEDY = "play it with another program, or export it again"
 
 
@@ -57,7 +57,7 @@ def examine(path: Path) -> About:
     if not width * height:
         raise UserError(f"{path}: not a video that can be read", _REMEDY)
     if not end:
-        raise UserError(f"{path}: its decoder gave up or crashed after {dots} frames", _REMEDY)
+        raise UserError(f"{path}: its decoder stopped or crashed after {dots} frames", _REMEDY)
     if not dots:
         raise UserError(f"{path}: a video without a frame that can be decoded", "export it again")
     rate = float(fields.values.get("rate_hz") or 0.0)

@@ -18,10 +18,10 @@ from lfpipe.scene import screen_values
 from lfpipe.scene.grid_geometry import nearest_present
 from lfpipe.scene.orientation import Orientation
 from lfpipe.scene.pack_files import PlaneFile
-from lfpipe.scene.source import Source
+from lfpipe.scene.source import SceneSource
 
 Progress = Callable[[str, int, int], None]  # what is being done, how much of it is done, of how much
-Place = tuple[int, int, int]  # frame, row, column
+FrameIndex = tuple[int, int, int]  # frame, row, column
 T = TypeVar("T")
 _ROOM_BYTES = 200_000_000  # for views that are decoded at the same time
 
@@ -35,7 +35,7 @@ def workers(item_bytes: int = 0) -> int:
     return max(1, min(4, len(usable_cores()), _ROOM_BYTES // max(1, item_bytes)))
 
 
-def in_parallel(work: Callable[[T], None], items: Iterable[T], done: Callable[[], None], item_bytes: int = 0) -> None:
+def run_parallel(work: Callable[[T], None], items: Iterable[T], done: Callable[[], None], item_bytes: int = 0) -> None:
     """work(item) for every item on a few threads, a bounded number in flight; the first error ends it.
 
     item_bytes: memory that one of them takes.
@@ -55,11 +55,11 @@ def in_parallel(work: Callable[[T], None], items: Iterable[T], done: Callable[[]
 
 
 @attrs.frozen
-class Making:
-    """What one run of the packer works on. turn and grid are canonical."""
+class PackJob:
+    """What one run of the packer works on. rows, cols, present and offsets are canonical."""
 
-    source: Source
-    turn: Orientation
+    source: SceneSource
+    orientation: Orientation
     folder: Path
     rows: int
     cols: int
@@ -73,7 +73,7 @@ class Making:
         """Of the views: (frames, rows, cols, channels, height, width)."""
         return self.source.frames, self.rows, self.cols, self.channels, self.source.height_px, self.source.width_px
 
-    def places(self) -> list[Place]:
+    def view_indices(self) -> list[FrameIndex]:
         return [(f, r, c) for f in range(self.source.frames) for r in range(self.rows) for c in range(self.cols)]
 
     def ticker(self, what: str, total: int) -> Callable[[], None]:
@@ -88,14 +88,14 @@ class Making:
         return tick
 
 
-def write_views(job: Making, out: PlaneFile, table: NDArray[np.uint8]) -> None:
+def write_views(job: PackJob, out: PlaneFile, table: NDArray[np.uint8]) -> None:
     """Decode every view into out; places without a view get the nearest one's copy. table: from a source value to a
     screen value. Raises UserError, and NotGreyError where a view has colour that the pack has no planes for."""
     source = job.source
 
-    def one(place: Place) -> None:
+    def one(place: FrameIndex) -> None:
         frame, row, col = place
-        pixels = source.read(frame, *job.turn.turn.file_place(row, col, job.rows, job.cols))
+        pixels = source.read(frame, *job.orientation.turn.file_index(row, col, job.rows, job.cols))
         if job.channels == 1 and not screen_values.is_grey(pixels):
             raise NotGreyError
         for top in range(0, len(pixels), screen_values.STRIP_ROWS):
@@ -104,8 +104,8 @@ def write_views(job: Making, out: PlaneFile, table: NDArray[np.uint8]) -> None:
             for channel, plane in enumerate(planes):
                 out.write((*place, channel, top), plane)
 
-    there = [place for place in job.places() if job.present[place[1:]]]
-    in_parallel(one, there, job.ticker("views", len(there)), 6 * source.height_px * source.width_px)
-    for place in job.places():
+    there = [place for place in job.view_indices() if job.present[place[1:]]]
+    run_parallel(one, there, job.ticker("views", len(there)), 6 * source.height_px * source.width_px)
+    for place in job.view_indices():
         if not job.present[place[1:]]:
             out.write(place, out.read((place[0], *nearest_present(job.present, *place[1:]))))

@@ -402,7 +402,7 @@ def test_a_decoder_that_crashes_is_a_message(tmp_path: Path, monkeypatch: pytest
     film(tmp_path, "mkv", "FFV1")
     code = 'import os; print(\'{"width_px": 8, "height_px": 8, "rate_hz": 25.0}\\n...\', end="", flush=True); os.abort()'
     monkeypatch.setattr(video_module, "PROBE", ("-c", code))
-    with pytest.raises(UserError, match="gave up or crashed after 3 frames"):
+    with pytest.raises(UserError, match="stopped or crashed after 3 frames"):
         open_scene(tmp_path / "film.mkv", config.Scene(cache_dir=str(tmp_path / "cache")))
 
 

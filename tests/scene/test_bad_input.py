@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.scene.files import MAX_FILES, look, read_pfm, read_picture
+from lfpipe.scene.files import MAX_FILES, list_scene, read_pfm, read_picture
 from lfpipe.scene.layouts import hci_text, mat
-from lfpipe.scene.layouts._grid import asked_grid
+from lfpipe.scene.layouts._grid import parse_grid
 from lfpipe.scene.pack import open_scene
 from tests.scene import made
 
@@ -256,7 +256,7 @@ CASES: list[tuple[Callable[[Path], Path], str]] = [
     (quilt_of_nothing, "do not divide"),
     (no_video, "not a video"),
     (plain_video, "no mosaic"),
-    (archive, "unpacked first"),
+    (archive, "no layout of a light field recognised"),
     (depth_of_other_size, "100 bytes"),
     (two_names_for_a_place, "both stand for"),
 ]
@@ -283,7 +283,7 @@ def test_ten_bit_values_are_not_taken_for_eight(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["9", "x9", "0x3", "9x", "-1x2", "99999x1", "3x3x3", "٣x٣x"])
 def test_bad_grids(text: str) -> None:
     with pytest.raises(UserError, match="ROWSxCOLS"):
-        asked_grid(text)
+        parse_grid(text)
 
 
 def test_a_grid_that_does_not_fit_is_told(tmp_path: Path) -> None:
@@ -378,4 +378,4 @@ def test_axis_order_is_a_permutation_or_none(shape: list[int]) -> None:
 def test_a_listing_sorts_numbers_as_numbers(tmp_path: Path) -> None:
     for name in ("v10.png", "v2.png", ".hidden"):
         (tmp_path / name).touch()
-    assert look(tmp_path).names == ("v2.png", "v10.png")
+    assert list_scene(tmp_path).names == ("v2.png", "v10.png")

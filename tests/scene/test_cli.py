@@ -61,7 +61,7 @@ def test_info_as_json(shell: Shell, folder: Path) -> None:
 
 def test_info_for_people_names_the_override(shell: Shell, folder: Path, tmp_path: Path) -> None:
     assert "rows reversed" in shell.text("info", folder)
-    assert "as told" in shell.text("info", folder, "--flip", "both")
+    assert "set by scene.flip" in shell.text("info", folder, "--flip", "both")
     same = made.write_grid(tmp_path / "same", np.broadcast_to(made.texture(48, 64, 2), (2, 2, 48, 64, 3)))
     assert "scene.flip" in shell.text("info", same)
 

@@ -17,21 +17,21 @@ from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.layouts import _mosaic, numbered
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.source import Source
+from lfpipe.scene.source import SceneSource
 from tests.scene import made
 
 GRID = made.views(3, 4, 64, 80)
 AUTO = config.Scene()
 
 
-def canonical(source: Source, scene: config.Scene = AUTO) -> np.ndarray:
+def canonical(source: SceneSource, scene: config.Scene = AUTO) -> np.ndarray:
     """All views of a source in canonical order as the packer places them, uint8 or uint16."""
     turn = orient(source, scene).turn
     rows, cols = turn.grid(source.rows, source.cols)
-    return np.array([[source.read(0, *turn.file_place(r, c, rows, cols)) for c in range(cols)] for r in range(rows)])
+    return np.array([[source.read(0, *turn.file_index(r, c, rows, cols)) for c in range(cols)] for r in range(rows)])
 
 
-def found(path: Path, layout: str, scene: config.Scene = AUTO) -> Source:
+def found(path: Path, layout: str, scene: config.Scene = AUTO) -> SceneSource:
     source = layouts.describe(path, scene)
     assert source.layout == layout
     return source

@@ -16,16 +16,16 @@ from lfpipe.scene import layouts
 from lfpipe.scene.grid_geometry import grid_offsets, nearest_present, truth_sign
 from lfpipe.scene.layouts.stanford import coordinate_turn
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.source import SceneSource, Turn
 from tests.scene import made
 
 AUTO = config.Scene()
 
 
-def as_source(grid: np.ndarray) -> Source:
+def as_source(grid: np.ndarray) -> SceneSource:
     """A source of unknown order that reads from memory."""
     rows, cols, height, width = grid.shape[:4]
-    return Source("test", Path(), (), rows, cols, lambda f, r, c: grid[r, c], height, width)
+    return SceneSource("test", Path(), (), rows, cols, lambda f, r, c: grid[r, c], height, width)
 
 
 def turned(grid: np.ndarray, turn: Turn) -> np.ndarray:
@@ -51,7 +51,7 @@ def test_flow_finds_the_direction_of_a_line(shape: tuple[int, int], flip: bool) 
     for laid in (line, line.swapaxes(0, 1)):  # numbered files know no line from a column
         found = orient(as_source(laid), AUTO)
         rows, cols = found.turn.grid(*laid.shape[:2])
-        assert np.array_equal([[laid[found.turn.file_place(r, c, rows, cols)] for c in range(cols)] for r in range(rows)], grid)
+        assert np.array_equal([[laid[found.turn.file_index(r, c, rows, cols)] for c in range(cols)] for r in range(rows)], grid)
 
 
 def test_views_without_difference_are_undecided() -> None:
@@ -96,7 +96,7 @@ def test_a_layouts_habit_gives_way_to_clear_flow_only() -> None:
 def test_a_turn_visits_every_place_once(flip_rows: bool, flip_cols: bool, transpose: bool, rows: int, cols: int) -> None:
     turn = Turn(flip_rows, flip_cols, transpose)
     file_rows, file_cols = turn.grid(rows, cols)
-    seen = {turn.file_place(r, c, rows, cols) for r in range(rows) for c in range(cols)}
+    seen = {turn.file_index(r, c, rows, cols) for r in range(rows) for c in range(cols)}
     assert seen == {(r, c) for r in range(file_rows) for c in range(file_cols)}
 
 

@@ -10,8 +10,8 @@ from typing import Protocol, cast
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, library_errors, look
-from lfpipe.scene.source import Source
+from lfpipe.scene.files import Listing, library_errors, list_scene
+from lfpipe.scene.source import SceneSource
 
 
 class Layout(Protocol):
@@ -23,7 +23,7 @@ class Layout(Protocol):
         """How specific the match is, by names (and a glance at one picture) alone: 90 for a format that says what it is,
         50 for a pattern of names, 10 for a last resort; None where it is not this layout."""
 
-    def describe(self, listing: Listing, scene: config.Scene) -> Source:
+    def describe(self, listing: Listing, scene: config.Scene) -> SceneSource:
         """The scene at that path. scene: the user's own word on grid and so on. Raises UserError."""
 
 
@@ -37,7 +37,7 @@ def layouts() -> dict[str, Layout]:
     return found
 
 
-def describe(path: str | os.PathLike[str], scene: config.Scene) -> Source:
+def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
     """The scene at path by the layout that scene.layout names, else by the most specific one that matches.
 
     Raises UserError where there is nothing, no layout matches, or the scene is damaged.
@@ -50,10 +50,10 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> Source:
             f"one of: auto, {', '.join(known)}",
         )
     with library_errors(path):
-        return _described(known, look(path), scene)
+        return _described(known, list_scene(path), scene)
 
 
-def _described(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> Source:
+def _described(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> SceneSource:
     if scene.layout != "auto":
         return known[scene.layout].describe(listing, scene)
     marks = [(mark, layout) for layout in known.values() if (mark := layout.detect(listing)) is not None]
@@ -61,6 +61,6 @@ def _described(known: dict[str, Layout], listing: Listing, scene: config.Scene) 
         some = ", ".join(listing.names[:3] or listing.folders[:3])
         raise UserError(
             f"{listing.path}: no layout of a light field recognised ({some}, ...)",
-            f"name it with --set scene.layout=NAME, one of: {', '.join(known)}; an archive has to be unpacked first",
+            f"name it with --set scene.layout=NAME, one of: {', '.join(known)}; unpack an archive first",
         )
     return max(marks, key=lambda pair: pair[0])[1].describe(listing, scene)

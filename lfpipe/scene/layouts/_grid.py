@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.picture_header import MAX_DECODING_BYTES
 from lfpipe.scene.files import MAX_FILES, Listing, picture_header, read_picture
-from lfpipe.scene.source import Source
+from lfpipe.scene.source import SceneSource, ViewIndex
 
-Place = tuple[int, int]
 MAX_SIDE = 10_000  # views along one side of a grid
 MAX_VIEWS = MAX_FILES
 
 
-def asked_grid(text: str) -> Place | None:
+def parse_grid(text: str) -> ViewIndex | None:
     """`scene.grid` as (rows, cols), None where empty. Raises UserError."""
     if not text:
         return None
@@ -54,7 +53,7 @@ def true_max(values: list[int], full: int) -> int:
     return next((top for top in (1023, 4095, 16383) if max(values) <= top), full)
 
 
-def named_grid(pairs: Mapping[Place, str], listing: Listing) -> tuple[dict[Place, Path], int, int]:
+def named_grid(pairs: Mapping[ViewIndex, str], listing: Listing) -> tuple[dict[ViewIndex, Path], int, int]:
     """Files by (row, column) numbers as they stand in the names -> files by place from (0, 0), rows, cols.
 
     Numbers may start anywhere and go in equal steps (rows 0, 4, 8). Every path is checked to lie in the folder.
@@ -75,7 +74,7 @@ def named_grid(pairs: Mapping[Place, str], listing: Listing) -> tuple[dict[Place
     return files, counts[0], counts[1]
 
 
-def require_whole(listing: Listing, files: Mapping[Place, Path], rows: int, cols: int, example: str) -> None:
+def require_whole(listing: Listing, files: Mapping[ViewIndex, Path], rows: int, cols: int, example: str) -> None:
     """Raises UserError that names the views without a file, or where no light field has such a grid."""
     require_grid(rows, cols, str(listing.path))
     holes = [(r, c) for r in range(rows) for c in range(cols) if (r, c) not in files]
@@ -87,9 +86,11 @@ def require_whole(listing: Listing, files: Mapping[Place, Path], rows: int, cols
         )
 
 
-def files_source(layout: str, listing: Listing, files: Mapping[Place, Path], rows: int, cols: int, **more: Any) -> Source:
-    """A Source that reads one picture file per view. Size and depth are those of the middle view; a view of another
-    size or depth raises UserError when read. more: further fields of Source; extra_files joins its files."""
+def files_source(
+    layout: str, listing: Listing, files: Mapping[ViewIndex, Path], rows: int, cols: int, **more: Any
+) -> SceneSource:
+    """A SceneSource that reads one picture file per view. Size and depth are those of the middle view; a view of another
+    size or depth raises UserError when read. more: further fields of SceneSource; extra_files joins its files."""
     middle = min(files, key=lambda place: (abs(place[0] - rows // 2) + abs(place[1] - cols // 2), place))
     headers = {place: picture_header(path) for place, path in files.items()}
     first = headers[middle]
@@ -112,7 +113,7 @@ def files_source(layout: str, listing: Listing, files: Mapping[Place, Path], row
 
     extra = tuple(more.pop("extra_files", ()))
     missing = frozenset((r, c) for r in range(rows) for c in range(cols) if (r, c) not in files)
-    return Source(
+    return SceneSource(
         layout=layout,
         path=listing.path,
         files=tuple(files[place] for place in sorted(files)) + extra,

@@ -1,4 +1,4 @@
-"""Many views in one picture: finding the tiles, cutting them out, and telling a quilt from a grid."""
+"""Many views in one picture: detects the tiles, cuts them out, and distinguishes a quilt from a grid."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.disparity import flow
 from lfpipe.scene.files import Listing, picture_header, read_picture
-from lfpipe.scene.layouts._grid import asked_grid
+from lfpipe.scene.layouts._grid import parse_grid
 
 MOST_TILES = 64  # along one side
 _SMALLEST_TILE_PX = 24
 _LARGE_BYTES = 64_000_000  # of a picture
-_GLANCE_PX = 1024  # the longer side of the picture in which tiles are looked for
-_TWO_AXES, _ONE_AXIS = 0.5, 0.2  # how unlike neighbouring tiles may be, as `_unlike` counts
+_GLANCE_PX = 1024  # the longer side of the picture that is searched for tiles
+_TWO_AXES, _ONE_AXIS = 0.5, 0.2  # limits of `_unlike` for neighbouring tiles
 
 
 @attrs.frozen
@@ -67,7 +67,7 @@ class LastPictures:
             return self._kept[frame]
 
 
-def only_picture(listing: Listing) -> Path | None:
+def single_picture(listing: Listing) -> Path | None:
     """The picture that is the whole scene: the file given, or the only picture of the folder."""
     pictures = listing.pictures()
     return listing.file(pictures[0]) if len(pictures) == 1 else None
@@ -102,7 +102,7 @@ def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
 def find_tiles(picture: NDArray[Any], name: str) -> tuple[int, int] | None:
     """(rows, cols) of the tiles of a picture, or None: a mosaic nearly repeats itself after one tile, a picture does not.
 
-    name: of the file or folder; a grid named in it (9x9) is taken where the picture does not contradict it.
+    name: of the file or folder; a grid named in it (9x9) is used unless the picture contradicts it.
     """
     height, width = picture.shape[:2]
     scale = min(1.0, _GLANCE_PX / max(height, width))
@@ -126,7 +126,7 @@ def _grey(tile: NDArray[Any]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(plane if plane.dtype == np.uint8 else (plane >> 8).astype(np.uint8))
 
 
-def quilted(picture: NDArray[Any], rows: int, cols: int) -> Tiling:
+def detect_quilt(picture: NDArray[Any], rows: int, cols: int) -> Tiling:
     """The tiling of a picture of rows x cols tiles: a quilt where tiles below one another differ sideways only."""
     plain = Tiling(rows, cols)
     tiles = [[_grey(plain.cut(picture, r, c)) for c in range(cols)] for r in range(rows)]
@@ -150,9 +150,9 @@ def quilted(picture: NDArray[Any], rows: int, cols: int) -> Tiling:
 
 
 def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling:
-    """How the picture at path is cut, by the user's word or found. Raises UserError."""
+    """How the picture at path is cut: as scene.grid says, else detected. Raises UserError."""
     height, width = picture.shape[:2]
-    grid = asked_grid(scene.grid) or find_tiles(picture, f"{path.parent.name}/{path.stem}")
+    grid = parse_grid(scene.grid) or find_tiles(picture, f"{path.parent.name}/{path.stem}")
     if grid is None:
         raise UserError(f"{path}: no tiles recognised in {width}x{height} px", "give them with --set scene.grid=ROWSxCOLS")
     if height % grid[0] or width % grid[1]:
@@ -160,7 +160,7 @@ def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling:
             f"{path}: {width}x{height} px do not divide into {grid[0]} rows and {grid[1]} columns of tiles",
             "give the grid that was rendered with --set scene.grid=ROWSxCOLS",
         )
-    return quilted(picture, *grid) if not scene.grid else Tiling(*grid)
+    return detect_quilt(picture, *grid) if not scene.grid else Tiling(*grid)
 
 
 def picture_loader(paths: list[Path]) -> LastPictures:

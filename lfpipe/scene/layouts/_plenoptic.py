@@ -7,15 +7,18 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-Place = tuple[int, int]
+from lfpipe.scene.source import ViewIndex
+
 _DARK_SIDE, _DARK_VIEW = 0.55, 0.4  # brightness over that of the middle view, below which a whole side, a view is left out
 
 
-def bright_part(read: Callable[[int, int], NDArray[Any] | None], rows: int, cols: int) -> tuple[int, int, int, int, set[Place]]:
+def bright_part(
+    read: Callable[[int, int], NDArray[Any] | None], rows: int, cols: int
+) -> tuple[int, int, int, int, set[ViewIndex]]:
     """(first row, first column, rows, columns, missing places of the part) of the views that got light.
 
-    Whole sides are taken off, evenly from both ends, while the middle of a side is dark; dark views left in the corners
-    are missing. read(row, col): a view, or None where there is none.
+    Removes whole sides, evenly from both ends, while the middle of a side is dark; dark views in the corners
+    count as missing. read(row, col): a view, or None where there is none.
     """
 
     def light(row: int, col: int) -> float:
@@ -29,7 +32,7 @@ def bright_part(read: Callable[[int, int], NDArray[Any] | None], rows: int, cols
     while cols - 2 * left > 2 and min(light(rows // 2, left), light(rows // 2, cols - 1 - left)) < _DARK_SIDE * middle:
         left += 1
     inner_rows, inner_cols = rows - 2 * top, cols - 2 * left
-    missing: set[Place] = set()
+    missing: set[ViewIndex] = set()
     for row in range(inner_rows):
         for col in range(inner_cols):
             # Light falls off towards the corners only: the rest of the grid is not looked at.

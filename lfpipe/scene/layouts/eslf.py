@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, read_picture
-from lfpipe.scene.layouts._grid import asked_grid
-from lfpipe.scene.layouts._mosaic import only_picture
+from lfpipe.scene.layouts._grid import parse_grid
+from lfpipe.scene.layouts._mosaic import single_picture
 from lfpipe.scene.layouts._plenoptic import bright_part
-from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "eslf"
 _USUAL = 14
@@ -47,7 +47,7 @@ def lenslet_pitch(picture: NDArray[Any]) -> int | None:
 
 
 def detect(listing: Listing) -> int | None:
-    path = only_picture(listing)
+    path = single_picture(listing)
     if path is None:
         return None
     if "eslf" in path.stem.lower():
@@ -58,12 +58,12 @@ def detect(listing: Listing) -> int | None:
         return None
 
 
-def describe(listing: Listing, scene: config.Scene) -> Source:
-    path = only_picture(listing)
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
+    path = single_picture(listing)
     if path is None:
         raise UserError(f"{listing.path}: not exactly one lenslet picture", "give the file itself")
     picture, full = read_picture(path)
-    grid, pitch = asked_grid(scene.grid), lenslet_pitch(picture)
+    grid, pitch = parse_grid(scene.grid), lenslet_pitch(picture)
     all_rows, all_cols = grid or ((pitch, pitch) if pitch else (_USUAL, _USUAL))
     below, beside = -picture.shape[0] % all_rows, -picture.shape[1] % all_cols
     if below or beside:
@@ -75,7 +75,7 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
 
     top, left, rows, cols, dark = bright_part(view, all_rows, all_cols)
     notes = (f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used, the others are dark",) if top or left else ()
-    return Source(
+    return SceneSource(
         layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
         read=lambda frame, row, col: view(row + top, col + left),
         height_px=height, width_px=width, max_value=full, missing=frozenset(dark), notes=notes,

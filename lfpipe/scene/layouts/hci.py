@@ -19,9 +19,9 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.untrusted import in_range
 from lfpipe.scene.files import Listing, read_bytes, read_pfm
-from lfpipe.scene.layouts._grid import MAX_SIDE, asked_grid, files_source, require_whole
+from lfpipe.scene.layouts._grid import MAX_SIDE, files_source, parse_grid, require_whole
 from lfpipe.scene.lightfield import Geometry
-from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "hci"
 _VIEW = re.compile(r"input_Cam(\d{3,5})\.(?:png|jpe?g|ppm)", re.IGNORECASE)
@@ -68,12 +68,12 @@ def _geometry(path: Path, table: configparser.SectionProxy) -> Geometry:
     )
 
 
-def describe(listing: Listing, scene: config.Scene) -> Source:
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     views = {int(found[1]): name for name in listing.names if (found := _VIEW.fullmatch(name))}
     if not views:
         raise UserError(f"{listing.path}: no input_Cam000.png, input_Cam001.png, ...", "give the folder that holds them")
     cfg = listing.file("parameters.cfg") if "parameters.cfg" in listing.names else None
-    geometry, grid = Geometry(), asked_grid(scene.grid)
+    geometry, grid = Geometry(), parse_grid(scene.grid)
     if cfg:
         table = _parameters(cfg)
         geometry = _geometry(cfg, table)

@@ -18,7 +18,7 @@ from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import require_grid, require_view
 from lfpipe.scene.layouts._hdf5 import Hdf5, unsigned
 from lfpipe.scene.layouts.hci_text import disparity_of_depth, require_plausible
-from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "hci-old"
 _ENDS = (".h5", ".hdf5")
@@ -35,7 +35,7 @@ def detect(listing: Listing) -> int | None:
     return 90 if _file(listing) is not None else None
 
 
-def describe(listing: Listing, scene: config.Scene) -> Source:
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     path = _file(listing)
     if path is None:
         raise UserError(f"{listing.path}: not exactly one .h5 file", "give the file itself")
@@ -66,7 +66,7 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
         view = unsigned(data.piece("LF", (row, col)), path)
         return view[..., 0] if shape[4:] == (1,) else view
 
-    return Source(
+    return SceneSource(
         layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
         read=read, height_px=height, width_px=width, max_value=255 if kind == np.uint8 else 65535, truth=truth,
         turn=Turn(cols=True), turn_by="the columns of lf.h5 run from right to left",

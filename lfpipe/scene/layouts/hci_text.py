@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.untrusted import in_range
-from lfpipe.scene.files import Listing, look, read_bytes
+from lfpipe.scene.files import Listing, list_scene, read_bytes
 from lfpipe.scene.layouts._grid import MAX_SIDE, files_source, named_grid, require_whole
-from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "hci-text"
 _VIEW = re.compile(r"(\d{1,3})_(\d{1,3})\.(?:png|jpe?g|ppm)", re.IGNORECASE)
@@ -54,12 +54,12 @@ def disparity_of_depth(depth: NDArray[np.float32], d_h: float, focal: float, shi
         return np.asarray(np.float32(d_h * focal) / depth - np.float32(shift), np.float32)
 
 
-def describe(listing: Listing, scene: config.Scene) -> Source:
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     if "attributes.dat" not in listing.names or "lf" not in listing.folders:
         raise UserError(f"{listing.path}: no attributes.dat beside a folder lf/", "give the folder that holds both")
     known = attributes(read_bytes(listing.file("attributes.dat")).decode("utf-8", "replace"))
     require_plausible(known, listing.folder / "attributes.dat")
-    inner = look(listing.file("lf"))
+    inner = list_scene(listing.file("lf"))
     pairs = {(int(found[1]), int(found[2])): name for name in inner.names if (found := _VIEW.fullmatch(name))}
     if not pairs:
         raise UserError(f"{inner.path}: no views ROW_COLUMN.png", "fetch the scene again")

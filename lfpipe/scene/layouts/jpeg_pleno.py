@@ -15,7 +15,7 @@ from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, read_picture
 from lfpipe.scene.layouts._grid import files_source, named_grid, require_whole
 from lfpipe.scene.layouts._plenoptic import bright_part
-from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "jpeg-pleno"
 _VIEW = re.compile(r"(\d{3})_(\d{3})\.(?:ppm|png)", re.IGNORECASE)
@@ -25,7 +25,7 @@ def detect(listing: Listing) -> int | None:
     return 80 if not listing.is_file and sum(_VIEW.fullmatch(name) is not None for name in listing.names) > 1 else None
 
 
-def describe(listing: Listing, scene: config.Scene) -> Source:
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     pairs = {(int(found[1]), int(found[2])): name for name in listing.names if (found := _VIEW.fullmatch(name))}
     if not pairs:
         raise UserError(f"{listing.path}: no ROW_COLUMN.ppm with three digits each", "give the folder that holds the views")

@@ -21,7 +21,7 @@ from lfpipe.scene.files import Listing, open_file
 from lfpipe.scene.layouts._grid import require_grid, require_view, true_max
 from lfpipe.scene.layouts._hdf5 import Hdf5, is_hdf5, unsigned
 from lfpipe.scene.layouts._plenoptic import bright_part
-from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "mat"
 _KEYS = ("LF", "lf", "LightField", "lightfield")
@@ -136,7 +136,7 @@ def _wrong_axes(path: Path, key: str, shape: tuple[int, ...]) -> UserError:
     return UserError(f"{wrong}; (rows, columns, y, x, planes) expected", "save it with these axes")
 
 
-def describe(listing: Listing, scene: config.Scene) -> Source:
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     path = _file(listing)
     if path is None:
         raise UserError(f"{listing.path}: not exactly one .mat file", "give the file itself")
@@ -167,7 +167,7 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
     top_value = true_max([int(view(top + r, left + c).max()) for r, c in ((rows // 2, cols // 2), (0, cols // 2))], full)
     toolbox = {"LFMetadata", "DecodeOptions", "RectOptions", "WhiteImageMetadata"} & set(keys)
     notes = (f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used, the others are dark",) if top or left else ()
-    return Source(
+    return SceneSource(
         layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
         read=lambda frame, row, col: view(row + top, col + left),
         height_px=height, width_px=width, max_value=full if kind.kind == "f" else top_value, missing=frozenset(dark),

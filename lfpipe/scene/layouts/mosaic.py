@@ -5,14 +5,14 @@ from __future__ import annotations
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, read_picture
-from lfpipe.scene.layouts._mosaic import find_tiles, only_picture, picture_loader, tiling
-from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.layouts._mosaic import find_tiles, picture_loader, single_picture, tiling
+from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "mosaic"
 
 
 def detect(listing: Listing) -> int | None:
-    path = only_picture(listing)
+    path = single_picture(listing)
     if path is None:
         return None
     try:
@@ -22,15 +22,15 @@ def detect(listing: Listing) -> int | None:
     return 60 if find_tiles(picture, f"{path.parent.name}/{path.stem}") else None
 
 
-def describe(listing: Listing, scene: config.Scene) -> Source:
-    path = only_picture(listing)
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
+    path = single_picture(listing)
     if path is None:
         raise UserError(f"{listing.path}: holds {len(listing.pictures())} pictures, a mosaic is one", "give the picture itself")
     picture, full = read_picture(path)
     cut = tiling(picture, path, scene)
     view = cut.cut(picture, 0, 0)
     load = picture_loader([path])
-    return Source(
+    return SceneSource(
         layout=NAME, path=listing.path, files=(path,), rows=cut.grid[0], cols=cut.grid[1],
         read=lambda frame, row, col: cut.cut(load(frame), row, col),
         height_px=view.shape[0], width_px=view.shape[1], max_value=full,

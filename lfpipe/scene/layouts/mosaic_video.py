@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import VIDEOS, Listing, picture_header, read_picture
-from lfpipe.scene.layouts._grid import asked_grid
+from lfpipe.scene.layouts._grid import parse_grid
 from lfpipe.scene.layouts._mosaic import LastPictures, find_tiles, picture_loader, tiling
-from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.source import SceneSource, Turn
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
 
 NAME = "mosaic-video"
@@ -51,7 +51,7 @@ def _glance(path: Path) -> NDArray[Any]:
     return (small if small.ndim == 2 else small[..., 1]).ravel()
 
 
-def describe(listing: Listing, scene: config.Scene) -> Source:
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     notes: tuple[str, ...] = ()
     if _is_video(listing):
         paths = [listing.file(listing.names[0])]
@@ -69,11 +69,11 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
         frames, rate = len(paths), USUAL_RATE_HZ if len(paths) > 1 else 0.0
         load = picture_loader(paths)
     first = load(0)
-    if not asked_grid(scene.grid) and find_tiles(first, f"{paths[0].parent.name}/{paths[0].stem}") is None:
+    if not parse_grid(scene.grid) and find_tiles(first, f"{paths[0].parent.name}/{paths[0].stem}") is None:
         raise UserError(f"{paths[0]}: its first frame is no mosaic of views", "give the tiles with --set scene.grid=ROWSxCOLS")
     cut = tiling(first, paths[0], scene)
     view = cut.cut(first, 0, 0)
-    return Source(
+    return SceneSource(
         layout=NAME, path=listing.path, files=tuple(paths), rows=cut.grid[0], cols=cut.grid[1],
         read=lambda frame, row, col: cut.cut(load(frame), row, col),
         height_px=view.shape[0], width_px=view.shape[1], max_value=full, frames=frames, frame_rate_hz=rate,

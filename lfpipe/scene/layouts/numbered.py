@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, read_picture
-from lfpipe.scene.layouts._grid import asked_grid, files_source, require_whole
-from lfpipe.scene.source import Source
+from lfpipe.scene.layouts._grid import files_source, parse_grid, require_whole
+from lfpipe.scene.source import SceneSource
 
 NAME = "numbered"
 _VIEW = re.compile(r"(.*?)(\d{1,6})(\.\w+)")
@@ -94,7 +94,7 @@ def found_order(unlike: _Likeness, count: int, grid: tuple[int, int] | None) -> 
     return (*best, f"numbered views taken as {shape}: neighbours are most alike so; --set scene.grid=ROWSxCOLS tells another")
 
 
-def describe(listing: Listing, scene: config.Scene) -> Source:
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     views = _views(listing)
     if not views:
         raise UserError(f"{listing.path}: no pictures whose names end in a number", "for example view_000.png")
@@ -106,7 +106,7 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
         span = f"{views[low]} and {views[high]}"
         raise UserError(f"{listing.path}: numbers missing between {span}: {some}", "fetch the missing views")
     names = [views[number] for number in sorted(views)]
-    grid = asked_grid(scene.grid)
+    grid = parse_grid(scene.grid)
     if grid and grid[0] * grid[1] != len(names):
         raise UserError(f"{listing.path}: {len(names)} views do not make {grid[0]}x{grid[1]}", "scene.grid has to fit")
     rows, cols, snake, why = found_order(_Likeness(listing, names), len(names), grid)

@@ -10,9 +10,9 @@ import re
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, read_picture
-from lfpipe.scene.layouts._grid import asked_grid
-from lfpipe.scene.layouts._mosaic import Tiling, only_picture, picture_loader
-from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.layouts._grid import parse_grid
+from lfpipe.scene.layouts._mosaic import Tiling, picture_loader, single_picture
+from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "quilt"
 _NAME = re.compile(r"_qs(\d{1,2})x(\d{1,2})(?:a[\d.]+)?", re.IGNORECASE)
@@ -21,19 +21,19 @@ _CROPPED = {(4096, 4096, 5, 9), (8192, 8192, 5, 9)}
 
 
 def detect(listing: Listing) -> int | None:
-    path = only_picture(listing)
+    path = single_picture(listing)
     return 95 if path is not None and _NAME.search(path.stem) else None
 
 
-def describe(listing: Listing, scene: config.Scene) -> Source:
-    path = only_picture(listing)
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
+    path = single_picture(listing)
     if path is None:
         raise UserError(f"{listing.path}: holds {len(listing.pictures())} pictures, a quilt is one", "give the picture itself")
-    named, grid = _NAME.search(path.stem), asked_grid(scene.grid)
+    named, grid = _NAME.search(path.stem), parse_grid(scene.grid)
     if grid is None and named:
         grid = int(named[2]), int(named[1])
     if grid is None:
-        raise UserError(f"{path}: the name does not tell the tiles (_qsCOLSxROWS)", "give them with --set scene.grid=ROWSxCOLS")
+        raise UserError(f"{path}: the name does not give the tiles (_qsCOLSxROWS)", "give them with --set scene.grid=ROWSxCOLS")
     picture, full = read_picture(path)
     height, width = picture.shape[:2]
     rows, cols = grid
@@ -43,7 +43,7 @@ def describe(listing: Listing, scene: config.Scene) -> Source:
             "the name says _qsCOLSxROWS; give the tiles that were rendered with --set scene.grid=ROWSxCOLS",
         )
     cut, load = Tiling(rows, cols, quilt=True), picture_loader([path])
-    return Source(
+    return SceneSource(
         layout=NAME, path=listing.path, files=(path,), rows=1, cols=rows * cols,
         read=lambda frame, row, col: cut.cut(load(frame), row, col),
         height_px=height // rows, width_px=width // cols, max_value=full,

@@ -8,8 +8,8 @@ from collections import Counter
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import PICTURES, Listing
-from lfpipe.scene.layouts._grid import asked_grid, files_source, named_grid, require_whole
-from lfpipe.scene.source import Source
+from lfpipe.scene.layouts._grid import files_source, named_grid, parse_grid, require_whole
+from lfpipe.scene.source import SceneSource
 
 NAME = "rows-cols"
 _VIEW = re.compile(r"(.*?)[_.-]?[rR]?(\d{1,4})[_x-][cC]?(\d{1,4})(\.\w+)")
@@ -44,12 +44,12 @@ def detect(listing: Listing) -> int | None:
     return 50 if 2 * len(pairs) > rows * cols and (rows > 1 or cols > 1) else None
 
 
-def describe(listing: Listing, scene: config.Scene) -> Source:
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     pairs = _views(listing)
     if not pairs:
         raise UserError(f"{listing.path}: no picture whose name ends in _ROW_COLUMN", "for example view_00_00.png")
     files, rows, cols = named_grid(pairs, listing)
-    grid = asked_grid(scene.grid)
+    grid = parse_grid(scene.grid)
     if grid is not None and grid != (rows, cols):
         raise UserError(f"{listing.path}: the names say {rows}x{cols}, scene.grid says {grid[0]}x{grid[1]}", "leave the key away")
     require_whole(listing, files, rows, cols, next(iter(pairs.values())))

@@ -15,7 +15,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.untrusted import in_range
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source, named_grid, require_whole
-from lfpipe.scene.source import Source, Turn
+from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "stanford"
 _FARTHEST = 1e9  # in whatever unit: mm or px
@@ -27,7 +27,7 @@ def detect(listing: Listing) -> int | None:
     return 90 if not listing.is_file and sum(_VIEW.fullmatch(name) is not None for name in listing.names) > 1 else None
 
 
-def describe(listing: Listing, scene: config.Scene) -> Source:
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     found = {name: match for name in listing.names if (match := _VIEW.fullmatch(name))}
     if not found:
         raise UserError(f"{listing.path}: no out_ROW_COLUMN_Y_X_.png", "give the folder that holds the views")
