@@ -18,7 +18,7 @@ from lfpipe.render.anaglyph import MATRICES, encode, recipe
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.plan import LeftOut, Plan, make_plan
 from lfpipe.render.scoring import METHODS, WORTH_DB, left_out, score
-from lfpipe.render.viewpoint import Mapper
+from lfpipe.render.viewpoint import ViewSolver
 from lfpipe.scene.lightfield import LightField
 
 VIEWS, PICTURES = 7, 12
@@ -52,18 +52,18 @@ def without_planes(field: LightField, config: Config) -> Cell:
 
 def without_rows(field: LightField, config: Config) -> Cell:
     """Largest difference between pictures for eyes anywhere up and down."""
-    mapper = Mapper(field.rows, field.cols, config.render, 30.0, (320.0, 240.0))
+    solver = ViewSolver(field.rows, field.cols, config.render, 30.0, (320.0, 240.0))
     compositor = Compositor(field, config.render)
-    first, *others = [compositor.compose(*mapper.views([[350.0, v], [290.0, v]])).copy() for v in (240.0, 0.0, 479.0, -1e6)]
+    first, *others = [compositor.compose(*solver.views([[350.0, v], [290.0, v]])).copy() for v in (240.0, 0.0, 479.0, -1e6)]
     return _difference((first, other) for other in others)
 
 
 def without_tracking(field: LightField, config: Config, plan: Plan) -> Cell:
     """Largest difference between pictures for eyes anywhere."""
     compositor = Compositor(field, updated(config, {"render.method": plan.method}).render)
-    mapper = Mapper(field.rows, field.cols, config.render, 30.0, (320.0, 240.0))
+    solver = ViewSolver(field.rows, field.cols, config.render, 30.0, (320.0, 240.0))
     eyes = ([[320.0 + x, 240.0], [260.0 + x, 240.0]] for x in (0.0, -300.0, 300.0))
-    first, *others = [compositor.compose(*mapper.views(pair)).copy() for pair in eyes]
+    first, *others = [compositor.compose(*solver.views(pair)).copy() for pair in eyes]
     return _difference((first, other) for other in others)
 
 
@@ -72,12 +72,12 @@ def without_views(field: LightField, config: Config, plan: Plan) -> Cell:
     if isinstance(config.render.alpha_px, str):
         return Cell("unknown: alpha is measured while a session runs")
     width, height = config.camera.width_px, config.camera.height_px
-    mapper = Mapper(field.rows, field.cols, config.render, config.render.alpha_px, (width / 2, height / 2))
+    solver = ViewSolver(field.rows, field.cols, config.render, config.render.alpha_px, (width / 2, height / 2))
     first_row, last_row, first_col, last_col = plan.reach
     outside = 0
     corners = [(u, v) for u in np.linspace(0, width, 9) for v in np.linspace(0, height, 9)]
     for u, v in corners:
-        for row, col in mapper.views([[u, v], [u, v]]):
+        for row, col in solver.views([[u, v], [u, v]]):
             near = math.floor(row + 0.5), math.floor(col + 0.5)
             near_row, near_col = min(max(near[0], 0), field.rows - 1), min(max(near[1], 0), field.cols - 1)
             outside += not (first_row <= near_row <= last_row and first_col <= near_col <= last_col)

@@ -22,7 +22,7 @@ from lfpipe.bench.model import Cell, Skipped, State, Subject, Table
 from lfpipe.config import Render, Track
 from lfpipe.render.anaglyph import MATRICES, Mixer, recipe
 from lfpipe.render.compositor import Compositor
-from lfpipe.render.viewpoint import Mapper
+from lfpipe.render.viewpoint import ViewSolver
 from lfpipe.scene.lightfield import Geometry, LightField
 from lfpipe.track.filters import make_filter
 
@@ -117,8 +117,8 @@ def filter_table() -> Table:
 
 def mapping_error(alpha_px: float, u: float, count: int = 9, reach: float = 2.0) -> float:
     """Distance in views between the mapping and the same in long double, clamps included; infinite if it is not finite."""
-    mapper = Mapper(count, count, Render(extrapolate_views=reach), alpha_px, (320.0, 240.0))
-    found = mapper.views([[u, 240.0], [u - 60.0, 240.0]])[0][1]
+    solver = ViewSolver(count, count, Render(extrapolate_views=reach), alpha_px, (320.0, 240.0))
+    found = solver.views([[u, 240.0], [u - 60.0, 240.0]])[0][1]
     if not math.isfinite(found):
         return math.inf
     middle, edge = wide(count - 1) / 2, wide(count - 1)

@@ -1,4 +1,4 @@
-"""Who may use the page: whoever has its token, from the page itself. On a shared machine every user reaches 127.0.0.1."""
+"""Who may use the page: holders of its token, from the page itself. On a shared machine every user reaches 127.0.0.1."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def named(host_header: str, bound: str) -> bool:
 
 
 def same_origin(origin: str | None, host_header: str) -> bool:
-    """Whether the page that sent a request came from the server that receives it: cookies do not tell ports apart."""
+    """Whether the page that sent a request came from the server that receives it: cookies ignore ports."""
     return origin is None or origin == f"http://{host_header}"
 
 

@@ -13,7 +13,7 @@ from lfpipe.errors import UserError
 from lfpipe.observe.meter import Reading
 from lfpipe.observe.session_commands import AsyncSessionCommands
 from lfpipe.observe.session_reader import FollowingReader
-from lfpipe.render.view_grid import Gaze, draw_over_eyes
+from lfpipe.render.view_grid import EyesOnGrid, draw_over_eyes
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 
@@ -33,7 +33,7 @@ class JpegReader:
         self._frame: NDArray[np.uint8] = np.empty(self._reader.shape, np.uint8)
         self.jpeg: bytes | None = None
 
-    def look(self, largest_px: int, gaze: Gaze | None) -> bytes | None:
+    def jpeg_of_newest(self, largest_px: int, eyes: EyesOnGrid | None) -> bytes | None:
         """JPEG of the newest picture, at most largest_px wide or high; None before the first."""
         if self._reader.read(self._frame) is not None:
             scale = min(1.0, largest_px / max(self._frame.shape))
@@ -41,8 +41,8 @@ class JpegReader:
             if scale < 1:
                 small = cv2.resize(self._frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
                 shown = small.astype(np.uint8, copy=False)
-            if gaze is not None:
-                draw_over_eyes(shown, gaze, scale)
+            if eyes is not None:
+                draw_over_eyes(shown, eyes, scale)
             self.jpeg = cv2.imencode(".jpg", shown, FULL_CHROMA)[1].tobytes()
         return self.jpeg
 
@@ -63,7 +63,7 @@ class Attachment:
         self._lease_end_ns = 0
         self._hello: dict[str, Any] = {}
         self._rev = -1
-        self.gaze: Gaze | None = None
+        self.eyes_on_grid: EyesOnGrid | None = None
 
     async def read(self) -> Reading | None:
         """The session now, None while there is none."""
@@ -81,8 +81,8 @@ class Attachment:
         self._hear()
         return reading
 
-    def told(self) -> dict[str, Any]:
-        """`config` and `paused` as the session has them, empty where it did not answer."""
+    def settings(self) -> dict[str, Any]:
+        """`config` and `paused` as the session has them; empty where it did not answer."""
         return {key: self._hello[key] for key in ("config", "paused") if key in self._hello}
 
     def _hear(self) -> None:
@@ -96,11 +96,11 @@ class Attachment:
         heard = []
         while self._tap.poll(0):
             heard.append(self._tap.recv())
-        for data in reversed(heard):  # the newest look is enough
+        for data in reversed(heard):  # the newest message is enough
             try:
                 message = control.decode(data)
                 if message.get("topic") == "look":
-                    self.gaze = Gaze.of(message)
+                    self.eyes_on_grid = EyesOnGrid.of(message)
                     return
             except (control.BadMessage, KeyError, TypeError, ValueError):
                 continue  # of another version: the page does without
@@ -111,7 +111,7 @@ class Attachment:
             return None
         if self._camera is None:
             self._camera = JpegReader(self._follower.watch.session.segment("frames"))
-        return self._camera.look(CAMERA_PX, self.gaze)
+        return self._camera.jpeg_of_newest(CAMERA_PX, self.eyes_on_grid)
 
     async def picture(self) -> bytes | None:
         """The picture on the screen, JPEG; asks the session for its ring, and again in time. One call at a time."""
@@ -129,7 +129,7 @@ class Attachment:
                 if old is not None:
                     old.close()
                 self._picture = JpegReader(name)
-        return self._picture.look(LARGEST_PX, None) if self._picture else None
+        return self._picture.jpeg_of_newest(LARGEST_PX, None) if self._picture else None
 
     def reset(self) -> None:
         """Histograms count from now on."""
@@ -142,7 +142,7 @@ class Attachment:
                 eyepiece.close()
         if self._tap is not None:
             self._tap.close()
-        self._camera = self._picture = self._tap = self.gaze = None
+        self._camera = self._picture = self._tap = self.eyes_on_grid = None
         self._lease_end_ns, self._rev, self._hello = 0, -1, {}
 
     def rest(self) -> None:

@@ -18,7 +18,7 @@ from lfpipe.track.calibration import EyeGauge
 from lfpipe.track.engines import make_engine
 
 LEAN_FRAMES = 300  # ten seconds of leaning in and out
-PATIENCE_FRAMES = 600  # without a face, or without a still one, for so long
+PATIENCE_FRAMES = 600  # frames without a still face before giving up
 AGAIN = UserError("nothing was measured", "start again when you are ready")
 NOBODY = UserError(
     "no face was seen", "sit in the light, looking into the camera; `lfpipe up --demo --camera SRC` shows what it sees"
@@ -91,7 +91,7 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
                         "the source ended before Enter was pressed", "a longer recording, one with ?loop=1, or a camera"
                     )
             if len(guide.clicks) > 2:
-                del guide.clicks[:-1]  # a third begins anew
+                del guide.clicks[:-1]  # a third starts again
             ends = list(guide.clicks)
             shown = picture.copy()
             for x, y in ends:
@@ -104,7 +104,7 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
                 (x0, y0), (x1, y1) = ends
                 width_px = math.hypot(x1 - x0, y1 - y0)
                 cv2.line(shown, (round(x0), round(y0)), (round(x1), round(y1)), (255, 255, 255), 1, cv2.LINE_AA)
-                lines = [f"{width_px:.1f} px wide. Enter takes it, a click begins anew, Esc ends"]
+                lines = [f"{width_px:.1f} px wide. Enter accepts, a click starts again, Esc cancels"]
             guide.enter = False
             guide.step(shown, lines)
             if guide.quit:

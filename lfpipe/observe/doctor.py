@@ -100,9 +100,9 @@ def sdl() -> Check:
         return Check("display", True, "no screen here", "run in a desktop, or use --display none or --display file:OUT.mkv")
     try:
         from lfpipe.render import sdl
-        from lfpipe.render.monitors import seen
+        from lfpipe.render.monitors import detect_monitors
 
-        driver, monitors = seen()
+        driver, monitors = detect_monitors()
     except Exception as error:  # whatever keeps SDL from starting is what the person needs to read
         remedy = "pip install pygame-ce (and no plain pygame), or use --display none"
         return Check("display", False, f"SDL does not start: {error}", remedy)
@@ -121,7 +121,7 @@ def camera(device: CameraDevice) -> Check:
         return Check("camera", True, f"{name}: no permission", "add yourself to the group `video` and log in again")
     except OSError as error:
         return Check("camera", True, f"{name}: {error.strerror}", f"`fuser -v {device.path}` names who uses it")
-    return Check("camera", True, f"{name}: {offered or 'tells no formats'}")
+    return Check("camera", True, f"{name}: {offered or 'reports no formats'}")
 
 
 def shared_memory(path: Path = SHM_DIR, need_bytes: int = SHM_NEED_BYTES) -> Check:
@@ -155,7 +155,7 @@ def leftovers() -> Check:
 
 
 def checks() -> list[Check]:
-    """All of them, in the order in which a person would mend things."""
+    """All of them, in the order in which a person would fix things."""
     found = cameras()
     none = Check("camera", True, "none", "use --camera demo, or a recording with --camera file:PATH")
     return [

@@ -41,8 +41,8 @@ def _times(times: Times) -> dict[str, float]:
     return {"n": times.n, "p50": times.p50_ms, "p95": times.p95_ms, "p99": times.p99_ms, "max": times.max_ms}
 
 
-def message(reading: Reading | None, told: dict[str, Any]) -> dict[str, Any]:
-    """What the page is told, times in ms."""
+def message(reading: Reading | None, settings: dict[str, Any]) -> dict[str, Any]:
+    """The message for the page, times in ms."""
     if reading is None:
         return {"alive": False}
     stages = [
@@ -78,7 +78,7 @@ def message(reading: Reading | None, told: dict[str, Any]) -> dict[str, Any]:
         "horizon": _times(reading.horizon),
         "edges_ms": [round(float(edge), 3) for edge in EDGES_MS],
         "supervisor": {"cpu": round(reading.supervisor[0], 1), "rss": round(reading.supervisor[1], 1)},
-        **told,
+        **settings,
     }
 
 
@@ -165,7 +165,7 @@ class Feed:
                     self._attachment.rest()
                     await self._wake.wait()
                     continue
-                figures = message(await self._attachment.read(), self._attachment.told())
+                figures = message(await self._attachment.read(), self._attachment.settings())
                 pictures = [await self._event(which) for which in PICTURES if self._seers]
             except Exception:  # a defect, or a session in pieces: the viewers read that there is none
                 log.exception("no sample of the session")

@@ -80,7 +80,7 @@ def _one(family: Any, labels: list[str], value: float) -> Metric:
 
 
 class Metrics(Handler):
-    """The metrics, open to whoever reaches the port: numbers, no picture, no command."""
+    """The metrics, open to anyone who reaches the port: numbers, no picture, no command."""
 
     def initialize(self, registry: CollectorRegistry, host: str) -> None:
         """host: where the server is bound; on 127.0.0.1 no page of another site may read it."""

@@ -20,7 +20,7 @@ KEYS_LINE = "q quit  p pause  r reset  t trace  w warp  m mode  c recentre"
 
 @attrs.frozen
 class SessionActivity:
-    """What the session was told: `hello` answers it. method: render.method. trace: the file of a running timeline."""
+    """What the session is set to do, from `hello`. method: render.method. trace: the file of a running timeline."""
 
     method: str = ""
     anaglyph: str = ""

@@ -89,7 +89,7 @@ def screen(name: str) -> None:
                 doing, rev = SessionActivity(), -1
             else:
                 if reading.config_rev != rev:
-                    doing, rev = told(remote), reading.config_rev
+                    doing, rev = session_activity(remote), reading.config_rev
                 if time.monotonic() > note_end:
                     picture.note = ""
                 live.update(picture.draw(reading, doing, console.width), refresh=True)
@@ -110,8 +110,8 @@ def screen(name: str) -> None:
                     picture.note, note_end = remote.press(key), time.monotonic() + NOTE_S
 
 
-def told(remote: SessionCommands) -> SessionActivity:
-    """What the session was told, or nothing where it does not answer."""
+def session_activity(remote: SessionCommands) -> SessionActivity:
+    """What the session is set to do; empty where it does not answer."""
     try:
         return SessionActivity.of(remote.ask({"cmd": "hello"}, 0.5))
     except UserError:

@@ -1,4 +1,4 @@
-"""The page of `lfpipe monitor --web`: charts, pictures and controls, for whoever has the token."""
+"""The page of `lfpipe monitor --web`: charts, pictures and controls, for holders of the token."""
 
 from __future__ import annotations
 

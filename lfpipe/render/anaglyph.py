@@ -5,7 +5,7 @@ Every method of the form `M_left @ left + M_right @ right` is written as
     plane_k = w_k . RGB of one eye                     (w sums to 1: a plane of a grey view is that grey)
     channel = own_gain * own plane + cross_gain * cross plane       (the gains sum to 1: grey in, grey out)
 
-The planes are baked once per stored view and may be warped like any picture. The mixing is a function of two bytes,
+The planes are built once per stored view and may be warped like any picture. The mixing is a function of two bytes,
 so it is one table of 65536 entries, exact for any light (linear or code values) and any ghost compensation, and methods
 without cross terms need no mixing at all: their picture is one merge of three planes.
 
@@ -232,18 +232,18 @@ def wide_lookup(index: NDArray[np.uint16], table: NDArray[np.uint8], out: NDArra
         np.take(table[0], index, out=out, mode="clip")
 
 
-class Baker:
-    """Bakes a plane from a stored view: sum of weighted light, then code values again, in 16 bits between."""
+class PlaneBuilder:
+    """Builds a plane from a stored view: sum of weighted light, then code values again, in 16 bits between."""
 
     def __init__(self, height_px: int, width_px: int) -> None:
         self._plus = np.empty((height_px, width_px), np.uint16)
         self._minus = np.empty((height_px, width_px), np.uint16)
         self._term = np.empty((height_px, width_px), np.uint16)
 
-    def bake(self, view: NDArray[np.uint8], plane: Plane, out: NDArray[np.uint8]) -> None:
+    def build(self, view: NDArray[np.uint8], plane: Plane, out: NDArray[np.uint8]) -> None:
         """view: uint8 (3, height, width), red, green, blue. out: uint8 (height, width)."""
         plus = minus = False
-        terms, back = _bake_tables(plane.weights, plane.linear)
+        terms, back = _plane_tables(plane.weights, plane.linear)
         for channel in plane.channels:
             weight, table = plane.weights[channel], terms[channel]
             target = self._plus if weight > 0 else self._minus
@@ -258,7 +258,7 @@ class Baker:
 
 
 @lru_cache(maxsize=64)
-def _bake_tables(weights: Weights, linear: bool) -> tuple[list[NDArray[np.uint16]], NDArray[np.uint8]]:
+def _plane_tables(weights: Weights, linear: bool) -> tuple[list[NDArray[np.uint16]], NDArray[np.uint8]]:
     """Per channel (1, 256) uint16 of |weight| * light, and (1, 65536) uint8 from their sum back to code values.
 
     The scale lets the positive terms together reach 65535 and no more, so sums never saturate."""
@@ -274,14 +274,14 @@ def _bake_tables(weights: Weights, linear: bool) -> tuple[list[NDArray[np.uint16
 def encode(left: NDArray[np.uint8], right: NDArray[np.uint8], how: Recipe) -> NDArray[np.uint8]:
     """The anaglyph of two pictures, uint8 (height, width, 3) BGR each, as a new one: for notebooks, metrics and tests."""
     height, width = left.shape[:2]
-    baker, mixer = Baker(height, width), Mixer(how, height, width)
+    builder, mixer = PlaneBuilder(height, width), Mixer(how, height, width)
     planes: list[NDArray[np.uint8]] = []
     for plane in how.planes:
         view = np.ascontiguousarray((right if plane.eye else left)[..., ::-1].transpose(2, 0, 1))
         if len(plane.channels) > 1:
-            baked = np.empty((height, width), np.uint8)
-            baker.bake(view, plane, baked)
-            planes.append(baked)
+            built = np.empty((height, width), np.uint8)
+            builder.build(view, plane, built)
+            planes.append(built)
         else:
             planes.append(view[plane.channels[0]])
     return mixer.mix(planes, np.empty((height, width, 3), np.uint8))

@@ -19,7 +19,7 @@ from lfpipe.errors import UserError
 from lfpipe.render.geometry import camera_focal_px
 
 LEAST_Z_MM = 50.0  # nobody's eyes are nearer to the screen
-LEAN_MM = 100.0  # a viewer who leans by less tells too little of the camera's tilt
+LEAN_MM = 100.0  # leaning by less does not determine the camera's tilt
 
 
 @attrs.frozen
@@ -35,8 +35,8 @@ class CameraPose:
 
     @classmethod
     def of(cls, config: Config, size_px: tuple[int, int], eyes_mm: float) -> CameraPose | None:
-        """From the configuration, for pictures of size_px (width, height); None where the camera is taken to stand in the middle
-        of the screen."""
+        """From the configuration, for pictures of size_px (width, height); None where the camera is assumed
+        to stand in the middle of the screen."""
         above_mm, tilt = config.camera.above_mm, math.radians(config.camera.tilt_deg)
         if not above_mm and not tilt:
             return None

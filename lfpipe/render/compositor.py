@@ -62,7 +62,7 @@ class Compositor:
     """Draws pictures of one light field with one set of render settings; a changed setting is a new Compositor.
 
     method: what is drawn with: `auto` resolved, and `nearest` where a light field without disparity cannot be warped.
-    Starts with a few small tables: views are baked when they are first looked at.
+    Starts with a few small tables: views are built when they are first shown.
     """
 
     def __init__(self, field: LightField, render: Render) -> None:

@@ -167,7 +167,7 @@ class FileDisplay:
         self._written += 1
         if self._written % CHECK_FRAMES:
             return
-        # The writer does not tell when the disk is full: the free space and the growth of the file do.
+        # The writer does not report a full disk: free space and the growth of the file do.
         try:
             free, size = shutil.disk_usage(self._path.parent).free, self._path.stat().st_size
         except OSError as error:

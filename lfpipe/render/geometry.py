@@ -18,8 +18,8 @@ from lfpipe.errors import UserError
 from lfpipe.scene.lightfield import LightField
 
 EYES_MM = 63.0  # mean distance between adult eyes (Dodgson 2004); most people 50..75
-PICTURE_MM = 530.0  # width of a picture that fills a 24 inch screen, where no screen tells its size
-SEAT_MM = 600.0  # where a viewer is taken to sit until their eyes are seen
+PICTURE_MM = 530.0  # width of a picture that fills a 24 inch screen, used where the monitor size is unknown
+SEAT_MM = 600.0  # assumed distance of the viewer until a face is seen
 BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
 FUSED_RAD = math.radians(1.0)
 FUSED_WIDTH = 0.03
@@ -53,7 +53,7 @@ class Parallax:
 
 
 def alpha_is_automatic(config: Config) -> bool:
-    """Whether alpha is worked out from the viewer's distance, instead of given."""
+    """Whether alpha is computed from the viewer's distance, instead of given."""
     return isinstance(config.render.alpha_px, str)
 
 
@@ -79,7 +79,7 @@ def focal_px_from(size_px: float, size_mm: float, distance_mm: float) -> float:
 
 
 def picture_mm(config: Config, shown_mm: float | None) -> float:
-    """Width of the picture on the screen: as configured, as the display tells (shown_mm), or PICTURE_MM."""
+    """Width of the picture on the screen: as configured, as the display reports (shown_mm), or PICTURE_MM."""
     return float(config.screen.width_mm) if config.screen.width_mm != "auto" else shown_mm or PICTURE_MM
 
 
@@ -112,7 +112,7 @@ def parallax(
         reasons.append(f"viewer {distance_mm:.0f} mm from the screen, from eyes {seen:.0f} px apart")
     else:
         distance_mm = SEAT_MM
-        reasons.append(f"viewer taken to sit at {distance_mm:.0f} mm until a face is seen")
+        reasons.append(f"assuming a viewer {distance_mm:.0f} mm from the screen until a face is seen")
     eyes = seen if seen is not None else focal_px * eyes_mm / distance_mm
 
     width_mm = picture_mm(config, shown_mm)
@@ -126,8 +126,8 @@ def parallax(
         reasons.append(f"{views:.2f} views between the eyes is true to nature")
     elif config.render.alpha_px == "auto":
         if config.screen.width_mm == "auto":
-            told = "as the monitor tells" if shown_mm else "taken, for no screen tells its size"
-            reasons.append(f"picture {width_mm:.0f} mm wide, {told}")
+            known = f"picture {width_mm:.0f} mm wide, as the monitor reports"
+            reasons.append(known if shown_mm else f"assuming a picture {width_mm:.0f} mm wide (monitor size unknown)")
         limits = [(room, f"half of the {field.cols} columns, so that the other half is left to move in")]
         if comfort is None:
             limits.append((DEFAULT_VIEWS, "disparities unknown"))
@@ -144,7 +144,7 @@ def parallax(
     exceeds = comfort is not None and views > comfort * (1 + 1e-9)
     if exceeds and comfort is not None:
         best = eyes / comfort
-        reasons.append(f"beyond comfort, which ends at {comfort:.2f} views ({why}): take render.alpha_px of {best:.1f} or more")
+        reasons.append(f"beyond comfort, which ends at {comfort:.2f} views ({why}): use render.alpha_px of {best:.1f} or more")
     near_px = field.disparity_max_px  # with this for zero plane the edge of the screen cuts nothing that is before it
     if near_px > config.render.zero_plane_px:
         reasons.append(f"near things stand before the screen; render.zero_plane_px={near_px:.2f} puts all behind it")

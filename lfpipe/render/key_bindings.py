@@ -12,7 +12,7 @@ from lfpipe.config import choices
 from lfpipe.render.display import Display
 from lfpipe.render.picture_file import save
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.view_grid import Gaze, inset
+from lfpipe.render.view_grid import EyesOnGrid, inset
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
@@ -23,12 +23,12 @@ ALPHA_STEP = 1.1
 DEPTH_STEP_PX = 0.1
 INSET_PX = 120
 MODES = choices("render.anaglyph")
-SETTLED_NS = SECOND_NS // 2  # a window is being resized until its picture has kept its width so long
+SETTLED_NS = SECOND_NS // 2  # a resize is over once the width stayed the same this long
 OVERLAY_NS = SECOND_NS // 2
 LOST = "camera lost, trying again"
 
 
-class Keys:
+class KeyBindings:
     """Serves a display's events and its overlay."""
 
     def __init__(self, context: Context, viewer: Viewer, presenter: Presenter, display: Display) -> None:
@@ -81,7 +81,7 @@ class Keys:
             self._presenter.redraw()
 
     def pass_on_notices(self) -> None:
-        """Tells what the display has to say."""
+        """Emits the display's notices."""
         for notice in self._display.notices():
             self._context.emit("notice", text=notice)
 
@@ -113,7 +113,7 @@ class Keys:
             return None
         (lx, ly), (rx, ry) = shown.eyes_px.tolist()
         eyes, views = ((lx, ly), (rx, ry)), (shown.left, shown.right)
-        return inset(Gaze(field.rows, field.cols, 0.0, (0.0, 0.0), eyes, views, True), INSET_PX)
+        return inset(EyesOnGrid(field.rows, field.cols, 0.0, (0.0, 0.0), eyes, views, True), INSET_PX)
 
     def _depth(self) -> str:
         """The zero plane as a slider between the farthest and the nearest of the scene."""

@@ -20,7 +20,7 @@ SQUARE = 0.1  # pixels further from square than that are a size that was made up
 @attrs.frozen
 class Monitor:
     """x, y, width, height: its place on the desktop, in the units in which windows are placed. pixel_mm: the pitch of its real
-    pixels, None where it does not tell its size, or one that cannot be."""
+    pixels, None where it reports no size, or an impossible one."""
 
     number: int
     name: str
@@ -37,7 +37,7 @@ class Monitor:
 
 @functools.cache
 def _sdl() -> ctypes.CDLL:
-    """The very SDL that pygame draws with; pygame itself tells neither names nor places nor sizes."""
+    """The very SDL that pygame draws with; pygame gives no names, positions or sizes."""
     library = ctypes.CDLL(pygame.display.__file__)
     library.SDL_GetDisplayName.restype = ctypes.c_char_p
     library.SDL_GetWindowFromID.restype = ctypes.c_void_p
@@ -46,7 +46,7 @@ def _sdl() -> ctypes.CDLL:
 
 
 def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
-    """The pitch from what SDL tells, (horizontal, vertical); None where that cannot be the size of a monitor."""
+    """The pitch from what SDL reports, (horizontal, vertical); None where that cannot be the size of a monitor."""
     across, down = dots_per_inch
     if (
         across <= 0
@@ -64,9 +64,9 @@ def monitors() -> list[Monitor]:
     for number, (width_px, _) in enumerate(pygame.display.get_desktop_sizes()):
         place, dots = (ctypes.c_int * 4)(), [ctypes.c_float() for _ in range(3)]
         _sdl().SDL_GetDisplayBounds(number, place)
-        told = _sdl().SDL_GetDisplayDPI(number, *map(ctypes.byref, dots)) == 0
+        known = _sdl().SDL_GetDisplayDPI(number, *map(ctypes.byref, dots)) == 0
         name = (_sdl().SDL_GetDisplayName(number) or b"").decode(errors="replace")
-        pitch = pixel_mm((dots[1].value, dots[2].value), width_px) if told else None
+        pitch = pixel_mm((dots[1].value, dots[2].value), width_px) if known else None
         x, y, width, height = place
         found.append(Monitor(number, name, x, y, width, height, pitch))
     return found
@@ -77,7 +77,7 @@ def monitor_of(window: pygame.Window) -> int:
     return max(0, int(_sdl().SDL_GetWindowDisplayIndex(_sdl().SDL_GetWindowFromID(window.id))))
 
 
-def chosen(wanted: str, offered: list[Monitor]) -> Monitor:
+def find_monitor(wanted: str, offered: list[Monitor]) -> Monitor:
     """The monitor of that number or name, or the only one with that in its name. Raises UserError, which lists them."""
     exact = [each for each in offered if wanted in (str(each.number), each.name)]
     part = [each for each in offered if wanted.lower() in each.name.lower()]
@@ -91,7 +91,7 @@ def chosen(wanted: str, offered: list[Monitor]) -> Monitor:
     raise UserError(f"screen.monitor {wanted!r}: {what}", remedy)
 
 
-def seen() -> tuple[str, list[Monitor]]:
+def detect_monitors() -> tuple[str, list[Monitor]]:
     """SDL's driver and the monitors, without a window. Raises pygame.error where SDL cannot start."""
     try:
         return sdl.start(), monitors()

@@ -56,9 +56,9 @@ def check_display(spec: str, monitor: str = "") -> None:
             remedy = "use --display none or --display file:OUT.mkv, or run in a desktop"
             raise UserError(f"--display {spec}: no screen here ({why})", remedy)
         if monitor:
-            from lfpipe.render.monitors import chosen, seen
+            from lfpipe.render.monitors import detect_monitors, find_monitor
 
-            chosen(monitor, seen()[1])
+            find_monitor(monitor, detect_monitors()[1])
     elif spec.startswith("file:") and len(spec) > len("file:"):
         from lfpipe.render.file_display import check_file
 
@@ -77,7 +77,7 @@ def part_of(path: Path, part: int) -> Path:
 def open_display(spec: str, size_px: tuple[int, int], title: str, rate_hz: float, monitor: str = "", part: int = 0) -> Display:
     """The display that spec names: window, fullscreen, none, file:OUT.mkv.
 
-    size_px: (width, height) of the pictures; rate_hz: how often they come at the most, the rate of a video; monitor:
+    size_px: (width, height) of the pictures; rate_hz: their highest rate, and the rate of a video; monitor:
     `screen.monitor`; part: how often the process that writes a video was restarted.
     Raises UserError as `check_display` does, and where the window cannot be opened.
     """

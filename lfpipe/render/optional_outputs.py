@@ -1,4 +1,4 @@
-"""Where else pictures go while somebody asks: the ring "pictures", the timeline, and what the viewer's eyes look at.
+"""Where else pictures go while somebody asks: the ring "pictures", the timeline, and the viewpoints of the viewer's eyes.
 
 All three follow the session's options; nobody asking means no ring, no copy, no message.
 """
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
 from lfpipe.files.trace import TraceFile
-from lfpipe.render.viewer import Look, Viewer
+from lfpipe.render.viewer import Viewer, Viewpoints
 from lfpipe.transport import ring
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 
-LOOK_NS = 100 * MS_NS  # how often the look is told
+VIEWPOINTS_NS = 100 * MS_NS  # between two messages "look"
 
 
 class OptionalOutputs:
@@ -30,7 +30,7 @@ class OptionalOutputs:
         self._part, self._ring = "", None  # type: tuple[str, ring.Writer | None]
         self._path = ""
         self._timeline = TraceFile(None, self._lost)
-        self._look_due_ns = 0
+        self._viewpoints_due_ns = 0
 
     def follow(self, options: SessionOptions, picture: NDArray[np.uint8] | None) -> None:
         """Opens and closes what options ask for. picture: the one on the screen, for a ring that is new."""
@@ -72,20 +72,20 @@ class OptionalOutputs:
         else:
             self._ring.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch)
 
-    def look(self, look: Look, face: bool) -> None:
-        """Tells the tap where the eyes are and which views they see, at most every LOOK_NS."""
-        if self._ring is None or now_ns() < self._look_due_ns:
+    def emit_viewpoints(self, viewpoints: Viewpoints, face: bool) -> None:
+        """Reports to the tap where the eyes are and which views they see, at most every VIEWPOINTS_NS."""
+        if self._ring is None or now_ns() < self._viewpoints_due_ns:
             return
-        self._look_due_ns = now_ns() + LOOK_NS
-        field, mapper = self._viewer.field, self._viewer.mapper
+        self._viewpoints_due_ns = now_ns() + VIEWPOINTS_NS
+        field, solver = self._viewer.field, self._viewer.solver
         self._context.emit(
             "look",
             face=face,
-            eyes_px=look.eyes_px.tolist(),
-            views=[list(look.left), list(look.right)],
+            eyes_px=viewpoints.eyes_px.tolist(),
+            views=[list(viewpoints.left), list(viewpoints.right)],
             grid=[field.rows, field.cols],
-            alpha_px=mapper.alpha_px if mapper else 0.0,
-            centre_px=list(mapper.centre_px) if mapper else [0.0, 0.0],
+            alpha_px=solver.alpha_px if solver else 0.0,
+            centre_px=list(solver.centre_px) if solver else [0.0, 0.0],
             method=self._viewer.method,
         )
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 def save(path: Path, picture: NDArray[np.uint8]) -> str:
-    """Writes picture, uint8 (height, width, 3) BGR, as the PNG path; what to tell of it. A picture that was there stays until the
+    """Writes picture, uint8 (height, width, 3) BGR, as the PNG path; returns what to report. An existing file stays until the
     new one is whole.
     """
     done, data = cv2.imencode(".png", picture)

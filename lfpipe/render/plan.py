@@ -19,8 +19,8 @@ from lfpipe.render.camera_pose import CameraPose
 from lfpipe.render.compositor import extrapolation_views, method_for, planes_of_eyes
 from lfpipe.render.geometry import EYES_MM, alpha_is_automatic
 from lfpipe.render.planes import PlaneStore, stored_channels
-from lfpipe.render.synthesis import Synthesiser, Tap, Warper, taps
-from lfpipe.render.viewpoint import Mapper
+from lfpipe.render.synthesis import Synthesiser, ViewWeight, Warper, view_weights
+from lfpipe.render.viewpoint import ViewSolver
 from lfpipe.scene.lightfield import LightField
 
 
@@ -80,10 +80,10 @@ def _reach(field: LightField, config: Config, posed: bool) -> tuple[int, int, in
     if not isinstance(config.render.alpha_px, int | float) or posed:
         return 0, field.rows - 1, 0, field.cols - 1
     near, far = (0.0, 0.0), tuple(map(float, config.camera.frame_px))
-    used: list[Tap] = []
+    used: list[ViewWeight] = []
     for centre, eye in ((near, far), (far, near)):
-        mapper = Mapper(field.rows, field.cols, config.render, config.render.alpha_px, centre)
-        used += taps("blend", mapper.views([eye, eye])[0], field.rows, field.cols)
+        solver = ViewSolver(field.rows, field.cols, config.render, config.render.alpha_px, centre)
+        used += view_weights("blend", solver.views([eye, eye])[0], field.rows, field.cols)
     rows, cols = [tap.row for tap in used], [tap.col for tap in used]
     return min(rows), max(rows), min(cols), max(cols)
 
@@ -166,6 +166,6 @@ def _warp_ms(field: LightField, render: Render, method: str) -> float:
 
 def _row_ms(field: LightField) -> float:
     """Time that the maps of a view take longer where rows count as well."""
-    warper, tap = Warper(field), Tap(0, 0, 1.0)
+    warper, tap = Warper(field), ViewWeight(0, 0, 1.0)
     both, cols = (_median_ms(lambda down=down: warper.maps(0, tap, (down, 0.3), (0.0, 0.0))) for down in (0.3, 0.0))  # type: ignore[misc]
     return max(both - cols, 0.0)

@@ -1,4 +1,4 @@
-"""The planes a picture is made of: stored channels without a copy, others baked when first asked for and kept while they fit."""
+"""The planes a picture is made of: stored channels without a copy, others built when first asked for and kept while they fit."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import OrderedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.anaglyph import Baker, Plane
+from lfpipe.render.anaglyph import Plane, PlaneBuilder
 from lfpipe.scene.lightfield import LightField
 
 BUDGET_BYTES = 64 << 20
@@ -19,14 +19,14 @@ def stored_channels(field: LightField, plane: Plane) -> tuple[int, ...]:
 
 
 class PlaneStore:
-    """Planes of stored views, baked lazily: nothing is done for views that nobody looks at, and memory is bounded."""
+    """Planes of stored views, built lazily: nothing is done for views that are not shown, and memory is bounded."""
 
     def __init__(self, field: LightField, budget_bytes: int = BUDGET_BYTES) -> None:
         self._views = np.asarray(field.views)  # a plain view of the map: indexing an np.memmap costs microseconds
         self._field = field
-        self._baker = Baker(field.height_px, field.width_px)
+        self._builder = PlaneBuilder(field.height_px, field.width_px)
         self._room = max(8, budget_bytes // max(1, field.height_px * field.width_px))
-        self._baked: OrderedDict[tuple[int, int, int, Plane], NDArray[np.uint8]] = OrderedDict()
+        self._built: OrderedDict[tuple[int, int, int, Plane], NDArray[np.uint8]] = OrderedDict()
 
     def get(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
         """uint8 (height, width), not to be written to. It stays valid for at least the seven calls that follow."""
@@ -36,11 +36,11 @@ class PlaneStore:
             return stored
         view: NDArray[np.uint8] = self._views[frame, row, col]
         place = (frame, row, col, plane)
-        found = self._baked.get(place)
+        found = self._built.get(place)
         if found is not None:
-            self._baked.move_to_end(place)
+            self._built.move_to_end(place)
             return found
-        buffer = self._baked.popitem(last=False)[1] if len(self._baked) >= self._room else np.empty(view.shape[1:], np.uint8)
-        self._baker.bake(view, plane, buffer)
-        self._baked[place] = buffer
+        buffer = self._built.popitem(last=False)[1] if len(self._built) >= self._room else np.empty(view.shape[1:], np.uint8)
+        self._builder.build(view, plane, buffer)
+        self._built[place] = buffer
         return buffer

@@ -3,17 +3,17 @@
     state      when                                                    then
     nobody     a face                                                  arriving
     arriving   it rests                                                seated, measured
-    seated     it rests with both eyes beyond the grid                 seated, measured anew
+    seated     it rests with both eyes beyond the grid                 seated, measured again
     arriving, seated, exchanged
                another face took over                                  exchanged
                no face                                                 lost
-    exchanged  it rests                                                seated, measured anew
+    exchanged  it rests                                                seated, measured again
     lost       a face, before ABSENT_S have passed                     as before the loss
                no face for ABSENT_S                                    nobody
 
 "Rests": for REST_S and REST_FRAMES the eyes stay within REST_SPAN of a place, and their distance within REST_DEPTH. "Another face
 took over": a face of another track follows within GAP_S of the last; a longer gap is a camera that stood still. Measured are the
-position of the eyes and their distance from each other, which tells how far away they are, as means over the rest.
+position of the eyes and their distance from each other, which gives the viewer's distance, as means over the rest.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from lfpipe.eyes import EYES
 from lfpipe.files.trace import TraceFile
 from lfpipe.render.display import Display
 from lfpipe.render.optional_outputs import OptionalOutputs
-from lfpipe.render.viewer import Look, Viewer
+from lfpipe.render.viewer import Viewer, Viewpoints
 from lfpipe.transport.clock import now_ns, sleep_until
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
@@ -41,14 +41,14 @@ class Presenter:
         self._t_taken_ns = 0
         self._pending = False  # no picture was made yet for the record taken last
         self._key: Hashable = None
-        self._parallax_told = ""
+        self._parallax_reported = ""
         self._trace = TraceFile(Path(context.options.trace) if context.options.trace else None, self._lost)
-        self._outlets = OptionalOutputs(context, viewer)
-        self._keeper: ReplayWriter | None = None
+        self._outputs = OptionalOutputs(context, viewer)
+        self._replay: ReplayWriter | None = None
         if replay := context.options.replay:
             from lfpipe.render.replay_writer import ReplayWriter
 
-            self._keeper = ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
+            self._replay = ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
         self.cost_ns = 0
         self.picture: NDArray[np.uint8] | None = None
 
@@ -62,8 +62,8 @@ class Presenter:
         self._key = None
 
     def follow(self, options: SessionOptions) -> None:
-        """Serves whoever else wants the pictures, by the options as they are now."""
-        self._outlets.follow(options, self.picture)
+        """Opens and closes the optional outputs, as the options ask."""
+        self._outputs.follow(options, self.picture)
 
     def take(self) -> Stamp | None:
         """Takes the newest eyes record if there is one; returns its stamp."""
@@ -88,11 +88,11 @@ class Presenter:
         self._pending = False
         seen_ns = target_ns + int(self._viewer.config.render.display_ms * 1e6) + refresh_ns // 2
         t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
-        look = self._viewer.look(self._record, t_sensor_ns, seen_ns)
-        key = self._viewer.key(look)
+        viewpoints = self._viewer.viewpoints(self._record, t_sensor_ns, seen_ns)
+        key = self._viewer.key(viewpoints)
         composed = key != self._key or not refresh_ns  # the paper's way draws for every camera frame
         if composed:
-            self.picture = self._viewer.compose(look)
+            self.picture = self._viewer.compose(viewpoints)
             self._key = key
         t_composed_ns = now_ns()
         if refresh_ns:
@@ -102,7 +102,7 @@ class Presenter:
         row, stamp = self._context.row, self._stamp
         if composed:
             cost_ns = t_composed_ns - t_start_ns + t_presented_ns - t_shown_ns
-            self._outlets.picture(self.picture, stamp)
+            self._outputs.picture(self.picture, stamp)
             self.cost_ns += int(COST_SHARE * (cost_ns - self.cost_ns))
             if stamp is not None:
                 row.measure(self._t_taken_ns - stamp.t_publish_ns, cost_ns, t_presented_ns - t_sensor_ns)
@@ -110,24 +110,25 @@ class Presenter:
         row["cpu_ns"] = time.process_time_ns()
         if stamp is not None and self._record is not None:
             row["face"] = int(self._record["face"])
-            self._tell_state()
+            self._report_state()
             if row["face"]:
                 row.horizon.add_ns(seen_ns - t_sensor_ns)
-            self._outlets.look(look, bool(self._record["face"]))
-            if self._trace.wanted or self._outlets.traced:
-                line = self._line(stamp, self._record, look, composed, t_start_ns, t_composed_ns, t_presented_ns)
-                if self._keeper is not None:
-                    line |= self._keeper.keep(stamp, self._record["filtered_px"], look.eyes_px, seen_ns, self.picture, composed)
+            self._outputs.emit_viewpoints(viewpoints, bool(self._record["face"]))
+            if self._trace.wanted or self._outputs.traced:
+                line = self._line(stamp, self._record, viewpoints, composed, t_start_ns, t_composed_ns, t_presented_ns)
+                if self._replay is not None:
+                    filtered_px, used_px = self._record["filtered_px"], viewpoints.eyes_px
+                    line |= self._replay.keep(stamp, filtered_px, used_px, seen_ns, self.picture, composed)
                 self._trace.write(line)
                 self._eyes.done()
-                self._outlets.line(line)
-        self._tell_parallax()
+                self._outputs.line(line)
+        self._report_parallax()
 
     def _line(
         self,
         stamp: Stamp,
         record: NDArray[np.void],
-        look: Look,
+        viewpoints: Viewpoints,
         composed: bool,
         t_started_ns: int,
         t_composed_ns: int,
@@ -148,33 +149,33 @@ class Presenter:
             "t_presented_ns": t_presented_ns,
             "face": bool(record["face"]),
             "eyes_raw": sides(record["raw_px"].tolist()),
-            "eyes_used": sides(look.eyes_px.tolist()),
-            "view": sides((look.left, look.right)),
+            "eyes_used": sides(viewpoints.eyes_px.tolist()),
+            "view": sides((viewpoints.left, viewpoints.right)),
             "method": self._viewer.method,
             "level": level_number(self._context.options),
             "composed": composed,
         }
 
-    def _tell_state(self) -> None:
+    def _report_state(self) -> None:
         state = self._viewer.presence.state
         if state != self._context.row["viewer"]:
             self._context.row["viewer"] = int(state)
             self._context.emit("viewer", state=state.word)
 
-    def _tell_parallax(self) -> None:
+    def _report_parallax(self) -> None:
         chosen = self._viewer.parallax
-        if chosen is not None and str(chosen) != self._parallax_told:
-            self._parallax_told = str(chosen)
-            self._context.emit("parallax", text=self._parallax_told)
+        if chosen is not None and str(chosen) != self._parallax_reported:
+            self._parallax_reported = str(chosen)
+            self._context.emit("parallax", text=self._parallax_reported)
 
     def close(self) -> None:
         """Ends the trace."""
         self._trace.close()
         try:
-            if self._keeper is not None:
-                self._keeper.close()
+            if self._replay is not None:
+                self._replay.close()
         except OSError as error:
             assert self._context.options.replay is not None
             raise UserError(f"{self._context.options.replay.folder}: {error.strerror}", NO_ROOM) from None
         finally:
-            self._outlets.close()
+            self._outputs.close()

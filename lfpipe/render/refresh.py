@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from lfpipe.transport.clock import MS_NS, SECOND_NS, Ticker
 
-SLACK = 0.2  # of a period, 3 ms at the most: how late eyes may come and still be in time
+SLACK = 0.2  # of a period, at most 3 ms: how late eyes may come and still be in time
 GAIN = 0.05
 LARGEST_STEP = 0.01  # of a period
 LONGEST_NS = SECOND_NS // 2  # from frame to frame; beyond, the camera or the machine stood still
@@ -36,7 +36,7 @@ class Refresh:
         return self._ticker.missed
 
     def due_ns(self) -> int:
-        """When the next picture is to be on the screen."""
+        """When the next picture is due on the screen."""
         return self._ticker.due_ns()
 
     def advance(self, t_ns: int) -> None:

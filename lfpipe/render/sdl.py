@@ -1,4 +1,4 @@
-"""SDL as this program wants it: whoever draws takes pygame from here, for SDL reads its environment when it starts."""
+"""SDL as this program needs it. Import pygame from here: SDL reads its environment when it starts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pygame as pygame
 
 from lfpipe.host.graphics import has_gpu
 
-UNSEEN = ("dummy", "offscreen")  # drivers that show nothing, for who asks for them
+UNSEEN = ("dummy", "offscreen")  # drivers that show nothing, for tests
 
 
 def start() -> str:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from lfpipe.config.quality import lowered
-from lfpipe.render.key_bindings import Keys
+from lfpipe.render.key_bindings import KeyBindings
 from lfpipe.render.open_display import open_display
 from lfpipe.render.picture_file import save
 from lfpipe.render.presenter import Presenter
@@ -40,7 +40,7 @@ def main(context: Context) -> None:
     display = open_display(options.display, size_px, f"lfpipe: {field.name}", full_hz, monitor, part)
     viewer.shown_as_wide(display.width_mm())
     presenter = Presenter(context, viewer, display)
-    keys = Keys(context, viewer, presenter, display)
+    keys = KeyBindings(context, viewer, presenter, display)
     refresh = None if on_camera else Refresh(config.render.rate_hz, now_ns())
     middle = ((field.rows - 1) / 2, (field.cols - 1) / 2)
     viewer.compositor.compose(middle, middle)  # tables are built and pages touched before somebody waits for it

@@ -35,7 +35,7 @@ ROW_FADE, COL_FADE = 0.1, 0.25
 
 
 @attrs.frozen
-class Tap:
+class ViewWeight:
     """A stored view and its share of the picture."""
 
     row: int
@@ -58,7 +58,7 @@ def _faded(share: float, half_width: float) -> float:
     return min(max((share - 0.5) / (2 * half_width) + 0.5, 0.0), 1.0)
 
 
-def taps(method: str, position: Position, rows: int, cols: int) -> list[Tap]:
+def view_weights(method: str, position: Position, rows: int, cols: int) -> list[ViewWeight]:
     """The stored views that method uses at position, with weights > 0 that sum to 1 and are continuous in position for
     blend and warp2. position must be finite.
 
@@ -67,7 +67,7 @@ def taps(method: str, position: Position, rows: int, cols: int) -> list[Tap]:
     """
     row, col = position
     if method in ("nearest", "warp"):
-        return [Tap(_nearest(row, rows), _nearest(col, cols), 1.0)]
+        return [ViewWeight(_nearest(row, rows), _nearest(col, cols), 1.0)]
     r, up = _cell(row, rows)
     c, right = _cell(col, cols)
     if method == "warp2":
@@ -78,7 +78,7 @@ def taps(method: str, position: Position, rows: int, cols: int) -> list[Tap]:
         (r + 1, c, up * (1 - right)),
         (r + 1, c + 1, up * right),
     ]
-    return [Tap(*share) for share in shares if share[2] > 0]
+    return [ViewWeight(*share) for share in shares if share[2] > 0]
 
 
 def shifted(plane: NDArray[np.uint8], dy: int, dx: int, out: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -111,8 +111,8 @@ class Warper:
         self._at_x, self._at_y = places(field.height_px, field.width_px)
         self._each, self._x, self._y = (np.empty(self._at_x.shape, np.float32) for _ in range(3))
 
-    def offset(self, tap: Tap, position: Position) -> Position:
-        """Steps from the tap's camera to position. Cameras that stand off the regular grid bend the coordinates: whole
+    def offset(self, view: ViewWeight, position: Position) -> Position:
+        """Steps from the view's camera to position. Cameras that stand off the regular grid bend the coordinates: whole
         numbers are always the cameras themselves, and between them the offsets are interpolated."""
         rows, cols = self._offsets.shape[:2]
         r, up = _cell(position[0], rows)
@@ -120,16 +120,18 @@ class Warper:
         r1, c1 = min(r + 1, rows - 1), min(c + 1, cols - 1)
         near, far = self._offsets[r], self._offsets[r1]
         bend = (1 - up) * ((1 - right) * near[c] + right * near[c1]) + up * ((1 - right) * far[c] + right * far[c1])
-        bend -= self._offsets[tap.row, tap.col]
-        return position[0] - tap.row + float(bend[0]), position[1] - tap.col + float(bend[1])
+        bend -= self._offsets[view.row, view.col]
+        return position[0] - view.row + float(bend[0]), position[1] - view.col + float(bend[1])
 
-    def maps(self, frame: int, tap: Tap, steps: Position, shift_px: Position) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Maps (x, y), float32 (rows, columns) of blocks, that sample the tap's view as seen steps away from it, moved by
+    def maps(
+        self, frame: int, view: ViewWeight, steps: Position, shift_px: Position
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Maps (x, y), float32 (rows, columns) of blocks, that sample the view as seen steps away from it, moved by
         shift_px. steps, shift_px: (row, col). The maps are for `Blocks.sample` and valid until the next call.
         """
         down, right = steps
         shift_y, shift_x = shift_px
-        np.copyto(self._low, self._stored[min(frame, len(self._stored) - 1), tap.row, tap.col])
+        np.copyto(self._low, self._stored[min(frame, len(self._stored) - 1), view.row, view.col])
         per_x, per_y = right * self._unit_px, down * self._unit_px
         each = self._landing(down, right, shift_px)
         if each.shape != self._each.shape:
@@ -204,27 +206,27 @@ class Synthesiser:
         zero_plane_px: disparity that is to lie in the plane of the screen. outs: uint8 (height, width) each, to draw into.
         Returns the planes: an element of outs, or the stored plane itself where that is the picture.
         """
-        used = taps(self.method, position, self._rows, self._cols)
+        used = view_weights(self.method, position, self._rows, self._cols)
         if self._warper is None:
             return self._faded(used, zero_plane_px, sources, outs)
         return self._warped(self._warper, used, position, frame, zero_plane_px, sources, outs)
 
     def _faded(
-        self, used: list[Tap], zero_plane_px: float, sources: Sequence[Source], outs: Sequence[NDArray[np.uint8]]
+        self, used: list[ViewWeight], zero_plane_px: float, sources: Sequence[Source], outs: Sequence[NDArray[np.uint8]]
     ) -> list[NDArray[np.uint8]]:
         """The stored views one over the other, each as a whole moved to where its zero plane belongs."""
         made: list[NDArray[np.uint8]] = []
         total = 0.0
-        for tap in used:
-            total += tap.weight
-            dy, dx = (round(zero_plane_px * (c - p)) for c, p in zip(self._centre, (tap.row, tap.col), strict=True))
-            part = [source(tap.row, tap.col) for source in sources]
+        for view in used:
+            total += view.weight
+            dy, dx = (round(zero_plane_px * (c - p)) for c, p in zip(self._centre, (view.row, view.col), strict=True))
+            part = [source(view.row, view.col) for source in sources]
             if dy or dx:
                 into = self._parts if made else outs
                 part = [shifted(plane, dy, dx, to) for plane, to in zip(part, into, strict=False)]
             if made:
                 for k, plane in enumerate(part):
-                    cv2.addWeighted(plane, tap.weight / total, made[k], 1 - tap.weight / total, 0.0, outs[k])
+                    cv2.addWeighted(plane, view.weight / total, made[k], 1 - view.weight / total, 0.0, outs[k])
                 made = list(outs[: len(part)])
             else:
                 made = part
@@ -233,7 +235,7 @@ class Synthesiser:
     def _warped(
         self,
         warper: Warper,
-        used: list[Tap],
+        used: list[ViewWeight],
         position: Position,
         frame: int,
         zero_plane_px: float,
@@ -243,18 +245,18 @@ class Synthesiser:
         """Each view along its own disparity, then one over the other, all in blocks until the end."""
         shift = (zero_plane_px * (self._centre[0] - position[0]), zero_plane_px * (self._centre[1] - position[1]))
         total = 0.0
-        for tap in used:
-            steps = warper.offset(tap, position)
+        for view in used:
+            steps = warper.offset(view, position)
             if steps == (0.0, 0.0) and not any(shift):
-                return [source(tap.row, tap.col) for source in sources]
-            x, y = warper.maps(frame, tap, steps, shift)
-            share = tap.weight / (total + tap.weight)
+                return [source(view.row, view.col) for source in sources]
+            x, y = warper.maps(frame, view, steps, shift)
+            share = view.weight / (total + view.weight)
             for source, blocks in zip(sources, self._made, strict=False):
                 part = blocks if share == 1 else self._made[-1]
-                self._blocks.sample(source(tap.row, tap.col), x, y, part)
+                self._blocks.sample(source(view.row, view.col), x, y, part)
                 if part is not blocks:
                     cv2.addWeighted(part, share, blocks, 1 - share, 0.0, blocks)
-            total += tap.weight
+            total += view.weight
         drawn = list(outs[: len(sources)])
         for blocks, out in zip(self._made, drawn, strict=False):
             self._blocks.pixels(blocks, out)

@@ -15,8 +15,8 @@ _SHIFT = 4  # sub-pixel bits of OpenCV's drawing
 
 
 @attrs.frozen
-class Gaze:
-    """What render tells of the eyes. eyes_px, centre_px: in the camera picture. views: (row, col) of each eye. alpha_px: px
+class EyesOnGrid:
+    """What render reports about the eyes. eyes_px, centre_px: in the camera picture. views: (row, col) of each eye. alpha_px: px
     per view."""
 
     rows: int
@@ -28,16 +28,16 @@ class Gaze:
     face: bool
 
     @classmethod
-    def of(cls, look: dict[str, Any]) -> Gaze:
+    def of(cls, message: dict[str, Any]) -> EyesOnGrid:
         """From a message of topic "look"."""
-        rows, cols = look["grid"]
-        (lx, ly), (rx, ry) = look["eyes_px"]
-        (lr, lc), (rr, rc) = look["views"]
-        x, y = look["centre_px"]
-        return cls(rows, cols, look["alpha_px"], (x, y), ((lx, ly), (rx, ry)), ((lr, lc), (rr, rc)), look["face"])
+        rows, cols = message["grid"]
+        (lx, ly), (rx, ry) = message["eyes_px"]
+        (lr, lc), (rr, rc) = message["views"]
+        x, y = message["centre_px"]
+        return cls(rows, cols, message["alpha_px"], (x, y), ((lx, ly), (rx, ry)), ((lr, lc), (rr, rc)), message["face"])
 
     def place_px(self, row: float, col: float) -> tuple[float, float]:
-        """Where an eye is that sees that view: the inverse of `Mapper.views`."""
+        """Where an eye is that sees that view: the inverse of `ViewSolver.views`."""
         x, y = self.centre_px
         return x - (col - (self.cols - 1) / 2) * self.alpha_px, y + (row - (self.rows - 1) / 2) * self.alpha_px
 
@@ -47,33 +47,33 @@ def _dot(picture: NDArray[np.uint8], x: float, y: float, radius: float, colour: 
     cv2.circle(picture, at, max(1, round(radius * (1 << _SHIFT))), colour, -1 if filled else 1, cv2.LINE_AA, _SHIFT)
 
 
-def draw_over_eyes(picture: NDArray[np.uint8], gaze: Gaze, scale: float = 1.0) -> None:
+def draw_over_eyes(picture: NDArray[np.uint8], seen: EyesOnGrid, scale: float = 1.0) -> None:
     """Draws into uint8 (height, width, 3) BGR, a camera picture scaled by `scale`: a dot per view, the left eye red, the right
     cyan."""
-    if gaze.alpha_px <= 0:
+    if seen.alpha_px <= 0:
         return
-    radius = min(max(gaze.alpha_px * scale / 8, 0.8), 4.0)
+    radius = min(max(seen.alpha_px * scale / 8, 0.8), 4.0)
     far = 4.0 * max(picture.shape)
-    across = [scale * gaze.place_px(0, col)[0] for col in range(gaze.cols)]
-    down = [scale * gaze.place_px(row, 0)[1] for row in range(gaze.rows)]
+    across = [scale * seen.place_px(0, col)[0] for col in range(seen.cols)]
+    down = [scale * seen.place_px(row, 0)[1] for row in range(seen.rows)]
     dots = [[round(at * (1 << _SHIFT)) for at in line if abs(at) < far] for line in (across, down)]
     size = max(1, round(radius * (1 << _SHIFT)))
     for at in itertools.product(*dots):
         cv2.circle(picture, at, size, GRID_BGR, -1, cv2.LINE_AA, _SHIFT)
-    for (x, y), colour in zip(gaze.eyes_px, (LEFT_BGR, RIGHT_BGR), strict=True):
-        if gaze.face and abs(x) * scale < far and abs(y) * scale < far:
+    for (x, y), colour in zip(seen.eyes_px, (LEFT_BGR, RIGHT_BGR), strict=True):
+        if seen.face and abs(x) * scale < far and abs(y) * scale < far:
             _dot(picture, x * scale, y * scale, max(6.0 * scale, 3 * radius), colour, False)
             _dot(picture, x * scale, y * scale, max(2.0 * scale, radius), colour, True)
 
 
-def inset(gaze: Gaze, side_px: int) -> NDArray[np.uint8]:
+def inset(seen: EyesOnGrid, side_px: int) -> NDArray[np.uint8]:
     """A small map of the grid with both eyes in it, uint8 (h, w, 3) BGR on black: white, so that it reads behind any glasses."""
-    step = side_px / max(gaze.rows, gaze.cols, 2)
-    picture = np.zeros((max(round(step * gaze.rows), 2), max(round(step * gaze.cols), 2), 3), np.uint8)
-    for row in range(gaze.rows):
-        for col in range(gaze.cols):
+    step = side_px / max(seen.rows, seen.cols, 2)
+    picture = np.zeros((max(round(step * seen.rows), 2), max(round(step * seen.cols), 2), 3), np.uint8)
+    for row in range(seen.rows):
+        for col in range(seen.cols):
             _dot(picture, (col + 0.5) * step, (row + 0.5) * step, max(step / 10, 0.7), (150, 150, 150), True)
-    for (at_row, at_col), filled in zip(gaze.views, (True, False), strict=True):
+    for (at_row, at_col), filled in zip(seen.views, (True, False), strict=True):
         if abs(at_row) < 1e4 and abs(at_col) < 1e4:
             _dot(picture, (at_col + 0.5) * step, (at_row + 0.5) * step, max(step / 3, 3.0), (255, 255, 255), filled)
     return picture

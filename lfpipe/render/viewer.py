@@ -16,18 +16,18 @@ from lfpipe.render.compositor import Compositor
 from lfpipe.render.easing import EyeEasing
 from lfpipe.render.geometry import EYES_MM, Parallax, alpha_is_automatic, parallax
 from lfpipe.render.presence import Presence, Rest, ViewerState
-from lfpipe.render.viewpoint import Mapper, Position
+from lfpipe.render.viewpoint import Position, ViewSolver
 from lfpipe.scene.lightfield import LightField
 
 FAR_PX = 1e6  # off the picture's corner; no eye is further out
 DISTANCE_S = 1.0  # time constant by which alpha follows the viewer's distance, seen as the distance between the eyes
 NEUTRAL_S = 0.5  # time constant of the way to another neutral position and another number of views between the eyes
-POSE_S = 0.1  # time constant of the distance that the position before the screen is worked out from
-MOVED = 0.15  # of the distance: a viewer who moved the chair by so much gets the views between the eyes that go with it
+POSE_S = 0.1  # time constant of the distance that from which the position before the screen is computed
+MOVED = 0.15  # of the distance: beyond this change, the views between the eyes are chosen again
 
 
 @attrs.frozen(eq=False)
-class Look:
+class Viewpoints:
     """What a picture is made for. eyes_px: (2, 2), after filter and prediction. left, right: (row, col). frame: of a video."""
 
     eyes_px: NDArray[np.float64]
@@ -60,29 +60,29 @@ class Viewer:
         self._start_ns = 0
         self._easing = EyeEasing()
         self._shown_mm: float | None = None
-        self.shown: Look | None = None  # what the last look was
+        self.shown: Viewpoints | None = None  # the last viewpoints
         self.set(field, config)
 
     def set(self, field: LightField, config: Config) -> None:
-        """Takes another scene or configuration, from the next look on."""
+        """Takes another scene or configuration, from the next viewpoints on."""
         self.field, self.config = field, config
         self.compositor = Compositor(field, config.render)
         self.parallax = None
         self._views = 0.0
-        self._mapper: Mapper | None = None
+        self._solver: ViewSolver | None = None
 
     def redraw_by(self, config: Config) -> None:
         """Takes a configuration that differs in render.method and render.rate_hz alone: what lies where stays as it is."""
         self.config, self.compositor = config, Compositor(self.field, config.render)
-        if self._mapper is not None:
-            self._mapper.snap = self.method == "nearest"
+        if self._solver is not None:
+            self._solver.snap = self.method == "nearest"
 
     def shown_as_wide(self, width_mm: float | None) -> bool:
-        """Takes the width of the picture on the screen, as the display tells it; whether alpha has to be chosen anew."""
+        """Takes the width of the picture on the screen, as the display reports it; returns whether alpha must be chosen again."""
         new = width_mm != self._shown_mm and self.config.screen.width_mm == "auto"
         self._shown_mm = width_mm
         if new:
-            self.parallax = self._mapper = None
+            self.parallax = self._solver = None
         return new
 
     @property
@@ -90,9 +90,9 @@ class Viewer:
         return self.compositor.method
 
     @property
-    def mapper(self) -> Mapper | None:
+    def solver(self) -> ViewSolver | None:
         """How eyes become views; None until a face was seen."""
-        return self._mapper
+        return self._solver
 
     @property
     def _auto(self) -> bool:
@@ -102,44 +102,44 @@ class Viewer:
         """Where the eyes were last becomes the neutral position."""
         if self._seen:
             self._target_px = self._centre_px = self._eyes_px.mean(axis=0)
-            self._mapper = None
+            self._solver = None
 
-    def look(self, record: NDArray[np.void] | None, t_sensor_ns: int, t_shown_ns: int) -> Look:
-        """The look at t_shown_ns, from the newest eyes record and its frame's stamp; None: nobody was seen yet."""
+    def viewpoints(self, record: NDArray[np.void] | None, t_sensor_ns: int, t_shown_ns: int) -> Viewpoints:
+        """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None: nobody was seen yet."""
         frame = self._frame(t_shown_ns)
         camera_px = None if record is None else self._eyes(record, t_shown_ns - t_sensor_ns)
         if record is None or (camera_px is None and not self._seen):
             row, col = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
-            self.shown = Look(self._eyes_px, (row, col), (row, col), frame)
+            self.shown = Viewpoints(self._eyes_px, (row, col), (row, col), frame)
             return self.shown
         dt_s = max(t_shown_ns - self._t_ns, 0) / 1e9 if self._seen else 0.0
         self._t_ns = t_shown_ns
         if camera_px is not None:
             self._follow_distance(float(record["apart_px"]) or math.dist(*camera_px.tolist()), dt_s)
-        if float(record["eyes_mm"]) != self._eyes_mm:  # learnt, or learnt anew
-            self._eyes_mm, self._mapper = float(record["eyes_mm"]), None
+        if float(record["eyes_mm"]) != self._eyes_mm:  # learnt, or learnt again
+            self._eyes_mm, self._solver = float(record["eyes_mm"]), None
         pose = self._pose(record)
         eyes_px = camera_px if camera_px is None or pose is None else pose.from_screen(camera_px, self._near_px)
-        mapper = self._mapper or self._make_mapper(eyes_px)
-        self._follow_presence(record, t_sensor_ns, mapper, eyes_px)
-        self._follow_neutral(mapper, eyes_px, dt_s)
+        solver = self._solver or self._make_solver(eyes_px)
+        self._follow_presence(record, t_sensor_ns, solver, eyes_px)
+        self._follow_neutral(solver, eyes_px, dt_s)
         half = self._apart_px / 2
-        neutral_px = np.add(mapper.centre_px, [[half, 0.0], [-half, 0.0]])
+        neutral_px = np.add(solver.centre_px, [[half, 0.0], [-half, 0.0]])
         start_px = neutral_px if self._seen or eyes_px is None else eyes_px  # the first face is there at once
         self._seen = True
         self._eyes_px = self._easing.at(t_shown_ns, eyes_px, start_px, int(record["generation"]))
-        left, right = mapper.views(self._eyes_px)
+        left, right = solver.views(self._eyes_px)
         used_px = self._eyes_px if pose is None else pose.from_camera(self._eyes_px, self._near_px)
-        self.shown = Look(used_px, left, right, frame)
+        self.shown = Viewpoints(used_px, left, right, frame)
         return self.shown
 
-    def key(self, look: Look) -> Hashable:
+    def key(self, viewpoints: Viewpoints) -> Hashable:
         """Equal keys mean the same picture."""
-        return self.compositor.key(look.left, look.right, look.frame)
+        return self.compositor.key(viewpoints.left, viewpoints.right, viewpoints.frame)
 
-    def compose(self, look: Look) -> NDArray[np.uint8]:
+    def compose(self, viewpoints: Viewpoints) -> NDArray[np.uint8]:
         """The picture, uint8 (height, width, 3) BGR, valid until the next call."""
-        return self.compositor.compose(look.left, look.right, look.frame)
+        return self.compositor.compose(viewpoints.left, viewpoints.right, viewpoints.frame)
 
     def _frame(self, t_ns: int) -> int:
         if self.field.frames == 1:
@@ -149,8 +149,8 @@ class Viewer:
 
     @staticmethod
     def _eyes(record: NDArray[np.void], horizon_ns: int) -> NDArray[np.float64] | None:
-        """Where the eyes will be, or None where no face is seen, or one that no camera shows: one number that is none would stay
-        in what is averaged for ever."""
+        """Where the eyes will be, or None where no face is seen, or one that no camera can show: a single NaN would stay in
+        the averages for ever."""
         if not record["face"]:
             return None
         eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], horizon_ns)
@@ -167,7 +167,7 @@ class Viewer:
         self._near_px += (apart_px - self._near_px) * _share(dt_s, POSE_S)
 
     def _follow_presence(
-        self, record: NDArray[np.void], t_sensor_ns: int, mapper: Mapper, eyes_px: NDArray[np.float64] | None
+        self, record: NDArray[np.void], t_sensor_ns: int, solver: ViewSolver, eyes_px: NDArray[np.float64] | None
     ) -> None:
         """Once for every frame: where somebody has come to rest, neutral position and distance are measured."""
         if t_sensor_ns == self._tracked_ns:
@@ -175,13 +175,13 @@ class Viewer:
         self._tracked_ns = t_sensor_ns
         x_px, y_px = (0.0, 0.0) if eyes_px is None else eyes_px.mean(axis=0).tolist()
         here = None if eyes_px is None else Rest(x_px, y_px, self._near_px)
-        beyond = eyes_px is not None and mapper.beyond(eyes_px)
+        beyond = eyes_px is not None and solver.beyond(eyes_px)
         rest = self.presence.update(t_sensor_ns, here, int(record["generation"]), beyond)
         if rest is not None and self._auto:
             self._target_px = np.array((rest.x_px, rest.y_px))
             self._choose(rest.apart_px)
 
-    def _follow_neutral(self, mapper: Mapper, eyes_px: NDArray[np.float64] | None, dt_s: float) -> None:
+    def _follow_neutral(self, solver: ViewSolver, eyes_px: NDArray[np.float64] | None, dt_s: float) -> None:
         """Neutral position and views between the eyes on their way to what was measured; before, the grid is dragged along."""
         assert self.parallax is not None
         if not self._auto or self._centre_px is None:
@@ -190,21 +190,21 @@ class Viewer:
             self._choose(self._apart_px)
         wanted = self.parallax.views_between_eyes
         self._views = self._views + (wanted - self._views) * _share(dt_s, NEUTRAL_S) if self._views else wanted
-        mapper.alpha_px = self._apart_px / self._views
+        solver.alpha_px = self._apart_px / self._views
         if self.presence.state in (ViewerState.ARRIVING, ViewerState.EXCHANGED):
             if eyes_px is not None:
-                self._centre_px = mapper.dragged(self._centre_px, eyes_px)
+                self._centre_px = solver.dragged(self._centre_px, eyes_px)
         elif self._target_px is not None:
             self._centre_px = self._centre_px + (self._target_px - self._centre_px) * _share(dt_s, NEUTRAL_S)
-        mapper.centre_px = (float(self._centre_px[0]), float(self._centre_px[1]))
+        solver.centre_px = (float(self._centre_px[0]), float(self._centre_px[1]))
 
     def _choose(self, apart_px: float) -> None:
-        """Chooses the views between the eyes for a viewer at the distance that apart_px tells."""
+        """Chooses the views between the eyes for a viewer at the distance that apart_px implies."""
         width_px, eyes_mm = int(self._size_px[0]), self._eyes_mm or None
         self.parallax = parallax(self.config, self.field, width_px, apart_px, eyes_mm, self._shown_mm)
 
-    def _make_mapper(self, eyes_px: NDArray[np.float64] | None) -> Mapper:
-        """With alpha by hand the grid lies on the middle of the camera picture, as in the paper; with alpha from geometry on
+    def _make_solver(self, eyes_px: NDArray[np.float64] | None) -> ViewSolver:
+        """With a fixed alpha the grid lies on the middle of the camera picture, as in the paper; with alpha from geometry on
         where the viewer is, for a webcam above the screen never has them in its middle."""
         self._choose(self._apart_px)
         assert self.parallax is not None
@@ -212,8 +212,8 @@ class Viewer:
             self._centre_px = eyes_px.mean(axis=0)
         centre_px = (self._size_px[0] / 2, self._size_px[1] / 2) if self._centre_px is None else self._centre_px
         snap = self.method == "nearest"
-        self._mapper = Mapper(self.field.rows, self.field.cols, self.config.render, self.parallax.alpha_px, centre_px, snap)
-        return self._mapper
+        self._solver = ViewSolver(self.field.rows, self.field.cols, self.config.render, self.parallax.alpha_px, centre_px, snap)
+        return self._solver
 
 
 def _share(dt_s: float, time_s: float) -> float:

@@ -42,7 +42,7 @@ def snapped(value: float, held: float | None) -> float:
     return math.floor(value + 0.5)
 
 
-class Mapper:
+class ViewSolver:
     """The mapping with its state: the neutral pose, and the views held in nearest mode.
 
     rows, cols: of the grid. render: extrapolate_views and swap_eyes are used. alpha_px: camera px between neighbouring views.
@@ -58,7 +58,7 @@ class Mapper:
         self._held: list[float | None] = [None, None, None]  # row, left col, right col
 
     def neutral(self) -> Position:
-        """The middle of the grid, where an unseen viewer is taken to be."""
+        """The middle of the grid, where a viewer is assumed to be until seen."""
         return (self.rows - 1) / 2, (self.cols - 1) / 2
 
     def _steps(self, distance_px: float) -> float:

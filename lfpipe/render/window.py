@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.render import sdl
 from lfpipe.render.display import KEYS
-from lfpipe.render.monitors import Monitor, chosen, monitor_of, monitors
+from lfpipe.render.monitors import Monitor, find_monitor, monitor_of, monitors
 from lfpipe.render.overlay import panel
 from lfpipe.render.scaling import fit_area, scale_into
 from lfpipe.render.sdl import pygame
 
 SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of the width of the monitor; small light fields are shown larger in the first window
 HINT_S = 6.0
-SCREEN_SHARE = 0.85  # of the monitor at the most
-TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: on a fine one text of so many pixels could not be read
+SCREEN_SHARE = 0.85  # at most, of the monitor
+TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: on a fine one, text of TEXT_PX is too small
 NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", "\x1b": "quit"}
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
 
@@ -29,18 +29,18 @@ RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
 class Window:
     """A resizable window or the full screen. `show` draws at once; there is no waiting for the screen's own refresh.
 
-    Its pixels are the screen's own: where a desktop scales what it shows, it is told that this picture needs no scaling.
+    Its pixels are the screen's own: where a desktop scales windows, SDL asks it not to scale this one.
     """
 
     def __init__(self, size_px: tuple[int, int], title: str, fullscreen: bool = False, monitor: str = "", hint: str = "") -> None:
-        """size_px: (width, height) of the pictures. monitor: a number or name, as `monitors.chosen` takes it; empty: wherever
-        the desktop puts windows. hint: a line over the picture for HINT_S, or until a key is pressed.
+        """size_px: (width, height) of the pictures. monitor: a number or name, as `monitors.find_monitor` takes it; empty:
+        where the desktop puts windows. hint: a line over the picture for HINT_S, or until a key is pressed.
         Raises UserError where no window can be opened, or there is no such monitor."""
         self._title, self._fullscreen, self._wanted = title, fullscreen, monitor
         try:
             sdl.start()
             self._monitors = monitors()
-            on = chosen(monitor, self._monitors) if monitor else self._monitors[0]
+            on = find_monitor(monitor, self._monitors) if monitor else self._monitors[0]
             largest = min(SCREEN_SHARE * on.width / size_px[0], SCREEN_SHARE * on.height / size_px[1])
             scale = min(max(1.0, max(SMALLEST_PX, SMALLEST_SHARE * on.width) / max(size_px)), largest)
             self._windowed = max(1, round(size_px[0] * scale)), max(1, round(size_px[1] * scale))
@@ -81,7 +81,7 @@ class Window:
     def _toggle(self) -> None:
         """Full screen on the chosen monitor, or else on the one where the window is; back to where the window was.
 
-        The window is opened anew: without a window manager SDL neither moves nor shrinks the one that is there.
+        The window is opened again: without a window manager SDL neither moves nor shrinks the one that is there.
         """
         if not self._fullscreen:
             self._windowed, self._at = self._window.size, self._window.position
@@ -89,7 +89,7 @@ class Window:
         self._on = self._here()
         if self._wanted:
             with contextlib.suppress(UserError):  # the chosen one was unplugged
-                self._on = chosen(self._wanted, self._monitors)
+                self._on = find_monitor(self._wanted, self._monitors)
         self._fullscreen = not self._fullscreen
         self._window.destroy()
         self._window = self._opened(self._on)

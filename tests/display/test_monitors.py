@@ -14,7 +14,7 @@ import pygame
 import pytest
 
 from lfpipe.errors import UserError
-from lfpipe.render.monitors import Monitor, chosen, monitors, pixel_mm
+from lfpipe.render.monitors import Monitor, find_monitor, monitors, pixel_mm
 from lfpipe.render.window import Window
 from tests.xvfb_screen import outline, x_server
 
@@ -48,7 +48,7 @@ EndSection
 
 @pytest.mark.parametrize(("wanted", "number"), [("0", 0), ("2", 2), ("eDP-1", 0), ("edp", 0), ("27", 2), ('DP-1 24"', 1)])
 def test_a_number_or_part_of_a_name(wanted: str, number: int) -> None:
-    assert chosen(wanted, DESK).number == number
+    assert find_monitor(wanted, DESK).number == number
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_a_number_or_part_of_a_name(wanted: str, number: int) -> None:
 )
 def test_one_that_is_not_there_or_not_alone(wanted: str, said: str) -> None:
     with pytest.raises(UserError, match=said) as raised:
-        chosen(wanted, DESK)
+        find_monitor(wanted, DESK)
     assert all(str(each) in raised.value.remedy for each in DESK)
 
 

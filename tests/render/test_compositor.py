@@ -19,7 +19,7 @@ from lfpipe.render.anaglyph import MATRICES, encode, recipe
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.planes import PlaneStore
 from lfpipe.render.viewer import Viewer
-from lfpipe.render.viewpoint import Mapper
+from lfpipe.render.viewpoint import ViewSolver
 from tests.render import rendered
 
 METHODS = ["nearest", "blend", "warp", "warp2"]
@@ -46,8 +46,8 @@ def centre_of_light(plane: NDArray[np.uint8]) -> tuple[float, float]:
 def seen(eyes_px: NDArray[np.float64], method: str, **settings: Any) -> NDArray[np.uint8]:
     field = rendered.field(9, 9, texture=0.0)
     how = render(method=method, anaglyph="colour", **settings)
-    mapper = Mapper(9, 9, how, 20.0, (320.0, 240.0), snap=method == "nearest")
-    return Compositor(field, how).compose(*mapper.views(eyes_px)).copy()
+    solver = ViewSolver(9, 9, how, 20.0, (320.0, 240.0), snap=method == "nearest")
+    return Compositor(field, how).compose(*solver.views(eyes_px)).copy()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -234,7 +234,7 @@ def test_extreme_eyes_and_alphas_from_end_to_end() -> None:
     for alpha_px in (1e-9, 1e9):
         for eyes in strange:
             how = render(method="warp2", anaglyph="dubois")
-            left, right = Mapper(3, 3, how, alpha_px, (320.0, 240.0)).views(eyes)
+            left, right = ViewSolver(3, 3, how, alpha_px, (320.0, 240.0)).views(eyes)
             assert np.isfinite([left, right]).all()
             Compositor(field, how).compose(left, right)
 
@@ -260,16 +260,16 @@ def test_a_viewer_of_whom_the_tracker_says_anything(rows: int, cols: int, alpha_
     for k, (eyes, velocity, eyes_mm) in enumerate(itertools.product(strange, (0.0, 1e300, nan), (0.0, 61.0))):
         record["raw_px"] = record["filtered_px"] = eyes
         record["velocity_px_s"], record["eyes_mm"] = velocity, eyes_mm
-        look = viewer.look(record, k * 10**7, k * 10**7 + 10**6)
+        look = viewer.viewpoints(record, k * 10**7, k * 10**7 + 10**6)
         assert np.isfinite([look.left, look.right]).all()
         assert viewer.compose(look).shape == (16, 16, 3)
     record["velocity_px_s"] = 0.0
-    look = viewer.look(record, 10**10, 10**10)  # seen well again, later: nothing of that is left
+    look = viewer.viewpoints(record, 10**10, 10**10)  # seen well again, later: nothing of that is left
     if cols > 1 and alpha_px != 1e9:
         assert look.left[1] < look.right[1]
 
 
-def test_baked_planes_are_bounded() -> None:
+def test_built_planes_are_bounded() -> None:
     field = rendered.field(4, 4, 32, 32)
     store = PlaneStore(field, budget_bytes=10 * 32 * 32)
     plane = recipe("dubois").planes[0]
@@ -277,5 +277,5 @@ def test_baked_planes_are_bounded() -> None:
     for row in range(4):
         for col in range(4):
             store.get(0, row, col, plane)
-    assert len(store._baked) <= 10
+    assert len(store._built) <= 10
     np.testing.assert_array_equal(store.get(0, 0, 0, plane), first)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Render, Scene
 from lfpipe.render.compositor import Compositor
-from lfpipe.render.viewpoint import Mapper, soft_clamp
+from lfpipe.render.viewpoint import ViewSolver, soft_clamp
 from lfpipe.scene import layouts
 from lfpipe.scene.pack import open_scene
 from tests.scene import made
@@ -157,7 +157,19 @@ def picture(folder: Path, grid: Grid) -> Path:
 WRITTEN: dict[str, Callable[[Path, Grid], Path]] = {
     one.__name__.replace("_", "-"): one
     for one in (
-        hci, hci_old, hci_text, stanford, jpeg_pleno, mat, eslf, mosaic, mosaic_video, quilt, rows_cols, numbered, picture,
+        hci,
+        hci_old,
+        hci_text,
+        stanford,
+        jpeg_pleno,
+        mat,
+        eslf,
+        mosaic,
+        mosaic_video,
+        quilt,
+        rows_cols,
+        numbered,
+        picture,
     )
 }
 SQUARE = 5, 5, 2.0, -1.0  # rows, columns, disparity of what is near and of the wall in px per view
@@ -193,8 +205,8 @@ def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(layout: str, tm
             """Where the disc stands for the left eye and for the right one. The camera's picture shows the viewer unmirrored:
             their left eye at larger x, a step to their right as one to the left, and upwards is to smaller y."""
             eyes = [[320 + EYES_PX / 2 - right_px, 240 - up_px], [320 - EYES_PX / 2 - right_px, 240 - up_px]]
-            mapper = Mapper(rows, cols, how, STEP_PX, (320.0, 240.0), snap=compositor.method == "nearest")
-            drawn = compositor.compose(*mapper.views(eyes))
+            solver = ViewSolver(rows, cols, how, STEP_PX, (320.0, 240.0), snap=compositor.method == "nearest")
+            drawn = compositor.compose(*solver.views(eyes))
             return place(drawn[..., 2], bright), place(drawn[..., 1], bright)  # red glass left, cyan right
 
         close = 0.3 * near_px

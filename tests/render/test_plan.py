@@ -19,7 +19,7 @@ from lfpipe.render.compositor import Compositor
 from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.planes import PlaneStore
 from lfpipe.render.viewer import Viewer
-from lfpipe.render.viewpoint import Mapper
+from lfpipe.render.viewpoint import ViewSolver
 from lfpipe.scene.lightfield import Geometry, LightField
 from tests.render import rendered
 
@@ -130,8 +130,8 @@ def test_method_and_tracking_are_those_of_the_stages(scene: LightField, how: Con
 @given(scenes(), configs)
 def test_rows_are_needed_where_eyes_that_move_up_change_the_picture(scene: LightField, how: Config) -> None:
     compositor = Compositor(scene, how.render)
-    mapper = Mapper(scene.rows, scene.cols, how.render, 30.0, (320.0, 240.0))
-    keys = {compositor.key(*mapper.views([[350.0, v], [290.0, v]])) for v in (0.0, 240.0, 479.0)}
+    solver = ViewSolver(scene.rows, scene.cols, how.render, 30.0, (320.0, 240.0))
+    keys = {compositor.key(*solver.views([[350.0, v], [290.0, v]])) for v in (0.0, 240.0, 479.0)}
     plan = make_plan(scene, how)
     if plan.needs_tracking:
         assert plan.needs_rows == (len(keys) > 1)
@@ -168,11 +168,11 @@ def test_distance_is_needed_where_a_viewer_who_comes_nearer_changes_the_views(ho
     seen = []
     for apart in (30.0, 60.0):  # the same direction, half the distance
         viewer = Viewer(scene, how)
-        viewer.look(record(320.0, 240.0, 30.0), 0, 0)
+        viewer.viewpoints(record(320.0, 240.0, 30.0), 0, 0)
         for k in range(1, 41):
-            viewer.look(record(330.0, 250.0, apart), k * S // 4, k * S // 4)
-        assert viewer.mapper is not None and viewer.shown is not None
-        seen.append((viewer.mapper.alpha_px, viewer.shown.left[0], viewer.shown.left[1] + viewer.shown.right[1]))
+            viewer.viewpoints(record(330.0, 250.0, apart), k * S // 4, k * S // 4)
+        assert viewer.solver is not None and viewer.shown is not None
+        seen.append((viewer.solver.alpha_px, viewer.shown.left[0], viewer.shown.left[1] + viewer.shown.right[1]))
     same = seen[0] == pytest.approx(seen[1], abs=1e-3)
     assert make_plan(scene, how).needs_depth == (not same)
 
@@ -200,9 +200,9 @@ def test_no_view_outside_the_reach_is_read(
         compositor = Compositor(scene, how.render)
         assert isinstance(how.render.alpha_px, float)
         snap = compositor.method == "nearest"
-        mapper = Mapper(scene.rows, scene.cols, how.render, how.render.alpha_px, centre, snap)
+        solver = ViewSolver(scene.rows, scene.cols, how.render, how.render.alpha_px, centre, snap)
         for eye in eyes:
-            compositor.compose(*mapper.views([eye, eye]))
+            compositor.compose(*solver.views([eye, eye]))
     first_row, last_row, first_col, last_col = make_plan(scene, how).reach
     assert all(first_row <= row <= last_row and first_col <= col <= last_col for row, col in read)
 

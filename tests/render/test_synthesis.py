@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lfpipe.render.scoring import psnr_db
-from lfpipe.render.synthesis import Position, Synthesiser, shifted, taps
+from lfpipe.render.synthesis import Position, Synthesiser, shifted, view_weights
 from lfpipe.scene.lightfield import LightField
 from tests.render import rendered
 
@@ -120,7 +120,7 @@ def test_the_zero_plane_stands_still_and_the_other_moves() -> None:
 
 @given(st.floats(-3, 8), st.floats(-3, 8), st.sampled_from(METHODS), st.integers(1, 6), st.integers(1, 6))
 def test_weights_sum_to_one_over_views_that_exist(row: float, col: float, method: str, rows: int, cols: int) -> None:
-    found = taps(method, (row, col), rows, cols)
+    found = view_weights(method, (row, col), rows, cols)
     assert 1 <= len(found) <= 4
     assert sum(tap.weight for tap in found) == pytest.approx(1)
     assert all(0 <= tap.row < rows and 0 <= tap.col < cols and tap.weight > 0 for tap in found)
@@ -130,7 +130,7 @@ def test_weights_sum_to_one_over_views_that_exist(row: float, col: float, method
 def test_weights_are_continuous(row: float, col: float, method: str) -> None:
     def weights(r: float, c: float) -> NDArray[np.float64]:
         table = np.zeros((5, 5))
-        for tap in taps(method, (r, c), 5, 5):
+        for tap in view_weights(method, (r, c), 5, 5):
             table[tap.row, tap.col] += tap.weight
         return table
 

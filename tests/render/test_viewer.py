@@ -12,7 +12,7 @@ import pytest
 from lfpipe.config import Config, Render
 from lfpipe.eyes import EYES
 from lfpipe.render.presence import ViewerState
-from lfpipe.render.viewer import DISTANCE_S, Look, Viewer
+from lfpipe.render.viewer import DISTANCE_S, Viewer, Viewpoints
 from tests.render import rendered
 
 S = 1_000_000_000
@@ -37,19 +37,19 @@ def four_views() -> Viewer:
     return Viewer(attrs.evolve(rendered.field(9, 9, 16, 16), disparity_source="none"), Config(render=Render(method="warp2")))
 
 
-def middle(look: Look) -> tuple[float, float]:
+def middle(look: Viewpoints) -> tuple[float, float]:
     """Row and column between both eyes' views."""
     return look.left[0], (look.left[1] + look.right[1]) / 2
 
 
 def test_nobody_yet_looks_from_the_middle() -> None:
     for seen in (None, record(100.0, 50.0, face=0)):
-        look = viewer().look(seen, 0, 0)
+        look = viewer().viewpoints(seen, 0, 0)
         assert look.left == look.right == (4.0, 4.0)
 
 
 def test_by_hand_the_grid_lies_on_the_cameras_middle_and_else_on_where_the_viewer_was_first() -> None:
-    by_hand, auto = viewer(alpha_px=12.0).look(record(344.0, 228.0), 0, 0), viewer().look(record(344.0, 228.0), 0, 0)
+    by_hand, auto = viewer(alpha_px=12.0).viewpoints(record(344.0, 228.0), 0, 0), viewer().viewpoints(record(344.0, 228.0), 0, 0)
     assert middle(by_hand) == (3.0, 2.0)
     assert by_hand.right[1] - by_hand.left[1] == pytest.approx(24 / 12)
     assert middle(auto) == (4.0, 4.0)
@@ -58,13 +58,13 @@ def test_by_hand_the_grid_lies_on_the_cameras_middle_and_else_on_where_the_viewe
 @pytest.mark.parametrize("alpha_px", [12.0, "auto"])
 def test_recentre_makes_where_the_viewer_is_the_middle_and_keeps_the_step(alpha_px: Any) -> None:
     subject = viewer(alpha_px=alpha_px)
-    subject.look(record(), 0, 0)
-    here = subject.look(record(344.0, 252.0), S, S)
-    away = subject.look(record(344.0, 252.0), 3 * S, 3 * S)
+    subject.viewpoints(record(), 0, 0)
+    here = subject.viewpoints(record(344.0, 252.0), S, S)
+    away = subject.viewpoints(record(344.0, 252.0), 3 * S, 3 * S)
     assert middle(away) != (4.0, 4.0)
     subject.recentre()
-    assert middle(subject.look(record(344.0, 252.0), 4 * S, 4 * S)) == pytest.approx((4.0, 4.0))
-    back = subject.look(record(), 5 * S, 5 * S)
+    assert middle(subject.viewpoints(record(344.0, 252.0), 4 * S, 4 * S)) == pytest.approx((4.0, 4.0))
+    back = subject.viewpoints(record(), 5 * S, 5 * S)
     assert middle(back)[1] - 4.0 == pytest.approx(4.0 - middle(away)[1], rel=1e-3)
     assert here.right[1] - here.left[1] == pytest.approx(back.right[1] - back.left[1], rel=1e-3)
 
@@ -72,54 +72,54 @@ def test_recentre_makes_where_the_viewer_is_the_middle_and_keeps_the_step(alpha_
 def test_recentre_before_anybody_was_seen_changes_nothing() -> None:
     subject = viewer(alpha_px=12.0)
     subject.recentre()
-    assert middle(subject.look(record(344.0, 228.0), 0, 0)) == (3.0, 2.0)
+    assert middle(subject.viewpoints(record(344.0, 228.0), 0, 0)) == (3.0, 2.0)
 
 
 def test_eyes_are_taken_to_the_moment_of_light() -> None:
     subject = viewer(alpha_px=12.0)
     moving = record(velocity_px_s=[[120.0, 0.0], [120.0, 0.0]])
-    subject.look(moving, 0, 0)
-    later = subject.look(moving, S, S + S // 10)
+    subject.viewpoints(moving, 0, 0)
+    later = subject.viewpoints(moving, S, S + S // 10)
     assert later.eyes_px[0, 0] == pytest.approx(332.0 + 12.0)
     assert middle(later)[1] == pytest.approx(4.0 - 1.0)
 
 
 def test_alpha_follows_the_viewers_distance_within_seconds_and_not_at_once() -> None:
     subject = four_views()
-    subject.look(record(apart=60.0), 0, 0)
-    assert subject.mapper is not None
-    alpha = subject.mapper.alpha_px
-    subject.look(record(apart=30.0), S // 60, S // 60)
-    assert subject.mapper.alpha_px == pytest.approx(alpha, rel=0.02)
+    subject.viewpoints(record(apart=60.0), 0, 0)
+    assert subject.solver is not None
+    alpha = subject.solver.alpha_px
+    subject.viewpoints(record(apart=30.0), S // 60, S // 60)
+    assert subject.solver.alpha_px == pytest.approx(alpha, rel=0.02)
     for k in range(2, int(60 * 8 * DISTANCE_S)):
-        subject.look(record(apart=30.0), k * S // 60, k * S // 60)
+        subject.viewpoints(record(apart=30.0), k * S // 60, k * S // 60)
         if k == int(60 * DISTANCE_S):
-            assert subject.mapper.alpha_px == pytest.approx(alpha * (0.5 + 0.5 / math.e), rel=0.01), "its time constant"
-    assert subject.mapper.alpha_px == pytest.approx(alpha / 2, rel=0.01)
+            assert subject.solver.alpha_px == pytest.approx(alpha * (0.5 + 0.5 / math.e), rel=0.01), "its time constant"
+    assert subject.solver.alpha_px == pytest.approx(alpha / 2, rel=0.01)
 
 
 def test_alpha_by_hand_follows_nobody() -> None:
     subject = viewer(alpha_px=12.0)
     for k in range(100):
-        subject.look(record(apart=60.0 - k / 3), k * S // 10, k * S // 10)
-    assert subject.mapper is not None and subject.mapper.alpha_px == 12.0
+        subject.viewpoints(record(apart=60.0 - k / 3), k * S // 10, k * S // 10)
+    assert subject.solver is not None and subject.solver.alpha_px == 12.0
 
 
 def test_another_scene_or_configuration_keeps_the_pose() -> None:
     subject = viewer(alpha_px=12.0)
-    subject.look(record(344.0, 228.0), 0, 0)
+    subject.viewpoints(record(344.0, 228.0), 0, 0)
     subject.recentre()
     field = rendered.field(5, 7, 16, 16)
     subject.set(field, subject.config)
-    assert middle(subject.look(record(344.0, 228.0), S, S)) == (2.0, 3.0)
+    assert middle(subject.viewpoints(record(344.0, 228.0), S, S)) == (2.0, 3.0)
 
 
 def test_a_lowered_quality_changes_how_views_are_drawn_and_not_where() -> None:
     subject = viewer(alpha_px=12.0)
-    full = subject.look(record(349.0, 240.0), 0, 0)
+    full = subject.viewpoints(record(349.0, 240.0), 0, 0)
     lowered = attrs.evolve(subject.config, render=attrs.evolve(subject.config.render, method="nearest"))
     subject.redraw_by(lowered)
-    snapped = subject.look(record(349.0, 240.0), S, S)
+    snapped = subject.viewpoints(record(349.0, 240.0), S, S)
     assert subject.method == "nearest"
     assert all(value == round(value) for value in (*snapped.left, *snapped.right))
     assert max(abs(a - b) for a, b in zip(full.left, snapped.left, strict=True)) <= 0.6
@@ -129,9 +129,9 @@ def test_a_width_that_the_display_tells_anew_makes_alpha_anew() -> None:
     deep = attrs.evolve(rendered.field(9, 9, 16, 16), disparity_min_px=-6.0, disparity_max_px=6.0)
     subject = Viewer(deep, Config())
     assert subject.shown_as_wide(300.0) and not subject.shown_as_wide(300.0)
-    subject.look(record(), 0, 0)
-    assert subject.mapper is not None and subject.parallax is not None and "300 mm" in str(subject.parallax)
-    assert subject.shown_as_wide(600.0) and subject.mapper is None
+    subject.viewpoints(record(), 0, 0)
+    assert subject.solver is not None and subject.parallax is not None and "300 mm" in str(subject.parallax)
+    assert subject.shown_as_wide(600.0) and subject.solver is None
     fixed = Viewer(deep, Config(screen=attrs.evolve(Config().screen, width_mm=500.0)))
     assert not fixed.shown_as_wide(300.0)
 
@@ -140,16 +140,16 @@ def test_a_video_runs_from_when_it_was_first_shown() -> None:
     field = rendered.field(1, 2, 8, 8)
     film = attrs.evolve(field, views=np.repeat(field.views, 10, axis=0), frame_rate_hz=25.0)
     subject = Viewer(film, Config())
-    frames = [subject.look(None, 0, 7 * S + k * S // 100).frame for k in range(12)]
+    frames = [subject.viewpoints(None, 0, 7 * S + k * S // 100).frame for k in range(12)]
     assert frames == [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2]
-    assert viewer().look(None, 0, 7 * S).frame == 0
+    assert viewer().viewpoints(None, 0, 7 * S).frame == 0
 
 
-def watch(subject: Viewer, seconds: float, start_s: float = 0.0, **where: Any) -> Look:
+def watch(subject: Viewer, seconds: float, start_s: float = 0.0, **where: Any) -> Viewpoints:
     """Looks at a viewer who stays there, 30 times a second."""
     for k in range(round(seconds * 30)):
         t_ns = round((start_s + k / 30) * S)
-        found = subject.look(record(**where), t_ns, t_ns)
+        found = subject.viewpoints(record(**where), t_ns, t_ns)
     return found
 
 
@@ -158,7 +158,7 @@ def test_who_comes_in_from_the_side_and_sits_down_looks_from_the_middle() -> Non
     subject = four_views()
     for k in range(60):
         x, apart = 40.0 + 260.0 * k / 60, 30.0 + 30.0 * k / 60
-        found = subject.look(record(x, 200.0, apart=apart), k * S // 30, k * S // 30)
+        found = subject.viewpoints(record(x, 200.0, apart=apart), k * S // 30, k * S // 30)
         assert found.left[1] < 8.0 and found.right[1] > 0.0, "never flat, not even on the way"
     assert subject.presence.state is ViewerState.ARRIVING
     seated = watch(subject, 6.0, 2.0, x=300.0, y=200.0, apart=60.0)
@@ -192,7 +192,7 @@ def test_views_between_the_eyes_follow_a_chair_that_is_moved() -> None:
 def test_a_turned_head_keeps_alpha() -> None:
     subject = viewer()
     watch(subject, 3.0, apart=60.0, apart_px=60.0)
-    assert subject.mapper is not None
-    alpha = subject.mapper.alpha_px
+    assert subject.solver is not None
+    alpha = subject.solver.alpha_px
     watch(subject, 3.0, 3.0, apart=53.0, apart_px=60.0)
-    assert subject.mapper.alpha_px == pytest.approx(alpha, rel=1e-6)
+    assert subject.solver.alpha_px == pytest.approx(alpha, rel=1e-6)

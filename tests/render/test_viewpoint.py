@@ -8,26 +8,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Render
-from lfpipe.render.viewpoint import HYSTERESIS_VIEWS, Mapper, snapped, soft_clamp
+from lfpipe.render.viewpoint import HYSTERESIS_VIEWS, ViewSolver, snapped, soft_clamp
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 COUNTS = st.integers(1, 30)
 USUAL = st.floats(-2000, 2000)
 
 
-def mapper(rows: int = 9, cols: int = 9, alpha_px: float = 12.0, snap: bool = False, **render: object) -> Mapper:
-    return Mapper(rows, cols, Render(**render), alpha_px, (320.0, 240.0), snap)  # type: ignore[arg-type]
+def solver(rows: int = 9, cols: int = 9, alpha_px: float = 12.0, snap: bool = False, **render: object) -> ViewSolver:
+    return ViewSolver(rows, cols, Render(**render), alpha_px, (320.0, 240.0), snap)  # type: ignore[arg-type]
 
 
 def test_formula() -> None:
-    left, right = mapper().views([[326.0, 252.0], [302.0, 252.0]])
+    left, right = solver().views([[326.0, 252.0], [302.0, 252.0]])
     assert left == (4 + 1.0, 4 - 0.5)
     assert right == (4 + 1.0, 4 + 1.5)
 
 
 def test_a_viewer_who_moves_right_looks_from_further_right_and_one_who_sinks_from_further_down() -> None:
-    here = mapper().views([[350.0, 240.0], [290.0, 240.0]])
-    moved = mapper().views([[340.0, 246.0], [280.0, 246.0]])  # the unmirrored picture shows a step to the viewer's right as left
+    here = solver().views([[350.0, 240.0], [290.0, 240.0]])
+    moved = solver().views([[340.0, 246.0], [280.0, 246.0]])  # the unmirrored picture shows a step to the viewer's right as left
     assert moved[0][1] > here[0][1]
     assert moved[1][1] > here[1][1]
     assert moved[0][0] > here[0][0]
@@ -36,7 +36,7 @@ def test_a_viewer_who_moves_right_looks_from_further_right_and_one_who_sinks_fro
 
 @given(st.tuples(USUAL, USUAL, USUAL, USUAL))
 def test_one_row_for_both_eyes(p: tuple[float, float, float, float]) -> None:
-    left, right = mapper().views([[p[0], p[1]], [p[2], p[3]]])
+    left, right = solver().views([[p[0], p[1]], [p[2], p[3]]])
     assert left[0] == right[0]
 
 
@@ -44,7 +44,7 @@ def test_one_row_for_both_eyes(p: tuple[float, float, float, float]) -> None:
 def test_always_finite_and_within_reach(
     p: tuple[float, float, float, float], alpha_px: float, rows: int, cols: int, reach: float, snap: bool
 ) -> None:
-    found = mapper(rows, cols, alpha_px, snap, extrapolate_views=reach).views([[p[0], p[1]], [p[2], p[3]]])
+    found = solver(rows, cols, alpha_px, snap, extrapolate_views=reach).views([[p[0], p[1]], [p[2], p[3]]])
     for row, col in found:
         assert -reach <= row <= rows - 1 + reach
         assert -reach <= col <= cols - 1 + reach
@@ -52,13 +52,13 @@ def test_always_finite_and_within_reach(
 
 @pytest.mark.parametrize("alpha_px", [0.0, -0.0, math.nan, math.inf, 1e-320])
 def test_senseless_alpha_is_survived(alpha_px: float) -> None:
-    for row, col in mapper(alpha_px=alpha_px).views([[300.0, 200.0], [340.0, 200.0]]):
+    for row, col in solver(alpha_px=alpha_px).views([[300.0, 200.0], [340.0, 200.0]]):
         assert math.isfinite(row)
         assert math.isfinite(col)
 
 
 def test_an_eye_that_is_no_number_looks_from_the_middle() -> None:
-    assert mapper().views([[math.nan] * 2] * 2) == ((4.0, 4.0), (4.0, 4.0))
+    assert solver().views([[math.nan] * 2] * 2) == ((4.0, 4.0), (4.0, 4.0))
 
 
 @given(st.floats(-50, 50), st.floats(1e-6, 1), st.integers(1, 20), st.floats(0.01, 16))
@@ -91,7 +91,7 @@ def test_hysteresis_holds_a_view_against_noise_and_lets_go_beyond() -> None:
 
 @given(st.lists(st.floats(-0.09, 0.09), min_size=1, max_size=50), st.floats(-3, 3))
 def test_noise_below_the_hysteresis_changes_the_view_at_most_once(noise: list[float], place: float) -> None:
-    snapping = mapper(snap=True, extrapolate_views=0.0)
+    snapping = solver(snap=True, extrapolate_views=0.0)
     cols = [snapping.views([[320 - 12 * (place + n), 240.0]] * 2)[0][1] for n in noise]
     assert all(col == round(col) for col in cols)
     assert sum(a != b for a, b in itertools.pairwise(cols)) <= 1
@@ -99,4 +99,4 @@ def test_noise_below_the_hysteresis_changes_the_view_at_most_once(noise: list[fl
 
 def test_swapped_eyes_exchange_their_views() -> None:
     eyes = [[350.0, 240.0], [290.0, 240.0]]
-    assert mapper(swap_eyes=True).views(eyes) == mapper().views(eyes)[::-1]
+    assert solver(swap_eyes=True).views(eyes) == solver().views(eyes)[::-1]

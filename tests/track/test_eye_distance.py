@@ -145,12 +145,12 @@ def test_what_is_learnt_sets_the_distance_and_is_said_once_it_is_known() -> None
     record = np.zeros((), EYES)
     record["face"], record["width_px"], record["height_px"] = 1, 640, 480
     record["raw_px"] = record["filtered_px"] = [[350.0, 240.0], [290.0, 240.0]]
-    before = viewer.look(record, 0, 0)
+    before = viewer.viewpoints(record, 0, 0)
     assert viewer.parallax is not None
     away_mm = viewer.parallax.distance_mm
     assert "iris" not in str(viewer.parallax)
     record["eyes_mm"] = 56.7
-    after = viewer.look(record, 10**7, 10**7)
+    after = viewer.viewpoints(record, 10**7, 10**7)
     assert viewer.parallax.distance_mm == pytest.approx(0.9 * away_mm)
     assert "eyes 57 mm apart, learnt from the iris" in str(viewer.parallax)
     assert (after.left[1] + after.right[1]) / 2 == pytest.approx((before.left[1] + before.right[1]) / 2), "no jump aside"

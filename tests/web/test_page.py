@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.render.view_grid import Gaze, draw_over_eyes, inset
+from lfpipe.render.view_grid import EyesOnGrid, draw_over_eyes, inset
 from tests.web.browser import Browser, missing
 from tests.web.server import Server, until
 from tests.world import World
@@ -99,13 +99,13 @@ def test_a_control_changes_the_picture_that_is_served(live_server: Server) -> No
 
 def test_the_grid_is_where_the_mapping_says() -> None:
     from lfpipe.config import Render
-    from lfpipe.render.viewpoint import Mapper
+    from lfpipe.render.viewpoint import ViewSolver
 
-    mapper = Mapper(5, 7, Render(), 20.0, (300.0, 220.0))
-    gaze = Gaze(5, 7, 20.0, (300.0, 220.0), ((310.0, 230.0), (270.0, 230.0)), ((2.5, 2.5), (2.5, 4.5)), True)
+    solver = ViewSolver(5, 7, Render(), 20.0, (300.0, 220.0))
+    gaze = EyesOnGrid(5, 7, 20.0, (300.0, 220.0), ((310.0, 230.0), (270.0, 230.0)), ((2.5, 2.5), (2.5, 4.5)), True)
     for row, col in ((0, 0), (4, 6), (2, 3), (1, 5)):
         place = gaze.place_px(row, col)
-        assert mapper.views([place, place])[0] == pytest.approx((row, col))
+        assert solver.views([place, place])[0] == pytest.approx((row, col))
     picture = np.zeros((480, 640, 3), np.uint8)
     draw_over_eyes(picture, gaze)
     x, y = gaze.place_px(4, 6)
