@@ -80,7 +80,7 @@ def test_each_limit_of_comfort_by_hand(
 
 def test_the_advice_beyond_comfort_ends_it() -> None:
     advised = 63.0 / (parallax(config(alpha_px=3.5), cotton(), 640, 63.0).comfort_views or 0)
-    assert f"take render.alpha_px of {advised:.1f} or more" in str(parallax(config(alpha_px=3.5), cotton(), 640, 63.0))
+    assert f"use render.alpha_px of {advised:.1f} or more" in str(parallax(config(alpha_px=3.5), cotton(), 640, 63.0))
     assert not parallax(config(alpha_px=1.01 * advised), cotton(), 640, 63.0).exceeds_comfort
     assert parallax(config(alpha_px=0.99 * advised), cotton(), 640, 63.0).exceeds_comfort
 
@@ -103,7 +103,7 @@ def test_the_least_of_room_comfort_and_nature_decides() -> None:
 def test_the_width_of_the_picture_is_the_persons_then_the_monitors_then_a_guess() -> None:
     auto = from_dict({"camera": {"focal_px": 600.0}})
     told, guessed = parallax(auto, cotton(), 640, 63.0, None, 300.0), parallax(auto, cotton(), 640, 63.0)
-    assert "picture 300 mm wide, as the monitor tells" in str(told) and "530 mm wide, taken" in str(guessed)
+    assert "picture 300 mm wide, as the monitor reports" in str(told) and "assuming a picture 530 mm wide" in str(guessed)
     asked = parallax(config(alpha_px="auto"), cotton(), 640, 63.0, None, 300.0)
     assert "wide" not in str(asked)
     assert asked.comfort_views == parallax(config(alpha_px="auto"), cotton(), 640, 63.0).comfort_views
