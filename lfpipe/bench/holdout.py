@@ -66,7 +66,11 @@ class ViewRenderer:
 
     def at(self, position: Position) -> NDArray[np.float32]:
         """The view at position (row, col), float32 (channels, height, width)."""
-        return np.stack(self._synthesiser.render(position, 0, 0.0, self._planes, self._outs)).astype(np.float32)
+        return np.stack(self.draw(position)).astype(np.float32)
+
+    def draw(self, position: Position) -> list[NDArray[np.uint8]]:
+        """The planes of the view at position, uint8 (height, width) each, valid until the next call."""
+        return self._synthesiser.render(position, 0, 0.0, self._planes, self._outs)
 
 
 def viewpoint_walk(field: LightField) -> Callable[[], tuple[Position, Position]]:

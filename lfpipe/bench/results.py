@@ -156,7 +156,7 @@ def _output(command: list[str]) -> str:
     return done.stdout.strip() if done.returncode == 0 else ""
 
 
-def _source() -> str:
+def source_digest() -> str:
     """Hash of the package's own files: a changed build measures again."""
     digest = hashlib.blake2b(digest_size=8)
     for path in sorted(Path(lfpipe.__file__).parent.rglob("*.py")):
@@ -175,7 +175,7 @@ def describe_run(inputs: Inputs) -> dict[str, Any]:
             "quick": inputs.quick,
             "scenes": [field.manifest.get("key", "") for _, field in inputs.fields],
             "sequence": [inputs.sequence.path.name, len(inputs.sequence.frames), inputs.sequence.truth is not None],
-            "source": _source(),
+            "source": source_digest(),
             "versions": built,
         },
         "commit": commit + (" with changes" if changed else "") if commit else "not a git checkout",

@@ -111,3 +111,44 @@ def compare(a: Path, b: Path, subjects: tuple[str, ...], on: tuple[Path, Path] |
             click.echo(str(one))
         click.echo(f"{len(found)} figures compared, {len(called)} differ beyond noise, {unsure} too noisy to decide")
     return 1 if any(one.worse for one in called) else 0
+
+
+@bench.command()
+@click.argument("scenes", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FOLDER...")
+@click.option("--keep", type=click.Choice(["2", "3"]), default="2", show_default=True, help="Views kept per side.")
+@click.option("--crop", type=click.Choice(["central", "top-left"]), default="central", show_default=True,
+              help="Which 7x7 views of a larger grid: central (DistgASR) or top-left (LFASR-geo, ELFR).")  # fmt: skip
+@click.option("--border", type=click.IntRange(0, 1000), default=22, show_default=True, metavar="PX", help="Shaved off each side.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("lfpipe-table"), show_default=True, metavar="DIR",
+              help="Folder for results; an interrupted run continues there.")  # fmt: skip
+@with_config
+def table(
+    scenes: tuple[Path, ...], keep: str, crop: str, border: int, out: Path, config_file: str | None, sets: tuple[str, ...]
+) -> int:
+    """Measure every method by the protocol of angular super-resolution, 2x2 -> 7x7 views.
+
+    FOLDER is a light field of any layout. The table shows PSNR and SSIM beside the time and memory of a picture; results that
+    papers have printed are shown beside it, and were not run here. The exit code is 1 if a scene was left out.
+    """
+    from functools import partial
+
+    import cv2
+
+    from lfpipe.bench.results import source_digest
+    from lfpipe.bench.table import Protocol, measure
+    from lfpipe.bench.table_report import markdown, write
+    from lfpipe.cli.progress import progress
+    from lfpipe.config import load
+    from lfpipe.host.versions import versions
+    from lfpipe.scene.pack import open_scene
+
+    settings = load(config_file, sets)
+    protocol = Protocol(int(keep), crop, border)
+    identity = f"{source_digest()} {sorted(versions().items())}"
+    cv2.setNumThreads(1)  # as in a session, and what the table says
+    with progress() as bar:
+        lines = measure([(path, partial(open_scene, path, settings.scene, bar)) for path in scenes], protocol, identity, out, bar)
+    page = write(lines, protocol, out)
+    click.echo(markdown(lines, protocol))
+    click.echo(page)
+    return 1 if any(line.left_out for line in lines) else 0
