@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.capture.v4l2 import CameraDevice
+from lfpipe.capture.camera_list import CameraDevice
 from lfpipe.observe import doctor
 from tests.supervisor.holder import Holder, holding
 

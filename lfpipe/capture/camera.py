@@ -1,92 +1,49 @@
-"""A camera through V4L2: asked for explicitly, read back, stamped by the kernel where it can be."""
+"""A V4L2 camera as a source: requests a mode, reports the actual one, decodes frames and stamps them by their exposure."""
 
 from __future__ import annotations
 
 import errno
-import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
-# OpenCV waits 10 s for a stalled camera unless told otherwise (whole seconds, read at its first use).
-os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
-
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
+from lfpipe.capture.camera_controls import CameraControls, Controls, exposure_ns
+from lfpipe.capture.camera_list import CameraDevice, cameras, describe, find_again, named, nodes, opened
 from lfpipe.capture.frame_source import Frame, SourceInfo
+from lfpipe.capture.pixel_formats import DECODED, FrameDecoder, choose
+from lfpipe.capture.sensor_clock import SensorClock, stamp_kind
 from lfpipe.capture.spec import CameraSpec
-from lfpipe.capture.v4l2 import cameras, is_capture
+from lfpipe.capture.v4l2_device import Mode, V4L2Device
+from lfpipe.capture.v4l2_stream import RawFrame, SourceChangedError, V4L2Stream
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fitted, retrieved_jpeg
-from lfpipe.host import opencv_log
 
-STALL_S = 0.9  # a grab that failed after this long ran into the driver's time-out; one that failed sooner found no camera
-START_GRABS = 5  # of a second each at the most: some cameras take seconds to their first frame
-MAX_STAMP_AGE_NS = 2_000_000_000
-BUFFERS = 2  # with 1 the driver has nowhere to put a frame while the last one is out; every one above 2 adds a frame of age
-
-
-class Device(Protocol):
-    """What is used of cv2.VideoCapture."""
-
-    def set(self, propId: int, value: float) -> bool: ...
-    def get(self, propId: int) -> float: ...
-    def grab(self) -> bool: ...
-    def retrieve(self, image: Any = ...) -> tuple[bool, Any]: ...
-    def release(self) -> None: ...
+STALL_S = 0.9  # longest wait for a frame
+START_S = 5.0  # longest wait for the first frame: some cameras need seconds
+EXPOSURE_CHECK_S = 2.0  # an automatic exposure follows the light
+REPLUG = "unplug the camera and plug it in again"
+GONE = (errno.ENODEV, errno.ENXIO, errno.ENOENT)
 
 
-def pixel_format(camera: config.Camera) -> str:
-    """The four characters to ask for. Up to 640x480 uncompressed YUYV fits USB 2 at 30 Hz and saves decoding a JPEG."""
-    if camera.format != "auto":
-        return camera.format
-    return "YUYV" if camera.width_px * camera.height_px <= 640 * 480 else "MJPG"
+class Device(Controls, Protocol):
+    """What is used of a `V4L2Device`."""
+
+    @property
+    def driver(self) -> str: ...
+    def fourccs(self) -> list[str]: ...
+    def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode: ...
+    def close(self) -> None: ...
 
 
-def fourcc_text(value: float) -> str:
-    """The number that OpenCV reads back as its four characters; "?" where the driver tells none."""
-    code = int(value)
-    return code.to_bytes(4, "little").decode("ascii", "replace").strip() if 0 < code < 1 << 32 else "?"
+class Stream(Protocol):
+    """What is used of a `V4L2Stream`."""
 
-
-def sensor_stamp_ns(position_ms: float, now_ns: int) -> int | None:
-    """The kernel's stamp of a frame, where position_ms is one: on the monotonic clock and not older than MAX_STAMP_AGE_NS.
-
-    Some drivers stamp with the wall clock or not at all; then None.
-    """
-    if not 0 < position_ms < 1e15:
-        return None
-    stamp_ns = round(position_ms * 1000) * 1000  # the driver counts in whole microseconds
-    return stamp_ns if 0 <= now_ns - stamp_ns <= MAX_STAMP_AGE_NS else None
-
-
-def configure(device: Device, camera: config.Camera) -> tuple[int, int, float, tuple[str, ...]]:
-    """Asks device for format, size and rate: (width_px, height_px, rate_hz, notes) that it really took, read back.
-
-    The order matters: each of the first resets the ones after it.
-    """
-    asked_format = pixel_format(camera)
-    device.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*asked_format))
-    device.set(cv2.CAP_PROP_FRAME_WIDTH, camera.width_px)
-    device.set(cv2.CAP_PROP_FRAME_HEIGHT, camera.height_px)
-    device.set(cv2.CAP_PROP_FPS, camera.rate_hz)
-    device.set(cv2.CAP_PROP_BUFFERSIZE, BUFFERS)
-    width_px = int(device.get(cv2.CAP_PROP_FRAME_WIDTH))
-    height_px = int(device.get(cv2.CAP_PROP_FRAME_HEIGHT))
-    told_hz = device.get(cv2.CAP_PROP_FPS)
-    rate_hz = told_hz if 0 < told_hz < 10_000 else camera.rate_hz
-    got_format = fourcc_text(device.get(cv2.CAP_PROP_FOURCC))
-    notes = [f"the camera gives {got_format} {width_px}x{height_px} at {rate_hz:g} Hz"]
-    if got_format != asked_format:
-        notes.append(f"{asked_format} was asked for, {got_format} is what the camera gives")
-    if (width_px, height_px) != (camera.width_px, camera.height_px):
-        notes.append(f"frames of {width_px}x{height_px} are scaled to {camera.width_px}x{camera.height_px}")
-    if abs(rate_hz - camera.rate_hz) > 0.01 * camera.rate_hz:
-        notes.append(f"{camera.rate_hz:g} Hz were asked for, {rate_hz:g} Hz is what the camera gives")
-    return width_px, height_px, rate_hz, tuple(notes)
+    def read(self, timeout_s: float) -> RawFrame: ...
+    def close(self) -> None: ...
 
 
 def _others(path: Path) -> str:
@@ -94,95 +51,192 @@ def _others(path: Path) -> str:
     return f"cameras here: {there}" if there else "no camera is here: use --camera demo, or a recording with --camera file:PATH"
 
 
-def check_device(path: Path) -> None:
-    """Raises UserError where path cannot be a camera: not there, not permitted, or another kind of device."""
-    try:
-        capture = is_capture(path)
-    except FileNotFoundError:
-        raise UserError(f"camera {path}: no such device", _others(path)) from None
-    except PermissionError:
-        raise UserError(f"camera {path}: no permission", "add yourself to the group `video` and log in again") from None
-    except OSError as error:
-        if error.errno == errno.EBUSY:
-            raise _busy(path) from None
-        if error.errno == errno.ETIMEDOUT:
-            raise UserError(f"camera {path}: {error.strerror}", "plug it out and in again") from None
-        raise UserError(f"camera {path}: not a camera ({error.strerror})", _others(path)) from None
-    if not capture:
-        raise UserError(f"camera {path}: this device gives no pictures (a camera's node for metadata?)", _others(path))
+def trouble(path: Path, error: OSError) -> UserError:
+    """error of the device at path, in the user's words."""
+    code, what = error.errno, f"camera {path}"
+    if isinstance(error, SourceChangedError):
+        return UserError(f"{what}: its picture size or signal changed", "it is opened again")
+    if code == errno.ENOENT:
+        return UserError(f"{what}: no such device", _others(path))
+    if code in GONE:
+        return UserError(f"{what}: unplugged", "plug it in again")
+    if code == errno.EACCES:
+        return UserError(f"{what}: no permission", "add yourself to the group `video` and log in again")
+    if code == errno.EBUSY:
+        return UserError(f"{what}: busy", f"close the program that uses it: `fuser -v {path}` names it")
+    if code in (errno.ENOTTY, errno.EINVAL) and not path.is_char_device():
+        return UserError(f"{what}: not a camera ({error.strerror})", _others(path))
+    if code == errno.ENOTTY:
+        return UserError(f"{what}: not a camera", _others(path))
+    if code == errno.ETIMEDOUT:
+        return UserError(f"{what}: {error.strerror}", REPLUG)
+    return UserError(f"{what}: its driver failed ({error.strerror})", REPLUG)
 
 
-def _busy(path: Path) -> UserError:
-    return UserError(f"camera {path}: busy, or gives no picture", f"close the program that uses it: `fuser -v {path}` names it")
+def negotiate(path: Path, device: Device, camera: config.Camera) -> tuple[Mode, tuple[str, ...]]:
+    """The mode that the device took, with a rate that is never 0, and notes where it differs from the configuration.
 
-
-def gives_jpegs(device: Device) -> bool:
-    """Whether device, configured, delivers JPEGs; it then hands them out as they are. Any later setting would undo that."""
-    return fourcc_text(device.get(cv2.CAP_PROP_FOURCC)) in ("MJPG", "JPEG") and device.set(cv2.CAP_PROP_CONVERT_RGB, 0)
+    Raises OSError as the driver does, UserError if none of the device's formats can be decoded.
+    """
+    offered = device.fourccs()
+    wanted = camera.format if camera.format != "auto" else choose(offered, camera.width_px, camera.height_px)
+    listed = ", ".join(offered)
+    if not wanted:
+        remedy = f"use a camera with one of {', '.join(DECODED)}"
+        raise UserError(f"camera {path}: none of its pixel formats can be decoded ({listed})", remedy)
+    mode = device.configure(wanted, camera.width_px, camera.height_px, camera.rate_hz)
+    if mode.fourcc not in DECODED and (other := choose(offered, camera.width_px, camera.height_px)):
+        mode = device.configure(other, camera.width_px, camera.height_px, camera.rate_hz)
+    if mode.fourcc not in DECODED:
+        raise UserError(f"camera {path}: delivers {mode.fourcc}, which cannot be decoded", "use another camera")
+    rate_hz = mode.rate_hz or camera.rate_hz
+    size = f"{mode.width_px}x{mode.height_px}"
+    notes = [f"the camera delivers {mode.fourcc} {size} at {rate_hz:.4g} Hz"]
+    if mode.fourcc != wanted:
+        notes.append(f"{wanted} requested, {mode.fourcc} delivered")
+    if (mode.width_px, mode.height_px) != (camera.width_px, camera.height_px):
+        notes.append(f"frames of {size} are scaled to {camera.width_px}x{camera.height_px}")
+    if abs(rate_hz - camera.rate_hz) > 0.01 * camera.rate_hz:
+        notes.append(f"{camera.rate_hz:g} Hz requested, {rate_hz:.4g} Hz delivered")
+    return Mode(mode.fourcc, mode.width_px, mode.height_px, mode.stride, rate_hz), tuple(notes)
 
 
 class CameraSource:
-    """A camera. Frames are stamped by the kernel where its stamps are on the monotonic clock, else when they are taken."""
+    """A streaming camera. source_seq follows the driver's count: frames that the driver lost leave gaps."""
 
-    def __init__(self, path: Path, camera: config.Camera, device: Device) -> None:
-        """device: opened, not yet configured. Raises UserError where it gives no first frame."""
-        self._path, self._device, self._seq = path, device, 0
-        width_px, height_px, rate_hz, notes = configure(device, camera)
-        self._jpeg = gives_jpegs(device)
-        if not any(device.grab() for _ in range(START_GRABS)):
-            device.release()
-            raise _busy(path)
-        if sensor_stamp_ns(device.get(cv2.CAP_PROP_POS_MSEC), time.monotonic_ns()) is None:
-            notes += ("the driver gives no usable time stamps: frames are stamped when they are taken",)
-        self._own_size: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
-        self.info = SourceInfo(f"camera:{path}", width_px, height_px, rate_hz, live=True, jpeg=self._jpeg, notes=notes)
+    def __init__(self, path: Path, camera: config.Camera, device: Device, start: Callable[[Any], Stream] = V4L2Stream) -> None:
+        """device: open; closed by this object. Raises UserError if it cannot be configured or delivers no first frame."""
+        self._path, self._device = path, device
+        self._stream: Stream | None = None
+        self._controls: CameraControls | None = None
+        try:
+            mode, notes = negotiate(path, device, camera)
+            self._decoder = FrameDecoder(mode)
+            self._controls = CameraControls(device, camera)
+            self._stream = start(device)
+            first = self._stream.read(START_S)  # often dark, and old when the session is ready: not used
+        except (OSError, ValueError, UserError) as error:
+            self.close()
+            if isinstance(error, TimeoutError):
+                raise UserError(f"camera {path}: no picture for {START_S:g} s", REPLUG) from None
+            if isinstance(error, OSError):
+                raise trouble(path, error) from None
+            if isinstance(error, ValueError):
+                raise UserError(f"camera {path}: {error}", "set another camera.format, or another size") from None
+            raise
+        self._clock, self._period_ns = SensorClock(mode.rate_hz), 1e9 / mode.rate_hz
+        self._kind = stamp_kind(device.driver, first.start_of_exposure)
+        self._exposure_ns, self._exposure_due_ns = exposure_ns(device), 0
+        self._seq, self._sequence, self._stamp_ns = -1, first.sequence, first.stamp_ns
+        now_ns = time.monotonic_ns()
+        if not self._clock.usable(first.stamp_ns, now_ns):
+            notes += ("the driver gives no usable time stamps: using the time of reading",)
+            self._stamp_ns = now_ns
+        notes += tuple(self._controls.notes)
+        jpeg = self._decoder.jpeg
+        self.info = SourceInfo(f"camera:{path}", mode.width_px, mode.height_px, mode.rate_hz, live=True, jpeg=jpeg, notes=notes)
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `FrameSource.read`. Raises TimeoutError where the camera stalls, UserError where it is gone."""
+        """See `FrameSource.read`. Raises TimeoutError if the camera stalls, UserError if it is gone or its driver fails."""
+        assert self._stream is not None
         began_ns = time.monotonic_ns()
+        if self._exposure_ns is not None and began_ns > self._exposure_due_ns:  # here the camera's thread is idle anyway
+            self._exposure_ns, self._exposure_due_ns = exposure_ns(self._device), began_ns + int(EXPOSURE_CHECK_S * 1e9)
         while True:
-            grabbed = self._device.grab()
+            waited_s = (time.monotonic_ns() - began_ns) / 1e9
+            if waited_s > STALL_S:
+                raise TimeoutError(f"camera {self._path}: nothing but damaged frames")
+            try:
+                raw = self._stream.read(STALL_S - waited_s)
+            except TimeoutError:
+                raise TimeoutError(f"camera {self._path}: no frame for {STALL_S:g} s") from None
+            except OSError as error:
+                raise trouble(self._path, error) from None
             read_ns = time.monotonic_ns()
-            if not grabbed:
-                if not self._path.exists() or read_ns - began_ns < STALL_S * 1e9:
-                    raise UserError(f"camera {self._path}: gone, or taken by another program", "plug it in again")
-                raise TimeoutError(f"camera {self._path}: no frame for {(read_ns - began_ns) / 1e9:.1f} s")
-            stamp_ns = sensor_stamp_ns(self._device.get(cv2.CAP_PROP_POS_MSEC), read_ns)
-            whole, packet = self._retrieve(out)
+            self._count(raw, read_ns)
+            if raw.damaged:
+                continue
+            whole, packet = self._decoder.decode(raw.data, out)
             if whole:
                 break
-            if read_ns - began_ns > STALL_S * 1e9:  # a frame damaged on the cable is passed over, but not for ever
-                raise TimeoutError(f"camera {self._path}: nothing but damaged frames")
-        taken = Frame(self._seq, read_ns if stamp_ns is None else stamp_ns, read_ns, packet)
-        self._seq += 1
-        return taken
+        sensor_ns, kind = self._clock.middle_ns(raw.stamp_ns, self._kind, read_ns, self._exposure_ns)
+        return Frame(self._seq, sensor_ns, read_ns, packet, kind)
 
-    def _retrieve(self, out: NDArray[np.uint8]) -> tuple[bool, NDArray[np.uint8] | None]:
-        """Puts the frame that was grabbed into out: whether it is whole, and the JPEG that it came as."""
-        if self._jpeg:
-            found = retrieved_jpeg(self._device)
-            if found is None:
-                return False, None
-            packet, picture = found
-            fitted(picture, out)
-            return True, packet if picture.shape == self._own_size.shape else None
-        try:
-            whole, frame = self._device.retrieve(out if out.shape == self._own_size.shape else self._own_size)
-        except cv2.error:  # half a frame
-            return False, None
-        if whole:
-            fitted(np.asarray(frame, np.uint8), out)
-        return whole, None
+    def _count(self, raw: RawFrame, read_ns: int) -> None:
+        """Advances the number of the frame as the driver's count does, but never by more frames than the time allows.
+
+        Some drivers count fields, or not at all.
+        """
+        stamp_ns = raw.stamp_ns if self._clock.usable(raw.stamp_ns, read_ns) else read_ns
+        by_driver = (raw.sequence - self._sequence) % (1 << 32)
+        by_time = round((stamp_ns - self._stamp_ns) / self._period_ns)
+        self._sequence, self._stamp_ns = raw.sequence, stamp_ns
+        self._seq += max(1, min(by_driver, by_time)) if self._seq >= 0 else 1
 
     def close(self) -> None:
-        self._device.release()
+        """Ends the stream, restores the controls and closes the device."""
+        if self._stream is not None:
+            self._stream.close()
+        if self._controls is not None:
+            self._controls.restore()
+        self._device.close()
 
 
-def open_camera(spec: CameraSpec, camera: config.Camera) -> CameraSource:
-    """Opens and configures the device. Raises UserError where it is missing, not permitted, no camera, or busy."""
-    check_device(spec.path)
-    with opencv_log.silent():
-        device = cv2.VideoCapture(str(spec.path), cv2.CAP_V4L2)
-        if not device.isOpened():
-            raise _busy(spec.path)
-        return CameraSource(spec.path, camera, device)
+class CameraFinder:
+    """Follows one camera through changes of its device number, from its first discovery on."""
+
+    def __init__(self, spec: CameraSpec) -> None:
+        self._spec = spec
+        self._known: CameraDevice | None = None
+
+    def path(self) -> Path:
+        """Where the camera is now. Raises UserError if no camera, or more than one, has the name."""
+        if self._known is None:
+            self._known = self._by_name(self._spec.name) if self._spec.name else describe(self._spec.path)
+        if not self._known.name:  # nothing to recognise it by, yet
+            self._known = None
+            return self._spec.path
+        return find_again(self._known)
+
+    @staticmethod
+    def _by_name(name: str) -> CameraDevice:
+        found = named(name, nodes())
+        if len(found) > 1:
+            capturing = {camera.path for camera in cameras()}
+            found = [device for device in found if device.path in capturing]
+        if len(found) > 1:
+            paths = " or ".join(f"camera:{device.path}" for device in found)
+            raise UserError(f"camera:{name}: {len(found)} cameras have that name", f"use {paths}")
+        if not found:
+            raise UserError(f"camera:{name}: no camera of that name", _others(Path()))
+        return found[0]
+
+
+def open_device(path: Path) -> V4L2Device:
+    """Raises UserError if path cannot be a camera: missing, not permitted, or another kind of device."""
+    try:
+        device = opened(path)
+    except OSError as error:
+        raise trouble(path, error) from None
+    if not device.captures:
+        device.close()
+        raise UserError(f"camera {path}: this device delivers no pictures (a camera's node for metadata?)", _others(path))
+    return device
+
+
+def open_camera(path: Path, camera: config.Camera) -> CameraSource:
+    """Opens, configures and starts the device. Raises UserError if it is missing, not permitted, no camera, or busy."""
+    return CameraSource(path, camera, open_device(path))
+
+
+def check_camera(path: Path, camera: config.Camera) -> SourceInfo:
+    """What the camera will deliver; does not start it, because that takes up to a second. Raises UserError as `open_camera`."""
+    device = open_device(path)
+    try:
+        mode, notes = negotiate(path, device, camera)
+        jpeg = FrameDecoder(mode).jpeg
+    except OSError as error:
+        raise trouble(path, error) from None
+    finally:
+        device.close()
+    return SourceInfo(f"camera:{path}", mode.width_px, mode.height_px, mode.rate_hz, live=True, jpeg=jpeg, notes=notes)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.transport.stamp_kind import StampKind
 
 NO_MEMORY = -4  # cv::Error::StsNoMem
 
@@ -54,13 +55,14 @@ class Frame:
 
     t_read_ns: when the frame left the driver or, for a recording played without a pace, the disk; 0 for any other
     recording, whose frame is due at t_sensor_ns and not before. packet: the JPEG it was decoded from, uint8 (n,), if
-    it has the source's own size.
+    it has the source's own size. stamp: what t_sensor_ns was derived from.
     """
 
     source_seq: int
     t_sensor_ns: int
     t_read_ns: int
     packet: NDArray[np.uint8] | None = attrs.field(default=None, eq=False, repr=False)
+    stamp: StampKind = StampKind.SCHEDULED
 
 
 class FrameSource(Protocol):

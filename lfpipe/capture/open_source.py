@@ -6,11 +6,11 @@ import attrs
 import numpy as np
 
 from lfpipe import config
+from lfpipe.capture.camera_list import cameras
 from lfpipe.capture.frame_source import FrameSource, SourceInfo, decoding
 from lfpipe.capture.mounting import orient
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
 from lfpipe.capture.time_limit import with_time_limit
-from lfpipe.capture.v4l2 import cameras
 from lfpipe.errors import UserError
 
 CAMERA_S, FILE_S = 15.0, 60.0  # longest time a source may take to open
@@ -30,7 +30,7 @@ def resolve(text: str) -> Spec:
 
 
 def open_source(text: str, camera: config.Camera) -> FrameSource:
-    """Opens the source that text names: `camera:N`, `camera:/dev/videoN`, `file:PATH[?...]`, `demo`, "" for the first camera.
+    """Opens the source that text names, in one of the forms of `spec.FORMS`, or the first camera for an empty text.
 
     A camera or a video is rotated and mirrored by camera.rotate and camera.mirror; a sequence was when it was recorded.
     Raises UserError with the reason if it cannot be opened.
@@ -50,9 +50,9 @@ def open_source(text: str, camera: config.Camera) -> FrameSource:
         from lfpipe.capture.demo import DemoSource
 
         return DemoSource(camera)
-    from lfpipe.capture.camera import open_camera
+    from lfpipe.capture import camera as device
 
-    return orient(open_camera(spec, camera), camera)
+    return orient(device.open_camera(device.CameraFinder(spec).path(), camera), camera)
 
 
 def open_reconnecting(text: str, camera: config.Camera) -> FrameSource:
@@ -63,8 +63,9 @@ def open_reconnecting(text: str, camera: config.Camera) -> FrameSource:
     from lfpipe.capture import camera as device
     from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 
-    info = SourceInfo(f"camera:{spec.path}", camera.width_px, camera.height_px, camera.rate_hz, live=True)
-    return orient(ReconnectingCamera(info, lambda: device.open_camera(spec, camera)), camera)
+    info = SourceInfo(f"camera:{spec.name or spec.path}", camera.width_px, camera.height_px, camera.rate_hz, live=True)
+    finder = device.CameraFinder(spec)
+    return orient(ReconnectingCamera(info, lambda: device.open_camera(finder.path(), camera)), camera)
 
 
 @attrs.frozen
@@ -79,13 +80,18 @@ class CheckedSource:
 
 
 def _tried(text: str, camera: config.Camera) -> SourceInfo:
-    """Opens the source, reads the first frame of a recording (opening a camera has read one), closes it."""
+    """Opens the source, reads the first frame of a recording, closes it. A camera is configured, but not started."""
+    spec = parse_source(text)
+    if isinstance(spec, CameraSpec):
+        from lfpipe.capture import camera as device
+
+        info = device.check_camera(device.CameraFinder(spec).path(), camera)
+        return attrs.evolve(info, jpeg=info.jpeg and not (camera.rotate or camera.mirror))
     with decoding(text):
         source = open_source(text, camera)
     try:
-        if not source.info.live:
-            width_px, height_px = camera.frame_px
-            source.read(np.empty((height_px, width_px, 3), np.uint8))
+        width_px, height_px = camera.frame_px
+        source.read(np.empty((height_px, width_px, 3), np.uint8))
     finally:
         source.close()
     return source.info
@@ -97,7 +103,7 @@ def check_source(text: str, camera: config.Camera) -> CheckedSource:
     Raises UserError as `open_source` does, and after CAMERA_S or FILE_S.
     """
     spec = resolve(text)
-    definite = f"camera:{spec.path}" if isinstance(spec, CameraSpec) else text
+    definite = f"camera:{spec.name or spec.path}" if isinstance(spec, CameraSpec) else text
     limit_s, remedy = CAMERA_S, "unplug the camera and plug it in again"
     if not isinstance(spec, CameraSpec):
         limit_s, remedy = FILE_S, "check its disk or network drive"

@@ -1,4 +1,4 @@
-"""Parser for names of frame sources: `camera:N`, `camera:/dev/videoN`, `file:PATH[?...]`, `demo`."""
+"""Parser for names of frame sources: `camera:N`, `camera:/dev/videoN`, `camera:NAME`, `file:PATH[?...]`, `demo`."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import attrs
 
 from lfpipe.errors import UserError
 
-FORMS = "camera:N, camera:/dev/videoN, file:PATH, file:PATH?loop=0|1&pace=recorded|max|HZ, or demo"
+FORMS = "camera:N, camera:/dev/videoN, camera:NAME, file:PATH, file:PATH?loop=0|1&pace=recorded|max|HZ, or demo"
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
 
 
 @attrs.frozen
 class CameraSpec:
-    """A camera. path: its device file."""
+    """A camera by its device file, or by its name as `lfpipe cameras` prints it; path is then empty."""
 
     path: Path
+    name: str = ""
 
 
 @attrs.frozen
@@ -43,7 +44,9 @@ def _device(text: str, whole: str) -> CameraSpec:
         return CameraSpec(Path(f"/dev/video{int(text)}"))
     if text.startswith("/"):
         return CameraSpec(Path(text))
-    raise UserError(f"{whole!r}: {text!r} is neither a number nor a device path", "for example camera:0 or camera:/dev/video0")
+    if not text.strip():
+        raise UserError(f"{whole!r}: no camera given", "for example camera:0, camera:/dev/video0 or camera:NAME")
+    return CameraSpec(Path(), text.strip())
 
 
 def _pace(value: str) -> float | Literal["recorded", "max"]:

@@ -10,6 +10,7 @@ State: READY, not RUNNING, while no camera delivers frames.
 from __future__ import annotations
 
 import time
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,35 @@ from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketOutput
 from lfpipe.transport.status import State
 
+LIGHT_FRAMES = 45
+DIM_SHARE, BRIGHT_SHARE = 0.8, 0.9  # of the agreed rate
 LATE_PERIODS = 2  # as many frames as a camera's driver would have kept
+
+
+class _LightWatch:
+    """Notices that the camera delivers fewer frames than it agreed to although none gets lost: too little light, most likely."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets the frames so far."""
+        self._stamps: deque[int] = deque(maxlen=LIGHT_FRAMES)
+
+    def add(self, frame: Frame, info: SourceInfo, lost: int) -> None:
+        """A frame of a live source, before which lost others got lost."""
+        if lost:
+            self.reset()
+        self._stamps.append(frame.t_sensor_ns)
+        if len(self._stamps) < LIGHT_FRAMES:
+            return
+        hz = 1e9 * (LIGHT_FRAMES - 1) / max(1, self._stamps[-1] - self._stamps[0])
+        dim, was = hz < (DIM_SHARE if not self._context.row["dim"] else BRIGHT_SHARE) * info.rate_hz, self._context.row["dim"]
+        self._context.row["dim"] = dim
+        if dim and not was:
+            text = f"{info.name} delivers {hz:.3g} instead of {info.rate_hz:.3g} Hz, most likely for too little light"
+            self._context.emit("notice", text=text)
 
 
 class _Outage:
@@ -52,6 +81,7 @@ class _Outage:
 
 
 def _report(context: Context, info: SourceInfo) -> None:
+    context.row["nominal_mhz"] = round(1000 * info.rate_hz)
     context.emit("source", name=info.name, rate_hz=info.rate_hz, live=info.live, notes=list(info.notes))
 
 
@@ -71,7 +101,7 @@ def main(context: Context) -> None:
     info = source.info
     _report(context, info)
     lateness = Lateness(int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.options.lossless else 0)
-    outage, sleeps, broken = _Outage(context), SleepWatch(), 0
+    outage, light, sleeps, broken, next_seq = _Outage(context), _LightWatch(context), SleepWatch(), 0, 0
     context.ready()
     try:
         if not info.live and not context.wait_for_others():
@@ -98,6 +128,7 @@ def main(context: Context) -> None:
             if frame is None:
                 return
             if outage.end(source.info) or sleeps.woke():
+                light.reset()
                 frames.writer.new_epoch()  # the viewer may be anywhere by now: the past says nothing
             busy_ns, t_read_ns, t_sensor_ns = now_ns() - t_begin_ns, frame.t_read_ns, frame.t_sensor_ns + lateness.moved_ns
             if not t_read_ns:
@@ -112,12 +143,16 @@ def main(context: Context) -> None:
                 t_sensor_ns = frame.t_sensor_ns + lateness.moved_ns
             else:
                 busy_ns = now_ns() - t_read_ns
+            if info.live:
+                missing, next_seq = frame.source_seq - next_seq, frame.source_seq + 1
+                context.row["drops"] += missing
+                light.add(frame, source.info, missing)
             if context.paused:
                 context.row["left_out"] += 1
                 continue
             packets.follow(context.options)
             packets.publish(frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch)
-            frames.publish(frame.source_seq, t_sensor_ns, t_read_ns)
+            frames.publish(frame.source_seq, t_sensor_ns, t_read_ns, kind=frame.stamp)
             t_ns = now_ns()
             context.row.tick(frame.source_seq)
             context.row.measure(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)

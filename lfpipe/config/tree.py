@@ -23,7 +23,7 @@ class Opt:
 @attrs.frozen
 class Camera:
     source: Annotated[
-        str, Opt("camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found")
+        str, Opt("camera:N, camera:/dev/videoN, camera:NAME, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found")
     ] = ""
     width_px: Annotated[int, Opt("frame width asked of the camera; frames of another size are scaled", "px", 16, 7680)] = 640
     height_px: Annotated[int, Opt("frame height asked of the camera", "px", 16, 4320)] = 480
@@ -31,8 +31,19 @@ class Camera:
         30.0
     )
     format: Annotated[
-        Literal["auto", "MJPG", "YUYV"], Opt("pixel format asked of the camera; auto: YUYV up to 640x480, MJPG above")
+        Literal["auto", "MJPG", "YUYV", "UYVY", "NV12", "YU12", "BGR3", "RGB3", "GREY", "Y10"],
+        Opt("pixel format requested of the camera; auto: uncompressed up to 640x480, MJPG above, or what there is"),
     ] = "auto"
+    exposure: Annotated[float | Literal["auto"], Opt("exposure time; auto: leave it to the camera", "ms", 0.01, 1000)] = "auto"
+    gain: Annotated[float | Literal["auto"], Opt("gain in the camera's own units; auto: leave it to the camera", "", 0, 65535)] = (
+        "auto"
+    )
+    power_line_hz: Annotated[
+        Literal["auto", 0, 50, 60], Opt("mains frequency whose flicker the exposure avoids, 0 for none; auto: leave it", "Hz")
+    ] = "auto"
+    dynamic_framerate: Annotated[
+        Literal["off", "on", "auto"], Opt("lets a camera lower its rate in dim light, until the session ends; auto: leave it")
+    ] = "off"
     rotate: Annotated[
         Literal[0, 90, 180, 270], Opt("turns the picture clockwise, for a camera that is mounted upside down or sideways", "deg")
     ] = 0

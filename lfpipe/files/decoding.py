@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -30,12 +29,6 @@ def is_video(start: bytes) -> bool:
     return start[4:8] in _BOXES or start[:4] == b"\x1aE\xdf\xa3" or (start[:4] == b"RIFF" and start[8:12] == b"AVI ")
 
 
-class FrameRetriever(Protocol):
-    """What is used of cv2.VideoCapture here."""
-
-    def retrieve(self) -> tuple[bool, Any]: ...
-
-
 def is_jpeg(data: NDArray[np.uint8]) -> bool:
     """Whether data, uint8 (n,), begins as a JPEG does."""
     return data[: len(JPEG_START)].tobytes() == JPEG_START
@@ -54,14 +47,6 @@ def picture_of(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     except cv2.error:
         return None
     return None if found is None else np.asarray(found, np.uint8)
-
-
-def retrieved_jpeg(device: FrameRetriever) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
-    """(packet, picture) of the frame that device, told not to decode, has grabbed; None where it is no whole JPEG."""
-    taken, data = device.retrieve()
-    packet = np.asarray(data, np.uint8).reshape(-1) if taken else np.empty(0, np.uint8)
-    picture = picture_of(packet) if is_jpeg(packet) else None
-    return None if picture is None else (packet, picture)
 
 
 def fitted(frame: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import attrs
 
-from lfpipe.capture.v4l2 import CameraDevice, cameras, formats
+from lfpipe.capture.camera_list import CameraDevice, asking, cameras
 from lfpipe.errors import UserError
 from lfpipe.host.processes import usable_cores
 from lfpipe.host.shared_memory import SHM_DIR
@@ -116,7 +116,7 @@ def camera(device: CameraDevice) -> Check:
     """One camera with the formats it offers."""
     name = f"{device.path} {device.name}".strip()
     try:
-        offered = "; ".join(formats(device.path))
+        offered = " ".join(asking(device.path, lambda opened: opened.fourccs()))
     except PermissionError:
         return Check("camera", True, f"{name}: no permission", "add yourself to the group `video` and log in again")
     except OSError as error:

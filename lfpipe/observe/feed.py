@@ -67,6 +67,7 @@ def message(reading: Reading | None, settings: dict[str, Any]) -> dict[str, Any]
         "alive": True,
         "uptime_s": round(reading.uptime_s, 2),
         "camera_hz": round(reading.camera_hz, 2),
+        "camera_light": reading.camera_light,
         "face": reading.face,
         "viewer": reading.viewer,
         "level": reading.level,

@@ -11,7 +11,8 @@ QUANTILES = ("p50", "p95", "p99")
 
 def latency_table(state: dict[str, Any]) -> None:
     """Prints stages (rate, wait, busy, drops, restarts) and the age of the picture when presented, on stdout, in 80 columns."""
-    print(f"session {state['session']}, {state['uptime_s']:.1f} s, camera {state['camera_fps']:.1f} Hz")
+    light = f" ({state['camera_light']})" if state["camera_light"] else ""
+    print(f"session {state['session']}, {state['uptime_s']:.1f} s, camera {state['camera_fps']:.1f} Hz{light}")
     print(f"\n{'':<23}{'wait ms':<18}{'busy ms'}")
     times = "".join(f"{name:>6}" for name in (*QUANTILES, *QUANTILES, "max"))
     print(f"{'stage':<8}{'state':<9}{'Hz':>5}{times} dropped restarts".rstrip())

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.processes import cpu_ns, rss_bytes, scheduling
-from lfpipe.supervisor.snapshot import busy, quality, viewer
+from lfpipe.supervisor.snapshot import busy, light, quality, viewer
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.status import State, Table, rate_hz
@@ -64,6 +64,7 @@ class Reading:
 
     uptime_s: float
     camera_hz: float
+    camera_light: str
     viewer: str
     face: bool
     config_rev: int
@@ -135,6 +136,7 @@ class Meter:
         return Reading(
             uptime_s=(now.t_ns - self._started_ns) / 1e9,
             camera_hz=rate_hz(self._table.rows["capture"]),
+            camera_light=light(self._table),
             viewer=viewer(self._table),
             face=bool(self._table.rows["track"]["face"]),
             config_rev=int(render["config_rev"]),

@@ -116,6 +116,8 @@ class Screen:
     def _head(self, reading: Reading, doing: SessionActivity) -> Text:
         head = Text.assemble(("lfpipe ", "bold"), (self._session, "bold cyan"), f"  up {_clock(reading.uptime_s)}")
         head.append(f"  camera {reading.camera_hz:.1f} Hz  ")
+        if reading.camera_light:
+            head.append(f"{reading.camera_light}  ", "bold yellow")
         head.append(f"viewer {reading.viewer}", "green" if reading.face else "bold yellow")
         if doing.paused:
             head.append("  PAUSED", "bold yellow")

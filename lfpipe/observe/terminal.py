@@ -39,7 +39,8 @@ def run(name: str, once: bool, form: str) -> None:
 
 def flat(state: dict[str, Any]) -> dict[str, Any]:
     """A snapshot as one row: numbers under names with dots, without the maps in full."""
-    row: dict[str, Any] = {key: state[key] for key in ("session", "uptime_s", "camera_fps", "viewer", "level", "level_words")}
+    head = ("session", "uptime_s", "camera_fps", "camera_light", "viewer", "level", "level_words")
+    row: dict[str, Any] = {key: state[key] for key in head}
     for part, values in (*state["stages"].items(), *((name, state[name]) for name in ("end_to_end", "horizon"))):
         for key, value in values.items():
             if not isinstance(value, dict):

@@ -70,7 +70,7 @@ class OptionalOutputs:
         if stamp is None:
             self._ring.publish(-1, 0, 0)
         else:
-            self._ring.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch)
+            self._ring.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
 
     def emit_viewpoints(self, viewpoints: Viewpoints, face: bool) -> None:
         """Reports to the tap where the eyes are and which views they see, at most every VIEWPOINTS_NS."""

@@ -21,6 +21,7 @@ from lfpipe.render.viewer import Viewer, Viewpoints
 from lfpipe.transport.clock import now_ns, sleep_until
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
+from lfpipe.transport.stamp_kind import StampKind
 
 if TYPE_CHECKING:
     from lfpipe.render.replay_writer import ReplayWriter
@@ -143,6 +144,7 @@ class Presenter:
             "epoch": stamp.epoch,
             "t_sensor_ns": stamp.t_sensor_ns,
             "t_read_ns": stamp.t_read_ns,
+            "stamp": StampKind(stamp.kind).word,
             "t_tracked_ns": int(record["t_tracked_ns"]),
             "t_started_ns": t_started_ns,
             "t_composed_ns": t_composed_ns,

@@ -55,14 +55,20 @@ def quality(table: Table) -> dict[str, Any]:
     return {"level": int(now["level"]), "lowest_level": int(now["lowest"]), "level_words": words}
 
 
+def light(table: Table) -> str:
+    """`too little light for 30 Hz` where the camera delivers clearly fewer frames than it agreed to; else empty."""
+    row = table.rows[SOURCE]
+    return f"too little light for {int(row['nominal_mhz']) / 1000:.3g} Hz" if row["dim"] else ""
+
+
 def viewer(table: Table) -> str:
     """Who is before the screen, in a word of `ViewerState`."""
     return ViewerState(int(table.rows["render"]["viewer"])).word
 
 
 def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
-    """`{"session", "uptime_s", "camera_fps", "level", "viewer", "stages": {...}, "end_to_end": {...}, "horizon": {...}}`, as
-    `lfpipe monitor --once --json` prints it.
+    """`{"session", "uptime_s", "camera_fps", "camera_light", "level", "viewer", "stages": {...}, "end_to_end": {...},
+    "horizon": {...}}`, as `lfpipe monitor --once --json` prints it.
 
     A stage's p50_ms.. are its busy time; wait and busy hold both in full. end_to_end: the age of a picture, from the
     sensor's stamp to its presentation. horizon: how far ahead of the sensor's stamp the eyes are predicted, over all refreshes.
@@ -98,6 +104,7 @@ def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
         "session": session,
         "uptime_s": round((now_ns() - started_ns) / 1e9, 2),
         "camera_fps": stages[SOURCE]["fps"],
+        "camera_light": light(table),
         **quality(table),
         "viewer": viewer(table),
         "stages": stages,

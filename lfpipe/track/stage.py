@@ -79,7 +79,7 @@ def main(context: Context) -> None:
             record["face"], record["generation"], record["eyes_mm"] = seen, generation, apart.mm
             t_tracked_ns = now_ns()
             record["t_tracked_ns"] = t_tracked_ns
-            eyes.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch)
+            eyes.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
             context.row.tick(stamp.source_seq)
             context.row.measure(t_taken_ns - stamp.t_publish_ns, t_tracked_ns - t_taken_ns, t_tracked_ns - stamp.t_sensor_ns)
             engine.examine(image)  # after the eyes are on their way

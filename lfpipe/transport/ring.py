@@ -4,7 +4,7 @@
            128  published: slots ever published, alone on its cache line
            192  epoch: 0 for the ring's first writer; one more for each later writer, and for each gap that a writer reports
            256  description: JSON of shape and dtype, so that a reader needs no configuration
-    slot i   0  seq | source_seq | epoch | t_sensor_ns | t_read_ns | t_publish_ns | 0 | 0        (8 x int64)
+    slot i   0  seq | source_seq | epoch | t_sensor_ns | t_read_ns | t_publish_ns | kind | 0        (8 x int64)
             64  payload
              :  up to the stride, a multiple of 4096
 
@@ -82,6 +82,7 @@ class Stamp:
     t_read_ns: int
     t_publish_ns: int
     skipped: int
+    kind: int = 0  # what t_sensor_ns was derived from, see `StampKind`
 
 
 def create(name: str, spec: RingSpec, run_dir: Path | None = None) -> Segment:
@@ -167,11 +168,11 @@ class Writer(_Ring):
         fence()  # SYNC: the slot is marked unreadable before its first byte changes
         return self._payloads[i]
 
-    def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None) -> int:
-        """Makes the slot of the last `begin` the newest; returns its seq. epoch: of the frame, when this ring passes one on."""
+    def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None, kind: int = 0) -> int:
+        """Makes the slot of the last `begin` the newest; returns its seq. epoch, kind: of a frame that is passed on."""
         p = self.published
         head = self._heads[p % self.slots]
-        head[1:6] = source_seq, self.epoch if epoch is None else epoch, t_sensor_ns, t_read_ns, now_ns()
+        head[1:7] = source_seq, self.epoch if epoch is None else epoch, t_sensor_ns, t_read_ns, now_ns(), kind
         fence()  # SYNC: payload and stamps are out before the slot says that it holds them
         head[0] = p + 1
         fence()  # SYNC: the slot is whole before the counter leads readers to it
@@ -233,10 +234,10 @@ class Reader(_Ring):
 
     def _stamp(self, n: int) -> Stamp | None:
         """Header of slot number n, which is now the last read; None when the writer may have touched it meanwhile."""
-        seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns = self._heads[(n - 1) % self.slots][:6].tolist()
+        seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, kind = self._heads[(n - 1) % self.slots][:7].tolist()
         fence()  # SYNC: the copy is complete before the counter is looked at again
         if self.published - n > self.slots - 2 or seq != n:
             self.retries += 1
             return None
         skipped, self.last_seq = n - self.last_seq - 1, n
-        return Stamp(seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, skipped)
+        return Stamp(seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, skipped, kind)

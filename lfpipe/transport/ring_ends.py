@@ -108,13 +108,13 @@ class RingOutput:
         """The slot to fill, in place."""
         return self.writer.begin()
 
-    def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None) -> int:
+    def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None, kind: int = 0) -> int:
         """Publishes the slot of `begin` and wakes the readers. Where nothing may be lost, it first waits until they are at most
         a few slots behind; in lock-step, it then waits until they have dealt with this one.
         """
         if self._rows:
             self._wait_for(self._all_taken, self.credits)
-        seq = self.writer.publish(source_seq, t_sensor_ns, t_read_ns, epoch)
+        seq = self.writer.publish(source_seq, t_sensor_ns, t_read_ns, epoch, kind)
         self._done()  # at once: a kill before this line counts as lost what has just been published
         for wake in self._wakes:
             wake.notify(seq)

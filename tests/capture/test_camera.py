@@ -1,153 +1,203 @@
-"""What can be shown of the camera without one: what is asked for, what is made of the answers, and real errors."""
+"""The camera without a camera: negotiation, notes, stamps, counting and real errors. With a real driver: tests/camera_vm."""
 
-import struct
-import time
+from __future__ import annotations
+
+import ctypes
+import errno
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe import config
-from lfpipe.capture.camera import MAX_STAMP_AGE_NS, CameraSource, configure, fourcc_text, pixel_format, sensor_stamp_ns
+from lfpipe.capture import v4l2_abi as abi
+from lfpipe.capture.camera import CameraFinder, negotiate
+from lfpipe.capture.camera_list import cameras, describe, find_again, named, nodes
 from lfpipe.capture.open_source import check_source
-from lfpipe.capture.v4l2 import CAP_DEVICE_CAPS, CAP_VIDEO_CAPTURE, QUERYCAP_BYTES, cameras, captures
+from lfpipe.capture.sensor_clock import MAX_AGE_NS, SensorClock, stamp_kind
+from lfpipe.capture.spec import CameraSpec
+from lfpipe.capture.v4l2_device import Mode, captures
 from lfpipe.errors import UserError
+from lfpipe.transport.stamp_kind import StampKind
+from tests.capture.fake_camera import PATH, FakeCamera, source, unplugged
+
+PERIOD_NS = 100_000_000
+OUT = np.zeros((480, 640, 3), np.uint8)
 
 
-class Rounding:
-    """A driver that, as real ones do, takes what it has instead of what it is asked for, and stamps with a given clock."""
-
-    def __init__(
-        self, size: tuple[int, int] = (640, 480), rate: float = 30.0, code: str = "YUYV", grabs: tuple[bool, ...] = ()
-    ) -> None:
-        self.asked: list[int] = []
-        self.answers = {
-            cv2.CAP_PROP_FRAME_WIDTH: float(size[0]),
-            cv2.CAP_PROP_FRAME_HEIGHT: float(size[1]),
-            cv2.CAP_PROP_FPS: rate,
-            cv2.CAP_PROP_FOURCC: float(cv2.VideoWriter.fourcc(*code)),
-        }
-        self.size, self.grabs, self.age_ms, self.released = size, list(grabs), 5.0, False
-
-    def set(self, propId: int, value: float) -> bool:
-        self.asked.append(propId)
-        return True
-
-    def get(self, propId: int) -> float:
-        return time.monotonic_ns() / 1e6 - self.age_ms if propId == cv2.CAP_PROP_POS_MSEC else self.answers[propId]
-
-    def grab(self) -> bool:
-        return self.grabs.pop(0) if self.grabs else True
-
-    def retrieve(self, image: Any = None) -> tuple[bool, Any]:
-        image[:] = 9
-        return True, image
-
-    def release(self) -> None:
-        self.released = True
+def test_requests_are_those_of_the_kernel() -> None:
+    """The sizes are part of the numbers, which were compared with linux/videodev2.h."""
+    assert (abi.QUERYCAP, abi.S_FMT, abi.DQBUF, abi.S_PARM) == (0x80685600, 0xC0D05605, 0xC0585611, 0xC0CC5616)
+    assert (abi.DQEVENT, abi.QUERYCTRL, abi.ENUM_FRAMEINTERVALS) == (0x80885659, 0xC0445624, 0xC034564B)
+    assert ctypes.sizeof(abi.Buffer) == 88
 
 
-def test_format_is_asked_first_and_read_back() -> None:
-    device = Rounding((800, 600), 15.0, "MJPG")
-    width, height, rate, notes = configure(device, config.Camera())
-    assert device.asked[0] == cv2.CAP_PROP_FOURCC
-    assert (width, height, rate) == (800, 600, 15.0)
+@given(st.text(st.characters(min_codepoint=65, max_codepoint=90), min_size=3, max_size=4), st.booleans())
+def test_fourcc_round_trip(code: str, big: bool) -> None:
+    code += "-BE" if big else ""
+    assert abi.fourcc_text(abi.fourcc_code(code)) == code
+
+
+def test_fourcc_of_nothing() -> None:
+    assert abi.fourcc_text(0) == "?"
+
+
+def test_what_the_driver_rounds_is_noted() -> None:
+    device = FakeCamera(Mode("MJPG", 800, 600, 0, 15.0))
+    mode, notes = negotiate(PATH, device, config.Camera())
+    assert device.requested == [("YUYV", 640, 480, 30.0)] and mode == device.mode
     said = " ".join(notes)
-    for part in ("MJPG 800x600 at 15 Hz", "YUYV was asked for", "scaled to 640x480", "30 Hz were asked for"):
+    for part in ("MJPG 800x600 at 15 Hz", "YUYV requested", "scaled to 640x480", "30 Hz requested"):
         assert part in said
 
 
-def test_a_camera_that_does_as_asked_needs_one_note() -> None:
-    assert configure(Rounding(), config.Camera())[3] == ("the camera gives YUYV 640x480 at 30 Hz",)
+def test_a_camera_that_does_as_requested_needs_one_note() -> None:
+    assert negotiate(PATH, FakeCamera(), config.Camera())[1] == ("the camera delivers YUYV 640x480 at 30 Hz",)
 
 
-def test_an_unknown_rate_is_the_one_asked_for() -> None:
-    assert configure(Rounding(rate=0.0), config.Camera(rate_hz=25.0))[2] == 25.0
+def test_an_unknown_rate_is_the_one_requested() -> None:
+    assert negotiate(PATH, FakeCamera(Mode("YUYV", 640, 480, 1280, 0.0)), config.Camera(rate_hz=25.0))[0].rate_hz == 25.0
 
 
-def test_pixel_format() -> None:
-    assert pixel_format(config.Camera()) == "YUYV"
-    assert pixel_format(config.Camera(width_px=1280, height_px=720)) == "MJPG"
-    assert pixel_format(config.Camera(format="MJPG")) == "MJPG"
+@pytest.mark.parametrize("offered", [["H264"], ["H264", "HSV3"]])
+def test_formats_that_cannot_be_decoded_are_refused_by_name(offered: list[str]) -> None:
+    device = FakeCamera(Mode("H264", 640, 480, 0, 30.0), offered=offered)
+    with pytest.raises(UserError, match="H264") as told:
+        source(device)
+    assert "MJPG" in told.value.remedy and device.closed
 
 
-@given(st.text(st.characters(min_codepoint=65, max_codepoint=90), min_size=4, max_size=4))
-def test_fourcc_round_trip(code: str) -> None:
-    assert fourcc_text(float(cv2.VideoWriter.fourcc(*code))) == code
+def test_a_requested_format_the_camera_lacks_gives_way_to_one_that_can_be_decoded() -> None:
+    class Choosy(FakeCamera):
+        def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
+            super().configure(fourcc, width_px, height_px, rate_hz)
+            return Mode(fourcc if fourcc in self.offered else "H264", 640, 480, 640, 30.0)
+
+    mode, notes = negotiate(PATH, Choosy(offered=["H264", "NV12"]), config.Camera(format="YUYV"))
+    assert mode.fourcc == "NV12" and any("NV12 delivered" in note for note in notes)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, 1e12])
-def test_fourcc_that_tells_nothing(value: float) -> None:
-    assert fourcc_text(value) == "?"
+@given(st.integers(10**10, 10**16), st.integers(0, MAX_AGE_NS), st.integers(0, 10**8), st.booleans())
+def test_stamps_move_to_the_middle_of_the_exposure(now_ns: int, age_ns: int, exposure_ns: int, start: bool) -> None:
+    kind = StampKind.START_OF_EXPOSURE if start else StampKind.END_OF_FRAME
+    stamp_ns = now_ns - age_ns
+    middle_ns, known = SensorClock(10.0).middle_ns(stamp_ns, kind, now_ns, exposure_ns)
+    half_ns = exposure_ns // 2
+    assert known == kind and middle_ns == min(stamp_ns + (half_ns if start else -half_ns), now_ns)
 
 
-@given(st.integers(10**9, 10**16), st.integers(0, MAX_STAMP_AGE_NS // 1000))
-def test_kernel_stamps_survive_to_the_microsecond(now_us: int, age_us: int) -> None:
-    now_ns, stamp_us = now_us * 1000, max(1, now_us - age_us)
-    position_ms = 1000.0 * (stamp_us // 10**6) + (stamp_us % 10**6) / 1000.0  # as the capture makes it of a timeval
-    if now_us < 2**52 and now_us - age_us > 0:
-        assert sensor_stamp_ns(position_ms, now_ns) == stamp_us * 1000
+def test_an_unknown_exposure_is_half_a_period() -> None:
+    clock = SensorClock(10.0)
+    assert clock.middle_ns(10**12, StampKind.END_OF_FRAME, 10**12, None)[0] == 10**12 - PERIOD_NS // 4
+    assert clock.middle_ns(10**12, StampKind.START_OF_EXPOSURE, 10**12 + PERIOD_NS, None)[0] == 10**12 + PERIOD_NS // 4
 
 
-@pytest.mark.parametrize("position_ms", [0.0, -1.0, float("nan"), float("inf"), 1.7e12, 1.0])
-def test_stamps_of_another_clock_are_refused(position_ms: float) -> None:
-    """None, the wall clock, and a stamp from just after the start of a machine that has run for an hour."""
-    assert sensor_stamp_ns(position_ms, 3600 * 10**9) is None
+@given(st.lists(st.integers(0, PERIOD_NS - 1), min_size=2, max_size=20))
+@settings(max_examples=30)
+def test_stamps_ahead_of_the_clock_by_less_than_a_frame_keep_their_spacing(waits_ns: list[int]) -> None:
+    """As those of vivid: for the end of a frame that is handed out before its end."""
+    clock, found = SensorClock(10.0), []
+    for k, wait_ns in enumerate([0, *waits_ns]):  # the first is read at once: the largest lead there is
+        stamp_ns = 10**12 + k * PERIOD_NS
+        read_ns = stamp_ns - PERIOD_NS + wait_ns
+        middle_ns, kind = clock.middle_ns(stamp_ns, StampKind.END_OF_FRAME, read_ns, 0)
+        assert kind == StampKind.END_OF_FRAME and middle_ns <= read_ns, "nothing is read before it was exposed"
+        found.append(middle_ns)
+    assert set(np.diff(found)) == {PERIOD_NS}
 
 
-def test_stamp_from_the_future_is_refused() -> None:
-    assert sensor_stamp_ns(2001.0, 2000 * 10**6) is None
+@pytest.mark.parametrize("stamp_ns", [0, 1, 1_700_000_000 * 10**9, -5, 3600 * 10**9 + 2 * PERIOD_NS])
+def test_stamps_of_another_clock_are_refused(stamp_ns: int) -> None:
+    """None, the wall clock, a wrapped one, one from further ahead than a frame."""
+    now_ns = 3600 * 10**9
+    assert SensorClock(10.0).middle_ns(stamp_ns, StampKind.END_OF_FRAME, now_ns, None) == (now_ns, StampKind.READ)
 
 
-def test_frames_carry_the_kernels_stamp() -> None:
-    source = CameraSource(Path("/dev/null"), config.Camera(), Rounding())
-    out = np.zeros((480, 640, 3), np.uint8)
-    frames = [source.read(out) for _ in range(3)]
-    assert [frame.source_seq for frame in frames] == [0, 1, 2]
-    assert all(4e6 < frame.t_read_ns - frame.t_sensor_ns < 1e9 for frame in frames)
-    assert (out == 9).all()
+def test_uvcvideo_stamps_the_first_packet_unless_the_camera_stamps(tmp_path: Path) -> None:
+    parameter = tmp_path / "hwtimestamps"
+    assert stamp_kind("uvcvideo", True, parameter) == StampKind.START_OF_TRANSFER
+    parameter.write_text("1\n")
+    assert stamp_kind("uvcvideo", True, parameter) == StampKind.START_OF_EXPOSURE
+    assert stamp_kind("vivid", True, parameter) == StampKind.START_OF_EXPOSURE
+    assert stamp_kind("uvcvideo", False, parameter) == StampKind.END_OF_FRAME
 
 
-def test_without_stamps_the_frame_is_stamped_when_taken_and_that_is_said() -> None:
-    device = Rounding((320, 240))
-    device.age_ms = -1e9
-    source = CameraSource(Path("/dev/null"), config.Camera(), device)
-    assert any("no usable time stamps" in note for note in source.info.notes)
-    out = np.zeros((480, 640, 3), np.uint8)
-    frame = source.read(out)
-    assert frame.t_sensor_ns == frame.t_read_ns
-    assert (out == 9).all()  # scaled from 320x240
+def test_frames_carry_the_drivers_stamp_and_its_kind() -> None:
+    device = FakeCamera()
+    device.start_of_exposure = True
+    camera = source(device)
+    frames = [camera.read(OUT) for _ in range(3)]
+    assert all(frame is not None and frame.stamp == StampKind.START_OF_EXPOSURE for frame in frames)
+    assert all(frame is not None and 0 <= frame.t_read_ns - frame.t_sensor_ns < 1e9 for frame in frames)
 
 
-def test_a_failing_grab_is_a_camera_that_is_gone() -> None:
-    source = CameraSource(Path("/dev/null"), config.Camera(), Rounding(grabs=(True, False)))
-    with pytest.raises(UserError, match="gone"):
-        source.read(np.zeros((480, 640, 3), np.uint8))
+def test_without_usable_stamps_the_time_of_reading_is_used_and_noted() -> None:
+    device = FakeCamera(Mode("YUYV", 320, 240, 640, 30.0))
+    device.age_s = 1e6
+    camera = source(device)
+    assert any("no usable time stamps" in note for note in camera.info.notes)
+    frame = camera.read(OUT)
+    assert frame is not None and frame.t_sensor_ns == frame.t_read_ns and frame.stamp == StampKind.READ
 
 
-def test_a_slow_failure_is_a_stall() -> None:
-    class Slow(Rounding):
-        def grab(self) -> bool:
-            if self.grabs and not self.grabs[0]:
-                time.sleep(0.95)
-            return super().grab()
+def test_frames_that_the_driver_lost_leave_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [10**12]
+    monkeypatch.setattr("time.monotonic_ns", lambda: now[0])
+    device = FakeCamera()
+    device.sequences = [7, 8, 11, 2**32 - 1, 0, 0, 0]  # lost two; nonsense; wrapped; does not count
+    camera, seqs = source(device), []
+    for periods in (1, 3, 1, 1, 1, 1):
+        now[0] += periods * 33_333_333
+        frame = camera.read(OUT)
+        assert frame is not None
+        seqs.append(frame.source_seq)
+    assert seqs == [0, 3, 4, 5, 6, 7]
 
-    source = CameraSource(Path("/dev/null"), config.Camera(), Slow(grabs=(True, False, True)))
-    out = np.zeros((480, 640, 3), np.uint8)
+
+def test_damaged_frames_are_skipped_but_not_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = bytes([9, 128] * (640 * 480))
+    device = FakeCamera(frames=[whole, whole[:-2], whole])  # the last line is cut off
+    camera = source(device)
+    frame = camera.read(OUT)
+    assert frame is not None and frame.source_seq == 1, "the damaged one is missing"
+    device.damaged = True
+    monkeypatch.setattr("lfpipe.capture.camera.STALL_S", 0.05)
+    with pytest.raises(TimeoutError, match="damaged"):
+        camera.read(OUT)
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (unplugged(), "unplugged"),
+        (OSError(errno.EIO, "Input/output error"), "driver failed"),
+        (OSError(errno.EBUSY, "busy"), "busy"),
+    ],
+)
+def test_errors_of_the_driver_say_what_to_do(error: OSError, says: str) -> None:
+    camera = source(device := FakeCamera())
+    device.frames = [error]
+    with pytest.raises(UserError, match=says) as told:
+        camera.read(OUT)
+    assert told.value.remedy
+
+
+def test_a_stall_is_a_time_out_and_the_next_frame_counts_on() -> None:
+    frame = bytes([9, 128] * (640 * 480))
+    camera = source(FakeCamera(frames=[frame, TimeoutError(), frame]))
     with pytest.raises(TimeoutError):
-        source.read(out)
-    assert source.read(out).source_seq == 0
+        camera.read(OUT)
+    assert camera.read(OUT) is not None
 
 
-def test_no_first_frame_is_a_busy_camera_and_lets_go_of_it() -> None:
-    device = Rounding(grabs=(False,) * 5)
-    with pytest.raises(UserError, match="busy"):
-        CameraSource(Path("/dev/null"), config.Camera(), device)
-    assert device.released
+@pytest.mark.parametrize("error", [TimeoutError(), OSError(errno.EBUSY, "busy")])
+def test_a_camera_without_a_first_frame_is_closed(error: Exception) -> None:
+    device = FakeCamera(frames=[error])
+    with pytest.raises(UserError):
+        source(device)
+    assert device.closed
 
 
 @pytest.mark.parametrize(
@@ -161,27 +211,67 @@ def test_real_errors_of_real_paths(path: str, says: str, capfd: pytest.CaptureFi
 
 
 @pytest.mark.skipif(bool(cameras()), reason="a camera is here")
-def test_no_camera_at_all_names_the_ways_out() -> None:
-    with pytest.raises(UserError, match="no camera found") as told:
-        check_source("", config.Camera())
+@pytest.mark.parametrize(("text", "says"), [("", "no camera found"), ("camera:Nonesuch", "no camera of that name")])
+def test_no_camera_at_all_names_the_ways_out(text: str, says: str) -> None:
+    with pytest.raises(UserError, match=says) as told:
+        check_source(text, config.Camera())
     assert "--camera demo" in told.value.remedy and "file:" in told.value.remedy
 
 
 @given(st.integers(0, 2**31 - 1), st.integers(0, 2**32 - 1), st.booleans())
 def test_the_nodes_own_capabilities_decide(whole: int, node: int, tells: bool) -> None:
-    reply = bytearray(QUERYCAP_BYTES)
-    struct.pack_into("=II", reply, 84, whole | (CAP_DEVICE_CAPS if tells else 0), node)
-    assert captures(bytes(reply)) == bool((node if tells else whole) & CAP_VIDEO_CAPTURE)
+    answer = abi.Capability(capabilities=whole | (abi.CAP_DEVICE_CAPS if tells else 0), device_caps=node)
+    own = node if tells else whole
+    assert captures(answer) == bool(own & abi.CAP_VIDEO_CAPTURE and own & abi.CAP_STREAMING)
+
+
+def _kernel(root: Path, **devices: tuple[str, str]) -> tuple[Path, Path]:
+    """A /sys and a /dev that list devices by number: (name, bus)."""
+    sys, dev = root / "sys", root / "dev"
+    dev.mkdir(exist_ok=True)
+    for entry in (*sys.glob("*"), *dev.glob("*")):
+        if entry.is_dir():
+            (entry / "device").unlink(missing_ok=True)
+            (entry / "name").unlink(missing_ok=True)
+            entry.rmdir()
+        else:
+            entry.unlink()
+    for number, (name, bus) in devices.items():
+        (sys / number).mkdir(parents=True)
+        (sys / number / "name").write_text(f"{name}\n")
+        (root / bus).mkdir(exist_ok=True)
+        (sys / number / "device").symlink_to(root / bus)
+        (dev / number).touch()
+    return sys, dev
 
 
 def test_only_devices_that_exist_are_listed(tmp_path: Path) -> None:
-    sys, dev = tmp_path / "sys", tmp_path / "dev"
-    dev.mkdir()
+    sys, dev = _kernel(tmp_path, video10=("Camera 10", "usb1"), video2=("Camera 2", "usb2"))
+    found = [(camera.path.name, camera.name) for camera in cameras(sys, dev)]  # no driver answers: listed, to see what is wrong
+    assert found == [("video2", "Camera 2"), ("video10", "Camera 10")]
     for name in ("video10", "video2"):
-        (sys / name).mkdir(parents=True)
-        (sys / name / "name").write_text(f"Camera {name}\n")
+        (dev / name).unlink()
     assert cameras(sys, dev) == []
-    for name in ("video10", "video2"):  # there, but no driver answers: listed, for the person to see what is wrong with it
-        (dev / name).touch()
-    found = [(camera.path.name, camera.name) for camera in cameras(sys, dev)]
-    assert found == [("video2", "Camera video2"), ("video10", "Camera video10")]
+
+
+def test_a_camera_is_found_again_by_bus_and_name(tmp_path: Path) -> None:
+    sys, dev = _kernel(tmp_path, video0=("Cam", "usb1"), video1=("Cam", "usb2"), video2=("Other", "usb3"))
+    known = describe(dev / "video1", sys)
+    assert find_again(known, sys, dev) == dev / "video1"
+    _kernel(tmp_path, video0=("Other", "usb3"), video1=("Cam", "usb1"), video3=("Cam", "usb2"))
+    assert find_again(known, sys, dev) == dev / "video3", "same bus and name"
+    _kernel(tmp_path, video0=("Other", "usb3"), video5=("Cam", "usb9"))
+    assert find_again(known, sys, dev) == dev / "video5", "plugged in elsewhere"
+    _kernel(tmp_path, video1=("Other", "usb3"))
+    assert find_again(known, sys, dev) == dev / "video1", "another camera at its number is taken"
+
+
+def test_a_name_means_one_camera(tmp_path: Path) -> None:
+    sys, dev = _kernel(tmp_path, video0=("Integrated Camera", "a"), video1=("Cam", "b"), video2=("CAM", "c"))
+    found = nodes(sys, dev)
+    assert [d.path.name for d in named("cam", found)] == ["video1", "video2"], "an equal name goes before one that contains it"
+    assert [d.path.name for d in named("integrated", found)] == ["video0"]
+
+
+def test_a_device_that_is_not_there_yet_keeps_its_path() -> None:
+    assert CameraFinder(CameraSpec(Path("/dev/video96"))).path() == Path("/dev/video96")

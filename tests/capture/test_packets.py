@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture.camera import CameraSource
 from lfpipe.capture.file import FileSource
 from lfpipe.capture.spec import FileSpec
+from lfpipe.capture.v4l2_device import Mode
+from tests.capture.fake_camera import FakeCamera, source
 
 SIZE = (96, 64)
 CAMERA = config.Camera(width_px=SIZE[0], height_px=SIZE[1])
@@ -29,63 +28,33 @@ def seen(packet: bytes) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(packet, np.uint8), cv2.IMREAD_COLOR)
 
 
-class Webcam:
-    """A UVC camera in the hands of V4L2: decodes by itself until it is told not to, and forgets that at every other setting."""
-
-    def __init__(self, packets: list[bytes]) -> None:
-        self.packets, self.raw = packets, False
-        self.sent = -1
-
-    def set(self, propId: int, value: float) -> bool:
-        self.raw = propId == cv2.CAP_PROP_CONVERT_RGB and not value
-        return True
-
-    def get(self, propId: int) -> float:
-        return {
-            cv2.CAP_PROP_FRAME_WIDTH: float(SIZE[0]),
-            cv2.CAP_PROP_FRAME_HEIGHT: float(SIZE[1]),
-            cv2.CAP_PROP_FPS: 30.0,
-            cv2.CAP_PROP_FOURCC: float(cv2.VideoWriter.fourcc(*"MJPG")),
-            cv2.CAP_PROP_POS_MSEC: time.monotonic_ns() / 1e6 - 5,
-        }[propId]
-
-    def grab(self) -> bool:
-        self.sent += 1
-        return self.sent < len(self.packets)
-
-    def retrieve(self, image: Any = None) -> tuple[bool, Any]:
-        data = np.frombuffer(self.packets[self.sent], np.uint8)
-        if self.raw:
-            return bool(data.size), data.reshape(1, -1)
-        return True, cv2.imdecode(data, cv2.IMREAD_COLOR)
-
-    def release(self) -> None:
-        pass
+def webcam(packets: list[bytes]) -> FakeCamera:
+    return FakeCamera(Mode("MJPG", *SIZE, 0, 30.0), packets)
 
 
 def test_a_cameras_jpegs_come_out_as_they_went_in() -> None:
     start, padded = jpeg(0), jpeg(2) + bytes(100)  # some drivers fill their buffer up; what is behind the picture stays too
     sent = [start, jpeg(1), padded]
-    source = CameraSource(Path("/dev/null"), CAMERA, Webcam(sent))
-    assert source.info.jpeg
+    camera = source(webcam(sent), width_px=SIZE[0], height_px=SIZE[1])
+    assert camera.info.jpeg
     out = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
     for packet in sent[1:]:
-        frame = source.read(out)
+        frame = camera.read(out)
         assert frame is not None and frame.packet is not None and frame.packet.tobytes() == packet
         assert np.array_equal(out, seen(packet))
 
 
 def test_a_packet_that_is_no_jpeg_is_passed_over() -> None:
-    source = CameraSource(Path("/dev/null"), CAMERA, Webcam([jpeg(0), b"", b"\0" * 500, jpeg(3)[:40], jpeg(4)]))
+    camera = source(webcam([jpeg(0), b"", b"\0" * 500, jpeg(3)[:40], jpeg(4)]), width_px=SIZE[0], height_px=SIZE[1])
     out = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
-    frame = source.read(out)
-    assert frame is not None and frame.packet is not None and frame.packet.tobytes() == jpeg(4) and frame.source_seq == 0
+    frame = camera.read(out)
+    assert frame is not None and frame.packet is not None and frame.packet.tobytes() == jpeg(4) and frame.source_seq == 3
 
 
 def test_frames_of_another_size_are_scaled_and_their_packets_stay(tmp_path: Path) -> None:
-    source = CameraSource(Path("/dev/null"), config.Camera(width_px=48, height_px=32), Webcam([jpeg(0), jpeg(1)]))
+    camera = source(webcam([jpeg(0), jpeg(1)]), width_px=48, height_px=32)
     out = np.zeros((32, 48, 3), np.uint8)
-    frame = source.read(out)
+    frame = camera.read(out)
     assert frame is not None and frame.packet is not None and frame.packet.tobytes() == jpeg(1)
     assert np.array_equal(out, cv2.resize(seen(jpeg(1)), (48, 32), interpolation=cv2.INTER_LINEAR))
 

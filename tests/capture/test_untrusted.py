@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from lfpipe import config
+from lfpipe.capture import camera_list
 from lfpipe.capture import open_source as open_source_module
-from lfpipe.capture import v4l2
 from lfpipe.capture.file import MAX_BROKEN, FileSource
 from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.capture.open_source import check_source, open_source
@@ -153,6 +153,7 @@ def test_a_broken_picture_in_a_folder_is_one_frame(tmp_path: Path) -> None:
     source = FileSource(FileSpec(tmp_path, loop=False), CAMERA)
     assert played(source) == ([0, 1, 3, 4], 1)
 
+
 def test_a_source_of_broken_frames_only_gives_up(tmp_path: Path) -> None:
     for index in range(5):
         cv2.imwrite(str(tmp_path / f"{index}.png"), picture(index))
@@ -240,22 +241,20 @@ def test_nobody_waits_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     def hangs(*_: Any) -> Any:
         time.sleep(1000)
 
-    monkeypatch.setattr(open_source_module, "open_source", hangs)
+    monkeypatch.setattr(open_source_module, "_tried", hangs)
     monkeypatch.setattr(open_source_module, "FILE_S", 0.2)
     monkeypatch.setattr(open_source_module, "CAMERA_S", 0.2)
     for text in ("file:x.avi", "camera:/dev/video7"):
         with pytest.raises(UserError, match=r"no answer for 0\.2 s") as told:
             check_source(text, CAMERA)
         assert told.value.message.startswith(text)
-    monkeypatch.setattr(v4l2, "ANSWER_S", 0.2)
-    monkeypatch.setattr(v4l2, "_is_capture", hangs)
-    monkeypatch.setattr(v4l2, "_formats", hangs)
-    for call in (v4l2.is_capture, v4l2.formats):
-        with pytest.raises(OSError, match="does not answer"):
-            call(Path("/dev/video0"))
+    monkeypatch.setattr(camera_list, "ANSWER_S", 0.2)
+    monkeypatch.setattr(camera_list, "V4L2Device", hangs)
+    with pytest.raises(OSError, match="does not answer"):
+        camera_list.asking(Path("/dev/video0"), lambda device: device.captures)
     monkeypatch.undo()
-    monkeypatch.setattr(v4l2, "ANSWER_S", 0.2)
-    monkeypatch.setattr(v4l2, "_is_capture", hangs)
+    monkeypatch.setattr(camera_list, "ANSWER_S", 0.2)
+    monkeypatch.setattr(camera_list, "V4L2Device", hangs)
     with pytest.raises(UserError, match="does not answer"):
         open_source("camera:/dev/video7", CAMERA)
 

@@ -6,34 +6,32 @@ The device's node is an ordinary file that holds a word: "frames", "stall" (the 
 
 from __future__ import annotations
 
+import errno
 import time
 from pathlib import Path
-from typing import Any
 
 import attrs
-import cv2
+import numpy as np
 
 from lfpipe import config
 from lfpipe.capture import camera, stage
 from lfpipe.capture.demo import DemoSource
-from lfpipe.capture.spec import CameraSpec
-from lfpipe.errors import UserError
+from lfpipe.capture.v4l2_device import ControlRange, Mode
+from lfpipe.capture.v4l2_stream import RawFrame
 from lfpipe.supervisor import process_table
 from lfpipe.transport.context import Context
 
-ANSWERS = {
-    cv2.CAP_PROP_FRAME_WIDTH: 640.0,
-    cv2.CAP_PROP_FRAME_HEIGHT: 480.0,
-    cv2.CAP_PROP_FPS: 30.0,
-    cv2.CAP_PROP_FOURCC: float(cv2.VideoWriter.fourcc(*"YUYV")),
-}
-
 
 class ScriptedDevice:
-    """What is used of cv2.VideoCapture, of a camera of 640x480 at 30 Hz with the demo's face before it."""
+    """A `V4L2Device` and its `V4L2Stream`: a camera of 640x480 at 30 Hz with the demo's face before it."""
+
+    driver, captures = "scripted", True
 
     def __init__(self, path: Path) -> None:
+        if not path.exists():
+            raise FileNotFoundError(errno.ENOENT, "no such device")
         self._path, self._scene, self._due = path, DemoSource(config.Camera()), time.monotonic()
+        self._picture, self._count = np.empty((480, 640, 3), np.uint8), 0
 
     def _word(self) -> str:
         try:
@@ -41,44 +39,65 @@ class ScriptedDevice:
         except FileNotFoundError:
             return ""
 
-    def set(self, propId: int, value: float) -> bool:
-        return True
+    def fourccs(self) -> list[str]:
+        return ["BGR3"]
 
-    def get(self, propId: int) -> float:
-        return time.monotonic() * 1000 if propId == cv2.CAP_PROP_POS_MSEC else ANSWERS[propId]
+    def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
+        return Mode("BGR3", 640, 480, 1920, 30.0)
 
-    def grab(self) -> bool:
+    def control_range(self, control: int) -> ControlRange | None:
+        return None
+
+    def control(self, control: int) -> int:
+        return 0
+
+    def set_control(self, control: int, value: int) -> None:
+        pass
+
+    def read(self, timeout_s: float) -> RawFrame:
         while self._word() == "hang":
             time.sleep(0.01)
         if self._word() == "stall":
             time.sleep(1.0)
-            return False
+            raise TimeoutError
         self._due = max(self._due + 1 / 30, time.monotonic() - 1 / 30)
         time.sleep(max(0.0, self._due - time.monotonic()))
-        return self._word() == "frames"
+        if self._word() != "frames":
+            raise OSError(errno.ENODEV, "unplugged")
+        self._scene.read(self._picture)
+        self._count += 1
+        return RawFrame(self._picture.reshape(-1), self._count, time.monotonic_ns(), False, False)
 
-    def retrieve(self, image: Any = None) -> tuple[bool, Any]:
-        self._scene.read(image)
-        return True, image
-
-    def release(self) -> None:
+    def close(self) -> None:
         while self._word() == "hang":
             time.sleep(0.01)
 
 
-def open_scripted(spec: CameraSpec, settings: config.Camera) -> camera.CameraSource:
-    if not spec.path.exists():
-        raise UserError(f"camera {spec.path}: no such device", "plug it in")
-    return camera.CameraSource(spec.path, settings, ScriptedDevice(spec.path))
+def open_scripted(path: Path, settings: config.Camera) -> camera.CameraSource:
+    try:
+        device = ScriptedDevice(path)
+    except OSError as error:
+        raise camera.trouble(path, error) from None
+    return camera.CameraSource(path, settings, device, lambda device: device)
+
+
+def check_scripted(path: Path, settings: config.Camera) -> camera.SourceInfo:
+    source = open_scripted(path, settings)
+    source.close()
+    return source.info
+
+
+def install() -> None:
+    camera.open_camera, camera.check_camera = open_scripted, check_scripted
 
 
 def main(context: Context) -> None:
-    camera.open_camera = open_scripted
+    install()
     stage.main(context)
 
 
 if __name__ == "__main__":
-    camera.open_camera = open_scripted
+    install()
     process_table.STAGES = tuple(
         attrs.evolve(each, module="tests.faults.scripted_camera") if each.source else each for each in process_table.STAGES
     )

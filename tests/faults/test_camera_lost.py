@@ -205,9 +205,7 @@ def test_what_is_no_fault_of_the_camera_is_not_hidden() -> None:
 def test_a_slow_frame_keeps_nobody_waiting(tmp_path: Path) -> None:
     node = tmp_path / "video0"
     node.write_text("frames")
-    from lfpipe.capture.spec import CameraSpec
-
-    camera = ReconnectingCamera(SourceInfo("?", 1, 1, 1.0, live=True), lambda: open_scripted(CameraSpec(node), config.Camera()))
+    camera = ReconnectingCamera(SourceInfo("?", 1, 1, 1.0, live=True), lambda: open_scripted(node, config.Camera()))
     out = np.zeros((480, 640, 3), np.uint8)
     _read(camera, out)
     node.write_text("hang")

@@ -1,11 +1,10 @@
-"""Cameras and calibration: what the kernel's answers mean, what is written, and a whole run on the demo's face."""
+"""Calibration: what is written, and a whole run on the demo's face."""
 
 from __future__ import annotations
 
 import json
 import math
 import shutil
-import struct
 import subprocess
 import tomllib
 from collections.abc import Callable
@@ -16,20 +15,12 @@ import numpy as np
 import pytest
 
 from lfpipe.capture.open_source import open_source
-from lfpipe.capture.v4l2 import ENUM_FRAMEINTERVALS_BYTES, rate_of
 from lfpipe.config import Camera
 from lfpipe.track.calibration import FRAMES, EyeGauge, write_key
 from lfpipe.track.engine import Face
 from lfpipe.track.litert_engine import LitertEngine
 from tests.world import World
 from tests.xvfb_screen import Screen, outline
-
-
-@pytest.mark.parametrize(("interval", "rate"), [((1, 30), "30"), ((1001, 30000), "29.97"), ((2, 15), "7.5"), ((0, 1), "?")])
-def test_rates_of_a_camera(interval: tuple[int, int], rate: str) -> None:
-    reply = bytearray(ENUM_FRAMEINTERVALS_BYTES)
-    struct.pack_into("=I4sIII2I", reply, 0, 0, b"MJPG", 640, 480, 1, *interval)
-    assert rate_of(bytes(reply)) == rate
 
 
 @pytest.mark.parametrize(

@@ -133,7 +133,7 @@ function draw(event) {
   page.last = told;
   if (!told.alive) { $("state").textContent = "no session; waiting for one"; return; }
   const minutes = Math.floor(told.uptime_s / 60), seconds = Math.floor(told.uptime_s % 60).toString().padStart(2, "0");
-  $("state").textContent = `up ${minutes}:${seconds}, camera ${told.camera_hz.toFixed(1)} Hz, viewer ${told.viewer}`
+  $("state").textContent = `up ${minutes}:${seconds}, camera ${told.camera_hz.toFixed(1)} Hz${told.camera_light ? ` (${told.camera_light})` : ""}, viewer ${told.viewer}`
     + `${told.paused ? ", paused" : ""}`
     + `${told.level ? `, quality lowered to ${told.level_words} (${told.level} of ${told.lowest_level})` : ""}; sensor to screen p50 ${told.age.p50.toFixed(1)}, p99 ${told.age.p99.toFixed(1)} ms, `
     + `eyes predicted by ${told.horizon.p50.toFixed(1)} ms`;

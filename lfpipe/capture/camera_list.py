@@ -1,0 +1,113 @@
+"""Cameras that the kernel lists, and where one of them is now: device numbers change, name and bus do not."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import attrs
+
+from lfpipe.capture.time_limit import with_time_limit
+from lfpipe.capture.v4l2_device import V4L2Device
+
+SYS, DEV = Path("/sys/class/video4linux"), Path("/dev")
+ANSWER_S = 3.0  # drivers answer in microseconds; one that is stuck never does
+
+T = TypeVar("T")
+
+
+@attrs.frozen
+class CameraDevice:
+    """A device that the kernel lists. name: the driver's. bus: its place in /sys. Both empty if unknown."""
+
+    path: Path
+    name: str
+    bus: str = ""
+
+
+def _limited(call: Callable[[], T]) -> T:
+    try:
+        return with_time_limit(ANSWER_S, call)
+    except TimeoutError as error:
+        if error.errno is not None:  # the driver's own
+            raise
+        raise OSError(errno.ETIMEDOUT, "its driver does not answer") from None
+
+
+def opened(path: Path) -> V4L2Device:
+    """Raises OSError as the driver does, ETIMEDOUT after ANSWER_S."""
+    return _limited(lambda: V4L2Device(path))
+
+
+def asking(path: Path, question: Callable[[V4L2Device], T]) -> T:
+    """Opens the device, asks it and closes it. Raises OSError as the driver does, ETIMEDOUT after ANSWER_S."""
+
+    def ask() -> T:
+        device = V4L2Device(path)
+        try:
+            return question(device)
+        finally:
+            device.close()
+
+    return _limited(ask)
+
+
+def nodes(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
+    """Every video device in the order of its number, cameras or not. Opens none of them."""
+    found = []
+    for entry in sorted(sys.glob("video*"), key=lambda entry: int("0" + entry.name.removeprefix("video"))):
+        found.append(describe(dev / entry.name, sys))
+    return found
+
+
+def describe(path: Path, sys: Path = SYS) -> CameraDevice:
+    """The device at path with its name and bus."""
+    entry = sys / path.resolve().name
+    try:
+        name = (entry / "name").read_text().strip()
+    except OSError:
+        name = ""
+    device = entry / "device"
+    return CameraDevice(path, name, str(device.resolve()) if device.exists() else "")
+
+
+def cameras(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
+    """The capturing devices, by number. One that cannot be asked (busy, no permission) is listed too."""
+    found = []
+    for device in nodes(sys, dev):
+        try:
+            if not asking(device.path, lambda device: device.captures):
+                continue
+        except PermissionError:
+            pass
+        except OSError:
+            if not device.path.exists():
+                continue
+        found.append(device)
+    return found
+
+
+def named(name: str, found: list[CameraDevice]) -> list[CameraDevice]:
+    """The devices called name, whatever its case; if there is none, those whose name contains it."""
+    wanted = name.casefold()
+    return [d for d in found if d.name.casefold() == wanted] or [d for d in found if wanted in d.name.casefold()]
+
+
+def find_again(known: CameraDevice, sys: Path = SYS, dev: Path = DEV) -> Path:
+    """Where a camera is now: the same name on the same bus, else the same name, else the path it had.
+
+    Nodes of one camera (pictures, metadata) share name and bus: the one at the old path wins, else the first that captures.
+    """
+    same = [device for device in nodes(sys, dev) if device.name and device.name == known.name]
+    candidates = [device for device in same if device.bus == known.bus] or same
+    if not candidates or any(device.path == known.path for device in candidates):
+        return known.path
+    for device in candidates:
+        try:
+            if asking(device.path, lambda device: device.captures):
+                return device.path
+        except OSError:
+            continue
+    return candidates[0].path

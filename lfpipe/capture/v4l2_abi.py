@@ -1,0 +1,201 @@
+"""The structures and request numbers of linux/videodev2.h that are used here: a stable binary interface.
+
+linuxpy (formerly v4l2py) wraps the whole interface, but its licence, GPL 3 or later, does not suit an Apache-2.0 program.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import Structure, Union, c_char, c_int32, c_int64, c_long, c_uint8, c_uint32, sizeof
+from typing import Any
+
+CAP_VIDEO_CAPTURE, CAP_STREAMING, CAP_DEVICE_CAPS = 0x1, 0x04000000, 0x80000000
+VIDEO_CAPTURE, VIDEO_OUTPUT, MEMORY_MMAP = 1, 2, 1
+FRAME_SIZE_DISCRETE = FRAME_INTERVAL_DISCRETE = 1
+BUF_FLAG_ERROR, TIMESTAMP_MASK, TIMESTAMP_MONOTONIC, STAMP_SOURCE_MASK, STAMP_SOURCE_SOE = 0x40, 0xE000, 0x2000, 0x70000, 0x10000
+FIELD_NONE = 1
+CTRL_DISABLED, CTRL_READ_ONLY, CTRL_INACTIVE = 0x1, 0x4, 0x10
+CTRL_MENU = 3
+EVENT_SOURCE_CHANGE = 5
+
+
+class Capability(Structure):
+    _fields_ = (
+        ("driver", c_char * 16),
+        ("card", c_char * 32),
+        ("bus_info", c_char * 32),
+        ("version", c_uint32),
+        ("capabilities", c_uint32),
+        ("device_caps", c_uint32),
+        ("reserved", c_uint32 * 3),
+    )
+
+
+class FormatDescription(Structure):
+    _fields_ = (
+        ("index", c_uint32),
+        ("type", c_uint32),
+        ("flags", c_uint32),
+        ("description", c_char * 32),
+        ("pixelformat", c_uint32),
+        ("mbus_code", c_uint32),
+        ("reserved", c_uint32 * 3),
+    )
+
+
+class FrameSize(Structure):
+    """sizes: of a discrete one width and height, of a range least, most and step of each."""
+
+    _fields_ = (
+        ("index", c_uint32),
+        ("pixelformat", c_uint32),
+        ("type", c_uint32),
+        ("sizes", c_uint32 * 6),
+        ("reserved", c_uint32 * 2),
+    )
+
+
+class FrameInterval(Structure):
+    """interval: numerator and denominator in seconds, of a range the shortest first."""
+
+    _fields_ = (
+        ("index", c_uint32),
+        ("pixelformat", c_uint32),
+        ("width", c_uint32),
+        ("height", c_uint32),
+        ("type", c_uint32),
+        ("interval", c_uint32 * 6),
+        ("reserved", c_uint32 * 2),
+    )
+
+
+class PixelFormat(Structure):
+    _fields_ = tuple(
+        (name, c_uint32)
+        for name in (
+            *("width", "height", "pixelformat", "field", "bytesperline", "sizeimage", "colorspace", "priv", "flags"),
+            *("ycbcr_enc", "quantization", "xfer_func"),
+        )
+    )
+
+
+class _FormatUnion(Union):
+    _fields_ = (("pix", PixelFormat), ("raw", c_uint8 * 200), ("align", ctypes.c_void_p))
+
+
+class Format(Structure):
+    _fields_ = (("type", c_uint32), ("fmt", _FormatUnion))
+
+
+class StreamParameters(Structure):
+    """interval: numerator and denominator of the time per frame in seconds."""
+
+    _fields_ = (
+        ("type", c_uint32),
+        ("capability", c_uint32),
+        ("mode", c_uint32),
+        ("interval", c_uint32 * 2),
+        ("rest", c_uint8 * 184),
+    )
+
+
+class RequestBuffers(Structure):
+    _fields_ = tuple((name, c_uint32) for name in ("count", "type", "memory", "capabilities", "flags"))
+
+
+class TimeValue(Structure):
+    _fields_ = (("seconds", c_long), ("microseconds", c_long))
+
+
+class Buffer(Structure):
+    _fields_ = (
+        ("index", c_uint32),
+        ("type", c_uint32),
+        ("bytesused", c_uint32),
+        ("flags", c_uint32),
+        ("field", c_uint32),
+        ("timestamp", TimeValue),
+        ("timecode", c_uint32 * 4),
+        ("sequence", c_uint32),
+        ("memory", c_uint32),
+        ("offset", ctypes.c_ulong),
+        ("length", c_uint32),
+        ("reserved", c_uint32),
+        ("request_fd", c_int32),
+    )
+
+
+class QueryControl(Structure):
+    _fields_ = (
+        ("id", c_uint32),
+        ("type", c_uint32),
+        ("name", c_char * 32),
+        ("minimum", c_int32),
+        ("maximum", c_int32),
+        ("step", c_int32),
+        ("default", c_int32),
+        ("flags", c_uint32),
+        ("reserved", c_uint32 * 2),
+    )
+
+
+class Control(Structure):
+    _fields_ = (("id", c_uint32), ("value", c_int32))
+
+
+class EventSubscription(Structure):
+    _fields_ = (("type", c_uint32), ("id", c_uint32), ("flags", c_uint32), ("reserved", c_uint32 * 5))
+
+
+class _EventUnion(Union):
+    _fields_ = (("data", c_uint8 * 64), ("align", c_int64))
+
+
+class Event(Structure):
+    _fields_ = (
+        ("type", c_uint32),
+        ("u", _EventUnion),
+        ("pending", c_uint32),
+        ("sequence", c_uint32),
+        ("timestamp", TimeValue),
+        ("id", c_uint32),
+        ("reserved", c_uint32 * 8),
+    )
+
+
+def _request(direction: int, number: int, argument: Any) -> int:
+    return direction << 30 | sizeof(argument) << 16 | ord("V") << 8 | number
+
+
+_WRITE, _READ = 1, 2
+QUERYCAP = _request(_READ, 0, Capability)
+ENUM_FMT = _request(_READ | _WRITE, 2, FormatDescription)
+S_FMT = _request(_READ | _WRITE, 5, Format)
+REQBUFS = _request(_READ | _WRITE, 8, RequestBuffers)
+QUERYBUF = _request(_READ | _WRITE, 9, Buffer)
+QBUF = _request(_READ | _WRITE, 15, Buffer)
+DQBUF = _request(_READ | _WRITE, 17, Buffer)
+STREAMON = _request(_WRITE, 18, c_int32)
+STREAMOFF = _request(_WRITE, 19, c_int32)
+S_PARM = _request(_READ | _WRITE, 22, StreamParameters)
+G_CTRL = _request(_READ | _WRITE, 27, Control)
+S_CTRL = _request(_READ | _WRITE, 28, Control)
+QUERYCTRL = _request(_READ | _WRITE, 36, QueryControl)
+ENUM_FRAMESIZES = _request(_READ | _WRITE, 74, FrameSize)
+ENUM_FRAMEINTERVALS = _request(_READ | _WRITE, 75, FrameInterval)
+DQEVENT = _request(_READ, 89, Event)
+SUBSCRIBE_EVENT = _request(_WRITE, 90, EventSubscription)
+
+
+def fourcc_text(code: int) -> str:
+    """The four characters of a pixel format, "?" for none; "-BE" marks a big-endian variant (bit 31)."""
+    if not code:
+        return "?"
+    text = (code & 0x7FFFFFFF).to_bytes(4, "little").decode("ascii", "replace").strip()
+    return text + "-BE" if code >> 31 else text
+
+
+def fourcc_code(text: str) -> int:
+    """The inverse of `fourcc_text`."""
+    big, text = text.endswith("-BE"), text.removesuffix("-BE")
+    return int.from_bytes(text.ljust(4).encode("ascii"), "little") | big << 31

@@ -1,0 +1,175 @@
+"""One open V4L2 device: its identity, formats, controls and mode. It streams through `v4l2_stream`."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+from collections.abc import Iterator
+from ctypes import Structure
+from fractions import Fraction
+from pathlib import Path
+from typing import TypeVar
+
+import attrs
+
+from lfpipe.capture import v4l2_abi as abi
+
+MAX_LISTED = 256  # entries of one list; a driver that never ends it is cut off
+
+S = TypeVar("S", bound=Structure)
+
+
+@attrs.frozen
+class Mode:
+    """What a device delivers. fourcc: see `v4l2_abi.fourcc_text`. stride: bytes per row, 0 for JPEGs. rate_hz: 0 if unknown."""
+
+    fourcc: str
+    width_px: int
+    height_px: int
+    stride: int
+    rate_hz: float
+
+
+@attrs.frozen
+class FrameSizes:
+    """A pixel format and a size it comes in. rates_hz: descending; empty if unknown. A range of sizes has its text in span."""
+
+    fourcc: str
+    width_px: int
+    height_px: int
+    rates_hz: tuple[float, ...] = ()
+    span: str = ""
+
+    @property
+    def text(self) -> str:
+        return self.span or f"{self.width_px}x{self.height_px}"
+
+
+@attrs.frozen
+class ControlRange:
+    """A control of integers. default, minimum, maximum, step: in the driver's units."""
+
+    minimum: int
+    maximum: int
+    step: int
+    default: int
+    inactive: bool  # another control, such as an automatic, decides its value at present
+
+
+class V4L2Device:
+    """Owns a descriptor of the device at path. Every call raises OSError as the driver does."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            self._capability = self.ioctl(abi.QUERYCAP, abi.Capability())
+        except OSError:
+            self.close()
+            raise
+
+    def ioctl(self, request: int, argument: S) -> S:
+        """argument as the driver changed it."""
+        fcntl.ioctl(self.fd, request, argument)
+        return argument
+
+    @property
+    def driver(self) -> str:
+        return bytes(self._capability.driver).decode(errors="replace")
+
+    @property
+    def captures(self) -> bool:
+        """Whether this very node delivers pictures to mapped buffers (a camera's second node is for metadata)."""
+        return captures(self._capability)
+
+    def fourccs(self) -> list[str]:
+        """The pixel formats that the device offers, in the driver's order."""
+        message = abi.FormatDescription(type=abi.VIDEO_CAPTURE)
+        return [abi.fourcc_text(message.pixelformat) for _ in self._listed(abi.ENUM_FMT, message)]
+
+    def sizes(self, fourcc: str) -> list[FrameSizes]:
+        """The frame sizes of a pixel format with their rates; of a range of sizes one entry, with the rates of the smallest."""
+        code, found = abi.fourcc_code(fourcc), []
+        message = abi.FrameSize(pixelformat=code)
+        for _ in self._listed(abi.ENUM_FRAMESIZES, message):
+            low_w, high_w, _, low_h, high_h, _ = message.sizes
+            if message.type != abi.FRAME_SIZE_DISCRETE:
+                span = f"{low_w}x{low_h}..{high_w}x{high_h}"
+                return [FrameSizes(fourcc, low_w, low_h, self._rates(code, low_w, low_h), span)]
+            width_px, height_px = low_w, high_w  # of a discrete size these two words are width and height
+            found.append(FrameSizes(fourcc, width_px, height_px, self._rates(code, width_px, height_px)))
+        return found
+
+    def _rates(self, code: int, width_px: int, height_px: int) -> tuple[float, ...]:
+        message = abi.FrameInterval(pixelformat=code, width=width_px, height=height_px)
+        found: set[float] = set()
+        for _ in self._listed(abi.ENUM_FRAMEINTERVALS, message):
+            numerator, denominator = message.interval[:2]
+            if numerator:
+                found.add(denominator / numerator)
+            if message.type != abi.FRAME_INTERVAL_DISCRETE:
+                break
+        return tuple(sorted(found, reverse=True))
+
+    def _listed(self, request: int, message: Structure) -> Iterator[None]:
+        """Fills message with one entry after the other."""
+        for index in range(MAX_LISTED):
+            message.index = index
+            try:
+                self.ioctl(request, message)
+            except OSError as error:
+                if error.errno not in (errno.EINVAL, errno.ENOTTY):  # the end of the list; a driver without such lists
+                    raise
+                return
+            yield
+
+    def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
+        """Requests a mode and returns the one that the driver rounded it to. Raises EBUSY while another program streams."""
+        message = abi.Format(type=abi.VIDEO_CAPTURE)
+        pix = message.fmt.pix
+        pix.width, pix.height, pix.pixelformat, pix.field = width_px, height_px, abi.fourcc_code(fourcc), abi.FIELD_NONE
+        self.ioctl(abi.S_FMT, message)
+        pace = Fraction(1 / rate_hz).limit_denominator(100_000)
+        parameters = abi.StreamParameters(type=abi.VIDEO_CAPTURE, interval=(pace.numerator, pace.denominator))
+        actual_hz = 0.0
+        with contextlib.suppress(OSError):  # a driver without rates
+            numerator, denominator = self.ioctl(abi.S_PARM, parameters).interval
+            actual_hz = denominator / numerator if numerator else 0.0
+        got, compressed = abi.fourcc_text(pix.pixelformat), pix.bytesperline == 0
+        return Mode(got, pix.width, pix.height, 0 if compressed else pix.bytesperline, actual_hz if actual_hz < 10_000 else 0.0)
+
+    def control_range(self, control: int) -> ControlRange | None:
+        """None if the device has no such control that can be set."""
+        message = abi.QueryControl(id=control)
+        try:
+            self.ioctl(abi.QUERYCTRL, message)
+        except OSError as error:
+            if error.errno in (errno.EINVAL, errno.ENOTTY):
+                return None
+            raise
+        if message.flags & (abi.CTRL_DISABLED | abi.CTRL_READ_ONLY):
+            return None
+        inactive = bool(message.flags & abi.CTRL_INACTIVE)
+        return ControlRange(message.minimum, message.maximum, max(1, message.step), message.default, inactive)
+
+    def control(self, control: int) -> int:
+        """The value of a control."""
+        return int(self.ioctl(abi.G_CTRL, abi.Control(id=control)).value)
+
+    def set_control(self, control: int, value: int) -> None:
+        self.ioctl(abi.S_CTRL, abi.Control(id=control, value=value))
+
+    def close(self) -> None:
+        if self.fd >= 0:
+            os.close(self.fd)
+            self.fd = -1
+
+
+def captures(capability: abi.Capability) -> bool:
+    """Whether the node itself, not only its device as a whole, delivers pictures to mapped buffers."""
+    whole = capability.capabilities
+    own = capability.device_caps if whole & abi.CAP_DEVICE_CAPS else whole
+    needed = abi.CAP_VIDEO_CAPTURE | abi.CAP_STREAMING
+    return bool(own & needed == needed)

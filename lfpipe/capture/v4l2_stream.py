@@ -1,0 +1,165 @@
+"""Frames of a V4L2 device through mapped buffers: the newest one, with the driver's stamp, number and flags."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import mmap
+import select
+import time
+from collections.abc import Callable
+from ctypes import Structure, c_int32
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.capture import v4l2_abi as abi
+from lfpipe.capture.v4l2_device import V4L2Device
+
+BUFFERS = 4  # one being decoded, one being filled, two spare; older ones are skipped, so that spare ones add no latency
+RETRY_S = 0.02
+FINAL = (errno.EBUSY, errno.ENODEV, errno.ENXIO, errno.ENOMEM)  # another attempt would fail as well
+
+
+class _BufferType(Structure):
+    """The argument of STREAMON and STREAMOFF."""
+
+    _fields_ = (("type", c_int32),)
+
+
+class SourceChangedError(OSError):
+    """The signal behind the device changed its size or rate: the device must be configured again."""
+
+
+@attrs.frozen
+class RawFrame:
+    """data: uint8 (n,), valid until the next read. sequence: the driver's count of frames, gaps are frames it lost. stamp_ns: the
+    driver's stamp, on whatever clock. start_of_exposure: what it marks; else the end of the frame.
+    damaged: the driver marked the frame as broken.
+    """
+
+    data: NDArray[np.uint8]
+    sequence: int
+    stamp_ns: int
+    start_of_exposure: bool
+    damaged: bool
+
+
+def _twice(call: Callable[[], None]) -> None:
+    """Repeats a call once if it failed for a reason that may have passed."""
+    try:
+        call()
+    except OSError as error:
+        if error.errno in FINAL:
+            raise
+        time.sleep(RETRY_S)
+        call()
+
+
+class V4L2Stream:
+    """Streams until `close`. device: configured; the caller closes it afterwards. Raises OSError as the driver does."""
+
+    def __init__(self, device: V4L2Device) -> None:
+        self._device = device
+        self._maps: list[mmap.mmap] = []
+        self._taken: int | None = None  # index of the buffer that the caller reads
+        with contextlib.suppress(OSError):  # few drivers have it
+            device.ioctl(abi.SUBSCRIBE_EVENT, abi.EventSubscription(type=abi.EVENT_SOURCE_CHANGE))
+        try:
+            _twice(lambda: self._request_buffers(BUFFERS))
+            for index in range(self._count):
+                buffer = device.ioctl(abi.QUERYBUF, self._buffer(index))
+                self._maps.append(mmap.mmap(device.fd, buffer.length, offset=buffer.offset))
+                self._queue(index)
+            _twice(lambda: self._switch(abi.STREAMON))
+        except OSError:
+            self.close()
+            raise
+        self._poll = select.poll()
+        self._poll.register(device.fd, select.POLLIN | select.POLLPRI)
+
+    @staticmethod
+    def _buffer(index: int = 0) -> abi.Buffer:
+        return abi.Buffer(index=index, type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
+
+    def _request_buffers(self, count: int) -> None:
+        wanted = abi.RequestBuffers(count=count, type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
+        self._count = min(int(self._device.ioctl(abi.REQBUFS, wanted).count), 32)
+        if count and not self._count:
+            raise OSError(errno.ENOMEM, "the driver has no buffers")
+
+    def _queue(self, index: int) -> None:
+        def call() -> None:
+            self._device.ioctl(abi.QBUF, self._buffer(index))
+
+        _twice(call)
+
+    def _switch(self, request: int) -> None:
+        self._device.ioctl(request, _BufferType(abi.VIDEO_CAPTURE))
+
+    def read(self, timeout_s: float) -> RawFrame:
+        """The newest frame. Raises TimeoutError without one, SourceChangedError, OSError."""
+        self._give_back()
+        until = time.monotonic() + timeout_s
+        while True:
+            left_s = until - time.monotonic()
+            events = self._poll.poll(max(0.0, left_s) * 1e3)
+            if events and events[0][1] & select.POLLPRI:
+                self._take_events()
+            newest = self._dequeue_newest() if events else None
+            if newest is not None:
+                return self._frame(newest)
+            if left_s <= 0:
+                raise TimeoutError(f"no frame for {timeout_s:.1f} s")
+
+    def _take_events(self) -> None:
+        event = self._device.ioctl(abi.DQEVENT, abi.Event())
+        if event.type == abi.EVENT_SOURCE_CHANGE:
+            raise SourceChangedError(errno.EPIPE, "its signal changed")
+
+    def _dequeue_newest(self) -> abi.Buffer | None:
+        newest: abi.Buffer | None = None
+        while True:
+            buffer = self._buffer()
+            try:
+                self._device.ioctl(abi.DQBUF, buffer)
+            except OSError as error:
+                if error.errno == errno.EAGAIN:
+                    return newest
+                raise
+            if newest is not None:
+                self._queue(newest.index)
+            newest = buffer
+            self._taken = buffer.index
+
+    def _frame(self, buffer: abi.Buffer) -> RawFrame:
+        used = min(int(buffer.bytesused), len(self._maps[buffer.index]))
+        stamp_ns = int(buffer.timestamp.seconds) * 1_000_000_000 + int(buffer.timestamp.microseconds) * 1000
+        flags = int(buffer.flags)
+        return RawFrame(
+            np.frombuffer(self._maps[buffer.index], np.uint8, used),
+            int(buffer.sequence),
+            stamp_ns,
+            flags & abi.STAMP_SOURCE_MASK == abi.STAMP_SOURCE_SOE,
+            bool(flags & abi.BUF_FLAG_ERROR),
+        )
+
+    def _give_back(self) -> None:
+        taken, self._taken = self._taken, None
+        if taken is not None:
+            self._queue(taken)
+
+    def close(self) -> None:
+        """Stops the stream and frees the buffers, as far as the driver still answers."""
+        with contextlib.suppress(OSError):
+            self._switch(abi.STREAMOFF)
+        self._unmap()
+        with contextlib.suppress(OSError):
+            self._request_buffers(0)
+
+    def _unmap(self) -> None:
+        maps, self._maps = self._maps, []
+        for each in maps:
+            with contextlib.suppress(BufferError):  # somebody still holds a frame: it goes with the frame
+                each.close()

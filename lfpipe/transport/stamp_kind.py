@@ -1,0 +1,19 @@
+"""What a frame's sensor stamp was derived from."""
+
+from __future__ import annotations
+
+import enum
+
+
+class StampKind(enum.IntEnum):
+    """The number in a ring's slot; `word` is that of the trace."""
+
+    SCHEDULED = 0  # a recording's or the demo's own time
+    READ = 1  # no usable stamp: the time when the frame was read
+    END_OF_FRAME = 2
+    START_OF_EXPOSURE = 3
+    START_OF_TRANSFER = 4  # uvcvideo: the first packet of the frame, which follows the exposure of the first row
+
+    @property
+    def word(self) -> str:
+        return self.name.lower().replace("_", " ")

@@ -1,0 +1,187 @@
+"""A virtual machine with a Debian kernel and its camera drivers, over this machine's own files: see README.md."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import attrs
+
+PACKAGES = ("qemu-system-x86", "kmod", "busybox-static", "cpio", "v4l-utils")
+TOOLS = ("qemu-system-x86_64", "modprobe", "depmod", "busybox", "cpio", "v4l2-ctl", "dpkg-deb", "apt-get")
+BOOT_MODULES = ("virtio_pci", "9p", "9pnet_virtio", "overlay")
+CAMERA_MODULES = ("vivid",)
+KVM_BOOT_S, TCG_BOOT_S = 20.0, 150.0
+BOOTED = "LFPIPE-GUEST-UP"  # printed by the guest's init
+
+INIT = """#!/bin/busybox sh
+export PATH=/bin; /bin/busybox mkdir -p /bin /proc /sys /dev /low /top /new
+/bin/busybox --install -s /bin
+mount -t proc proc /proc; mount -t sysfs sys /sys; mount -t devtmpfs dev /dev
+echo {booted}
+while read -r module; do insmod /modules/$module || echo "insmod $module failed"; done < /modules/boot.list
+share=trans=virtio,version=9p2000.L,msize=262144
+mount -t 9p -o $share,ro,cache=loose root /low
+mount -t tmpfs -o size=2g top /top; mkdir /top/upper /top/work
+mount -t overlay -o lowerdir=/low,upperdir=/top/upper,workdir=/top/work root /new
+for each in proc sys dev; do mount --move /$each /new/$each; done
+mkdir -p /new/dev/shm /new/run /new/guest; for each in dev/shm run tmp; do mount -t tmpfs tmpfs /new/$each; done
+mkdir -p /new/run/modules; cp /modules/* /new/run/modules/
+mount -t 9p -o $share out /new/guest
+exec switch_root /new /bin/sh /guest/start
+"""
+START = """export PATH={path} HOME=/root LFPIPE_GUEST=1 PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=
+cd {checkout}
+ip link set lo up 2>/dev/null || busybox ip link set lo up
+( {command} ) > /guest/output 2>&1
+echo $? > /guest/code
+sync
+echo o > /proc/sysrq-trigger
+sleep 60
+"""
+
+
+class UnavailableError(Exception):
+    """The machine cannot run here; the message says why."""
+
+
+def _call(*words: str | Path, cwd: Path | None = None, timeout_s: float = 300.0) -> str:
+    try:
+        done = subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=timeout_s, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise UnavailableError(f"{words[0]}: {error}") from None
+    if done.returncode:
+        raise UnavailableError(f"{' '.join(map(str, words))}: {(done.stderr or done.stdout).strip()[-200:]}")
+    return done.stdout
+
+
+def install_tools() -> None:
+    """Installs what is missing, if this user may. Raises UnavailableError."""
+    if sys.platform != "linux" or os.uname().machine != "x86_64":
+        raise UnavailableError("needs Linux on x86-64")
+    missing = [tool for tool in TOOLS if not shutil.which(tool)]
+    if not missing:
+        return
+    if not shutil.which("apt-get"):
+        raise UnavailableError(f"{', '.join(missing)} not installed, and no apt-get to install them")
+    root = [] if os.geteuid() == 0 else ["sudo", "-n"]
+    _call(*root, "apt-get", "update", "-qq")
+    _call(*root, "apt-get", "install", "-y", "-qq", "--no-install-recommends", *PACKAGES)
+    if missing := [tool for tool in TOOLS if not shutil.which(tool)]:
+        raise UnavailableError(f"{', '.join(missing)} not installed")
+
+
+@attrs.frozen
+class Kernel:
+    """image: what QEMU boots. initrd: busybox, `INIT` and the modules."""
+
+    version: str
+    image: Path
+    initrd: Path
+
+
+def _kernel_package() -> str:
+    """The Debian package of the present kernel; the cloud kernels have no camera drivers."""
+    for line in _call("apt-cache", "depends", "linux-image-amd64").splitlines():
+        kind, _, name = line.strip().partition(": ")
+        if kind == "Depends" and name.startswith("linux-image-"):
+            return name
+    raise UnavailableError("apt knows no linux-image-amd64: not a Debian with a kernel for this processor")
+
+
+def prepare(cache: Path) -> Kernel:
+    """Downloads the kernel into cache, once, and packs the initial file system. Raises UnavailableError."""
+    package = _kernel_package()
+    version = package.removeprefix("linux-image-")
+    folder = cache / version
+    image, root = folder / "boot" / f"vmlinuz-{version}", folder / "initrd"
+    if not image.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        _call("apt-get", "download", package, cwd=folder)
+        for archive in folder.glob("*.deb"):
+            _call("dpkg-deb", "-x", archive, folder)
+            archive.unlink()
+        _call("depmod", "-b", folder, version)
+    shutil.rmtree(root, ignore_errors=True)
+    (root / "bin").mkdir(parents=True)
+    modules = root / "modules"
+    modules.mkdir()
+    shutil.copy(shutil.which("busybox") or "busybox", root / "bin" / "busybox")
+    for name, wanted in (("boot.list", BOOT_MODULES), ("camera.list", CAMERA_MODULES)):
+        listed: list[str] = []
+        for module in wanted:
+            for line in _call("modprobe", "-d", folder, "-S", version, "--show-depends", module).splitlines():
+                source = Path(line.removeprefix("insmod ").strip())
+                if line.startswith("insmod ") and source.name not in listed:
+                    listed.append(source.name)
+                    shutil.copy(source, modules / source.name)
+        (modules / name).write_text("".join(f"{each}\n" for each in listed))
+    for extra in cache.glob(f"v4l2loopback-{version}.ko"):
+        shutil.copy(extra, modules / "v4l2loopback.ko")
+    init = root / "init"
+    init.write_text(INIT.format(booted=BOOTED))
+    init.chmod(0o755)
+    initrd = folder / "initrd.cpio"
+    _call("sh", "-c", f"find . | cpio -o -H newc --quiet > '{initrd}'", cwd=root)
+    return Kernel(version, image, initrd)
+
+
+@attrs.frozen
+class Result:
+    """code: of the command. output: what it printed. accelerator: kvm or tcg."""
+
+    code: int
+    output: str
+    accelerator: str
+    seconds: float
+
+
+def _qemu(kernel: Kernel, out: Path, accelerator: str) -> list[str]:
+    share = "security_model=none,multidevs=remap"
+    return [
+        *("qemu-system-x86_64", "-accel", accelerator, "-cpu", "host" if accelerator == "kvm" else "max"),
+        *("-smp", "2", "-m", "4G", "-nographic", "-no-reboot", "-monitor", f"unix:{out}/monitor,server=on,wait=off"),
+        *("-kernel", str(kernel.image), "-initrd", str(kernel.initrd), "-append", "console=ttyS0 quiet panic=-1"),
+        *("-virtfs", f"local,path=/,mount_tag=root,readonly=on,{share}", "-virtfs", f"local,path={out},mount_tag=out,{share}"),
+    ]
+
+
+def run(kernel: Kernel, command: str, out: Path, limit_s: float) -> Result:
+    """Runs command in the guest, in this folder; out is its /guest. Ends the machine after limit_s, whatever happens.
+
+    Raises UnavailableError if the guest does not boot, or does not finish in time.
+    """
+    start = START.format(path=os.environ["PATH"], checkout=Path.cwd(), command=command)
+    (out / "start").write_text(start)
+    accelerators = ["kvm", "tcg"] if os.access("/dev/kvm", os.W_OK) and not os.environ.get("LFPIPE_VM_TCG") else ["tcg"]
+    for accelerator in accelerators:
+        began = time.monotonic()
+        console = out / f"console-{accelerator}"
+        with console.open("wb") as log:
+            process = subprocess.Popen(
+                _qemu(kernel, out, accelerator), stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+            )
+        try:
+            boot_s = KVM_BOOT_S if accelerator == "kvm" else TCG_BOOT_S
+            booted = False
+            while process.poll() is None and time.monotonic() - began < (limit_s if booted else min(boot_s, limit_s)):
+                booted = booted or BOOTED in console.read_text(errors="replace")
+                time.sleep(0.2)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+        seconds = time.monotonic() - began
+        if (out / "code").exists():
+            return Result(int((out / "code").read_text()), (out / "output").read_text(errors="replace"), accelerator, seconds)
+        if booted:
+            break
+    tail = console.read_text(errors="replace")[-300:]
+    what = f"did not finish in {limit_s:.0f} s" if booted else "did not boot"
+    raise UnavailableError(f"the guest ({accelerator}) {what}: {tail.strip()}")

@@ -1,0 +1,89 @@
+"""A V4L2 device and its stream in memory, which rounds, fails and stamps as a test says. The real driver: tests/camera_vm."""
+
+from __future__ import annotations
+
+import errno
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.capture.camera import CameraSource
+from lfpipe.capture.v4l2_device import ControlRange, Mode
+from lfpipe.capture.v4l2_stream import RawFrame
+
+PATH = Path("/dev/null")
+
+
+@attrs.define
+class FakeControl:
+    low: int
+    high: int
+    value: int
+    step: int = 1
+
+
+class FakeCamera:
+    """mode: what `configure` answers. frames: what comes, in turn: bytes or an exception; then the last one for ever.
+
+    Frame k has sequence k and a stamp age_s before its reading.
+    """
+
+    driver, captures = "fake", True
+
+    def __init__(
+        self,
+        mode: Mode | None = None,
+        frames: Iterable[bytes | Exception] = (),
+        offered: Iterable[str] = ("YUYV", "MJPG"),
+        controls: dict[int, FakeControl] | None = None,
+    ) -> None:
+        self.mode = mode or Mode("YUYV", 640, 480, 1280, 30.0)
+        self.frames = list(frames) or [bytes([9, 128] * (self.mode.stride // 2 * self.mode.height_px))]
+        self.offered, self.controls = list(offered), controls or {}
+        self.requested: list[tuple[object, ...]] = []
+        self.sequences: list[int] = []  # of the frames to come; empty: counting
+        self.age_s, self.start_of_exposure, self.damaged, self.closed, self.sent = 0.005, False, False, 0, 0
+
+    def fourccs(self) -> list[str]:
+        return self.offered
+
+    def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
+        self.requested.append((fourcc, width_px, height_px, rate_hz))
+        return self.mode
+
+    def control_range(self, control: int) -> ControlRange | None:
+        found = self.controls.get(control)
+        return None if found is None else ControlRange(found.low, found.high, found.step, found.value, False)
+
+    def control(self, control: int) -> int:
+        return self.controls[control].value
+
+    def set_control(self, control: int, value: int) -> None:
+        self.controls[control].value = value
+
+    def read(self, timeout_s: float) -> RawFrame:
+        item = self.frames.pop(0) if len(self.frames) > 1 else self.frames[0]
+        if isinstance(item, Exception):
+            raise item
+        sequence = self.sequences.pop(0) if self.sequences else self.sent
+        self.sent += 1
+        data: NDArray[np.uint8] = np.frombuffer(item, np.uint8)
+        stamp_ns = time.monotonic_ns() - int(self.age_s * 1e9)
+        return RawFrame(data, sequence, stamp_ns, self.start_of_exposure, self.damaged)
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def source(device: FakeCamera, **settings: object) -> CameraSource:
+    """The product's camera on device."""
+    return CameraSource(PATH, attrs.evolve(config.Camera(), **settings), device, lambda same: same)
+
+
+def unplugged() -> OSError:
+    return OSError(errno.ENODEV, "No such device")

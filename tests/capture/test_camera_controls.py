@@ -1,0 +1,110 @@
+"""Exposure, gain, mains frequency, dynamic frame rate: applied, limited, reported, restored."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfpipe.capture.camera_controls import (
+    AUTO_EXPOSURE,
+    AUTO_GAIN,
+    DYNAMIC_FRAMERATE,
+    EXPOSURE,
+    GAIN,
+    POWER_LINE,
+    control_states,
+    exposure_ns,
+)
+from lfpipe.errors import UserError
+from tests.capture.fake_camera import FakeCamera, FakeControl, source
+
+
+def webcam(**more: Any) -> FakeCamera:
+    return FakeCamera(
+        controls={
+            AUTO_EXPOSURE: FakeControl(0, 3, 3),
+            EXPOSURE: FakeControl(3, 2047, 333),
+            AUTO_GAIN: FakeControl(0, 1, 1),
+            GAIN: FakeControl(0, 100, 20, 5),
+            POWER_LINE: FakeControl(0, 2, 1),
+            DYNAMIC_FRAMERATE: FakeControl(0, 1, 1),
+        },
+        **more,
+    )
+
+
+def values(device: FakeCamera) -> dict[int, int]:
+    return {key: control.value for key, control in device.controls.items()}
+
+
+SETTINGS = {
+    "exposure": st.one_of(st.just("auto"), st.floats(0.01, 1000)),
+    "gain": st.one_of(st.just("auto"), st.floats(0, 65535)),
+    "power_line_hz": st.sampled_from(["auto", 0, 50, 60]),
+    "dynamic_framerate": st.sampled_from(["off", "on", "auto"]),
+}
+
+
+@given(st.fixed_dictionaries(SETTINGS))
+def test_values_are_in_range_while_it_runs_and_as_before_afterwards(settings: dict[str, Any]) -> None:
+    device = webcam()
+    before = values(device)
+    camera = source(device, **settings)
+    for control in device.controls.values():
+        assert control.low <= control.value <= control.high and (control.value - control.low) % control.step == 0
+    camera.close()
+    assert values(device) == before
+
+
+def test_auto_leaves_everything() -> None:
+    device = webcam()
+    before = values(device)
+    camera = source(device, dynamic_framerate="auto")
+    assert values(device) == before and len(camera.info.notes) == 1
+
+
+def test_the_dynamic_frame_rate_is_switched_off_with_a_word() -> None:
+    device = webcam()
+    camera = source(device)
+    assert device.controls[DYNAMIC_FRAMERATE].value == 0
+    assert any("dynamic frame rate switched off" in note for note in camera.info.notes)
+    device = webcam()
+    device.controls[DYNAMIC_FRAMERATE].value = 0
+    assert len(source(device).info.notes) == 1, "nothing was changed"
+
+
+def test_manual_values_switch_the_automatics_off() -> None:
+    device = webcam()
+    camera = source(device, exposure=8.0, gain=50, power_line_hz=60)
+    assert values(device) == {AUTO_EXPOSURE: 1, EXPOSURE: 80, AUTO_GAIN: 0, GAIN: 50, POWER_LINE: 2, DYNAMIC_FRAMERATE: 0}
+    assert exposure_ns(device) == 8_000_000
+    camera.close()
+
+
+def test_what_the_camera_cannot_do_is_noted() -> None:
+    notes = " ".join(source(webcam(), exposure=500.0, gain=70.0).info.notes)
+    assert "camera.exposure = 500 ms: using 204.7 (0.3 to 204.7 ms possible)" in notes and "gain" not in notes
+    notes = " ".join(source(FakeCamera(), exposure=5.0, gain=7.0, power_line_hz=50).info.notes)
+    assert notes.count("no such control") == 2 and "camera.power_line_hz = 50" in notes
+
+
+def test_a_camera_that_fails_after_its_controls_were_set_gets_them_back() -> None:
+    device = webcam(frames=[TimeoutError()])
+    before = values(device)
+    with pytest.raises(UserError):
+        source(device, exposure=5.0)
+    assert values(device) == before and device.closed
+
+
+def test_states_for_people() -> None:
+    texts = [state.text for state in control_states(webcam())]
+    assert texts == [
+        "camera.exposure 33.3 ms (automatic) [0.3 to 204.7 ms]",
+        "camera.gain 20 (automatic) [0 to 100]",
+        "camera.power_line_hz 50 Hz [0 to 60 Hz]",
+        "camera.dynamic_framerate 1 [0 to 1]",
+    ]
+    assert control_states(FakeCamera()) == [] and exposure_ns(FakeCamera()) is None

@@ -1,0 +1,73 @@
+"""Every pixel format: the same picture comes out of each, whatever the driver's padding."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from lfpipe.capture.pixel_formats import DECODED, DEEP_GREY_BITS, JPEGS, PLANAR, FrameDecoder, choose, frame_bytes
+from lfpipe.capture.v4l2_device import Mode
+
+WIDTH, HEIGHT = 16, 8
+GREYS = ("GREY", *DEEP_GREY_BITS)
+BAYER = {"BA81": "BGGR", "GBRG": "GBRG", "GRBG": "GRBG", "RGGB": "RGGB"}
+COLOUR = np.array([40, 120, 200], np.uint8)  # BGR
+
+
+def rows(fourcc: str) -> list[bytes]:
+    """A frame of COLOUR (of grey: of 120), one entry per row; 4:2:0 chroma rows after those of luma."""
+    flat = np.tile(COLOUR, (2, 2, 1))
+    y, u, v = (int(value) for value in cv2.cvtColor(flat, cv2.COLOR_BGR2YUV_I420).reshape(-1)[[0, 4, 5]])
+    b, g, r = (int(value) for value in COLOUR)
+    pixel = {"BGR3": (b, g, r), "RGB3": (r, g, b), "BGR4": (b, g, r, 0), "XR24": (b, g, r, 0), "GREY": (120,)}
+    pair = {"YUYV": (y, u, y, v), "UYVY": (u, y, v, y), "YVYU": (y, v, y, u)}
+    if fourcc in pixel:
+        return [bytes(pixel[fourcc]) * WIDTH] * HEIGHT
+    if fourcc in pair:
+        return [bytes(pair[fourcc]) * (WIDTH // 2)] * HEIGHT
+    if fourcc in DEEP_GREY_BITS:
+        return [(120 << DEEP_GREY_BITS[fourcc] - 8).to_bytes(2, "little") * WIDTH] * HEIGHT
+    if fourcc in BAYER:
+        values = {"B": b, "G": g, "R": r}
+        lines = [bytes(values[c] for c in BAYER[fourcc][k : k + 2]) * (WIDTH // 2) for k in (0, 2)]
+        return lines * (HEIGHT // 2)
+    chroma = {"NV12": (u, v), "NV21": (v, u)}
+    luma = [bytes([y]) * WIDTH] * HEIGHT
+    if fourcc in chroma:
+        return luma + [bytes(chroma[fourcc]) * (WIDTH // 2)] * (HEIGHT // 2)
+    first, second = (u, v) if fourcc == "YU12" else (v, u)
+    return luma + [bytes([first]) * (WIDTH // 2)] * (HEIGHT // 2) + [bytes([second]) * (WIDTH // 2)] * (HEIGHT // 2)
+
+
+@pytest.mark.parametrize("padding", [0, 4])
+@pytest.mark.parametrize("size", [(WIDTH, HEIGHT), (32, 16)])
+@pytest.mark.parametrize("fourcc", [each for each in DECODED if each not in JPEGS])
+def test_every_format_gives_the_same_picture(fourcc: str, size: tuple[int, int], padding: int) -> None:
+    lines = rows(fourcc)
+    stride = len(lines[0]) + padding
+    small = fourcc in ("YU12", "YV12")  # their chroma rows, and the padding of those, are half as long
+    data = b"".join(line + b"\xee" * (padding // 2 if small and index >= HEIGHT else padding) for index, line in enumerate(lines))
+    decoder = FrameDecoder(Mode(fourcc, WIDTH, HEIGHT, stride, 30.0))
+    out = np.zeros((size[1], size[0], 3), np.uint8)
+    whole, packet = decoder.decode(np.frombuffer(data, np.uint8), out)
+    assert whole and packet is None
+    wanted = np.full(3, 120, np.uint8) if fourcc in GREYS else COLOUR
+    inner = out[2:-2, 2:-2]  # demosaicing guesses at the edge
+    assert np.abs(inner.astype(int) - wanted).max() <= 3, inner[0, 0]
+    for cut in (1, stride):
+        short = np.frombuffer(data, np.uint8)[: frame_bytes(Mode(fourcc, WIDTH, HEIGHT, stride, 30.0)) - cut]
+        assert not decoder.decode(short, out)[0]
+
+
+@pytest.mark.parametrize("mode", [Mode("H264", 16, 8, 0, 30.0), Mode("YUYV", 16, 8, 31, 30.0), Mode("NV12", 16, 8, 8, 30.0)])
+def test_what_cannot_be_decoded_is_refused(mode: Mode) -> None:
+    with pytest.raises(ValueError):
+        FrameDecoder(mode)
+
+
+def test_the_format_to_request() -> None:
+    assert choose(["MJPG", "YUYV"], 640, 480) == "YUYV" and choose(["MJPG", "YUYV"], 1280, 720) == "MJPG"
+    assert choose(["NV12", "MJPG"], 640, 480) == "NV12" and choose(["YUYV"], 1280, 720) == "YUYV"
+    assert choose(["GREY", "RGGB"], 640, 480) == "RGGB" and choose(["H264"], 640, 480) == ""
+    assert choose([], 640, 480) == "YUYV" and set(PLANAR) <= set(DECODED)
