@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.scene.disparity import SMALLEST_PX, disparity_at, halved, landing, luma, quantised, scale_for
-from lfpipe.scene.grid_geometry import nearest_present, truth_sign
+from lfpipe.scene.grid_geometry import truth_sign
+from lfpipe.scene.missing_views import fill_missing
 from lfpipe.scene.pack_files import PlaneFile
 from lfpipe.scene.view_writer import FrameIndex, PackJob, run_parallel
 
@@ -39,10 +40,12 @@ def write_disparity(job: PackJob, views: PlaneFile) -> dict[str, Any]:
     with PlaneFile.create(job.folder / "interim.npy", shape, np.int16, index_axes=3) as interim:
         about = _estimate(job, views, interim)
         with PlaneFile.create(job.folder / "disparity.npy", shape, np.int8, index_axes=3) as out:
-            for place in job.view_indices():
-                near = place if job.present[place[1:]] else (place[0], *nearest_present(job.present, *place[1:]))
-                steps = interim.read(near).astype(np.float32) * np.float32(_INTERIM_PX)
-                out.write(place, quantised(steps, about["scale_px"]))
+            for index in job.view_indices():
+                if job.present[index[1:]]:
+                    steps = interim.read(index).astype(np.float32) * np.float32(_INTERIM_PX)
+                    out.write(index, quantised(steps, about["scale_px"]))
+            for frame in range(source.frames):
+                fill_missing(job.present, frame, views, out, about["scale_px"])
     (job.folder / "interim.npy").unlink()
     return about
 

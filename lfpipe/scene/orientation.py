@@ -14,14 +14,19 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.scene.disparity import SMALLEST_PX, Grey, mismatch
-from lfpipe.scene.flow_check import Axis, examine_axis, same_way
-from lfpipe.scene.source import SceneSource, Turn
+from lfpipe.scene.flow_check import Axis, examine_axis, lower_is_nearer, same_way
+from lfpipe.scene.source import SceneSource, Turn, ViewIndex
 
 _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
 _DARK = 0.2  # mean of a view below which it is lifted
 _FLOW_WINS = 0.75  # certainty above which flow overrides the convention of a layout
 _FLOW_PX = 1 << 21  # of a view: more tells nothing about the order of views
 _FLAT_PX = 0.05  # per step: below this the flow is noise
+_ALONG = 2.0  # motion along an axis over motion across it
+_ALIKE = 0.4  # correlation of rows and columns of a grid in order
+_FEW_VOTES, _VOTES_SHARE = 40, 0.71  # pixels that say what hides what, and the majority among them
+_LOWER = 0.35  # correlation from which what stands lower counts as nearer
+_LOWER_SURE = (0.35, 0.8), (0.75, 0.92)  # how often that is right, by the correlation: measured 0.82 below 0.7, 1.0 above
 _HELP = "scene.flip=rows, cols or both and scene.transpose=yes turn it"
 
 
@@ -68,59 +73,88 @@ def _greys(source: SceneSource, most_px: float = math.inf) -> Callable[[int, int
     return grey
 
 
+def _present_line(indices: list[ViewIndex], source: SceneSource) -> list[ViewIndex]:
+    """The longest part of a line of views without a gap."""
+    best: list[ViewIndex] = []
+    run: list[ViewIndex] = []
+    for index in indices:
+        run = [] if index in source.missing else [*run, index]
+        best = max(best, run, key=len)
+    return best
+
+
+def _lines(source: SceneSource) -> tuple[list[ViewIndex], list[ViewIndex]]:
+    """A row and a column of views that cross near the middle of the grid, without gaps."""
+
+    def key(index: ViewIndex) -> tuple[int, int]:
+        line = [(index[0], c) for c in range(source.cols)] + [(r, index[1]) for r in range(source.rows)]
+        off = abs(2 * index[0] - source.rows) + abs(2 * index[1] - source.cols)
+        return sum(other in source.missing for other in line), off
+
+    row, col = min(product(range(source.rows), range(source.cols)), key=key)
+    across = _present_line([(row, c) for c in range(source.cols)], source)
+    return across, _present_line([(r, col) for r in range(source.rows)], source)
+
+
 def _by_flow(source: SceneSource) -> Orientation:
     """Orientation from flow between a few views."""
     if min(source.height_px, source.width_px) < SMALLEST_PX:
         return Orientation(Turn(), "nothing", 0.0, "the views are too small for optical flow", f"the whole order; {_HELP}")
-    rows, cols, grey = source.rows, source.cols, _greys(source, _FLOW_PX)
-    by_col = examine_axis(lambda c: grey(rows // 2, c), cols)
-    by_row = examine_axis(lambda r: grey(r, cols // 2), rows)
-    axes = [axis for axis in (by_row, by_col) if axis is not None and axis.along_px > _FLAT_PX]
+    grey = _greys(source, _FLOW_PX)
+    by_col, by_row = (examine_axis(lambda k, line=line: grey(*line[k]), len(line)) for line in _lines(source))  # type: ignore[misc]
+    axes = [axis for axis in (by_col, by_row) if axis is not None and axis.along_px > _FLAT_PX]
     if not axes:
         return Orientation(Turn(), "nothing", 0.0, "the views hardly differ", f"the whole order; {_HELP}")
     if by_row is not None and by_col is not None and len(axes) == 2:
         return _two_axes(by_row, by_col)
     axis = axes[0]
-    transpose = axis.sideways != (axis is by_col)
-    turned = _signed([axis], [1])
-    flip = turned[0] < 0
+    if axis.along_px < _ALONG * axis.across_px:
+        said = "the views move across the line as much as along it"
+        return Orientation(Turn(), "nothing", 0.2, said, f"the whole order; {_HELP}")
+    sign, sure, why = _half_turn([(axis, 1)])
     # The line of views runs sideways (columns) or up and down (rows) once it is turned.
-    turn = Turn(rows=flip and not axis.sideways, cols=flip and axis.sideways, transpose=transpose)
-    said = f"one line of views, {'side by side' if axis.sideways else 'above one another'}; {turned[2]}"
-    return Orientation(turn, "flow", turned[1], said, "" if turned[1] > 0.5 else f"its direction; {_HELP}")
+    turn = Turn(sign < 0 and not axis.sideways, sign < 0 and axis.sideways, axis.sideways != (axis is by_col))
+    said = f"one line of views, {'side by side' if axis.sideways else 'above one another'}; {why}"
+    return Orientation(turn, "flow", sure, said, "" if sure > 0.5 else f"its direction (near and far exchanged); {_HELP}")
 
 
-def _signed(axes: list[Axis], relative: list[int]) -> tuple[int, float, str]:
-    """(1 or -1 for the first axis, how sure, why), from occlusion and one-way motion of axes whose signs are tied by
-    `relative`."""
-    right = sum(a.right if r > 0 else a.wrong for a, r in zip(axes, relative, strict=True))
-    wrong = sum(a.wrong if r > 0 else a.right for a, r in zip(axes, relative, strict=True))
-    total = attrs.evolve(axes[0], right=right, wrong=wrong)
-    if total.sign:
-        share = max(right, wrong) / (right + wrong)
-        return total.sign, share, f"near surfaces hide far ones so in {share:.0%} of {right + wrong} pixels"
-    ways = {a.one_way * r for a, r in zip(axes, relative, strict=True)} - {0}
-    if len(ways) == 1:
-        return ways.pop(), 0.8, "everything moves one way, as parallel cameras see it"
-    return 1, 0.5, "nothing decides the half-turn, which exchanges near and far"
+def _half_turn(axes: list[tuple[Axis, int]]) -> tuple[int, float, str]:
+    """(1 or -1 for the first axis, how sure, why) of axes with the signs that tie them together: by what hides what; where
+    that says little, by what stands lower, which is usually nearer."""
+    votes = [(a.right, a.wrong) if sign > 0 else (a.wrong, a.right) for a, sign in axes]
+    right, wrong = (sum(side) for side in zip(*votes, strict=True))
+    share = max(right, wrong) / max(1, right + wrong)
+    hidden = 0 if right + wrong < _FEW_VOTES else 1 if right > wrong else -1
+    if hidden and share > _VOTES_SHARE:
+        return hidden, _vote_certainty(share), f"near surfaces hide far ones so in {share:.0%} of {right + wrong} pixels"
+    lower = lower_is_nearer(axes)
+    if abs(lower) > _LOWER and hidden * lower >= 0:
+        sign = 1 if lower > 0 else -1
+        sure = float(np.interp(abs(lower), *_LOWER_SURE))
+        return sign, sure, f"what stands lower in the pictures is usually nearer, and is so (correlation {abs(lower):.2f})"
+    return 1, 0.5, "nothing decides the half-turn, which exchanges near and far (`lfpipe scene sheet` shows both)"
+
+
+def _vote_certainty(share: float) -> float:
+    """Probability that the majority is right, from the share of pixels that agree with it: measured, 98 % over all of them."""
+    return 0.9 + 0.3 * (share - _VOTES_SHARE)
 
 
 def _two_axes(by_row: Axis, by_col: Axis) -> Orientation:
-    transpose = by_col.along_px > 2 * by_col.across_px and by_row.along_px > 2 * by_row.across_px and not by_col.sideways
-    transpose = transpose and by_row.sideways
-    clear = by_col.sideways != by_row.sideways
+    transpose = all(axis.along_px > _ALONG * axis.across_px for axis in (by_col, by_row))
+    transpose = transpose and not by_col.sideways and by_row.sideways
     # After a transpose the file's rows are the canonical columns.
     across, down = (by_row, by_col) if transpose else (by_col, by_row)
     alike = same_way(across, down)
-    relative = -1 if alike < 0 else 1
-    sign, half_sure, why = _signed([across, down], [1, relative])
-    turn = Turn(rows=sign * relative < 0, cols=sign < 0, transpose=transpose)
-    if not clear or abs(alike) < 0.4:
+    if by_col.sideways == by_row.sideways or abs(alike) < _ALIKE:
         said = f"rows and columns of views hardly agree (correlation {alike:+.2f})"
         return Orientation(Turn(), "nothing", 0.2, said, f"rows against columns, and the half-turn; {_HELP}")
+    relative = -1 if alike < 0 else 1
+    sign, half_sure, why = _half_turn([(across, 1), (down, relative)])
+    turn = Turn(rows=sign * relative < 0, cols=sign < 0, transpose=transpose)
     said = f"motion along rows and columns agrees with correlation {alike:+.2f}; {why}"
     undecided = "" if half_sure > 0.5 else f"the half-turn (near and far exchanged); {_HELP}"
-    return Orientation(turn, "flow", min(half_sure, abs(alike)), said, undecided)
+    return Orientation(turn, "flow", min(half_sure, 0.5 + abs(alike) / 2), said, undecided)
 
 
 def _by_truth(source: SceneSource) -> tuple[Turn, float] | None:
@@ -146,8 +180,10 @@ def _by_truth(source: SceneSource) -> tuple[Turn, float] | None:
 
 def orient(source: SceneSource, scene: config.Scene) -> Orientation:
     """The way to canonical order: the user's setting first, then coordinates or the layout, checked by true disparity, then
-    flow between a few views."""
+    flow between a few views. What the layout leaves open is part of `undecided`."""
     found = _found(source)
+    if source.doubt:
+        found = attrs.evolve(found, undecided="; ".join(filter(None, (source.doubt, found.undecided))))
     turn = found.turn
     if scene.flip != "auto":
         turn = attrs.evolve(turn, rows=scene.flip in ("rows", "both"), cols=scene.flip in ("cols", "both"))
@@ -155,7 +191,7 @@ def orient(source: SceneSource, scene: config.Scene) -> Orientation:
         turn = attrs.evolve(turn, transpose=scene.transpose == "yes")
     if scene.flip != "auto" or (scene.transpose != "auto" and turn != found.turn):
         said = f"set by scene.flip or scene.transpose; without that: {found.said}"
-        return Orientation(turn, "override", 1.0, said, detected=found.turn)
+        return Orientation(turn, "override", 1.0, said, source.doubt, detected=found.turn)
     return found
 
 

@@ -46,7 +46,7 @@ class SceneSource:
     coordinates: float64 (rows, cols, 2), where each camera stood, (down, right) in any one unit, or None.
     truth: true disparity by file index, as functions that read float32 (h, w) in px per canonical grid step, positive
         nearer, and hold with `turn` (no turn where that is None).
-    linear: the values are linear light. notes: for people, one sentence each.
+    linear: the values are linear light. doubt: what the layout leaves open, "" for nothing. notes: for people, one sentence each.
     """
 
     layout: str
@@ -68,6 +68,7 @@ class SceneSource:
     truth: Mapping[tuple[int, int], Callable[[], NDArray[np.float32]]] = attrs.field(factory=dict)
     geometry: Geometry = attrs.field(factory=Geometry)
     linear: bool = False
+    doubt: str = ""
     notes: tuple[str, ...] = ()
 
     @property

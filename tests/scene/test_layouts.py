@@ -15,7 +15,8 @@ import scipy.io
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.scene.layouts import _mosaic, numbered
+from lfpipe.scene.layouts import _mosaic
+from lfpipe.scene.layouts._running import Running
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import SceneSource
 from tests.scene import made
@@ -266,7 +267,8 @@ def test_a_numbered_line_of_cameras(tmp_path: Path, upright: bool) -> None:
 
 
 def test_numbers_of_a_snake_by_hand() -> None:
-    assert [numbered._place(n, 3, True) for n in range(6)] == [(0, 0), (0, 1), (0, 2), (1, 2), (1, 1), (1, 0)]
+    snake = Running(2, 3, snake=True, first=1)
+    assert [snake.index(n) for n in range(8)] == [None, (0, 0), (0, 1), (0, 2), (1, 2), (1, 1), (1, 0), None]
 
 
 def test_light_field_video_from_pictures_and_from_a_file(tmp_path: Path) -> None:

@@ -69,11 +69,14 @@ def test_unrelated_pictures_are_undecided() -> None:
     assert found.sure < 0.5
 
 
-def test_parallel_cameras_need_no_occlusion() -> None:
-    wall = made.texture(192, 256, 4)  # one surface: nothing hides anything
+@pytest.mark.parametrize("half_turn", [False, True])
+def test_one_way_motion_does_not_decide_the_half_turn(half_turn: bool) -> None:
+    wall = made.texture(192, 256, 4)  # one surface: nothing hides anything, and cameras may converge in front of it
     grid = np.array([[wall[40 + 4 * r : 136 + 4 * r, 40 + 4 * c : 168 + 4 * c] for c in range(5)] for r in range(5)])
-    assert orient(as_source(grid), AUTO).turn == Turn()
-    assert orient(as_source(grid[::-1, ::-1]), AUTO).turn == Turn(rows=True, cols=True)
+    found = orient(as_source(grid[::-1, ::-1] if half_turn else grid), AUTO)
+    assert (found.turn, found.sure) == (Turn(), 0.5)
+    assert "half-turn" in found.undecided
+    assert orient(as_source(grid[:, ::-1]), AUTO).turn in (Turn(cols=True), Turn(rows=True))
 
 
 def test_the_users_word_wins() -> None:
@@ -137,7 +140,9 @@ SCENES = {
     "hci_antinous": ("hci", 9, 9, Turn()),
     "hci_old_stillLife_3x3": ("hci-text", 3, 3, Turn()),
     "hci_style_vr_newshot01": ("hci", 9, 9, Turn()),
-    "lfvideo_airplane_8x8": ("mosaic-video", 8, 8, Turn(rows=True, cols=True)),
+    "hci_old_monasroom_2x2": ("rows-cols", 2, 2, Turn()),
+    "lfvideo_airplane_8x8": ("mosaic-video", 8, 8, Turn()),
+    "lytro_illum_field": ("rows-cols", 9, 9, Turn()),
     "lytro_2067": ("rows-cols", 9, 9, Turn()),
     "quilt_4x8": ("mosaic-video", 1, 32, Turn()),
     "stanford_lego_knights_17x17": ("stanford", 17, 17, Turn(rows=True, cols=True)),
@@ -151,7 +156,7 @@ def test_sample_scenes_need_no_override(name: str) -> None:
     source = layouts.describe(made.SAMPLES / name, AUTO)
     found = orient(source, AUTO)
     assert (source.layout, source.rows, source.cols, found.turn) == SCENES[name]
-    assert found.sure > 0.7
+    assert found.sure > 0.7 or found.undecided
 
 
 @pytest.mark.parametrize("name", ["hci_antinous", "stanford_lego_knights_17x17"])

@@ -123,14 +123,14 @@ def test_one_coloured_view_makes_a_scene_coloured(tmp_path: Path, scene_config: 
     assert pack.open_scene(tmp_path, scene_config).channels == 3
 
 
-def test_missing_corners_hold_the_nearest_view(tmp_path: Path, scene_config: config.Scene) -> None:
+def test_missing_corners_are_made_from_the_nearest_view(tmp_path: Path, scene_config: config.Scene) -> None:
     grid = made.views(5, 5, 48, 64)
     made.write_grid(tmp_path, grid, "{r:03d}_{c:03d}.png")
     (tmp_path / "000_000.png").unlink()
     field = pack.open_scene(tmp_path, attrs.evolve(scene_config, flip="none"))
     assert [tuple(place) for place in np.argwhere(~field.present)] == [(0, 0)]
-    assert np.array_equal(field.views[0, 0, 0], field.views[0, 0, 1])
-    assert field.disparity is not None and np.array_equal(field.disparity[0, 0, 0], field.disparity[0, 0, 1])
+    true, beside = grid[0, 0].transpose(2, 0, 1).astype(float), np.asarray(field.views[0, 0, 1], float)
+    assert np.abs(field.views[0, 0, 0] - true).mean() < 0.6 * np.abs(beside - true).mean()
 
 
 def test_video_and_single_picture(tmp_path: Path, scene_config: config.Scene) -> None:

@@ -1,0 +1,120 @@
+"""The columns of a running number, from the pictures: views that are near in the grid look alike.
+
+For each candidate grid the likeness of some pairs of views is compared with how near the grid places them. The grid
+that explains the likenesses best wins; where another one explains them nearly as well, the result says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from itertools import combinations
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.scene.source import ViewIndex
+
+_SIDE_PX = 96  # of the small pictures that are compared
+_MAX_PICTURES = 64  # that are decoded
+_REACHES = (1.5, 4.0, 12.0)  # grid steps over which likeness may fall off: far cameras differ at once, near ones slowly
+_ROW_STEPS = (0.6, 1.0, 1.7)  # of a row step against a column step, as the camera may move farther one way
+_SURE, _CLEAR = 0.35, 0.03  # correlation of a sure grid, and its lead on the next one
+_EXTRA_COST = 0.05  # of a grid that leaves a file out: it has to explain the rest that much better
+
+
+@attrs.frozen
+class Running:
+    """How a running number fills a grid: position - first counts through rows of `cols`; every other row backwards in a snake.
+    doubt: what the pictures leave open, "" for nothing."""
+
+    rows: int
+    cols: int
+    snake: bool
+    first: int
+    doubt: str = ""
+
+    def index(self, position: int) -> ViewIndex | None:
+        """The grid index of a position of the run; None where it lies outside of the grid."""
+        number = position - self.first
+        if not 0 <= number < self.rows * self.cols:
+            return None
+        row, col = divmod(number, self.cols)
+        return row, self.cols - 1 - col if self.snake and row % 2 else col
+
+
+def candidates(count: int, grid: ViewIndex | None) -> list[Running]:
+    """Every grid that a run of `count` positions can fill; grid: the user's, which may leave a few files out."""
+    found: list[Running] = []
+    for extra in range(min(3, count // 8) + 1 if grid else min(1, count // 8) + 1):
+        rest = count - extra
+        shapes = [grid] if grid else [(rest // cols, cols) for cols in range(2, rest // 2 + 1) if rest % cols == 0]
+        for rows, cols in shapes:
+            if rows * cols != rest or (extra and not grid and max(rows, cols) > 3 * min(rows, cols)):
+                continue
+            snakes = (False, True) if min(rows, cols) > 1 else (False,)
+            found += [Running(rows, cols, snake, first) for snake in snakes for first in {0, extra}]
+    return found if grid else [*found, Running(1, count, False, 0)]
+
+
+def _positions(count: int, there: Sequence[bool], tries: Sequence[Running]) -> list[int]:
+    """Positions to compare: all of a short run, else some in the middle and, for each candidate, a row below them."""
+    if count <= _MAX_PICTURES:
+        return [position for position in range(count) if there[position]]
+    middle, strides = count // 2, sorted({run.cols for run in tries if run.rows > 1 and run.cols < count // 2})
+    wanted = [middle + near for near in (0, 1, 2, 3, -1, -2, 4, -3)]
+    wanted += [middle + sign * (stride + near) for stride in strides for near in (0, 1) for sign in (1, -1)]
+    wanted += [end * stride + near for stride in strides for end in (1, 3) for near in (-1, 0)]
+    wanted += [end * stride + near for stride in strides for end in (1, 3) for near in (-2, 1)]
+    found = dict.fromkeys(position for position in wanted if 0 <= position < count and there[position])
+    return list(found)[:_MAX_PICTURES]
+
+
+def find_columns(read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool], grid: ViewIndex | None = None) -> Running:
+    """The grid of a run of views. read(position): a view, any size; there: by position, whether there is a view.
+
+    Raises ValueError where the user's grid fits no part of the run.
+    """
+    tries = candidates(len(there), grid)
+    if not tries:
+        raise ValueError
+    if len(tries) == 1:
+        return tries[0]
+    at = _positions(len(there), there, tries)
+
+    @cache
+    def small(position: int) -> NDArray[np.float32]:
+        picture = np.asarray(read(position))
+        scale = _SIDE_PX / max(picture.shape)
+        out = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float32)
+        return np.asarray((out - out.mean()) / max(1.0, float(out.std())), np.float32)
+
+    pairs = np.array(list(combinations(at, 2)))
+    unlike = np.array([np.abs(small(a) - small(b)).mean() if small(a).shape == small(b).shape else 2.0 for a, b in pairs])
+    scores = {run: _explained(run, pairs, unlike) - (_EXTRA_COST if run.rows * run.cols < len(there) else 0) for run in tries}
+    order = sorted(tries, key=lambda run: (-round(scores[run], 4), abs(run.rows - run.cols), run.snake, run.first))
+    best = order[0]
+    lead = scores[best] - max((scores[run] for run in order[1:] if (run.rows, run.cols) != (best.rows, best.cols)), default=-1.0)
+    if scores[best] >= _SURE and lead >= _CLEAR:
+        return best
+    others = list(dict.fromkeys(f"{run.rows}x{run.cols}" for run in order if (run.rows, run.cols) != (best.rows, best.cols)))
+    return attrs.evolve(best, doubt=f"the grid: {best.rows}x{best.cols}, or {' or '.join(others[:2])} (--grid ROWSxCOLS)")
+
+
+def _explained(run: Running, pairs: NDArray[np.int64], unlike: NDArray[np.float64]) -> float:
+    """Correlation of unlikeness with distance in the grid, at the ratio of row and column steps that suits best."""
+    index = {position: run.index(position) for position in np.unique(pairs).tolist()}
+    use = np.array([index[a] is not None and index[b] is not None for a, b in pairs.tolist()])
+    if use.sum() < 3:
+        return -1.0
+    place = np.array([[index[a], index[b]] for a, b in pairs[use].tolist()], np.float64)
+    rows, cols = np.abs(place[:, 0] - place[:, 1]).T
+    best = -1.0
+    for ratio in _ROW_STEPS if min(run.rows, run.cols) > 1 else (1.0,):
+        for reach in _REACHES:
+            far = 1 - np.exp(-np.hypot(ratio * rows, cols) / reach)
+            if far.std() > 1e-9 and unlike[use].std() > 1e-9:
+                best = max(best, float(np.corrcoef(far, unlike[use])[0, 1]))
+    return best

@@ -1,0 +1,56 @@
+"""Views that a scene lacks, made from the nearest one that it has: warped by its disparity, filled from behind."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.scene.disparity import grid_xy
+from lfpipe.scene.grid_geometry import nearest_present
+from lfpipe.scene.pack_files import PlaneFile
+
+FloatMap = NDArray[np.float32]
+
+
+def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMap:
+    """The disparity map of a view as the view `down` rows and `across` columns on has it, float32 (h, w) both.
+
+    The nearest surface wins where several land; what none reaches lies behind, so the farther of its neighbours fills it.
+    """
+    height, width = disparity.shape
+    order = np.argsort(disparity.ravel(), kind="stable")
+    y, x = np.divmod(order, width)
+    d = disparity.ravel()[order]
+    to_x, to_y = np.rint(x - d * across).astype(np.intp), np.rint(y - d * down).astype(np.intp)
+    inside = (to_x >= 0) & (to_x < width) & (to_y >= 0) & (to_y < height)
+    out = np.full((height, width), np.inf, np.float32)
+    if not inside.any():
+        return disparity
+    out[to_y[inside], to_x[inside]] = d[inside]
+    cracks = np.asarray(cv2.medianBlur(np.where(np.isinf(out), np.float32(disparity.min()), out), 3), np.float32)
+    for _ in range(height + width):
+        empty = np.isinf(out)
+        if not empty.any():
+            break
+        out = np.where(empty, cv2.erode(out, np.ones((3, 3), np.uint8)), out)
+    return np.maximum(out, cracks)
+
+
+def fill_missing(present: NDArray[np.bool_], frame: int, views: PlaneFile, disparity: PlaneFile, scale_px: float) -> None:
+    """Writes each missing view and its disparity into the open files of a pack. disparity: int8 at half size, in scale_px."""
+    for row, col in zip(*(index.tolist() for index in np.nonzero(~present)), strict=True):
+        near = nearest_present(present, row, col)
+        steps = float(row - near[0]), float(col - near[1])
+        planes = views.read((frame, *near))
+        height, width = planes.shape[1:]
+        half = disparity.read((frame, *near)).astype(np.float32) * np.float32(scale_px)
+        full = np.asarray(cv2.resize(half, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+        made = warped_disparity(full, *steps)
+        xx, yy = grid_xy(height, width)
+        at = xx + made * np.float32(steps[1]), yy + made * np.float32(steps[0])
+        seen = [cv2.remap(plane, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for plane in planes]
+        views.write((frame, row, col), np.stack(seen))
+        small = cv2.resize(made, half.shape[::-1], interpolation=cv2.INTER_AREA)
+        steps_8 = np.clip(np.rint(small / np.float32(scale_px)), -127, 127).astype(np.int8)
+        disparity.write((frame, row, col), steps_8)

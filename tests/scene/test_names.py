@@ -1,0 +1,185 @@
+"""Names of views: whatever people call them, the two numbers that span a grid are found, and no file is dropped in silence."""
+
+from __future__ import annotations
+
+import re
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.scene import layouts
+from lfpipe.scene.layouts._names import read_names
+from lfpipe.scene.layouts._running import find_columns
+from lfpipe.scene.layouts._views import whole_part
+from lfpipe.scene.pack import open_scene
+from tests.scene import made
+
+AUTO = config.Scene()
+GRID = made.views(3, 4, 48, 64)
+TEXTS = st.sampled_from(["", "view", "IMG", "out put", "Original Camera", "2067", "light-field(1)", "a.b", "x264", "im", "K"])
+SEPARATORS = st.sampled_from(["_", "-", " ", "x", "_r", "__", "."])
+PAIRS = [
+    ("_", "_"), ("-", "-"), ("_row", "_col"), ("_r", "c"), (" (", ","), ("_", "x"), (".", "."), ("_y", "_x"),
+    ("t", "_s"),
+    ("_u", "_v"),
+]  # fmt: skip
+
+
+@st.composite
+def schemes(draw: st.DrawFn) -> tuple[dict[str, tuple[int, int]], list[str]]:
+    """Names by (row, column) in some scheme, and names of other files beside them."""
+    rows, cols = draw(st.integers(2, 6)), draw(st.integers(2, 6))
+    text, (before, between), width = draw(TEXTS), draw(st.sampled_from(PAIRS)), draw(st.integers(1, 4))
+    start, step = draw(st.tuples(st.integers(0, 12), st.integers(0, 12))), draw(st.sampled_from([1, 1, 1, 2, 5]))
+    swapped, counter = draw(st.booleans()), draw(st.sampled_from(["", "front", "back"]))
+    signed = between in ("_", ",") and draw(st.booleans())
+    coordinates, suffix = draw(st.booleans()), draw(st.sampled_from(["", "_GT", "_full", "_1"]))
+    names = {}
+    for number, (row, col) in enumerate(product(range(rows), range(cols))):
+        shown = [start[0] + step * row, start[1] + step * col]
+        if signed:
+            shown = [shown[0] - step - start[0], shown[1] - step - start[1]]
+        first, second = (f"{n:+d}" if signed else f"{n:0{width}d}" for n in (shown[::-1] if swapped else shown))
+        front = f"_{number + 7:04d}" if counter == "front" else ""
+        back = f"_{number + 100:03d}" if counter == "back" else ""
+        where = f"_{400 - 2.5 * row + 0.1 * (col % 3):.1f}_{1103.25 + 8.5 * col + 0.1 * (row % 2):.2f}" if coordinates else ""
+        names[f"{text}{front}{before}{first}{between}{second}{where}{back}{suffix}.png"] = (row, col)
+    return names, draw(st.sampled_from([[], ["thumbs.png"], ["all views 12.jpg", "depth.png"]]))
+
+
+@settings(max_examples=300, deadline=None)
+@given(schemes())
+def test_row_and_column_are_found_in_any_scheme(scheme: tuple[dict[str, tuple[int, int]], list[str]]) -> None:
+    names, others = scheme
+    found = read_names(tuple(sorted([*names, *others])))
+    assert found is not None
+    assert not found.runs
+    assert set(found.others) == set(others)
+    placed = {name: index for index, name in found.views.items()}
+    assert placed == names or placed == {name: index[::-1] for name, index in names.items()}
+
+
+@settings(max_examples=100, deadline=None)
+@given(TEXTS, SEPARATORS, st.integers(1, 6), st.integers(0, 2000), st.integers(3, 130), st.sampled_from(["", "_GT", "_2"]))
+def test_a_running_number_is_no_grid(text: str, mark: str, width: int, start: int, count: int, end: str) -> None:
+    names = [f"{text}{mark}{number:0{width}d}{end}.jpg" for number in range(start, start + count)]
+    assume(len(set(names)) == count)
+    found = read_names(tuple(sorted(names)))
+    assert found is not None
+    assert found.runs
+    assert [found.views[0, k] for k in range(count)] == names
+
+
+REAL = {
+    "counter before": [f"IMG_{2 + 4 * r + c:04d}_001_{r + 1:02d}_{c + 1:02d}.png" for r in range(3) for c in range(4)],
+    "coordinates behind": [
+        f"Original Camera_{r:02d}_{c:02d}_{400 + r / 2:.1f}_{369.2 - c:.1f}_{30 + r}_36.png" for r in range(3) for c in range(4)
+    ],
+    "signed": [f"image_{r - 1:+d}_{c - 3:+d}.png" for r in range(3) for c in range(4)],
+    "words": [f"im_t{99 + r:03d}_s{100 + c:03d}_GT.png" for r in range(3) for c in range(4)],
+    "no separator": [f"v{r}{c}.png" for r in range(3) for c in range(4)],
+    "letters": [f"{'ABC'[r]}{c + 1}.png" for r in range(3) for c in range(4)],
+    "running": [f"lowtoys{1 + 4 * r + c:03d}.png" for r in range(3) for c in range(4)],
+}
+
+
+@pytest.mark.parametrize("scheme", REAL)
+def test_names_that_were_met(tmp_path: Path, scheme: str) -> None:
+    for name, picture in zip(REAL[scheme], GRID.reshape(12, *GRID.shape[2:]), strict=True):
+        made.write(tmp_path / name, picture)
+    source = layouts.describe(tmp_path, AUTO)
+    assert (source.rows, source.cols) == (3, 4)
+    assert np.array_equal([[source.read(0, r, c) for c in range(4)] for r in range(3)], GRID)
+    assert not any("files used" in note for note in source.notes)
+
+
+@pytest.mark.parametrize("order", ["rows", "cols", "snake"])
+@pytest.mark.parametrize(("rows", "cols"), [(16, 16), (5, 5), (2, 8), (1, 20)])
+def test_columns_of_a_running_number(rows: int, cols: int, order: str) -> None:
+    views = made.views(rows, cols, 48, 64)[..., 1]
+    places = [(r, c) for c in range(cols) for r in range(rows)] if order == "cols" else list(product(range(rows), range(cols)))
+    line = [views[r, cols - 1 - c if order == "snake" and r % 2 else c] for r, c in places]
+    found = find_columns(lambda k: line[k], [True] * len(line))
+    shape = (cols, rows) if order == "cols" and rows > 1 else (rows, cols)
+    assert (found.rows, found.cols, found.snake) == (*shape, order == "snake" and rows > 1)
+
+
+def test_one_file_too_many_is_left_out_and_named(tmp_path: Path) -> None:
+    made.write_grid(tmp_path, made.views(5, 5, 48, 64), "v{n:02d}.png")
+    made.write(tmp_path / "v25.png", made.views(5, 5, 48, 64)[2, 2])
+    for scene in (AUTO, config.Scene(grid="5x5")):
+        source = layouts.describe(tmp_path, scene)
+        assert (source.rows, source.cols) == (5, 5)
+        assert any("25 of 26 files used, the others are v25.png" in note for note in source.notes)
+
+
+def test_an_odd_picture_among_the_views_is_named(tmp_path: Path) -> None:
+    made.write_grid(tmp_path, GRID, "v{n:02d}.png")
+    made.write(tmp_path / "v12.png", made.texture(80, 200, 1))  # all views in one, by its size
+    made.write(tmp_path / "juntos.jpg", made.texture(80, 200, 1))
+    source = layouts.describe(tmp_path, AUTO)
+    assert (source.rows, source.cols) == (3, 4)
+    assert any("12 of 14 files used, the others are juntos.jpg, v12.png (200x80 px)" in note for note in source.notes)
+
+
+def test_a_missing_view_is_made_and_told(tmp_path: Path) -> None:
+    views = made.views(5, 5, 96, 128)
+    made.write_grid(tmp_path / "s", views, "v_{r}_{c}.png")
+    (tmp_path / "s" / "v_2_2.png").unlink()
+    field = open_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache")))
+    assert any("1 of 5x5 views are missing and made from others: row 2 column 2" in note for note in field.manifest["notes"])
+    assert not field.present[2, 2]
+    true, made_view, beside = (
+        np.asarray(v, float) for v in (views[2, 2].transpose(2, 0, 1), field.views[0, 2, 2], field.views[0, 2, 3])
+    )
+    assert np.abs(made_view - true).mean() < 0.4 * np.abs(beside - true).mean()
+
+
+CROSSES = {
+    "star": (lambda r, c: r == 4 or c == 4 or r == c or r + c == 8, 9, (3, 3)),
+    "cross": (lambda r, c: r == 4 or c == 4, 9, (1, 9)),
+    "every other": (lambda r, c: (r % 2 == 0 and c % 2 == 0) or (r, c) == (1, 1), 9, (5, 5)),
+    "left half": (lambda r, c: c < 4 or (r, c) == (0, 8), 9, (9, 4)),
+}
+
+
+@pytest.mark.parametrize("shape", CROSSES)
+def test_an_incomplete_grid_gives_its_largest_whole_part(shape: str) -> None:
+    inside, side, expected = CROSSES[shape]
+    views = {(r, c): f"{r}_{c}" for r in range(side) for c in range(side) if inside(r, c)}
+    part = whole_part(views, side, side)
+    assert (part.rows, part.cols) == expected
+    assert set(part.views) == set(product(range(part.rows), range(part.cols)))
+    assert "views are missing" in part.note
+    lines = {tuple(map(int, name.split("_"))) for name in part.views.values()}
+    assert len(lines) == part.rows * part.cols <= len(views)
+
+
+def test_every_remedy_works_on_its_folder(tmp_path: Path) -> None:
+    """Messages that name an option are run again with that option."""
+    made.write_grid(tmp_path / "run", GRID, "v{n:02d}.png")
+    made.write_grid(tmp_path / "grid", GRID)
+    tries = [
+        (tmp_path / "run", config.Scene(layout="rows-cols"), "use --layout numbered", config.Scene(layout="numbered")),
+        (tmp_path / "run", config.Scene(grid="5x5"), "leave out --grid to have it detected", AUTO),
+        (tmp_path / "grid", config.Scene(grid="4x4"), "leave out --grid", AUTO),
+    ]
+    for path, wrong, remedy, right in tries:
+        with pytest.raises(UserError) as caught:
+            layouts.describe(path, wrong)
+        assert caught.value.remedy == remedy
+        source = layouts.describe(path, right)
+        assert (source.rows, source.cols) == (3, 4)
+
+
+def test_a_folder_of_many_is_never_one_view(tmp_path: Path) -> None:
+    for k, name in enumerate(["beach.png", "dog.png", "house.png"]):
+        made.write(tmp_path / name, made.texture(48, 64, k))
+    with pytest.raises(UserError, match=re.escape("beach.png")):
+        layouts.describe(tmp_path, AUTO)
