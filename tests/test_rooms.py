@@ -78,7 +78,7 @@ ALLOWED = {
     "lfpipe/capture/v4l2_abi.py": "Video4Linux is Linux's own",
     "lfpipe/capture/v4l2_device.py": "Video4Linux is Linux's own",
     "lfpipe/capture/v4l2_stream.py": "Video4Linux is Linux's own",
-    "lfpipe/render/monitors.py": "calls the SDL library that pygame loads",
+    "lfpipe/render/window_system.py": "calls the SDL library that pygame loads",
     "lfpipe/track/network.py": "maps a tensor's memory",
     "lfpipe/bench/worker.py": "forks, so that every turn starts from the same prepared memory",
 }

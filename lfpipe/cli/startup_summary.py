@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from lfpipe.config import Config
+from lfpipe.host.graphics import has_gpu
 from lfpipe.render.geometry import parallax
 from lfpipe.render.plan import Plan
 from lfpipe.scene.lightfield import LightField
@@ -24,11 +25,14 @@ def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, di
     chosen = parallax(config, field, config.camera.frame_px[0], None)
     depth = "" if chosen.compression is None else f", {chosen.compression:.0%} of true depth"
     asked = "set" if isinstance(render.alpha_px, float) else f"{render.alpha_px}, at {chosen.distance_mm:.0f} mm"
-    clock = f"every refresh at {render.rate_hz:g} Hz" if render.clock == "display" else "every camera frame"
+    on_screen = display in ("window", "fullscreen")
+    at_hz = "of the screen" if on_screen and render.rate_hz == "auto" else f"at {render.nominal_hz:g} Hz"
+    clock = f"every refresh {at_hz}" if render.clock == "display" else "every camera frame"
+    by = ", drawn by the CPU (no GPU found)" if on_screen and not has_gpu() else ""
     return [
         f"scene   {field.name}: {field.rows}x{field.cols} views of {field.width_px}x{field.height_px}",
         f"plan    views by {plan.method}{left_out}",
         f"camera  {camera}; eyes by {config.track.engine}, filter {config.track.filter}",
         f"alpha   {chosen.alpha_px:.1f} px/view ({asked}): {chosen.views_between_eyes:.1f} views between the eyes{depth}",
-        f"picture {render.anaglyph} in {render.light} light, {clock}, to {display}",
+        f"picture {render.anaglyph} in {render.light} light, {clock}, to {display}{by}",
     ]

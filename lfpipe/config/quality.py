@@ -43,17 +43,17 @@ def ladder(config: Config, options: SessionOptions) -> tuple[QualityLevel, ...]:
     """
     scene = options.scene
     if scene is None:
-        return (QualityLevel(0, "", config.render.method, config.render.rate_hz, 1, "full"),)
+        return (QualityLevel(0, "", config.render.method, config.render.nominal_hz, 1, "full"),)
     method = drawn_with(config.render.method, scene.method, scene.has_disparity, scene.scores)
     steps: list[tuple[str, str, Any]] = [("render", "method", name) for name in METHODS[METHODS.index(method) + 1 :]]
     if config.render.clock == "display" or not options.tracking:
-        rate_hz = config.render.rate_hz / 2
+        rate_hz = config.render.nominal_hz / 2
         while rate_hz >= LEAST_HZ:
             steps.append(("render", "rate_hz", rate_hz))
             rate_hz /= 2
         if options.tracking:
             steps.append(("track", "every", 2))
-    made = [QualityLevel(0, "", method, config.render.rate_hz, 1, "full")]
+    made = [QualityLevel(0, "", method, config.render.nominal_hz, 1, "full")]
     for stage, what, value in steps:
         made.append(attrs.evolve(made[-1], number=len(made), stage=stage, **{what: value}))
     return tuple(attrs.evolve(level, words=_words(level, made[0])) for level in made)
@@ -73,7 +73,9 @@ def lowered(config: Config, options: SessionOptions) -> Config:
     level = options.level
     if level is None:
         return config
-    lower: dict[str, Any] = {"method": level.method, "rate_hz": level.rate_hz}
+    # at full rate "auto" stays: the screen's own may be above the nominal one
+    rate_hz = config.render.rate_hz if level.rate_hz == config.render.nominal_hz else level.rate_hz
+    lower: dict[str, Any] = {"method": level.method, "rate_hz": rate_hz}
     return attrs.evolve(config, render=attrs.evolve(config.render, **lower))
 
 

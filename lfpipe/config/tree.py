@@ -8,6 +8,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import attrs
 
+AUTO_HZ = 60.0  # pictures a second without a screen that has a rate of its own
+
 
 @attrs.frozen
 class Opt:
@@ -87,7 +89,10 @@ class Render:
         Literal["display", "camera"],
         Opt("display: a picture for every refresh, eyes predicted to it; camera: one picture per camera frame, as in the paper"),
     ] = "display"
-    rate_hz: Annotated[float, Opt("refresh rate of the display clock", "Hz", 1, 1000)] = 60.0
+    rate_hz: Annotated[
+        float | Literal["auto"],
+        Opt("pictures a second of the display clock; auto: every refresh of the screen, 60 where there is none", "Hz", 1, 1000),
+    ] = "auto"
     method: Annotated[
         Literal["auto", "nearest", "blend", "warp", "warp2"],
         Opt("how a view between the stored views is made; nearest is the paper's", live=True),
@@ -139,6 +144,11 @@ class Render:
         float, Opt("time from handing a picture to the display to light, added to the prediction", "ms", 0, 1000, live=True)
     ] = 0.0
 
+    @property
+    def nominal_hz(self) -> float:
+        """rate_hz as a number, AUTO_HZ where the screen decides."""
+        return AUTO_HZ if isinstance(self.rate_hz, str) else self.rate_hz
+
 
 @attrs.frozen
 class Screen:
@@ -171,7 +181,9 @@ class Screen:
 class Scene:
     layout: Annotated[str, Opt("layout on disk; auto: detect it (`lfpipe scene info` shows it)")] = "auto"
     grid: Annotated[str, Opt("ROWSxCOLS where the files do not define it; empty: detect it")] = ""
-    flip: Annotated[Literal["auto", "none", "rows", "cols", "both"], Opt("reverse the order of the views; auto: detect it")] = "auto"
+    flip: Annotated[Literal["auto", "none", "rows", "cols", "both"], Opt("reverse the order of the views; auto: detect it")] = (
+        "auto"
+    )
     transpose: Annotated[Literal["auto", "no", "yes"], Opt("exchange rows and columns of the grid; auto: detect it")] = "auto"
     gamma: Annotated[
         float | Literal["auto"],

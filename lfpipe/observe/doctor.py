@@ -106,8 +106,7 @@ def sdl() -> Check:
     except Exception as error:  # whatever keeps SDL from starting is what the person needs to read
         remedy = "pip install pygame-ce (and no plain pygame), or use --display none"
         return Check("display", False, f"SDL does not start: {error}", remedy)
-    shared = os.environ.get("SDL_FRAMEBUFFER_ACCELERATION") == "0"
-    how = "surface in shared memory (no GPU)" if shared else "surface through the GPU"
+    how = sdl.drawn_by(driver)
     listed = "; ".join(f"monitor {each}" for each in monitors)
     return Check("display", True, f"SDL {sdl.version()}, driver {driver}, {how}; {listed}")
 

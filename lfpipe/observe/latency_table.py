@@ -32,6 +32,9 @@ def latency_table(state: dict[str, Any]) -> None:
         f"picture's age when presented, sensor to screen: p50 {age['p50_ms']:.2f}, p95 {age['p95_ms']:.2f}, "
         f"p99 {age['p99_ms']:.2f}, max {age['max_ms']:.2f} ms over {age['n']} pictures"
     )
+    judder = state["judder"]
+    if judder["planned"]:
+        print(f"judder: {judder['percent']:.2f} % of {judder['planned']} refreshes showed another picture than planned")
     ahead = state["horizon"]
     if ahead["n"]:
         print(f"eyes predicted ahead of the sensor by p50 {ahead['p50_ms']:.2f}, p95 {ahead['p95_ms']:.2f} ms")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.processes import cpu_ns, rss_bytes, scheduling
-from lfpipe.supervisor.snapshot import busy, light, quality, viewer
+from lfpipe.supervisor.snapshot import busy, judder_percent, light, quality, viewer
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.status import State, Table, rate_hz
@@ -59,7 +59,8 @@ class StageReading:
 class Reading:
     """A session now. viewer: the word for who is before the screen. age: of the picture when presented, over the last seconds;
     worst: since the reset; age_now_ms: since the reading before, None where no picture was composed. horizon: how far ahead of
-    the sensor's stamp the eyes are predicted. level: of quality, 0 for full, with the last there is and what it takes away in
+    the sensor's stamp the eyes are predicted. judder_percent: see `snapshot`.
+    level: of quality, 0 for full, with the last there is and what it takes away in
     words. supervisor: (CPU %, RSS in MB)."""
 
     uptime_s: float
@@ -75,6 +76,7 @@ class Reading:
     age: Times
     worst: Times
     horizon: Times
+    judder_percent: float | None
     age_now_ms: float | None
     supervisor: tuple[float, float]
 
@@ -145,6 +147,7 @@ class Meter:
             age=times(now.counts["render", "age"] - then.counts["render", "age"]),
             worst=times(self._since_zero(now, "render", "age")),
             horizon=times(now.counts["render", "horizon"] - then.counts["render", "horizon"]),
+            judder_percent=judder_percent(render),
             age_now_ms=age_now.p50_ms if age_now.n else None,
             supervisor=(self._cpu(now, then, self._supervisor_pid), rss_bytes(self._supervisor_pid) / 1e6),
         )

@@ -139,6 +139,8 @@ class Screen:
         out.append(f"p50 {age.p50_ms:.1f}  p95 {age.p95_ms:.1f}  p99 {age.p99_ms:.1f}  max {age.max_ms:.1f} ms", "")
         out.append(f"   worst {worst.max_ms:.1f} ms\n", "dim")
         ahead = reading.horizon
+        if reading.judder_percent is not None:
+            out.append("judder            ", "bold").append(f"{reading.judder_percent:.2f} % of the refreshes so far\n")
         out.append("eyes predicted by ", "bold")
         out.append(f"p50 {ahead.p50_ms:.1f}  p95 {ahead.p95_ms:.1f} ms\n" if ahead.n else "nothing yet\n")
         known = [value for value in self._ages if value is not None]

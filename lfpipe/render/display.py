@@ -7,6 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.host.presentation import Presented
+
 # What a viewer may press: key -> (name that `events` reports, what the help says). The window itself carries out
 # "fullscreen" and "help"; the others are for the stage.
 KEYS = {
@@ -27,7 +29,21 @@ KEYS = {
 
 class Display(Protocol):
     def show(self, picture: NDArray[np.uint8]) -> int:
-        """Puts uint8 (height, width, 3) BGR on the screen, scaled to fit; returns t_presented_ns (monotonic)."""
+        """Puts uint8 (height, width, 3) BGR on the screen, scaled to fit; returns when it was handed over (monotonic)."""
+        ...
+
+    @property
+    def blanks_by(self) -> str:
+        """Who reports when pictures are shown: wp_presentation, wl_surface.frame, x_present; empty: nobody does."""
+        ...
+
+    def presented(self) -> list[Presented]:
+        """The vertical blanks that showed pictures, as far as they became known since the last call. serial: the pictures'
+        number, 1 for the first call of `show`."""
+        ...
+
+    def nominal_hz(self) -> float:
+        """The refresh rate that the screen claims; asked only where blanks are reported."""
         ...
 
     def events(self) -> list[str]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import opencv_name
 from lfpipe.host import opencv_log
+from lfpipe.host.presentation import Presented
 from lfpipe.render.scaling import fit_area, scale_into
 
 # Of the encoders in OpenCV's wheel, HuffYUV (on RGB), FFV1, PNG and raw RGBA give every RGB value back. Measured on 512x512
@@ -84,6 +85,14 @@ class FileDisplay:
             except queue.Full:
                 self.dropped += 1
         return t_ns
+
+    blanks_by = ""
+
+    def presented(self) -> list[Presented]:
+        return []
+
+    def nominal_hz(self) -> float:
+        return 0.0
 
     def events(self) -> list[str]:
         return []

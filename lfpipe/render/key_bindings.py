@@ -94,12 +94,17 @@ class KeyBindings:
             f"camera {rate_hz(rows['capture']):5.1f} Hz   pictures {rate_hz(rows['render']):5.1f} Hz",
             f"sensor to screen p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
             f"eyes predicted by p50 {horizon['p50_ms']:.1f} ms",
+            *([f"judder {judder:.2f} %"] if (judder := self._judder()) is not None else []),
             *(f"{name} busy p50 {p50_ms:.2f} ms, dropped {drops}" for name, (p50_ms, drops) in busy.items()),
             f"{self._viewer.method}, alpha {alpha.alpha_px:.1f} px/view" if alpha else f"{self._viewer.method}, no face seen yet",
             f"{self._context.config.render.anaglyph}{', frozen' if self._context.paused else ''}",
             self._depth(),
             *self._lowered(),
         ]
+
+    def _judder(self) -> float | None:
+        row = self._context.row
+        return 100 * row["juddered"] / row["planned"] if row["planned"] else None
 
     def _lowered(self) -> list[str]:
         """What the governor has taken away."""

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
 import difflib
-import functools
 
 import attrs
 
 from lfpipe.errors import UserError
-from lfpipe.render import sdl
+from lfpipe.render import sdl, window_system
 from lfpipe.render.sdl import pygame
 
 INCH_MM = 25.4
@@ -35,16 +33,6 @@ class Monitor:
         return f"{self.number} {self.name} {self.width}x{self.height}+{self.x}+{self.y}{size}"
 
 
-@functools.cache
-def _sdl() -> ctypes.CDLL:
-    """The very SDL that pygame draws with; pygame gives no names, positions or sizes."""
-    library = ctypes.CDLL(pygame.display.__file__)
-    library.SDL_GetDisplayName.restype = ctypes.c_char_p
-    library.SDL_GetWindowFromID.restype = ctypes.c_void_p
-    library.SDL_GetWindowDisplayIndex.argtypes = [ctypes.c_void_p]
-    return library
-
-
 def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
     """The pitch from what SDL reports, (horizontal, vertical); None where that cannot be the size of a monitor."""
     across, down = dots_per_inch
@@ -62,11 +50,8 @@ def monitors() -> list[Monitor]:
     """All of them, by number. pygame.display must be initialised."""
     found = []
     for number, (width_px, _) in enumerate(pygame.display.get_desktop_sizes()):
-        place, dots = (ctypes.c_int * 4)(), [ctypes.c_float() for _ in range(3)]
-        _sdl().SDL_GetDisplayBounds(number, place)
-        known = _sdl().SDL_GetDisplayDPI(number, *map(ctypes.byref, dots)) == 0
-        name = (_sdl().SDL_GetDisplayName(number) or b"").decode(errors="replace")
-        pitch = pixel_mm((dots[1].value, dots[2].value), width_px) if known else None
+        name, place, dots_per_inch = window_system.monitor_facts(number)
+        pitch = pixel_mm(dots_per_inch, width_px) if dots_per_inch else None
         x, y, width, height = place
         found.append(Monitor(number, name, x, y, width, height, pitch))
     return found
@@ -74,7 +59,7 @@ def monitors() -> list[Monitor]:
 
 def monitor_of(window: pygame.Window) -> int:
     """The number of the monitor on which the window's middle lies."""
-    return max(0, int(_sdl().SDL_GetWindowDisplayIndex(_sdl().SDL_GetWindowFromID(window.id))))
+    return window_system.monitor_number(window)
 
 
 def find_monitor(wanted: str, offered: list[Monitor]) -> Monitor:

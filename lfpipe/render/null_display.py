@@ -7,12 +7,22 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.host.presentation import Presented
+
 
 class NullDisplay:
     """Takes pictures and shows nothing."""
 
     def show(self, picture: NDArray[np.uint8]) -> int:
         return time.monotonic_ns()
+
+    blanks_by = ""
+
+    def presented(self) -> list[Presented]:
+        return []
+
+    def nominal_hz(self) -> float:
+        return 0.0
 
     def events(self) -> list[str]:
         return []

@@ -17,6 +17,8 @@ from lfpipe.eyes import EYES
 from lfpipe.files.trace import TraceFile
 from lfpipe.render.display import Display
 from lfpipe.render.optional_outputs import OptionalOutputs
+from lfpipe.render.screen_clock import LeadTime, ScreenClock
+from lfpipe.render.shown_pictures import HANDOVER, ShownPictures
 from lfpipe.render.viewer import Viewer, Viewpoints
 from lfpipe.transport.clock import now_ns, sleep_until
 from lfpipe.transport.context import Context
@@ -51,6 +53,10 @@ class Presenter:
 
             self._replay = ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
         self.cost_ns = 0
+        self._shown = ShownPictures()
+        self._number = 0
+        self.clock: ScreenClock | None = None  # of a screen whose blanks are reported
+        self.lead = LeadTime()
         self.picture: NDArray[np.uint8] | None = None
 
     def _lost(self, why: str) -> None:
@@ -96,19 +102,26 @@ class Presenter:
             self.picture = self._viewer.compose(viewpoints)
             self._key = key
         t_composed_ns = now_ns()
-        if refresh_ns:
+        if refresh_ns and self.clock is None:
             sleep_until(target_ns)
-        t_shown_ns = now_ns()
-        t_presented_ns = self._display.show(self.picture) if composed and self.picture is not None else t_shown_ns
+        t_shown_ns, cpu_ns = now_ns(), time.process_time_ns()
+        t_handed_ns = self._display.show(self.picture) if composed and self.picture is not None else t_shown_ns
         row, stamp = self._context.row, self._stamp
+        measured: tuple[int, int] | None = None
         if composed:
-            cost_ns = t_composed_ns - t_start_ns + t_presented_ns - t_shown_ns
+            # a swap may wait for the screen: that is no work
+            handing_ns = (
+                min(t_handed_ns - t_shown_ns, time.process_time_ns() - cpu_ns) if self.clock else t_handed_ns - t_shown_ns
+            )
+            cost_ns = t_composed_ns - t_start_ns + handing_ns
             self._outputs.picture(self.picture, stamp)
             self.cost_ns += int(COST_SHARE * (cost_ns - self.cost_ns))
+            self.lead.took(cost_ns + max(t_start_ns - (target_ns - self.lead.ns), 0))
             if stamp is not None:
-                row.measure(self._t_taken_ns - stamp.t_publish_ns, cost_ns, t_presented_ns - t_sensor_ns)
+                measured = self._t_taken_ns - stamp.t_publish_ns, cost_ns
         row.tick(stamp.source_seq if stamp else -1)
         row["cpu_ns"] = time.process_time_ns()
+        line: dict[str, Any] | None = None
         if stamp is not None and self._record is not None:
             row["face"] = int(self._record["face"])
             self._report_state()
@@ -116,14 +129,74 @@ class Presenter:
                 row.horizon.add_ns(seen_ns - t_sensor_ns)
             self._outputs.emit_viewpoints(viewpoints, bool(self._record["face"]))
             if self._trace.wanted or self._outputs.traced:
-                line = self._line(stamp, self._record, viewpoints, composed, t_start_ns, t_composed_ns, t_presented_ns)
+                line = self._line(stamp, self._record, viewpoints, composed, t_start_ns, t_composed_ns)
                 if self._replay is not None:
                     filtered_px, used_px = self._record["filtered_px"], viewpoints.eyes_px
                     line |= self._replay.keep(stamp, filtered_px, used_px, seen_ns, self.picture, composed)
-                self._trace.write(line)
-                self._eyes.done()
-                self._outputs.line(line)
+        self._await_light(target_ns if refresh_ns else 0, composed, t_handed_ns, t_sensor_ns, measured, line)
         self._report_parallax()
+
+    def _await_light(
+        self,
+        target_ns: int,
+        composed: bool,
+        t_handed_ns: int,
+        t_sensor_ns: int,
+        measured: tuple[int, int] | None,
+        line: dict[str, Any] | None,
+    ) -> None:
+        """Counts and traces a picture once it is known when it was shown. target_ns: the blank it was made for, 0 for none."""
+
+        def report(t_presented_ns: int, by: str) -> None:
+            if measured is not None:
+                self._context.row.measure(*measured, t_presented_ns - t_sensor_ns)
+            if by and composed and target_ns and self.clock is not None:
+                self._judge(target_ns, t_handed_ns, t_presented_ns if by != HANDOVER else 0)
+            if line is not None:
+                line["t_presented_ns"] = t_presented_ns
+                if by:
+                    line["presented_by"] = by
+                self._trace.write(line)
+                self._outputs.line(line)
+
+        if line is not None:
+            self._eyes.done()
+        if not self._display.blanks_by:
+            report(t_handed_ns, "")
+            return
+        self._context.row["planned"] += bool(target_ns)
+        if composed:
+            self._number += 1
+            self._shown.add(self._number, t_handed_ns, report)
+        else:
+            self._shown.stays(target_ns or t_handed_ns, self._display.blanks_by, report)
+
+    def _judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> None:
+        """A picture was shown, at another blank than planned perhaps, or never (0): then the next one took its place."""
+        assert self.clock is not None
+        if not t_presented_ns:
+            self._context.row["juddered"] += 1
+        elif self.clock.measured:
+            self._context.row["juddered"] += self.lead.judge(target_ns, t_handed_ns, t_presented_ns, self.clock.period_ns)
+
+    def missed(self, count: int) -> None:
+        """So many refreshes passed without a picture being begun: the one before stayed."""
+        row = self._context.row
+        row["missed"] += count
+        if self.clock is not None:
+            row["planned"] += count
+            row["juddered"] += count
+
+    def follow_screen(self) -> None:
+        """Takes what the window system reported of pictures and blanks."""
+        if not self._display.blanks_by:
+            return
+        answers = self._display.presented()
+        if self.clock is not None:
+            for answer in answers:
+                if answer.t_ns:
+                    self.clock.blank(answer.t_ns, answer.period_ns)
+        self._shown.take(answers, self._display.blanks_by, now_ns())
 
     def _line(
         self,
@@ -133,7 +206,6 @@ class Presenter:
         composed: bool,
         t_started_ns: int,
         t_composed_ns: int,
-        t_presented_ns: int,
     ) -> dict[str, Any]:
         def sides(pair: Any) -> dict[str, Any]:
             return {"left": list(pair[0]), "right": list(pair[1])}
@@ -148,7 +220,7 @@ class Presenter:
             "t_tracked_ns": int(record["t_tracked_ns"]),
             "t_started_ns": t_started_ns,
             "t_composed_ns": t_composed_ns,
-            "t_presented_ns": t_presented_ns,
+            "t_presented_ns": 0,  # known later; it keeps its place in the line
             "face": bool(record["face"]),
             "eyes_raw": sides(record["raw_px"].tolist()),
             "eyes_used": sides(viewpoints.eyes_px.tolist()),
@@ -172,6 +244,7 @@ class Presenter:
 
     def close(self) -> None:
         """Ends the trace."""
+        self._shown.flush()
         self._trace.close()
         try:
             if self._replay is not None:

@@ -30,6 +30,18 @@ def start() -> str:
     return driver
 
 
+def uses_renderer(driver: str) -> bool:
+    """Whether a window draws through SDL's renderer: where there is a GPU, and on Wayland, which has no surface of its own."""
+    return driver == "wayland" or (driver == "x11" and has_gpu())
+
+
+def drawn_by(driver: str) -> str:
+    """How pictures get to the screen, for people."""
+    if not uses_renderer(driver):
+        return "drawn by the CPU into a surface in shared memory" + ("" if has_gpu() else " (no GPU)")
+    return "renderer with vertical sync, " + ("by the GPU" if has_gpu() else "OpenGL in software (no GPU)")
+
+
 def version() -> str:
     """Of SDL itself."""
     return ".".join(str(part) for part in pygame.version.SDL)

@@ -11,18 +11,35 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from lfpipe.config import Config
 from lfpipe.config.quality import lowered
+from lfpipe.render.display import Display
 from lfpipe.render.key_bindings import KeyBindings
 from lfpipe.render.open_display import open_display
 from lfpipe.render.picture_file import save
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.refresh import Refresh
+from lfpipe.render.screen_clock import ScreenClock, ScreenRefresh
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.pack_files import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 
 MARGIN_NS = MS_NS  # composing begins this much earlier than it should need
+
+
+def new_refresh(config: Config, display: Display, presenter: Presenter) -> Refresh | ScreenRefresh:
+    """The display's clock: the screen's blanks where they are reported, else an even rate."""
+    if not display.blanks_by:
+        return Refresh(config.render.nominal_hz, now_ns())
+    presenter.clock = presenter.clock or ScreenClock(display.nominal_hz(), now_ns())
+    limit_hz = 0.0 if config.render.rate_hz == "auto" else config.render.nominal_hz
+    return ScreenRefresh(presenter.clock, presenter.lead, limit_hz, now_ns())
+
+
+def lead_ns(refresh: Refresh | ScreenRefresh, presenter: Presenter) -> int:
+    """How long before a picture is due it must be begun."""
+    return presenter.cost_ns + MARGIN_NS if isinstance(refresh, Refresh) else refresh.lead_ns()
 
 
 def main(context: Context) -> None:
@@ -34,19 +51,19 @@ def main(context: Context) -> None:
         viewer = Viewer(field, config)
     lossless = options.lossless  # then pictures are a function of the frames and of nothing else, no clock either
     on_camera = (lossless or config.render.clock == "camera") and options.tracking
-    full_hz = float(options.source_hz) if on_camera else asked.render.rate_hz
+    full_hz = float(options.source_hz) if on_camera else asked.render.nominal_hz
     size_px, monitor = (field.width_px, field.height_px), str(config.screen.monitor)
     part = context.row["restarts"]
     display = open_display(options.display, size_px, f"lfpipe: {field.name}", full_hz, monitor, part)
     viewer.shown_as_wide(display.width_mm())
     presenter = Presenter(context, viewer, display)
     keys = KeyBindings(context, viewer, presenter, display)
-    refresh = None if on_camera else Refresh(config.render.rate_hz, now_ns())
+    refresh = None if on_camera else new_refresh(config, display, presenter)
     middle = ((field.rows - 1) / 2, (field.cols - 1) / 2)
     viewer.compositor.compose(middle, middle)  # tables are built and pages touched before somebody waits for it
     context.ready()
     try:
-        while context.wait(None if refresh is None else refresh.due_ns() - presenter.cost_ns - MARGIN_NS):
+        while context.wait(None if refresh is None else refresh.due_ns() - lead_ns(refresh, presenter)):
             if context.options.pack != options.pack or context.config != asked:
                 with context.setting_up("opening the scene"):
                     if context.options.pack != options.pack:
@@ -56,33 +73,33 @@ def main(context: Context) -> None:
                     viewer.set(field, config)
                 presenter.redraw()
             elif (now := lowered(asked, context.options)) != config:
+                if refresh is not None and now.render.rate_hz != config.render.rate_hz:
+                    refresh = new_refresh(now, display, presenter)
                 config = now
                 viewer.redraw_by(config)
                 presenter.redraw()
-            if refresh is not None and refresh.rate_hz != config.render.rate_hz:
-                refresh = Refresh(config.render.rate_hz, now_ns())
             presenter.follow(context.options)
             context.ack_config()
             if any(word == "recentre" for word, _ in context.commands()):
                 viewer.recentre()
                 presenter.redraw()
             fresh = presenter.take()
-            lead_ns = presenter.cost_ns + MARGIN_NS
-            if fresh is not None and refresh is not None:
-                refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns(), lead_ns)
+            if fresh is not None and isinstance(refresh, Refresh):
+                refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns(), lead_ns(refresh, presenter))
             if refresh is None:
                 if context.paused:
                     presenter.leave_out()
                 elif fresh is not None:
                     latency_ns = int(config.replay.latency_ms * MS_NS)
                     presenter.show(fresh.t_sensor_ns + latency_ns if lossless else now_ns() + presenter.cost_ns)
-            elif now_ns() >= refresh.due_ns() - lead_ns:
+            elif now_ns() >= refresh.due_ns() - lead_ns(refresh, presenter):
                 if not context.paused:
                     presenter.show(refresh.due_ns(), refresh.period_ns)
-                missed = refresh.missed
+                before = refresh.missed
                 refresh.advance(now_ns())
-                context.row["missed"] += refresh.missed - missed
+                presenter.missed(refresh.missed - before)
             keys.serve()  # after the picture: what was pressed can wait for the next one
+            presenter.follow_screen()
     finally:
         if options.still and presenter.picture is not None:
             context.emit("notice", text=save(Path(options.still), presenter.picture))

@@ -1,44 +1,54 @@
-"""The window on the screen: SDL's surface written in place, no picture copied that need not be."""
+"""The window on the screen: pictures through a painter, keys, text over the picture, and when the screen showed what."""
 
 from __future__ import annotations
 
 import contextlib
 import time
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.host.presentation import Presentation, Presented
 from lfpipe.render import sdl
 from lfpipe.render.display import KEYS
 from lfpipe.render.monitors import Monitor, find_monitor, monitor_of, monitors
 from lfpipe.render.overlay import panel
-from lfpipe.render.scaling import fit_area, scale_into
+from lfpipe.render.painters import Painter, Panels, open_painter
+from lfpipe.render.scaling import fit_area
 from lfpipe.render.sdl import pygame
+from lfpipe.render.window_system import nominal_hz, open_presentation
 
 SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of the width of the monitor; small light fields are shown larger in the first window
 HINT_S = 6.0
 SCREEN_SHARE = 0.85  # at most, of the monitor
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: on a fine one, text of TEXT_PX is too small
 NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", "\x1b": "quit"}
-RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
 
 
 class Window:
-    """A resizable window or the full screen. `show` draws at once; there is no waiting for the screen's own refresh.
+    """A resizable window or the full screen. `show` hands a picture over at once; `presented` says when the screen showed it.
 
     Its pixels are the screen's own: where a desktop scales windows, SDL asks it not to scale this one.
     """
 
-    def __init__(self, size_px: tuple[int, int], title: str, fullscreen: bool = False, monitor: str = "", hint: str = "") -> None:
+    def __init__(
+        self,
+        size_px: tuple[int, int],
+        title: str,
+        fullscreen: bool = False,
+        monitor: str = "",
+        hint: str = "",
+        renderer: bool | None = None,
+    ) -> None:
         """size_px: (width, height) of the pictures. monitor: a number or name, as `monitors.find_monitor` takes it; empty:
         where the desktop puts windows. hint: a line over the picture for HINT_S, or until a key is pressed.
+        renderer: draw by SDL's renderer; None: where that is cheaper, with a GPU and on Wayland.
         Raises UserError where no window can be opened, or there is no such monitor."""
         self._title, self._fullscreen, self._wanted = title, fullscreen, monitor
         try:
-            sdl.start()
+            driver = sdl.start()
+            self._renderer = sdl.uses_renderer(driver) if renderer is None else renderer
             self._monitors = monitors()
             on = find_monitor(monitor, self._monitors) if monitor else self._monitors[0]
             largest = min(SCREEN_SHARE * on.width / size_px[0], SCREEN_SHARE * on.height / size_px[1])
@@ -47,6 +57,8 @@ class Window:
             self._at: tuple[int, int] | None = None
             if monitor:
                 self._at = on.x + (on.width - self._windowed[0]) // 2, on.y + (on.height - self._windowed[1]) // 2
+            self._number = self._handed = 0  # of the picture, and of what was handed over: a picture may be drawn again
+            self._numbers: dict[int, int] = {}  # hand-over -> picture
             self._window = self._opened(on)
         except UserError:
             pygame.display.quit()
@@ -56,8 +68,7 @@ class Window:
         pygame.font.init()
         self._on = on
         self._picture: NDArray[np.uint8] | None = None
-        self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
-        self._shown_px = fit_area(size_px, self._window.get_surface().get_size())[2]
+        self._shown_px = fit_area(size_px, self._painter.size_px())[2]
         self._lines: list[str] = []
         self._inset: NDArray[np.uint8] | None = None
         self._help = False
@@ -73,10 +84,34 @@ class Window:
             at = self._at or pygame.WINDOWPOS_UNDEFINED
             window = pygame.Window(self._title, self._windowed, at, resizable=True, allow_high_dpi=True)
         pygame.mouse.set_visible(not self._fullscreen)
-        surface = window.get_surface()
-        if surface.get_bytesize() != 4 or surface.get_masks()[0] not in RED_MASKS:
-            raise UserError(f"the screen has {surface.get_bitsize()} bits a pixel", "a screen of 24 or 32 bits a pixel is needed")
+        self._painter: Painter = open_painter(window, self._renderer)
+        self._presentation: Presentation | None = open_presentation(window)
+        self._numbers.clear()
         return window
+
+    def _closed(self) -> None:
+        if self._presentation is not None:
+            self._presentation.close()
+        self._window.destroy()
+
+    @property
+    def blanks_by(self) -> str:
+        """See `Display.blanks_by`."""
+        return self._presentation.name if self._presentation is not None else ""
+
+    def nominal_hz(self) -> float:
+        """The refresh rate that the window's monitor claims."""
+        return nominal_hz(self._on.number)
+
+    def presented(self) -> list[Presented]:
+        """See `Display.presented`."""
+        answers: list[Presented] = []
+        for answer in self._presentation.take() if self._presentation is not None else []:
+            number = self._numbers.pop(answer.serial, None)
+            drawn_again = number in self._numbers.values()
+            if number is not None and (answer.t_ns or not drawn_again):
+                answers.append(Presented(number, answer.t_ns, answer.period_ns))
+        return answers
 
     def _toggle(self) -> None:
         """Full screen on the chosen monitor, or else on the one where the window is; back to where the window was.
@@ -91,7 +126,7 @@ class Window:
             with contextlib.suppress(UserError):  # the chosen one was unplugged
                 self._on = find_monitor(self._wanted, self._monitors)
         self._fullscreen = not self._fullscreen
-        self._window.destroy()
+        self._closed()
         self._window = self._opened(self._on)
 
     def _here(self) -> Monitor:
@@ -108,44 +143,34 @@ class Window:
         if self._picture is None:
             return 0.0, 0.0
         rows, cols = self._picture.shape[:2]
-        surface_px, window = self._window.get_surface().get_size(), self._window.size
+        surface_px, window = self._painter.size_px(), self._window.size
         x, y, width, height = fit_area((cols, rows), surface_px)
         x_px, y_px = position[0] * surface_px[0] / window[0], position[1] * surface_px[1] / window[1]
         return (x_px - x) * cols / width, (y_px - y) * rows / height
 
     def show(self, picture: NDArray[np.uint8]) -> int:
-        """See `Display.show`; presented is when the window system has taken the picture."""
+        """See `Display.show`; returns when the window system has taken the picture."""
         self._picture = picture
+        self._number += 1
         self._draw()
         return time.monotonic_ns()
 
     def _draw(self) -> None:
         if self._picture is None:
             return
-        surface = self._window.get_surface()
-        self._paint(surface, self._picture)
-        if self._panel is not None:
-            surface.blit(self._panel, (12, 12))
-        self._window.flip()
-
-    def _paint(self, surface: pygame.Surface, picture: NDArray[np.uint8]) -> None:
-        # The views of the surface's memory end with this call: as long as one lives the surface is locked.
-        width, height = surface.get_size()
-        memory: Any = surface.get_buffer()  # a buffer, but not to the type checker
-        pixels = np.frombuffer(memory, np.uint8).reshape(height, surface.get_pitch() // 4, 4)[:, :width]
-        x, y, w, h = fit_area((picture.shape[1], picture.shape[0]), (width, height))
-        self._shown_px = w
-        code = RED_MASKS[surface.get_masks()[0]]
-        pixels[:y], pixels[y + h :], pixels[y : y + h, :x], pixels[y : y + h, x + w :] = 0, 0, 0, 0
-        target = pixels[y : y + h, x : x + w]
-        if picture.shape[:2] == (h, w):
-            cv2.cvtColor(picture, code, dst=target)
+        panels: Panels = [] if self._panel is None else [(self._panel, (12, 12))]
+        size_px = self._painter.size_px()
+        _, _, width, height = fit_area((self._picture.shape[1], self._picture.shape[0]), size_px)
+        self._shown_px = width
+        self._painter.paint(self._picture, panels, self._picture.shape[:2] == (height, width))
+        self._handed += 1
+        if self._presentation is None:
+            self._painter.swap()
             return
-        # Converted before it grows: the scaler then writes straight into the surface.
-        if self._four.shape[:2] != picture.shape[:2]:
-            self._four = np.empty((*picture.shape[:2], 4), np.uint8)
-        cv2.cvtColor(picture, code, dst=self._four)
-        scale_into(self._four, target)
+        self._numbers[self._handed] = self._number
+        self._presentation.expect(self._handed)
+        self._painter.swap()
+        self._presentation.handed_over(self._handed)
 
     def events(self) -> list[str]:
         """See `Display.events`. Carries out full screen and help itself, and draws again what was covered or resized."""
@@ -196,11 +221,11 @@ class Window:
         if not lines:
             self._panel = None
             return
-        surface = self._window.get_surface()
-        scaled = surface.get_size()[0] / self._window.size[0]
+        width_px, height_px = self._painter.size_px()
+        scaled = width_px / self._window.size[0]
         text_px = round(max(TEXT_PX, TEXT_SHARE * self._on.height) * scaled)
-        self._panel = panel(lines, self._inset, text_px, (surface.get_width() - 24, surface.get_height() - 24))
+        self._panel = panel(lines, self._inset, text_px, (width_px - 24, height_px - 24))
 
     def close(self) -> None:
-        self._window.destroy()
+        self._closed()
         pygame.display.quit()

@@ -66,8 +66,15 @@ def viewer(table: Table) -> str:
     return ViewerState(int(table.rows["render"]["viewer"])).word
 
 
+def judder_percent(row: NDArray[np.void]) -> float | None:
+    """Refreshes of the screen that showed another picture than planned, in %; None where no screen reports its blanks."""
+    planned = int(row["planned"])
+    return round(100 * int(row["juddered"]) / planned, 3) if planned else None
+
+
 def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
     """`{"session", "uptime_s", "camera_fps", "camera_light", "level", "viewer", "stages": {...}, "end_to_end": {...},
+    "judder": {...},
     "horizon": {...}}`, as `lfpipe monitor --once --json` prints it.
 
     A stage's p50_ms.. are its busy time; wait and busy hold both in full. end_to_end: the age of a picture, from the
@@ -99,6 +106,7 @@ def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
             "cpus": cores,
             "nice": nice,
         }
+    shown = table.rows[SHOWN_BY]
     age, horizon = (summary_ms(table.rows[SHOWN_BY][name]) for name in ("age", "horizon"))
     return {
         "session": session,
@@ -109,5 +117,6 @@ def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
         "viewer": viewer(table),
         "stages": stages,
         "end_to_end": {"n": age["n"], **{key: age[key] for key in QUANTILES}},
+        "judder": {"planned": int(shown["planned"]), "juddered": int(shown["juddered"]), "percent": judder_percent(shown)},
         "horizon": {"n": horizon["n"], **{key: horizon[key] for key in QUANTILES}},
     }

@@ -57,6 +57,8 @@ ROW = np.dtype(
         ("drops", "<i8"),  # inputs this stage never saw, or could not use in time
         ("left_out", "<i8"),  # inputs it left out as told: at a lowered quality, while paused, for a newer one
         ("missed", "<i8"),  # of render: refreshes of the display that passed without it
+        ("planned", "<i8"),  # of render: refreshes of a screen whose blanks are reported
+        ("juddered", "<i8"),  # of render: those of them that showed another picture than was planned
         ("config_rev", "<i8"),  # revision of the configuration it works by
         ("busy_ns", "<i8"),
         ("cpu_ns", "<i8"),

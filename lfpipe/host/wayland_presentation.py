@@ -1,0 +1,215 @@
+"""When a Wayland compositor showed a picture, through the client library that the window uses.
+
+wp_presentation reports the vertical blank. Some compositors offer it and never answer (wlroots 0.15 without a screen): until the
+first answer, and where none comes, the frame callback stands in. It reports the repaint that took the picture, in whole ms.
+Events arrive on a queue of their own, so the window library's own events are never touched. Interfaces and opcodes are those of
+wayland.xml and presentation-time.xml.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from collections.abc import Callable
+from typing import Any
+
+from lfpipe.host.presentation import Presented
+
+_PRESENTATION_FEEDBACK, _DISPLAY_GET_REGISTRY, _REGISTRY_BIND, _SURFACE_FRAME = 1, 1, 0, 3
+_CLOCK_MONOTONIC = 1
+_MOST_WAITING = 64  # answers outstanding; a hidden window gets none
+_UNANSWERED = 30  # frame callbacks without any feedback, after which none is expected
+_CLOCK_MS, _WRAP_MS = 1000, 1 << 32  # a frame's stamp further than that from now is of another clock
+
+_Pointer, _Int = ctypes.c_void_p, ctypes.c_uint32
+
+
+class _Message(ctypes.Structure):
+    _fields_ = (("name", ctypes.c_char_p), ("signature", ctypes.c_char_p), ("types", ctypes.POINTER(_Pointer)))
+
+
+class _Interface(ctypes.Structure):
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("version", ctypes.c_int),
+        ("method_count", ctypes.c_int),
+        ("methods", ctypes.POINTER(_Message)),
+        ("event_count", ctypes.c_int),
+        ("events", ctypes.POINTER(_Message)),
+    )
+
+
+class _Argument(ctypes.Union):
+    _fields_ = (("u", _Int), ("s", ctypes.c_char_p), ("o", _Pointer))
+
+
+def _interface(name: bytes, methods: list[tuple[bytes, bytes]], events: list[tuple[bytes, bytes]]) -> _Interface:
+    """Types of arguments are left open (null): only objects of one's own making would be checked by them."""
+    untyped = (_Pointer * 8)()
+    lists = [(_Message * len(each))(*(_Message(*names, untyped) for names in each)) for each in (methods, events)]
+    return _Interface(name, 1, len(methods), lists[0], len(events), lists[1])
+
+
+_FEEDBACK = _interface(b"wp_presentation_feedback", [], [(b"sync_output", b"o"), (b"presented", b"uuuuuuu"), (b"discarded", b"")])
+_PRESENTATION = _interface(b"wp_presentation", [(b"destroy", b""), (b"feedback", b"on")], [(b"clock_id", b"u")])
+_PRESENTATION.methods[1].types[1] = ctypes.addressof(_FEEDBACK)
+
+_ON_GLOBAL = ctypes.CFUNCTYPE(None, _Pointer, _Pointer, _Int, ctypes.c_char_p, _Int)
+_ON_OBJECT = ctypes.CFUNCTYPE(None, _Pointer, _Pointer, _Pointer)
+_ON_NUMBER = ctypes.CFUNCTYPE(None, _Pointer, _Pointer, _Int)
+_ON_PRESENTED = ctypes.CFUNCTYPE(None, _Pointer, _Pointer, *[_Int] * 7)
+_ON_DISCARDED = ctypes.CFUNCTYPE(None, _Pointer, _Pointer)
+
+
+def _library() -> ctypes.CDLL:
+    library = ctypes.CDLL("libwayland-client.so.0")
+    for name in ("wl_display_create_queue", "wl_proxy_create_wrapper", "wl_proxy_marshal_array_flags"):
+        getattr(library, name).restype = _Pointer
+    library.wl_display_create_queue.argtypes = [_Pointer]
+    library.wl_proxy_create_wrapper.argtypes = [_Pointer]
+    library.wl_proxy_wrapper_destroy.argtypes = [_Pointer]
+    library.wl_proxy_set_queue.argtypes = [_Pointer, _Pointer]
+    library.wl_proxy_marshal_array_flags.argtypes = [_Pointer, _Int, _Pointer, _Int, _Int, ctypes.POINTER(_Argument)]
+    library.wl_proxy_add_listener.argtypes = [_Pointer, _Pointer, _Pointer]
+    library.wl_proxy_destroy.argtypes = [_Pointer]
+    library.wl_display_roundtrip_queue.argtypes = [_Pointer, _Pointer]
+    library.wl_display_dispatch_queue_pending.argtypes = [_Pointer, _Pointer]
+    library.wl_event_queue_destroy.argtypes = [_Pointer]
+    return library
+
+
+class WaylandPresentation:
+    """Feedback for one surface. display, surface: addresses of its wl_display and wl_surface.
+
+    Raises OSError where the library is missing or too old.
+    """
+
+    def __init__(self, display: int, surface: int) -> None:
+        self._display, self._surface = display, surface
+        self._presentation = 0
+        self._clock = -1
+        self._found: list[Presented] = []
+        self._waiting: dict[int, int] = {}  # address of a feedback -> serial
+        self._frames: dict[int, int] = {}  # address of a frame callback -> serial
+        self._done: list[tuple[int, int]] = []  # (stamp, serial) of frame callbacks
+        self._answered = self._unanswered = 0
+        self._listeners: list[Any] = []
+        try:
+            self._library = _library()
+        except AttributeError as error:
+            raise OSError(f"libwayland-client is too old: {error}") from None
+        self._queue = self._library.wl_display_create_queue(display)
+        wrapper = self._library.wl_proxy_create_wrapper(display)
+        self._library.wl_proxy_set_queue(wrapper, self._queue)
+        registry_interface = ctypes.addressof(_Pointer.in_dll(self._library, "wl_registry_interface"))
+        self._registry = self._request(wrapper, _DISPLAY_GET_REGISTRY, registry_interface, [_Argument()])
+        self._library.wl_proxy_wrapper_destroy(wrapper)
+        self._listen(self._registry, [_ON_GLOBAL(self._on_global), _ON_NUMBER(lambda *_: None)])
+        self._library.wl_display_roundtrip_queue(display, self._queue)  # the globals
+        if self._presentation:
+            self._library.wl_display_roundtrip_queue(display, self._queue)  # the clock
+        # A new object is put on the queue of the one that makes it.
+        self._framer = self._library.wl_proxy_create_wrapper(surface)
+        self._library.wl_proxy_set_queue(self._framer, self._queue)
+        self._callback_interface = ctypes.addressof(_Pointer.in_dll(self._library, "wl_callback_interface"))
+        self._frame_listener = self._table([_ON_NUMBER(self._on_frame)])
+        self._feedback_listener = self._table(
+            [
+                _ON_OBJECT(lambda *_: None),
+                _ON_PRESENTED(self._on_presented),
+                _ON_DISCARDED(self._on_discarded),
+            ]
+        )
+
+    @property
+    def name(self) -> str:
+        """Which of the two reports now."""
+        return "wp_presentation" if self._answered else "wl_surface.frame"
+
+    def _request(self, proxy: int, opcode: int, interface: int, arguments: list[_Argument]) -> int:
+        listed = (_Argument * len(arguments))(*arguments)
+        made = self._library.wl_proxy_marshal_array_flags(proxy, opcode, interface, 1, 0, listed)
+        if not made:
+            raise OSError("the connection to the compositor has ended")
+        return int(made)
+
+    def _table(self, callbacks: list[Any]) -> Any:
+        self._listeners.append(callbacks)  # whoever calls them does not keep them alive
+        table = (_Pointer * len(callbacks))(*(ctypes.cast(each, _Pointer) for each in callbacks))
+        self._listeners.append(table)
+        return table
+
+    def _listen(self, proxy: int, callbacks: list[Callable[..., None]]) -> None:
+        self._library.wl_proxy_add_listener(proxy, self._table(callbacks), None)
+
+    def _on_global(self, _data: int, registry: int, name: int, interface: bytes, _version: int) -> None:
+        if interface != b"wp_presentation" or self._presentation:
+            return
+        arguments = [_Argument(u=name), _Argument(s=interface), _Argument(u=1), _Argument()]
+        self._presentation = self._request(registry, _REGISTRY_BIND, ctypes.addressof(_PRESENTATION), arguments)
+        self._listen(self._presentation, [_ON_NUMBER(self._on_clock)])
+
+    def _on_clock(self, _data: int, _proxy: int, clock: int) -> None:
+        self._clock = clock
+
+    def _on_presented(
+        self, _data: int, proxy: int, high_s: int, low_s: int, ns: int, refresh_ns: int, _high: int, _low: int, _flags: int
+    ) -> None:
+        t_ns = ((high_s << 32) + low_s) * 1_000_000_000 + ns
+        self._answered += 1
+        self._found.append(Presented(self._waiting.pop(proxy), t_ns, refresh_ns))
+        self._library.wl_proxy_destroy(proxy)
+
+    def _on_discarded(self, _data: int, proxy: int) -> None:
+        serial = self._waiting.pop(proxy)
+        if self._answered:
+            self._found.append(Presented(serial, 0, 0))
+        self._library.wl_proxy_destroy(proxy)
+
+    def _on_frame(self, _data: int, proxy: int, t_ms: int) -> None:
+        now = time.monotonic_ns()
+        ago_ms = (now // 1_000_000 - t_ms) % _WRAP_MS
+        t_ns = now - ago_ms * 1_000_000 if ago_ms < _CLOCK_MS else now
+        self._done.append((t_ns // 1_000_000 * 1_000_000 + 500_000, self._frames.pop(proxy)))
+        self._unanswered += 1
+        self._library.wl_proxy_destroy(proxy)
+
+    def _repaints(self) -> list[Presented]:
+        """Of the pictures taken by one repaint, the last was shown."""
+        done, self._done = sorted(self._done), []
+        shown = {t_ns: serial for t_ns, serial in done}
+        return [Presented(serial, t_ns if shown[t_ns] == serial else 0, 0) for t_ns, serial in done]
+
+    def expect(self, serial: int) -> None:
+        """The next picture handed over is number serial."""
+        if not self._answered and len(self._frames) < _MOST_WAITING:
+            frame = self._request(self._framer, _SURFACE_FRAME, self._callback_interface, [_Argument()])
+            self._frames[frame] = serial
+            self._library.wl_proxy_add_listener(frame, self._frame_listener, None)
+        expected = self._clock == _CLOCK_MONOTONIC and (self._answered or self._unanswered < _UNANSWERED)
+        if expected and len(self._waiting) < _MOST_WAITING:
+            arguments = [_Argument(o=self._surface), _Argument()]
+            feedback = self._request(self._presentation, _PRESENTATION_FEEDBACK, ctypes.addressof(_FEEDBACK), arguments)
+            self._waiting[feedback] = serial
+            self._library.wl_proxy_add_listener(feedback, self._feedback_listener, None)
+
+    def handed_over(self, serial: int) -> None:
+        """Nothing to do: both requests belong to the picture that follows them."""
+
+    def take(self) -> list[Presented]:
+        """What became known since the last call. The window's own event loop reads the connection."""
+        self._library.wl_display_dispatch_queue_pending(self._display, self._queue)
+        found, self._found = self._found, []
+        repaints = self._repaints()
+        return found if self._answered else repaints
+
+    def close(self) -> None:
+        """Must come before the window is closed."""
+        for proxy in (*self._waiting, *self._frames, self._presentation, self._registry):
+            if proxy:
+                self._library.wl_proxy_destroy(proxy)
+        self._library.wl_proxy_wrapper_destroy(self._framer)
+        self._waiting.clear()
+        self._frames.clear()
+        self._presentation = self._registry = 0
+        self._library.wl_event_queue_destroy(self._queue)

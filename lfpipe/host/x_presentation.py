@@ -1,0 +1,111 @@
+"""When an X server's screen begins its next picture: the Present extension, over a connection of its own.
+
+Present reports the vertical blank after a picture was handed over: the first that shows all of it, unless a compositor is in
+between.
+"""
+
+from __future__ import annotations
+
+import ctypes
+
+from lfpipe.host.presentation import Presented
+
+_GENERIC_EVENT, _COMPLETE_NOTIFY_MASK, _NOTIFY_MSC = 35, 2, 1
+_MOST_WAITING = 64
+
+
+class _Complete(ctypes.Structure):
+    """xcb_present_complete_notify_event_t."""
+
+    _pack_ = 1
+    _fields_ = (
+        ("response_type", ctypes.c_uint8),
+        ("extension", ctypes.c_uint8),
+        ("sequence", ctypes.c_uint16),
+        ("length", ctypes.c_uint32),
+        ("event_type", ctypes.c_uint16),
+        ("kind", ctypes.c_uint8),
+        ("mode", ctypes.c_uint8),
+        ("event", ctypes.c_uint32),
+        ("window", ctypes.c_uint32),
+        ("serial", ctypes.c_uint32),
+        ("ust", ctypes.c_uint64),
+        ("full_sequence", ctypes.c_uint32),
+        ("msc", ctypes.c_uint64),
+    )
+
+
+class _Extension(ctypes.Structure):
+    _fields_ = (
+        ("response_type", ctypes.c_uint8),
+        ("pad", ctypes.c_uint8),
+        ("sequence", ctypes.c_uint16),
+        ("length", ctypes.c_uint32),
+        ("present", ctypes.c_uint8),
+        ("major_opcode", ctypes.c_uint8),
+    )
+
+
+class XPresentation:
+    """Blanks for one window of the server that DISPLAY names. Raises OSError where the library or the extension is missing."""
+
+    name = "x_present"
+
+    def __init__(self, window: int) -> None:
+        self._xcb, self._present = ctypes.CDLL("libxcb.so.1"), ctypes.CDLL("libxcb-present.so.0")
+        self._free = ctypes.CDLL(None).free
+        self._free.argtypes = [ctypes.c_void_p]
+        self._xcb.xcb_connect.restype = ctypes.c_void_p
+        self._xcb.xcb_get_extension_data.restype = ctypes.POINTER(_Extension)
+        self._xcb.xcb_get_extension_data.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
+        self._xcb.xcb_poll_for_event.restype = ctypes.c_void_p
+        for name in ("xcb_poll_for_event", "xcb_flush", "xcb_disconnect", "xcb_connection_has_error", "xcb_generate_id"):
+            getattr(self._xcb, name).argtypes = [ctypes.c_void_p]
+        self._present.xcb_present_select_input.argtypes = [ctypes.c_void_p, *[ctypes.c_uint32] * 3]
+        self._present.xcb_present_notify_msc.argtypes = [ctypes.c_void_p, *[ctypes.c_uint32] * 2, *[ctypes.c_uint64] * 3]
+        self._window, self._waiting = window, 0
+        self._last: tuple[int, int] | None = None  # (ust, msc)
+        self._connection = self._xcb.xcb_connect(None, None)
+        extension = None
+        if not self._xcb.xcb_connection_has_error(self._connection):
+            key = ctypes.addressof(ctypes.c_char.in_dll(self._present, "xcb_present_id"))
+            extension = self._xcb.xcb_get_extension_data(self._connection, key)
+        if not extension or not extension.contents.present:
+            self._xcb.xcb_disconnect(self._connection)
+            raise OSError("the X server has no Present extension")
+        self._opcode = int(extension.contents.major_opcode)
+        events = self._xcb.xcb_generate_id(self._connection)
+        self._present.xcb_present_select_input(self._connection, events, window, _COMPLETE_NOTIFY_MASK)
+        self._xcb.xcb_flush(self._connection)
+
+    def expect(self, serial: int) -> None:
+        """Nothing to do: the question follows the picture."""
+
+    def handed_over(self, serial: int) -> None:
+        """Asks for the next blank."""
+        if self._waiting < _MOST_WAITING:
+            self._waiting += 1
+            number = serial & 0xFFFFFFFF
+            self._present.xcb_present_notify_msc(self._connection, self._window, number, 0, 1, 0)
+            self._xcb.xcb_flush(self._connection)
+
+    def take(self) -> list[Presented]:
+        """What became known since the last call."""
+        found: list[tuple[int, Presented]] = []  # with the number of the blank
+        while address := self._xcb.xcb_poll_for_event(self._connection):
+            event = _Complete.from_address(address)
+            if event.response_type & 0x7F == _GENERIC_EVENT and event.extension == self._opcode and event.kind == _NOTIFY_MSC:
+                self._waiting -= 1
+                found.append((event.msc, Presented(event.serial, event.ust * 1000, self._period_ns(event.ust, event.msc))))
+            self._free(address)
+        # Of the pictures before one blank, the last was shown.
+        last = dict(found)
+        return [each if last[msc] is each else Presented(each.serial, 0, 0) for msc, each in found]
+
+    def _period_ns(self, ust: int, msc: int) -> int:
+        last, self._last = self._last, (ust, msc)
+        return (ust - last[0]) * 1000 // (msc - last[1]) if last and msc > last[1] else 0
+
+    def close(self) -> None:
+        """Ends the connection."""
+        self._xcb.xcb_disconnect(self._connection)

@@ -1,0 +1,122 @@
+"""How a picture gets into a window: by SDL's renderer, which scales it and swaps in step with the screen, or into the window's
+surface, which the processor fills.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pygame._sdl2 import video
+
+from lfpipe.errors import UserError
+from lfpipe.render.scaling import fit_area, scale_into
+from lfpipe.render.sdl import pygame
+
+RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
+Panels = list[tuple[pygame.Surface, tuple[int, int]]]  # what lies over the picture, and where
+
+
+class Painter(Protocol):
+    def size_px(self) -> tuple[int, int]:
+        """(width, height) of the window in the screen's own pixels."""
+        ...
+
+    def paint(self, picture: NDArray[np.uint8], panels: Panels, exact: bool) -> None:
+        """Draws uint8 (height, width, 3) BGR, scaled to fit, without showing it. exact: it has the window's size already."""
+        ...
+
+    def swap(self) -> None:
+        """Hands what was drawn to the window system."""
+        ...
+
+
+class SurfacePainter:
+    """Writes into the window's surface, no picture copied that need not be."""
+
+    def __init__(self, window: pygame.Window) -> None:
+        """Raises UserError where the screen's pixels are not of 32 bits."""
+        self._window = window
+        self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
+        surface = window.get_surface()
+        if surface.get_bytesize() != 4 or surface.get_masks()[0] not in RED_MASKS:
+            raise UserError(f"the screen has {surface.get_bitsize()} bits a pixel", "a screen of 24 or 32 bits a pixel is needed")
+
+    def size_px(self) -> tuple[int, int]:
+        return self._window.get_surface().get_size()
+
+    def paint(self, picture: NDArray[np.uint8], panels: Panels, exact: bool) -> None:
+        surface = self._window.get_surface()
+        self._write(surface, picture)
+        for panel, at in panels:
+            surface.blit(panel, at)
+
+    def swap(self) -> None:
+        self._window.flip()
+
+    def _write(self, surface: pygame.Surface, picture: NDArray[np.uint8]) -> None:
+        # The views of the surface's memory end with this call: as long as one lives the surface is locked.
+        width, height = surface.get_size()
+        memory: Any = surface.get_buffer()  # a buffer, but not to the type checker
+        pixels = np.frombuffer(memory, np.uint8).reshape(height, surface.get_pitch() // 4, 4)[:, :width]
+        x, y, w, h = fit_area((picture.shape[1], picture.shape[0]), (width, height))
+        code = RED_MASKS[surface.get_masks()[0]]
+        pixels[:y], pixels[y + h :], pixels[y : y + h, :x], pixels[y : y + h, x + w :] = 0, 0, 0, 0
+        target = pixels[y : y + h, x : x + w]
+        if picture.shape[:2] == (h, w):
+            cv2.cvtColor(picture, code, dst=target)
+            return
+        # Converted before it grows: the scaler then writes straight into the surface.
+        if self._four.shape[:2] != picture.shape[:2]:
+            self._four = np.empty((*picture.shape[:2], 4), np.uint8)
+        cv2.cvtColor(picture, code, dst=self._four)
+        scale_into(self._four, target)
+
+
+class RendererPainter:
+    """Uploads pictures of their own size to a streaming texture; SDL's renderer scales them and swaps with vertical sync."""
+
+    def __init__(self, window: pygame.Window) -> None:
+        """Raises pygame.error where there is no accelerated renderer."""
+        self._renderer = video.Renderer(window, -1, 1, True)
+        self._texture: video.Texture | None = None
+        self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
+        self._upload: pygame.Surface | None = None
+        self._panels: dict[int, tuple[pygame.Surface, video.Texture]] = {}
+
+    def size_px(self) -> tuple[int, int]:
+        viewport = self._renderer.get_viewport()
+        return viewport.width, viewport.height
+
+    def paint(self, picture: NDArray[np.uint8], panels: Panels, exact: bool) -> None:
+        rows, cols = picture.shape[:2]
+        if self._texture is None or self._four.shape[:2] != (rows, cols):
+            self._four = np.empty((rows, cols, 4), np.uint8)
+            self._upload = pygame.image.frombuffer(self._four.data, (cols, rows), "BGRA")
+            self._texture = video.Texture(self._renderer, (cols, rows), streaming=True, scale_quality=0 if exact else 1)
+        assert self._upload is not None
+        cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA, dst=self._four)
+        self._texture.update(self._upload)
+        self._renderer.clear()
+        self._texture.draw(dstrect=fit_area((cols, rows), self.size_px()))
+        kept = {}
+        for panel, (x, y) in panels:
+            drawn = self._panels.get(id(panel)) or (panel, video.Texture.from_surface(self._renderer, panel))
+            kept[id(panel)] = drawn
+            drawn[1].draw(dstrect=(x, y, *panel.get_size()))
+        self._panels = kept
+
+    def swap(self) -> None:
+        self._renderer.present()
+
+
+def open_painter(window: pygame.Window, renderer: bool) -> Painter:
+    """The renderer where it is wanted and there is one, else the surface. Raises UserError as `SurfacePainter` does."""
+    if renderer:
+        try:
+            return RendererPainter(window)
+        except pygame.error:
+            pass
+    return SurfacePainter(window)

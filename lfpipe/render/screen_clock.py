@@ -1,0 +1,137 @@
+"""The screen's vertical blanks, from what the window system reports, and when to begin a picture so that it makes its blank.
+
+A picture is composed as late as it can be and still be shown at the blank it was made for. How late that is, is learnt: what
+composing costs, and a margin that every late picture widens and every punctual one narrows a little.
+"""
+
+from __future__ import annotations
+
+import math
+
+from lfpipe.transport.clock import MS_NS, SECOND_NS
+
+PHASE_GAIN, PERIOD_GAIN = 0.3, 0.01
+OFF_GRID = 0.35  # of a period: further from the grid a blank belongs to another grid
+OFF_COUNT = 5  # such blanks in a row, and the other grid is followed
+PERIOD_RANGE = 0.12  # around the nominal one, where the period is not reported: a rate in whole Hz is that wrong at 25 Hz
+COST_UP, COST_DOWN = 0.2, 0.01  # the followed cost is a high quantile: late pictures are seen, early ones are not
+MARGIN_NS, LEAST_MARGIN_NS = 2 * MS_NS, MS_NS // 2
+STEP_NS = MS_NS
+IN_TIME = 0.7  # of the margin left at hand-over: then a late picture is not for its own cost
+EARLY_SHARE, EARLY_STEP_NS = 1e-4, 1000  # narrowing per punctual picture: with the step above, 1 picture in 500 is late
+MOST_PERIODS = 2.5  # a compositor may take a picture a whole period before its blank
+
+
+class ScreenClock:
+    """The grid of blanks: its period and phase. nominal_hz: the rate the screen claims."""
+
+    def __init__(self, nominal_hz: float, t0_ns: int) -> None:
+        self._nominal_ns = 1e9 / nominal_hz
+        self._period_ns = self._nominal_ns
+        self._t_ns = float(t0_ns)
+        self._off = 0
+        self.measured = False  # whether a blank was reported
+
+    @property
+    def period_ns(self) -> float:
+        return self._period_ns
+
+    @property
+    def rate_hz(self) -> float:
+        return SECOND_NS / self._period_ns
+
+    def blank(self, t_ns: int, period_ns: int = 0) -> None:
+        """A blank was at t_ns. period_ns: as reported with it, 0 where it is not."""
+        if period_ns and abs(period_ns / self._nominal_ns - 1) > PERIOD_RANGE and period_ns > MS_NS:
+            self._nominal_ns = self._period_ns = float(period_ns)  # another monitor, or one that claims another rate
+            self.measured = False
+        count = round((t_ns - self._t_ns) / self._period_ns)
+        error_ns = t_ns - self._t_ns - count * self._period_ns
+        if not self.measured or abs(error_ns) > OFF_GRID * self._period_ns:
+            self._off += 1
+            if not self.measured or self._off >= OFF_COUNT:
+                self._t_ns, self._off, self.measured = float(t_ns), 0, True
+            return
+        self._off = 0
+        if count <= 0:
+            return
+        self._t_ns += count * self._period_ns + PHASE_GAIN * error_ns
+        period_ns_now = self._period_ns + PERIOD_GAIN * error_ns / count
+        low_ns, high_ns = self._nominal_ns * (1 - PERIOD_RANGE), self._nominal_ns * (1 + PERIOD_RANGE)
+        self._period_ns = min(max(period_ns_now, low_ns), high_ns)
+
+    def nearest(self, t_ns: float) -> int:
+        """The blank nearest to t_ns."""
+        return round(self._t_ns + round((t_ns - self._t_ns) / self._period_ns) * self._period_ns)
+
+
+class LeadTime:
+    """How long before its blank a picture must be begun."""
+
+    def __init__(self) -> None:
+        self._cost_ns = 0.0
+        self._margin_ns = float(MARGIN_NS)
+        self._changed_ns = 0  # when a late or early picture changed the margin
+
+    def took(self, cost_ns: int) -> None:
+        """What a picture took from the time at which it was to be begun until it was handed over."""
+        gain = COST_UP if cost_ns > self._cost_ns else COST_DOWN
+        self._cost_ns += gain * (cost_ns - self._cost_ns)
+
+    def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int, period_ns: float) -> bool:
+        """A picture for the blank target_ns was shown at t_presented_ns; returns whether that was another blank.
+
+        Too late, though handed over in time: the window system needs more time. A whole period too early: it needs less.
+        A picture begun before the margin changed says nothing about the new one; one that was handed over late cost more.
+        """
+        blanks = round((t_presented_ns - target_ns) / period_ns)
+        if t_handed_ns > self._changed_ns and (blanks <= 0 or target_ns - t_handed_ns > IN_TIME * self._margin_ns):
+            if blanks:
+                self._margin_ns += STEP_NS if blanks > 0 else -STEP_NS
+                self._changed_ns = max(t_presented_ns, t_handed_ns)
+            else:
+                self._margin_ns -= EARLY_SHARE * self._margin_ns + EARLY_STEP_NS
+            self._margin_ns = min(max(self._margin_ns, LEAST_MARGIN_NS), MOST_PERIODS * period_ns)
+        return bool(blanks)
+
+    @property
+    def ns(self) -> int:
+        return int(self._cost_ns + self._margin_ns)
+
+
+class ScreenRefresh:
+    """Refreshes on the blanks of a screen: as `Refresh`, but pictures are due at blanks. limit_hz: pictures a second at most,
+    0 for every blank."""
+
+    def __init__(self, clock: ScreenClock, lead: LeadTime, limit_hz: float, t0_ns: int) -> None:
+        self.clock, self._lead, self._limit_hz = clock, lead, limit_hz
+        self._due_ns = t0_ns
+        self.missed = 0
+
+    @property
+    def _every(self) -> int:
+        return max(1, round(self.clock.rate_hz / self._limit_hz)) if self._limit_hz else 1
+
+    @property
+    def period_ns(self) -> int:
+        """From one picture to the next."""
+        return round(self._every * self.clock.period_ns)
+
+    def due_ns(self) -> int:
+        """The blank for which the next picture is made."""
+        return self.clock.nearest(self._due_ns)
+
+    def lead_ns(self) -> int:
+        """How long before it the picture must be begun."""
+        return self._lead.ns
+
+    def advance(self, t_ns: int) -> None:
+        """On to the next blank whose picture can still be begun in time at t_ns; those passed over are missed."""
+        period_ns = self.period_ns
+        self._due_ns = self.due_ns() + period_ns
+        late_ns = t_ns - (self._due_ns - self._lead.ns)
+        slack_ns = min(self._lead.ns, period_ns) / 2
+        if late_ns > slack_ns:
+            passed = math.ceil((late_ns - slack_ns) / period_ns)
+            self.missed += passed
+            self._due_ns += passed * period_ns

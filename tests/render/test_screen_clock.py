@@ -1,0 +1,119 @@
+"""The screen's blanks and when to begin a picture: a grid from noisy reports, a lead learnt from a simulated compositor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lfpipe.render.screen_clock import LeadTime, ScreenClock, ScreenRefresh
+
+MS = 1_000_000
+T0_NS = 10**12
+
+
+def grid(rate_hz: float, count: int, jitter_ns: float, seed: int = 1, shown: float = 1.0) -> list[int]:
+    """Times of blanks; a share `shown` of them is reported."""
+    random = np.random.default_rng(seed)
+    ticks = np.flatnonzero(random.random(count) < shown)
+    return [round(T0_NS + k * 1e9 / rate_hz + random.uniform(-jitter_ns, jitter_ns)) for k in ticks]
+
+
+@pytest.mark.parametrize(("rate_hz", "nominal_hz"), [(59.94, 60), (75.0, 75), (71.4, 75), (143.98, 144), (23.976, 24)])
+@pytest.mark.parametrize("shown", [1.0, 0.3])
+def test_the_grid_is_found_from_stamps_in_whole_ms(rate_hz: float, nominal_hz: float, shown: float) -> None:
+    clock = ScreenClock(nominal_hz, T0_NS - 3 * MS)
+    blanks = grid(rate_hz, 4000, 0.5 * MS, shown=shown)
+    for t_ns in blanks:
+        clock.blank(t_ns)
+    assert clock.measured and clock.rate_hz == pytest.approx(rate_hz, rel=2e-3)
+    k = round((blanks[-1] - T0_NS) * rate_hz / 1e9)
+    true_ns = T0_NS + (k + 1) * 1e9 / rate_hz
+    assert abs(clock.nearest(true_ns + 2 * MS) - true_ns) < MS
+
+
+def test_a_window_on_another_monitor_follows_that_ones_rate() -> None:
+    clock = ScreenClock(60, T0_NS)
+    for t_ns in grid(60.0, 100, 0):
+        clock.blank(t_ns, 16_666_667)
+    other = [T0_NS + 10**10 + round(k * 1e9 / 144.0) for k in range(100)]
+    for t_ns in other:
+        clock.blank(t_ns, 6_944_444)
+    assert clock.rate_hz == pytest.approx(144.0, rel=1e-4)
+    assert abs(clock.nearest(other[-1]) - other[-1]) < MS // 10
+
+
+def test_blanks_that_are_on_no_grid_change_nothing_but_another_phase_is_followed() -> None:
+    clock = ScreenClock(60, T0_NS)
+    for t_ns in grid(60.0, 100, 0):
+        clock.blank(t_ns)
+    before = clock.nearest(T0_NS)
+    clock.blank(T0_NS + 2 * 10**9 + 8 * MS)
+    assert clock.nearest(T0_NS) == before
+    moved = [T0_NS + 3 * 10**9 + 8 * MS + round(k * 1e9 / 60) for k in range(20)]
+    for t_ns in moved:
+        clock.blank(t_ns)
+    assert abs(clock.nearest(moved[-1]) - moved[-1]) < MS // 10
+
+
+def simulate(rate_hz: float, deadline_ms: float, pictures: int, cost_ms: float = 1.0) -> tuple[float, float]:
+    """A compositor takes what was handed over deadline_ms before a blank. Returns (judder, mean lead in ms) of the second
+    half."""
+    random = np.random.default_rng(5)
+    clock, lead = ScreenClock(rate_hz, T0_NS), LeadTime()
+    refresh = ScreenRefresh(clock, lead, 0.0, T0_NS)
+    period_ns, bad, leads = 1e9 / rate_hz, [], []
+    clock.blank(T0_NS)
+    now_ns = T0_NS
+    for _ in range(pictures):
+        due_ns, begin_ns = refresh.due_ns(), max(now_ns, refresh.due_ns() - refresh.lead_ns())
+        woken_ns = begin_ns + random.exponential(0.1) * MS
+        now_ns = round(woken_ns + cost_ms * random.lognormal(0, 0.2) * MS)
+        lead.took(now_ns - (due_ns - lead.ns))
+        shown_ns = round(T0_NS + math.ceil((now_ns + deadline_ms * MS - T0_NS) / period_ns) * period_ns)
+        leads.append(refresh.lead_ns() / MS)
+        bad.append(lead.judge(due_ns, now_ns, shown_ns, clock.period_ns))
+        clock.blank(shown_ns)
+        refresh.advance(now_ns)
+    half = pictures // 2
+    return float(np.mean(bad[half:])) + refresh.missed / pictures, float(np.mean(leads[half:]))
+
+
+@pytest.mark.parametrize("rate_hz", [60.0, 75.0, 144.0])
+@pytest.mark.parametrize("deadline_ms", [0.0, 3.0, 6.0])
+def test_pictures_begin_late_and_still_make_their_blank(rate_hz: float, deadline_ms: float) -> None:
+    judder, lead_ms = simulate(rate_hz, deadline_ms, 6000)
+    assert judder <= 0.005
+    assert deadline_ms + 1.0 < lead_ms < deadline_ms + 4.0
+
+
+def test_a_compositor_that_takes_pictures_a_period_ahead_is_learnt() -> None:
+    judder, lead_ms = simulate(60.0, 18.0, 6000)
+    assert judder <= 0.005
+    assert 19.0 < lead_ms < 22.0
+
+
+def test_a_lead_that_is_far_too_long_shrinks_to_what_is_needed() -> None:
+    lead = LeadTime()
+    for k in range(40):
+        lead.judge(
+            k * 100 * MS, k * 100 * MS - 30 * MS, k * 100 * MS + 17 * MS, 16.7 * MS
+        )  # late, each begun after the one before
+    wide = lead.ns
+    for k in range(40, 80):
+        lead.judge(k * 100 * MS, k * 100 * MS - 30 * MS, k * 100 * MS - 17 * MS, 16.7 * MS)  # a period early
+    assert wide > 30 * MS and lead.ns < 5 * MS
+
+
+def test_refreshes_that_were_slept_through_are_missed_and_a_limit_takes_every_second() -> None:
+    clock, lead = ScreenClock(60.0, T0_NS), LeadTime()
+    clock.blank(T0_NS)
+    refresh = ScreenRefresh(clock, lead, 30.0, T0_NS)
+    assert refresh.period_ns == pytest.approx(2e9 / 60, abs=2)
+    refresh.advance(T0_NS)
+    first_ns = refresh.due_ns()
+    refresh.advance(first_ns + round(4e9 / 60))
+    assert refresh.missed == 2 and refresh.due_ns() - first_ns == pytest.approx(6e9 / 60, abs=4), (
+        "a picture begun now is too late"
+    )
