@@ -21,6 +21,7 @@ from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2_device import Mode, V4L2Device
 from lfpipe.capture.v4l2_stream import RawFrame, SourceChangedError, V4L2Stream
 from lfpipe.errors import UserError
+from lfpipe.files.decoding import fit_note
 
 STALL_S = 0.9  # longest wait for a frame
 START_S = 5.0  # longest wait for the first frame: some cameras need seconds
@@ -95,7 +96,7 @@ def negotiate(path: Path, device: Device, camera: config.Camera) -> tuple[Mode, 
     if mode.fourcc != wanted:
         notes.append(f"{wanted} requested, {mode.fourcc} delivered")
     if (mode.width_px, mode.height_px) != (camera.width_px, camera.height_px):
-        notes.append(f"frames of {size} are scaled to {camera.width_px}x{camera.height_px}")
+        notes.append(fit_note((mode.width_px, mode.height_px), (camera.width_px, camera.height_px)))
     if abs(rate_hz - camera.rate_hz) > 0.01 * camera.rate_hz:
         notes.append(f"{camera.rate_hz:g} Hz requested, {rate_hz:.4g} Hz delivered")
     return Mode(mode.fourcc, mode.width_px, mode.height_px, mode.stride, rate_hz), tuple(notes)

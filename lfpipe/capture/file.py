@@ -13,6 +13,7 @@ from lfpipe.capture.pictures import open_recording
 from lfpipe.capture.schedule import EvenSchedule, StampSchedule
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
+from lfpipe.files.decoding import fit_note
 
 MAX_BROKEN = 50
 
@@ -40,7 +41,7 @@ class FileSource:
         jpeg = self._recording.packet is not None
         notes = []
         if (width_px, height_px) != (camera.width_px, camera.height_px):
-            notes.append(f"frames of {width_px}x{height_px} are scaled to {camera.width_px}x{camera.height_px}")
+            notes.append(fit_note((width_px, height_px), (camera.width_px, camera.height_px)))
         if spec.pace == "recorded" and own_hz == 0:
             notes.append(f"no frame rate in the file: played at camera.rate_hz = {rate_hz:g} Hz")
         self.info = SourceInfo(f"file:{spec.path}", width_px, height_px, rate_hz, live=False, jpeg=jpeg, notes=tuple(notes))

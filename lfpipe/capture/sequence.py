@@ -12,7 +12,7 @@ from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.schedule import EvenSchedule
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fitted
+from lfpipe.files.decoding import fit_note, fitted
 from lfpipe.files.safe_files import open_regular
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.sequence.index import PACKETS
@@ -37,7 +37,7 @@ class SequenceSource:
         width_px, height_px = self._sequence.width_px, self._sequence.height_px
         notes = []
         if (width_px, height_px) != (camera.width_px, camera.height_px):
-            notes.append(f"frames of {width_px}x{height_px} are scaled to {camera.width_px}x{camera.height_px}")
+            notes.append(fit_note((width_px, height_px), (camera.width_px, camera.height_px)))
         if not self._sequence.complete:
             notes.append(f"{spec.path} was cut off after {len(self._sequence.packets)} frames")
         jpeg = all(packet.codec == "jpeg" for packet in self._sequence.packets)

@@ -49,10 +49,33 @@ def picture_of(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     return None if found is None else np.asarray(found, np.uint8)
 
 
+def fit_area(picture_px: tuple[int, int], area_px: tuple[int, int]) -> tuple[int, int, int, int]:
+    """The largest (x, y, width, height) of the picture's aspect in the middle of the area; both sizes are (width, height)."""
+    width, height = picture_px
+    scale = min(area_px[0] / width, area_px[1] / height)
+    fit_w = max(1, min(area_px[0], round(width * scale)))
+    fit_h = max(1, min(area_px[1], round(height * scale)))
+    return (area_px[0] - fit_w) // 2, (area_px[1] - fit_h) // 2, fit_w, fit_h
+
+
 def fitted(frame: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
-    """Puts frame into out, scaled where sizes differ; nothing to do where the decoder wrote into out already."""
+    """Puts frame into out; nothing to do where the decoder wrote into out already.
+
+    Pixels stay square: a frame of another shape is scaled until it fits, and black bars fill the rest. A face keeps its
+    proportions and none is cut off.
+    """
     if frame.shape == out.shape:
         if frame.ctypes.data != out.ctypes.data:
             np.copyto(out, frame)
     else:
-        cv2.resize(frame, (out.shape[1], out.shape[0]), dst=out, interpolation=cv2.INTER_LINEAR)
+        height, width = out.shape[:2]
+        x, y, w, h = fit_area((frame.shape[1], frame.shape[0]), (width, height))
+        out[:y], out[y + h :], out[y : y + h, :x], out[y : y + h, x + w :] = 0, 0, 0, 0
+        cv2.resize(frame, (w, h), dst=out[y : y + h, x : x + w], interpolation=cv2.INTER_LINEAR)
+
+
+def fit_note(frame_px: tuple[int, int], out_px: tuple[int, int]) -> str:
+    """What `fitted` does with frames of another size, for people; both are (width, height)."""
+    x, y, width, height = fit_area(frame_px, out_px)
+    bars = ", with black bars " + ("at the sides" if x > y else "above and below") if x or y else ""
+    return f"frames of {frame_px[0]}x{frame_px[1]} are scaled to {width}x{height}{bars}"

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import opencv_name
+from lfpipe.files.decoding import fit_area, opencv_name
 from lfpipe.host import opencv_log
 from lfpipe.host.presentation import Presented
-from lfpipe.render.scaling import fit_area, scale_into
+from lfpipe.render.scaling import scale_into
 
 # Of the encoders in OpenCV's wheel, HuffYUV (on RGB), FFV1, PNG and raw RGBA give every RGB value back. Measured on 512x512
 # anaglyphs: 1.3, 13, 74 and 0.6 ms a picture, 0.30, 0.23, 0.31 and 1.0 MB: HuffYUV is the cheapest that is not raw.

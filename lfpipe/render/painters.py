@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from pygame._sdl2 import video
 
 from lfpipe.errors import UserError
-from lfpipe.render.scaling import fit_area, scale_into
+from lfpipe.files.decoding import fit_area
+from lfpipe.render.scaling import scale_into
 from lfpipe.render.sdl import pygame
 
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}

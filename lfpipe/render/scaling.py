@@ -7,15 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def fit_area(picture_px: tuple[int, int], area_px: tuple[int, int]) -> tuple[int, int, int, int]:
-    """The largest (x, y, width, height) of the picture's aspect in the middle of the area; both sizes are (width, height)."""
-    width, height = picture_px
-    scale = min(area_px[0] / width, area_px[1] / height)
-    fit_w = max(1, min(area_px[0], round(width * scale)))
-    fit_h = max(1, min(area_px[1], round(height * scale)))
-    return (area_px[0] - fit_w) // 2, (area_px[1] - fit_h) // 2, fit_w, fit_h
-
-
 def scale_into(picture: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
     """Writes picture into out, of as many channels: cubic where it grows (as fast as linear), by area where it shrinks."""
     if picture.shape == out.shape:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.files.decoding import fit_area
 from lfpipe.host.presentation import Presentation, Presented
 from lfpipe.render import sdl
 from lfpipe.render.display import KEYS
 from lfpipe.render.monitors import Monitor, find_monitor, monitor_of, monitors
 from lfpipe.render.overlay import panel
 from lfpipe.render.painters import Painter, Panels, open_painter
-from lfpipe.render.scaling import fit_area
 from lfpipe.render.sdl import pygame
 from lfpipe.render.window_system import nominal_hz, open_presentation
 

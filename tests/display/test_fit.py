@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.render.scaling import fit_area, scale_into
+from lfpipe.files.decoding import fit_area
+from lfpipe.render.scaling import scale_into
 
 sides = st.integers(1, 4000)
 
