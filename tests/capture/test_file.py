@@ -14,6 +14,7 @@ from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.capture.pictures import natural_key
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
+from lfpipe.track.engines import make_engine
 
 SIZE = (64, 48)
 CAMERA = config.Camera(width_px=SIZE[0], height_px=SIZE[1], rate_hz=50.0)
@@ -178,3 +179,15 @@ def test_a_circle_stays_a_circle(kind: str, size: tuple[int, int], tmp_path: Pat
     rows, cols = np.nonzero((out > 150).all(axis=2))
     assert abs(np.ptp(rows) - np.ptp(cols)) <= 1
     assert abs(rows.mean() - 239.5) < 1 and abs(cols.mean() - 319.5) < 1
+
+
+def test_a_portrait_video_keeps_its_face(tmp_path: Path) -> None:
+    shown = np.zeros((480, 640, 3), np.uint8)
+    open_source("demo", config.Camera()).read(shown)
+    path = tmp_path / "portrait.png"
+    cv2.imwrite(str(path), shown[:, 185:455])
+    out = np.zeros((480, 640, 3), np.uint8)
+    open_source(f"file:{path}?loop=0", config.Camera()).read(out)
+    face = make_engine(config.Track()).detect(out)
+    assert face is not None and 60 < face.eyes_px[0, 0] - face.eyes_px[1, 0] < 72
+    assert make_engine(config.Track()).detect(cv2.resize(shown[:, 185:455], (640, 480))) is None, "squashed, it was lost"
