@@ -74,8 +74,7 @@ def judder_percent(row: NDArray[np.void]) -> float | None:
 
 def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
     """`{"session", "uptime_s", "camera_fps", "camera_light", "level", "viewer", "stages": {...}, "end_to_end": {...},
-    "judder": {...},
-    "horizon": {...}}`, as `lfpipe monitor --once --json` prints it.
+    "judder": {...}, "horizon": {...}}`, as `lfpipe monitor --once --json` prints it.
 
     A stage's p50_ms.. are its busy time; wait and busy hold both in full. end_to_end: the age of a picture, from the
     sensor's stamp to its presentation. horizon: how far ahead of the sensor's stamp the eyes are predicted, over all refreshes.
