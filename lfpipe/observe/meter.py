@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.processes import cpu_ns, rss_bytes, scheduling
+from lfpipe.supervisor.process_table import SHOWN_BY, SOURCE, TRACKED_BY
 from lfpipe.supervisor.snapshot import busy, judder_percent, light, quality, viewer
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import MIDDLES_US
@@ -133,20 +134,20 @@ class Meter:
             self._past.popleft()
         then = self._past[0]
         self._past.append(now)
-        render = self._table.rows["render"]
-        age_now = times(now.counts["render", "age"] - last.counts["render", "age"])
+        render = self._table.rows[SHOWN_BY]
+        age_now = times(now.counts[SHOWN_BY, "age"] - last.counts[SHOWN_BY, "age"])
         return Reading(
             uptime_s=(now.t_ns - self._started_ns) / 1e9,
-            camera_hz=rate_hz(self._table.rows["capture"]),
+            camera_hz=rate_hz(self._table.rows[SOURCE]),
             camera_light=light(self._table),
             viewer=viewer(self._table),
-            face=bool(self._table.rows["track"]["face"]),
+            face=bool(self._table.rows[TRACKED_BY]["face"]),
             config_rev=int(render["config_rev"]),
             **quality(self._table),
             stages=tuple(self._stage(name, row, now, then) for name, row in self._table.rows.items() if row["state"]),
-            age=times(now.counts["render", "age"] - then.counts["render", "age"]),
-            worst=times(self._since_zero(now, "render", "age")),
-            horizon=times(now.counts["render", "horizon"] - then.counts["render", "horizon"]),
+            age=times(now.counts[SHOWN_BY, "age"] - then.counts[SHOWN_BY, "age"]),
+            worst=times(self._since_zero(now, SHOWN_BY, "age")),
+            horizon=times(now.counts[SHOWN_BY, "horizon"] - then.counts[SHOWN_BY, "horizon"]),
             judder_percent=judder_percent(render),
             age_now_ms=age_now.p50_ms if age_now.n else None,
             supervisor=(self._cpu(now, then, self._supervisor_pid), rss_bytes(self._supervisor_pid) / 1e6),

@@ -16,6 +16,7 @@ from tornado.web import Application
 from lfpipe.observe.access import LOOPBACK, NOT_OURS, named, parse_address, url_of
 from lfpipe.observe.server import Handler, Missing, listen, run
 from lfpipe.observe.session_reader import FollowingReader
+from lfpipe.supervisor.process_table import SHOWN_BY
 from lfpipe.transport.histogram import MIDDLES_US
 
 BOUNDS_MS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 33, 50, 100, 200, 500, 1000)
@@ -67,9 +68,9 @@ class SessionCollector(Collector):
             for part in ("wait", "busy"):
                 spent.add_metric([*key, part], *buckets(row[part]))
         age = HistogramMetricFamily("lfpipe_picture_age_seconds", "sensor to screen", labels=["session"])
-        age.add_metric(session, *buckets(watch.rows["render"]["age"]))
+        age.add_metric(session, *buckets(watch.rows[SHOWN_BY]["age"]))
         ahead = HistogramMetricFamily("lfpipe_horizon_seconds", "how far ahead the eyes are predicted", labels=["session"])
-        ahead.add_metric(session, *buckets(watch.rows["render"]["horizon"]))
+        ahead.add_metric(session, *buckets(watch.rows[SHOWN_BY]["horizon"]))
         yield from (rate, drops, left_out, restarts, cpu, nice, cores, memory, spent, age, ahead)
 
 

@@ -15,8 +15,9 @@ from typing import Any
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import check_place, reason, replaced
 from lfpipe.files.trace import trace_lines
+from lfpipe.supervisor.process_table import CORE
 
-TRACKS = ("capture", "track", "render", "display")
+TRACKS = (*CORE, "display")
 PID = 1
 PLACE = "a file in a directory that you may write to, on a disk with room"
 

@@ -21,6 +21,7 @@ import attrs
 from lfpipe.errors import UserError, shown
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import Fields, parse_toml
+from lfpipe.supervisor.process_table import NAMES
 
 FILE_BYTES = 128 << 10
 MAX_BUDGETS = 1000
@@ -93,7 +94,7 @@ def figure(report: dict[str, Any], path: str) -> float:
 
 def _stage(path: str) -> str:
     """The stage that a figure is of, for the first word of what is said."""
-    names = [part for part in path.split(".") if part in ("capture", "track", "render", "record", "end_to_end")]
+    names = [part for part in path.split(".") if part in (*NAMES, "end_to_end")]
     return names[0] if names else "run"
 
 

@@ -66,6 +66,7 @@ STAGES = (
 NAMES = tuple(stage.name for stage in STAGES)
 SOURCE = next(stage.name for stage in STAGES if stage.source)
 SHOWN_BY = next(stage.name for stage in STAGES if stage.shows)
+TRACKED_BY = next(stage.name for stage in STAGES if "eyes" in stage.writes)
 CORE = tuple(stage.name for stage in STAGES if not stage.optional)  # the stages that a picture waits for
 
 

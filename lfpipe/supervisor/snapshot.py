@@ -63,7 +63,7 @@ def light(table: Table) -> str:
 
 def viewer(table: Table) -> str:
     """Who is before the screen, in a word of `ViewerState`."""
-    return ViewerState(int(table.rows["render"]["viewer"])).word
+    return ViewerState(int(table.rows[SHOWN_BY]["viewer"])).word
 
 
 def judder_percent(row: NDArray[np.void]) -> float | None:

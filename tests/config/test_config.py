@@ -21,7 +21,7 @@ def no_user_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def test_the_file_at_the_top_is_what_the_tree_says() -> None:
-    assert (Path(__file__).parents[1] / "config.toml").read_text() == commented(), "run: lfpipe config show > config.toml"
+    assert (Path(__file__).parents[2] / "config.toml").read_text() == commented(), "run: lfpipe config show > config.toml"
 
 
 def test_the_text_of_any_configuration_reads_back_as_itself() -> None:
