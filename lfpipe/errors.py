@@ -1,4 +1,4 @@
-"""What a person did that cannot work, said so that they can fix it."""
+"""What a person did that cannot work, phrased so that they can fix it."""
 
 from __future__ import annotations
 

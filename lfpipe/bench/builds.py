@@ -65,7 +65,7 @@ class Build:
             self._log.seek(0)
             said = self._log.read().strip().splitlines()
             why = said[-1] if said else "it exited"
-            raise UserError(f"{self._checkout}: cannot measure itself: {why}", "check that `lfpipe bench` runs there")
+            raise UserError(f"{self._checkout}: its benchmark fails: {why}", "check that `lfpipe bench` runs there")
         decoded: dict[str, Any] = json.loads(answer)
         return decoded
 
@@ -138,7 +138,7 @@ class _Compared:
         names = [name for name in answers[0]["names"] if name in answers[1]["names"] and name not in before]
         if not names:
             why = " ".join(f"{name}: {reason}" for one in answers for name, reason in one["failed"].items())
-            raise UserError(f"{subject}: both builds can measure nothing in common", why or "try another --on SCENE VIDEO")
+            raise UserError(f"{subject}: the two builds have no subject in common", why or "try another --on SCENE VIDEO")
         self._of += [_Candidate(subject, name, list(self._errors(subject, name))) for name in names]
 
     def _together(self, **request: Any) -> list[dict[str, Any]]:

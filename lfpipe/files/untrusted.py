@@ -29,7 +29,7 @@ def parse_json(data: bytes | str, where: str, remedy: str) -> Any:
         text = data.decode() if isinstance(data, bytes) else data
         value = json.loads(text, parse_int=_integer, parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
-        raise UserError(f"{where}: not JSON that can be read: {_reason(error)}", remedy) from None
+        raise UserError(f"{where}: not valid JSON: {_reason(error)}", remedy) from None
     return _checked(value, where, remedy)
 
 
@@ -49,7 +49,7 @@ def toml_table(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
                 raise ValueError(f"line {number} has {len(line)} characters, {_MAX_TOML_LINE} at most")
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise UserError(f"{where}: not TOML that can be read: {_reason(error)}", remedy) from None
+        raise UserError(f"{where}: not valid TOML: {_reason(error)}", remedy) from None
 
 
 def json_fields(data: bytes | str, where: str, remedy: str) -> Fields:

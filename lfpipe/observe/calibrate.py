@@ -23,7 +23,7 @@ AGAIN = UserError("nothing was measured", "start again when you are ready")
 NOBODY = UserError(
     "no face was seen", "sit in the light, looking into the camera; `lfpipe up --demo --camera SRC` shows what it sees"
 )
-RESTLESS = UserError("the eyes never kept still for long enough", "rest your head on something, keep the distance, and try again")
+RESTLESS = UserError("the eyes did not keep still long enough", "rest your head on something, keep the distance, and try again")
 
 
 def _frame(config: Config) -> NDArray[np.uint8]:

@@ -51,7 +51,7 @@ def read_budgets(path: Path) -> list[Budget]:
     listed = set(tree) == {"budget"} and isinstance(tree["budget"], list)
     entries = Fields(tree, where, remedy).items("budget", MAX_BUDGETS) if listed else []
     if not entries:
-        raise UserError(f"{where}: no [[budget]] entries, or something besides", remedy)
+        raise UserError(f"{where}: expected [[budget]] entries and nothing else", remedy)
     found, wrong = [], []
     for number, entry in enumerate(entries, 1):
         try:
@@ -66,7 +66,7 @@ def read_budgets(path: Path) -> list[Budget]:
 
 def _budget(entry: Any, where: str) -> Budget:
     if not isinstance(entry, dict):
-        raise UserError(f"{where} is {shown(entry)}, no table", "[[budget]]")
+        raise UserError(f"{where} is {shown(entry)}, not a table", "[[budget]]")
     strange = sorted(set(entry) - KEYS)
     if strange or not isinstance(entry.get("figure"), str):
         what = f"unknown key {shown(strange[0])}" if strange else "no figure"
@@ -77,7 +77,7 @@ def _budget(entry: Any, where: str) -> Budget:
         raise UserError(f"{where}: needs a number as most or least", "for example most = 20")
     words = {name: entry.get(name, "") for name in ("over", "machine")}
     if not all(isinstance(word, str) for word in words.values()) or bool(words["over"]) == bool(words["machine"]):
-        raise UserError(f"{where}: needs either over or machine", 'machine = "any", or over = "reference"')
+        raise UserError(f"{where}: needs over or machine", 'machine = "any", or over = "reference"')
     return Budget(entry["figure"], words["over"], bounds.get("most"), bounds.get("least"), words["machine"])
 
 
@@ -87,7 +87,7 @@ def figure(report: dict[str, Any], path: str) -> float:
     for part in path.split("."):
         value = value.get(part) if isinstance(value, dict) else None
     if not _number(value):
-        what = f"budget: {path[:200]} is no figure of this report"
+        what = f"budget: {path[:200]} is not a figure of this report"
         raise UserError(what, "report.json of `lfpipe replay --out` holds them all")
     return float(value)
 

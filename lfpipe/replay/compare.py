@@ -188,7 +188,7 @@ def compare(reference: Path, folder: Path) -> Comparison:
     before, after = read_trace(reference, most_lines=was["counts"]["pictures"]), read_trace(folder)
     if len(before) != was["counts"]["pictures"]:
         told = f"{len(before)} lines in its trace, {was['counts']['pictures']} pictures in its report"
-        raise UserError(f"{reference}: {told}", "copy the whole folder again, or --update to make it anew")
+        raise UserError(f"{reference}: {told}", "copy the whole folder again, or --update to rewrite it")
     in_frames, notes = _frames(reference, folder, before, after, exact)
     if not exact:
         notes.insert(0, f"compared with tolerances, not bit by bit: {_other_versions(was['versions'], now['versions'])}")

@@ -30,7 +30,7 @@ REPORT, TRACE = "report.json", "trace.jsonl"
 FILES = (REPORT, TRACE, PICTURES, f"{PICTURES}/{INDEX}", f"{PICTURES}/{PACKETS}")
 STEADY = ("step", "max")  # paces whose results do not depend on any clock
 REPORT_BYTES = 1 << 20
-WRITTEN = "a folder that `lfpipe replay --out` wrote; --update makes the reference anew"
+WRITTEN = "a folder that `lfpipe replay --out` wrote; --update rewrites the reference"
 Line = dict[str, Any]
 
 
@@ -46,7 +46,7 @@ def read_trace(folder: Path, steady: bool = True, most_lines: int = sys.maxsize)
         if steady:
             fields.text("picture", 100)
         if len(found) == most_lines:
-            raise UserError(f"{folder / TRACE}: more than {most_lines} lines, which is what {REPORT} counts", WRITTEN)
+            raise UserError(f"{folder / TRACE}: more than {most_lines} lines, the number that {REPORT} gives", WRITTEN)
         found.append(dict(fields.values))
     return found
 
@@ -61,7 +61,7 @@ def read_report(folder: Path) -> dict[str, Any]:
     fields = json_fields(read_text(path, REPORT_BYTES, str(path), WRITTEN), str(path), WRITTEN)
     if fields.integer("format", 0, 1 << 30) != FORMAT:
         found = fields.values["format"]
-        raise UserError(f"{path}: version {found}, this lfpipe reads {FORMAT}", "--update makes the reference anew")
+        raise UserError(f"{path}: version {found}, this lfpipe reads {FORMAT}", "--update rewrites the reference")
     for part in ("versions", "config", "plan"):
         fields.table(part)
     for name in fields.table("versions").values:

@@ -54,7 +54,7 @@ def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -
         return config_module.updated(config, {key: value for key, value in camera.items() if key not in named})
     except UserError as error:
         what = error.message.removeprefix("configuration: ")
-        raise UserError(f"{sequence.path / MANIFEST}: config: {what}", f"{COPY}, or say what it is with --set") from None
+        raise UserError(f"{sequence.path / MANIFEST}: config: {what}", f"{COPY}, or override it with --set") from None
 
 
 def check_out(folder: Path) -> None:
@@ -67,7 +67,7 @@ def check_out(folder: Path) -> None:
     except (OSError, ValueError) as error:
         raise UserError(f"{folder}: cannot be written: {reason(error)}", PLACE) from None
     if strange:
-        raise UserError(f"{folder}: holds {strange[0]}, which no replay wrote", "a new or an empty folder")
+        raise UserError(f"{folder}: holds {strange[0]}, which is not from a replay", "a new or an empty folder")
 
 
 def clear_out(folder: Path, names: Sequence[str] = RESULTS) -> None:

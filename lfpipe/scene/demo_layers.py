@@ -30,7 +30,7 @@ class Canvas:
 
 class Solid(Protocol):
     def paint(self, canvas: Canvas, u: float, v: float) -> None:
-        """Paints over what is there already, as the camera at grid offset (u, v) sees it."""
+        """Paints over what already exists, as the camera at grid offset (u, v) sees it."""
         ...
 
 

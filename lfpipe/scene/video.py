@@ -41,7 +41,7 @@ def examine(path: Path) -> About:
     """What the video at path holds. Raises UserError where it is none, too large, hangs or crashes its decoder."""
     with open_file(path) as file:
         if not is_video(file.read(12)):
-            raise UserError(f"{path}: not a video that can be read (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY)
+            raise UserError(f"{path}: not a readable video (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY)
         fd = file.fileno()
         command = [sys.executable, *PROBE, str(fd)]
         quiet: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
@@ -55,7 +55,7 @@ def examine(path: Path) -> About:
     if width * height > MAX_FRAME_PX:
         raise UserError(f"{path}: a video of {width}x{height} px, at most {MAX_FRAME_PX} px are decoded", _REMEDY)
     if not width * height:
-        raise UserError(f"{path}: not a video that can be read", _REMEDY)
+        raise UserError(f"{path}: not a readable video", _REMEDY)
     if not end:
         raise UserError(f"{path}: its decoder stopped or crashed after {dots} frames", _REMEDY)
     if not dots:

@@ -128,7 +128,7 @@ def from_video(video: Path, out: Path, truth: Path | None = None) -> int:
         raise UserError(f"{video}: cannot be read: {reason(error)}", "a video file") from None
     with file:
         if not is_video(file.read(12)):  # FFmpeg would look for a picture or a list of files in it, however long that takes
-            raise UserError(f"{video}: not a video that can be read", "MP4, QuickTime, Matroska, WebM or AVI")
+            raise UserError(f"{video}: not a readable video", "MP4, QuickTime, Matroska, WebM or AVI")
         capture = cv2.VideoCapture(path_of(file.fileno()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
         try:
             return _taken_over(capture, video, out, truth)
@@ -142,7 +142,7 @@ def _taken_over(capture: cv2.VideoCapture, video: Path, out: Path, truth: Path |
     width_px, height_px = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
     rate_hz = float(capture.get(cv2.CAP_PROP_FPS))
     if not codec or not 0.01 <= rate_hz <= 1000 or width_px < 1 or height_px < 1:
-        raise UserError(f"{video}: no video that can be read", "give a video with a frame rate (avi, mkv, mp4, ...)")
+        raise UserError(f"{video}: not a readable video", "give a video with a frame rate (avi, mkv, mp4, ...)")
     if width_px * height_px > MAX_PIXELS:
         raise UserError(f"{video}: its frames have {width_px}x{height_px}, {MAX_PIXELS} px at most are read", "a smaller video")
     if jpeg:
@@ -162,7 +162,7 @@ def _taken_over(capture: cv2.VideoCapture, video: Path, out: Path, truth: Path |
                 decoded(packet, data, width_px, height_px, video)
         writer.close()
         if not writer.count:
-            raise UserError(f"{video}: holds no frame that can be read", "another video, or the same one fetched again")
+            raise UserError(f"{video}: holds no readable frame", "another video, or the same one fetched again")
         if truth is not None:
             with create_private(out / TRUTH) as file, open_regular(truth) as table:
                 shutil.copyfileobj(table, file)
@@ -190,7 +190,7 @@ def export(sequence: Sequence, video: Path) -> Path:
         for path in made:
             path.unlink(missing_ok=True)
         if isinstance(error, FileExistsError):
-            raise UserError(f"{error.filename}: is there already", "another name; nothing is ever overwritten") from None
+            raise UserError(f"{error.filename}: already exists", "another name; nothing is ever overwritten") from None
         if isinstance(error, OSError):
             remedy = "a directory that you may write to, with room"
             raise UserError(f"{error.filename or video}: {reason(error)}", remedy) from None

@@ -56,7 +56,7 @@ def check_out(path: Path) -> None:
     try:
         path.mkdir(PRIVATE_FOLDER, parents=True)
     except FileExistsError:
-        raise UserError(f"{path}: is there already", "another name; nothing is ever overwritten") from None
+        raise UserError(f"{path}: already exists", "another name; nothing is ever overwritten") from None
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: {reason(error)}", "a folder in a directory that you may write to") from None
 
@@ -70,7 +70,7 @@ def new_folder(path: Path) -> Iterator[None]:
     except BaseException as error:
         shutil.rmtree(path, ignore_errors=True)
         if isinstance(error, OSError):
-            raise UserError(f"{path}: {reason(error)}; nothing of it is kept", "a disk with room for it") from None
+            raise UserError(f"{path}: {reason(error)}; nothing was written", "a disk with room for it") from None
         raise
 
 
@@ -157,10 +157,10 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     rate_hz, complete = fields.number("rate_hz", 1e-3, MOST_HZ), fields.flag("complete")
     packets = read_index(path, complete)
     if not packets:
-        raise UserError(f"{path}: holds no whole frame", "record it anew")
+        raise UserError(f"{path}: holds no whole frame", "record it again")
     sequence = Sequence(path, dict(fields.values), packets, width_px, height_px, rate_hz, complete)
     if sequence.measured_hz > MOST_HZ:
-        raise UserError(f"{path}: {len(packets)} frames in {sequence.duration_s:g} s, which no camera takes", "record it anew")
+        raise UserError(f"{path}: {len(packets)} frames in {sequence.duration_s:g} s, which no camera takes", "record it again")
     if complete:
         _check_files(sequence, fields, verify)
     return sequence
@@ -178,7 +178,7 @@ def _manifest(path: Path) -> Fields:
         raise UserError(f"{where}: cannot be read: {reason(error)}", COPY) from None
     fields = json_fields(data, str(where), COPY)
     if fields.values.get("format") != FORMAT:
-        raise UserError(f"{where}: not of a recorded sequence", f'its "format" must be "{FORMAT}"')
+        raise UserError(f"{where}: not the manifest of a recorded sequence", f'its "format" must be "{FORMAT}"')
     if fields.values.get("version") != VERSION:
         version = fields.integer("version", 0, 1 << 30)
         remedy = "read it with the lfpipe that recorded it (versions in its manifest)"
@@ -204,7 +204,7 @@ def _check_files(sequence: Sequence, fields: Fields, verify: bool) -> None:
     for name in sums.values:
         wanted = sums.text(name, 64)
         if name not in FILES:
-            raise UserError(f"{sums.where}: {name!r} is no file of a sequence", COPY)
+            raise UserError(f"{sums.where}: {name!r} is not a file of a sequence", COPY)
         try:
             size = (path / name).stat().st_size
             if name in (EYES, TRUTH) and size > (frames + 16) * BESIDE_BYTES:

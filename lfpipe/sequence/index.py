@@ -136,7 +136,7 @@ def read_index(folder: Path, complete: bool) -> Packets:
                 raise UserError(f"{folder}: frame {seq} does not begin where the one before it ends", COPY)
             if t_ns <= last_ns:
                 back = f"its time stamp {t_ns} ns is not after {last_ns} ns of the one before"
-                raise UserError(f"{folder}: frame {seq}: {back}", "a clock that went back cannot be replayed: record it anew")
+                raise UserError(f"{folder}: frame {seq}: {back}", "a clock that went back cannot be replayed: record it again")
             end, last_ns = offset + count, t_ns
             if end > size:
                 if complete:

@@ -81,7 +81,7 @@ def _wrong(packet: Packet, data: bytes, width_px: int, height_px: int) -> str:
 
 
 class PacketWriter:
-    """Appends to the two files in folder; what is there already is kept up to its last whole frame."""
+    """Appends to the two files in folder; what already exists is kept up to its last whole frame."""
 
     def __init__(self, folder: Path) -> None:
         """Raises OSError where the files cannot be written."""

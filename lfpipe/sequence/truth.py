@@ -91,7 +91,7 @@ def _stamp(text: str, last_ns: int, where: str) -> int:
     if not -MAX_NS <= t_ns <= MAX_NS:
         raise UserError(f"{where}: t_ns is {shown(text)}, a whole number of ns is expected", REMEDY)
     if t_ns <= last_ns:
-        raise UserError(f"{where}: its times do not rise: t_ns is {t_ns}, after {last_ns}", REMEDY)
+        raise UserError(f"{where}: times must rise: t_ns is {t_ns}, after {last_ns}", REMEDY)
     return t_ns
 
 

@@ -73,7 +73,7 @@ class FileChecker:
         return self._process.poll() is not None or now_ns() >= self._end_ns
 
     def result(self) -> dict[str, Any]:
-        """What the child found out, once it is done. Raises UserError where it refuses, failed or took too long."""
+        """The child's result, once it has ended. Raises UserError where it refuses, failed or took too long."""
         ended = self._process.poll()
         self.read()
         self.close()

@@ -39,11 +39,11 @@ def cores(text: str, stages: Mapping[str, bool], allowed: Iterable[int]) -> dict
     for name, value in _pairs("governor.affinity", text, stages, example).items():
         parts = value.split("+")
         if not all(part.isdecimal() for part in parts):
-            raise UserError(f"governor.affinity: {name}={value}: no core, nor cores joined by +", f"for example {example}")
+            raise UserError(f"governor.affinity: {name}={value}: expected a core, or cores joined by +", f"for example {example}")
         found[name] = tuple(sorted({int(part) for part in parts}))
         if missing := set(found[name]) - set(usable):
             remedy = f"this process may use {', '.join(map(str, usable))}"
-            raise UserError(f"governor.affinity: {name}={value}: core {min(missing)} is not to be had here", remedy)
+            raise UserError(f"governor.affinity: {name}={value}: core {min(missing)} does not exist on this machine", remedy)
     return found
 
 
@@ -55,7 +55,7 @@ def niceness(text: str, names: Iterable[str]) -> dict[str, int]:
         try:
             found[name] = int(value)
         except ValueError:
-            raise UserError(f"governor.nice: {name}={value}: no whole number", f"for example {example}") from None
+            raise UserError(f"governor.nice: {name}={value}: not a whole number", f"for example {example}") from None
         if not LOWEST <= found[name] <= HIGHEST:
             raise UserError(f"governor.nice: {name}={value}: out of range: {LOWEST} to {HIGHEST}", f"for example {example}")
     return found
@@ -67,4 +67,4 @@ def settle(cores: tuple[int, ...], nice: int | None) -> None:
         set_scheduling(cores, nice)
     except PermissionError:
         remedy = "a higher number, or a higher limit (`ulimit -e`; `nice` in limits.conf)"
-        raise UserError(f"governor.nice: {nice} is not allowed to you", remedy) from None
+        raise UserError(f"governor.nice: {nice} needs a privilege that you do not have", remedy) from None

@@ -107,7 +107,7 @@ def _trace(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     if not isinstance(path, str) or not (_absolute(path) or not path):
         raise BadMessage("trace needs an absolute path, an empty one to stop")
     if path and running:
-        raise UserError(f"a trace is running already, into {running}", "`lfpipe trace stop` ends it")
+        raise UserError(f"a trace is already running, into {running}", "`lfpipe trace stop` ends it")
     if not path and not running:
         raise UserError("no trace is running", "`lfpipe trace start OUT.json` starts one")
     if path:
@@ -121,11 +121,11 @@ def _record(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     if not isinstance(path, str) or not (_absolute(path) or not path) or not isinstance(eyes, bool):
         raise BadMessage("record needs an absolute path, an empty one to stop")
     if path and running:
-        raise UserError(f"a recording is running already, into {running}", "`lfpipe ctl record stop` ends it")
+        raise UserError(f"a recording is already running, into {running}", "`lfpipe ctl record stop` ends it")
     if not path and not running:
         raise UserError("no recording is running", "`lfpipe ctl record start OUT` starts one")
     if path and not state.options.tracking:
-        raise UserError("the session has no camera: its scene is a single view", "`lfpipe record OUT` records without a scene")
+        raise UserError("this session has no camera: its scene is a single view", "`lfpipe record OUT` records without a scene")
     if path:
         return Reply(check={"check": "record", "path": path})
     return Reply({"path": running}, state.changed(record=""))

@@ -63,7 +63,7 @@ def acquire(session: Session) -> int:
     if fd is None:
         option = "" if session.name == "default" else f" --session {session.name}"
         remedy = f"another --session NAME, or end that one: `lfpipe ctl{option} stop`"
-        raise UserError(f"session {session.name!r} is running already", remedy)
+        raise UserError(f"session {session.name!r} is already running", remedy)
     try:
         _empty(session.run_dir)
         _free_names(session)

@@ -28,7 +28,7 @@ class Ended:
 
 
 class StageProcesses:
-    """table: the status table. spec: what a stage is told at its start. ask_to_stop: sends a stage the stop."""
+    """table: the status table. spec: what a stage receives at its start. ask_to_stop: sends a stage the stop."""
 
     def __init__(
         self, session: Session, table: Table, spec: Callable[[Stage], StageSpec], ask_to_stop: Callable[[str], None]

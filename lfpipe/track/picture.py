@@ -22,7 +22,7 @@ def as_bgr8(image: NDArray[Any]) -> NDArray[np.uint8]:
     channels = shape[2] if len(shape) == 3 else 1
     if image.dtype != np.uint8 or len(shape) not in (2, 3) or channels not in (1, 3, 4) or 0 in shape:
         raise UserError(
-            f"picture of shape {shape} and type {image.dtype}: no face can be looked for in it",
+            f"picture of shape {shape} and type {image.dtype}: cannot be searched for a face",
             "give 8 or 16 bit pictures, grey, BGR or BGRA, of at least one pixel",
         )
     if channels == 3:

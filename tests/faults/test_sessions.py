@@ -143,7 +143,7 @@ def test_of_two_sessions_started_at_once_under_one_name_one_wins(world: World, s
     said = [process.communicate(timeout=60)[1] for process in both]
     assert sorted(process.returncode for process in both) == [0, 2], said
     loser = said[[process.returncode for process in both].index(2)]
-    assert "is running already" in loser and "Traceback" not in "".join(said)
+    assert "is already running" in loser and "Traceback" not in "".join(said)
     assert not world.left()
 
 

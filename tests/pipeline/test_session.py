@@ -179,7 +179,7 @@ def test_a_second_up_on_the_same_session_is_refused_and_harms_nothing(world: Wor
     world.up(scene)
     world.pictures(5)
     second = world.run("up", scene, "--camera", "demo", "--display", "none", "--session", world.name)
-    assert second.returncode == 2 and "is running already" in second.stderr
+    assert second.returncode == 2 and "is already running" in second.stderr
     world.pictures(len(world.lines()) + 5)
 
 

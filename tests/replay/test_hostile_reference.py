@@ -126,7 +126,7 @@ def test_all_wrong_budgets_are_named_and_the_message_is_short(tmp_path: Path) ->
     with pytest.raises(UserError, match=r"(?s)entry 1 \(f0\).*entry 5 \(f4\).*and 895 more"):
         read_budgets(tmp_path / "b.toml")
     (tmp_path / "b.toml").write_text("budget = [1, {}, []]\n")
-    with pytest.raises(UserError, match=r"(?s)entry 1 is 1, no table.*entry 2: no figure.*entry 3 is \[\]"):
+    with pytest.raises(UserError, match=r"(?s)entry 1 is 1, not a table.*entry 2: no figure.*entry 3 is \[\]"):
         read_budgets(tmp_path / "b.toml")
 
 

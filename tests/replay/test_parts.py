@@ -53,7 +53,7 @@ def test_a_broken_budget_names_stage_and_figure(tmp_path: Path) -> None:
         ("[[budget]]\nmost = 1\n", "entry 1: no figure"),
         ('[[budget]]\nfigure = "a"\nmachine = "any"\n', "needs a number as most or least"),
         ('[[budget]]\nfigure = "a"\nmost = true\nmachine = "any"\n', "needs a number as most or least"),
-        ('[[budget]]\nfigure = "a"\nmost = 1\n', "needs either over or machine"),
+        ('[[budget]]\nfigure = "a"\nmost = 1\n', "needs over or machine"),
         ('[[budget]]\nfigure = "a"\nmosst = 1\n', "unknown key 'mosst'"),
         ("[budget]\n", "no .*budget.* entries"),
         ("[[", "not TOML"),

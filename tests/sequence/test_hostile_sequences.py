@@ -321,7 +321,7 @@ def test_a_name_of_any_bytes_is_a_name(whole: Path, tmp_path: Path, name: bytes)
         assert code == 0 and out and not err, (args, err)
     open_sequence(tmp_path / "part")
     code, _, err, _ = lfpipe(tmp_path, "sequence", "cut", folder, folder)
-    assert code == 2 and "is there already" in err and "Traceback" not in err
+    assert code == 2 and "already exists" in err and "Traceback" not in err
     code, _, err, _ = lfpipe(tmp_path, "sequence", "export", folder, folder.with_suffix(".mkv"))
     assert code in (0, 2) and "Traceback" not in err, err
 

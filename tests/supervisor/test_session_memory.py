@@ -40,7 +40,7 @@ def test_the_same_directory_by_another_path_is_the_same_session(base: Path, tmp_
     with holding(link, name) as segments:
         assert [Session(name).segment(part) for part in ("status", "frames", "eyes")] == segments
         assert rundir.running() == [name]
-        assert "is running already" in Holder(base, name).failed()
+        assert "is already running" in Holder(base, name).failed()
 
 
 def test_a_reader_with_another_runtime_directory_finds_the_one_session_of_that_name(
