@@ -189,6 +189,30 @@ def test_dark_glasses_leave_refined_eyes_where_the_lids_are() -> None:
     assert sum(worse) <= 1
 
 
+def test_glare_on_glasses_moves_refined_eyes_no_further_than_plain_ones() -> None:
+    for name in ("01-1m", "03-1m", "06-1m"):
+        picture = placed(backdrop(), name, 300, 220, 80)
+        for x in (260, 340):
+            cv2.ellipse(picture, (x + 6, 218), (20, 13), -20, 0, 360, (255, 255, 255), -1)
+        faces = [[engine.detect(picture) for _ in range(3)][-1] for engine in (LitertEngine(), LitertEngine(refine=True))]
+        plain, refined = (float(np.abs(face.eyes_px.mean(axis=0) - (300, 220)).max()) for face in faces if face is not None)
+        assert refined < plain + 1 and refined < 0.06 * 80
+
+
+def test_hands_before_the_face_lose_no_frame() -> None:
+    """Everything below the eyes is covered step by step. A face that is followed stays, where a new one would not be found."""
+    followed, found = 0, 0
+    for name in ("01-1m", "03-1m", "06-1m"):
+        engine, picture = LitertEngine(), placed(backdrop(), name, 300, 220, 80)
+        engine.detect(picture)
+        for top_px in range(290, 226, -10):
+            picture[top_px:] = (120, 150, 200)
+            face = engine.detect(picture)
+            assert face is not None and np.abs(face.eyes_px.mean(axis=0) - (300, 220)).max() < 0.06 * 80
+            followed, found = followed + 1, found + (LitertEngine().detect(picture) is not None)
+    assert found < followed
+
+
 def test_who_walks_in_from_the_side_and_sits_down_sees_the_middle(world: World, scene: Path) -> None:
     """The first sight of a viewer is no neutral position: they would look from beyond the grid for the rest of the session."""
     places = [(40 + 280 * k / 30, 30 + 30 * k / 30) for k in range(30)] + [(320.0, 60.0)] * 150
