@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 import subprocess
 import sys
 import tempfile
@@ -43,7 +44,7 @@ class World:
         names = {"XDG_RUNTIME_DIR": "run", "XDG_CACHE_HOME": "cache", "XDG_CONFIG_HOME": "settings"}
         own = {key: str(root / name) for key, name in names.items()} | {"PYTHONPATH": str(Path(__file__).parents[1])}
         self.env = {**clean, **own}
-        self.name = f"t{os.getpid()}x{time.monotonic_ns() % 10**9}"
+        self.name = f"t{secrets.token_hex(4)}"
         self.trace = root / "trace.jsonl"
         self._running: list[subprocess.Popen[str]] = []
 

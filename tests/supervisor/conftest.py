@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import time
+import secrets
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,7 @@ import pytest
 
 @pytest.fixture
 def name() -> str:
-    return f"t{os.getpid()}x{time.monotonic_ns() % 10**9}"
+    return f"t{secrets.token_hex(4)}"
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import subprocess
 import sys
 import threading
@@ -41,7 +42,7 @@ class Bench:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.session = Session(f"j{os.getpid()}x{time.monotonic_ns() % 10**9}")
+        self.session = Session(f"j{secrets.token_hex(4)}")
         self.session.run_dir.mkdir(mode=0o700)
         self.memory = SessionMemory(self.session, Config())
         self.process = StageProcess(STAGE, self.session, self.memory.table.rows["render"])

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import time
+import secrets
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from lfpipe.transport.status import State
 @pytest.fixture
 def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    made = Session(f"c{os.getpid()}x{time.monotonic_ns() % 10**9}")
+    made = Session(f"c{secrets.token_hex(4)}")
     made.run_dir.mkdir(mode=0o700)
     memory = SessionMemory(made, Config())
     yield made

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import time
+import secrets
 from collections.abc import Iterator
 from multiprocessing.shared_memory import SharedMemory
 
@@ -32,7 +31,7 @@ def stamp(seq: int, epoch: int = 0) -> Stamp:
 
 @pytest.fixture
 def session() -> Session:
-    return Session(f"t{os.getpid()}x{time.monotonic_ns() % 10**9}")
+    return Session(f"t{secrets.token_hex(4)}")
 
 
 @pytest.fixture
@@ -60,7 +59,7 @@ def opened(session: Session, part: str = "packets.1") -> PacketOutput:
 )
 def test_each_frame_has_its_own_packet_or_none(kinds: list[tuple[str, int]], ahead: int) -> None:
     """ahead: frames that capture is before the recorder. New epochs begin anywhere and count frames from anywhere."""
-    session = Session(f"t{os.getpid()}x{time.monotonic_ns() % 10**9}")
+    session = Session(f"t{secrets.token_hex(4)}")
     memory = _made(session)
     output, taken = opened(session), PacketInput(session, "packets.1")
     epoch, waiting = 0, list[tuple[Stamp, bytes | None]]()
