@@ -81,7 +81,7 @@ def test_what_is_no_key_and_value_is_said(text: str) -> None:
 def test_files_that_are_none(tmp_path: Path) -> None:
     broken = tmp_path / "broken.toml"
     broken.write_text("[camera\n")
-    for path, part in ((broken, "not TOML"), (tmp_path, "is a directory"), ("papr", r"No such file(.|\n)*preset: paper")):
+    for path, part in ((broken, "not valid TOML"), (tmp_path, "is a directory"), ("papr", r"No such file(.|\n)*preset: paper")):
         with pytest.raises(UserError, match=part):
             config.load(path)
     broken.write_bytes(b"\xff\xfe\x00")

@@ -55,8 +55,8 @@ def test_a_broken_budget_names_stage_and_figure(tmp_path: Path) -> None:
         ('[[budget]]\nfigure = "a"\nmost = true\nmachine = "any"\n', "needs a number as most or least"),
         ('[[budget]]\nfigure = "a"\nmost = 1\n', "needs over or machine"),
         ('[[budget]]\nfigure = "a"\nmosst = 1\n', "unknown key 'mosst'"),
-        ("[budget]\n", "no .*budget.* entries"),
-        ("[[", "not TOML"),
+        ("[budget]\n", "expected .*budget.* entries"),
+        ("[[", "not valid TOML"),
     ],
 )
 def test_a_wrong_budget_is_named(tmp_path: Path, text: str, said: str) -> None:
@@ -71,7 +71,7 @@ def test_the_projects_budgets_name_figures_that_a_report_holds() -> None:
 
 def test_a_figure_that_is_not_there_is_said(tmp_path: Path) -> None:
     found = _budgets(tmp_path, '[[budget]]\nfigure = "latency.trak"\nmost = 1\nmachine = "any"\n')
-    with pytest.raises(UserError, match=r"latency\.trak is no figure"):
+    with pytest.raises(UserError, match=r"latency\.trak is not a figure"):
         broken(found, REPORT, None)
 
 
