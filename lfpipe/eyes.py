@@ -20,6 +20,7 @@ EYES = np.dtype(
         ("face", "<i4"),
         ("generation", "<i4"),  # counts the tracks of a face: another number means another run of the filter
         ("eyes_mm", "<f8"),  # the viewer's own distance between the eyes, learnt from the iris (track.refine); 0: not known
+        ("turn_deg", "<f8", (3,)),  # of the head against the line of sight, `lfpipe.track.head_pose`; zeros without a face
     ]
 )
 

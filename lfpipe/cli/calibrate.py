@@ -31,9 +31,10 @@ def calibrate(
     import math
 
     from lfpipe.config import load, user_file
+    from lfpipe.config.camera_pose import EYES_MM
     from lfpipe.errors import UserError
     from lfpipe.observe.calibrate import by_card, by_eyes, by_leaning
-    from lfpipe.render.geometry import BANK_CARD_MM, EYES_MM, focal_px_from
+    from lfpipe.render.geometry import BANK_CARD_MM, focal_px_from
     from lfpipe.track.calibration import write_key
 
     config = load(config_file, sets)

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
+from lfpipe.config.camera_pose import camera_focal_px, pose_from_leaning
 from lfpipe.errors import UserError
-from lfpipe.render.camera_pose import pose_from_leaning
-from lfpipe.render.geometry import camera_focal_px
 from lfpipe.render.open_display import has_display
 from lfpipe.track.calibration import EyeGauge
 from lfpipe.track.engines import make_engine

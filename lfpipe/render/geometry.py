@@ -14,10 +14,10 @@ from typing import Protocol
 import attrs
 
 from lfpipe.config import Config, SceneSummary
+from lfpipe.config.camera_pose import EYES_MM, camera_focal_px
 from lfpipe.errors import UserError
 from lfpipe.scene.lightfield import LightField
 
-EYES_MM = 63.0  # mean distance between adult eyes (Dodgson 2004); most people 50..75
 PICTURE_MM = 530.0  # width of a picture that fills a 24 inch screen, used where the monitor size is unknown
 SEAT_MM = 600.0  # assumed distance of the viewer until a face is seen
 BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
@@ -55,15 +55,6 @@ class Parallax:
 def alpha_is_automatic(config: Config) -> bool:
     """Whether alpha is computed from the viewer's distance, instead of given."""
     return isinstance(config.render.alpha_px, str)
-
-
-def camera_focal_px(config: Config, frame_width_px: int) -> float:
-    """Focal length of the webcam in px of a frame that wide, from camera.focal_px or camera.fov_deg."""
-    camera = config.camera
-    scale = frame_width_px / camera.frame_px[0]
-    if camera.focal_px != "auto":
-        return float(camera.focal_px) * scale
-    return scale * camera.width_px / 2 / math.tan(math.radians(camera.fov_deg) / 2)
 
 
 def focal_px_from(size_px: float, size_mm: float, distance_mm: float) -> float:

@@ -13,11 +13,11 @@ import attrs
 import numpy as np
 
 from lfpipe.config import Config, Render
+from lfpipe.config.camera_pose import EYES_MM, CameraPose
 from lfpipe.config.quality import WARPS
 from lfpipe.config.session_options import needs_tracking
-from lfpipe.render.camera_pose import CameraPose
 from lfpipe.render.compositor import extrapolation_views, method_for, planes_of_eyes
-from lfpipe.render.geometry import EYES_MM, alpha_is_automatic
+from lfpipe.render.geometry import alpha_is_automatic
 from lfpipe.render.planes import PlaneStore, stored_channels
 from lfpipe.render.synthesis import Synthesiser, ViewWeight, Warper, view_weights
 from lfpipe.render.viewpoint import ViewSolver

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Config
+from lfpipe.config.camera_pose import EYES_MM, CameraPose
 from lfpipe.eyes import extrapolated
-from lfpipe.render.camera_pose import CameraPose
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.easing import EyeEasing
-from lfpipe.render.geometry import EYES_MM, Parallax, alpha_is_automatic, parallax
+from lfpipe.render.geometry import Parallax, alpha_is_automatic, parallax
 from lfpipe.render.presence import Presence, Rest, ViewerState
 from lfpipe.render.viewpoint import Position, ViewSolver
 from lfpipe.scene.lightfield import LightField

@@ -8,13 +8,16 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.track.head_pose import HeadTurn
+
 
 @attrs.frozen(eq=False)
 class Face:
     """One face. eyes_px: float64 (2, 2), [[left x, y], [right x, y]] of the viewer's own eyes in px of the picture given,
     confidence 0..1, box_px: (x0, y0, x1, y1). iris_px: diameter of the irises, 0 where it is not known or the face is turned to
     the side, so that it does not compare with the distance between the eyes. apart_px: distance between the eyes as it would be
-    if the head were not turned, 0 where it is not known. lean_deg: towards the shoulder, clockwise in the picture."""
+    if the head were not turned, 0 where it is not known. lean_deg: towards the shoulder, clockwise in the picture.
+    turn_deg: see `head_pose.head_turn`."""
 
     eyes_px: NDArray[np.float64]
     confidence: float
@@ -22,6 +25,7 @@ class Face:
     iris_px: float = 0.0
     apart_px: float = 0.0
     lean_deg: float = 0.0
+    turn_deg: HeadTurn = (0.0, 0.0, 0.0)
 
 
 class Engine(Protocol):

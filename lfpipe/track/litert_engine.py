@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lfpipe.track.detector import FULL, Detection, Detector
 from lfpipe.track.engine import Face
+from lfpipe.track.head_pose import HEAD_POINTS, head_turn
 from lfpipe.track.iris import Irises
 from lfpipe.track.landmarks import FRONTAL, TURN, eye_points, iris_diameter, turn
 from lfpipe.track.network import Network, model_file
@@ -180,9 +181,10 @@ class LitertEngine:
         if not 1.0 <= region.side_px < math.inf or not self._upright(lean_deg):
             return None
         self._roi = region
+        turn_deg = head_turn(np.column_stack((points.T[HEAD_POINTS], mesh[HEAD_POINTS, 2] * scale)))
         if self._irises is None:
             eyes = np.add((found.left, found.right), (x, y))
-            return Face(eyes, confidence, edges, apart_px=found.apart, lean_deg=lean_deg)
+            return Face(eyes, confidence, edges, apart_px=found.apart, lean_deg=lean_deg, turn_deg=turn_deg)
         mesh_px = points.T + matrix[:, 2]
         irises = self._irises.find(bgr, mesh_px)
         frontal = abs(turn(mesh_px[list(TURN)])) <= FRONTAL
@@ -190,7 +192,7 @@ class LitertEngine:
         off = (irises[:, 0] - lids) / max(found.apart, 1.0)
         seen = float(np.hypot(*(off[0] - off[1]))) <= APART and float(np.abs(off).max()) <= ASIDE
         eyes, iris_px = (irises[:, 0], iris_diameter(irises) if frontal else 0.0) if seen else (lids, 0.0)
-        return Face(eyes, confidence, edges, iris_px, found.apart, lean_deg)
+        return Face(eyes, confidence, edges, iris_px, found.apart, lean_deg, turn_deg)
 
     def _upright(self, lean_deg: float) -> bool:
         """Whether a head can lean by so much, clockwise. One that cannot is counted: the picture may be turned."""

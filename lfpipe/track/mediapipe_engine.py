@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.host.native_stderr import quiet_stderr
 from lfpipe.track.engine import Face
+from lfpipe.track.head_pose import HEAD_POINTS, head_turn
 from lfpipe.track.landmarks import (
     EDGES,
     EYE_LINE,
@@ -81,11 +82,14 @@ class MediapipeEngine:
         centres = eyes.mean(axis=1)
         flat = float(np.hypot(*(left - right)[:2]))
         apart_px = float(np.hypot(*(centres[0] - centres[1]))) * float(np.linalg.norm(left - right)) / max(flat, 1e-9)
+        head = [(marks[j].x * width_px, marks[j].y * height_px, marks[j].z * width_px) for j in HEAD_POINTS]
+        turn_deg = head_turn(head)
         if not self._refine:
-            return Face(centres, 1.0, box(edges[0]), apart_px=apart_px)
+            return Face(centres, 1.0, box(edges[0]), apart_px=apart_px, turn_deg=turn_deg)
         ahead = np.array([(marks[j].x * width_px, marks[j].y * height_px) for j in TURN])
         frontal = abs(turn(ahead)) <= FRONTAL
-        return Face(np.ascontiguousarray(eyes[:, 0]), 1.0, box(edges[0]), iris_diameter(eyes) if frontal else 0.0, apart_px)
+        iris_px = iris_diameter(eyes) if frontal else 0.0
+        return Face(np.ascontiguousarray(eyes[:, 0]), 1.0, box(edges[0]), iris_px, apart_px, turn_deg=turn_deg)
 
     def examine(self, image: NDArray[np.uint8]) -> None:
         """Nothing: the graph holds on to the face it found."""

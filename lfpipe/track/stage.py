@@ -74,6 +74,7 @@ def main(context: Context) -> None:
             record = eyes.begin()
             record["raw_px"], record["filtered_px"], record["velocity_px_s"] = raw, position, velocity
             record["apart_px"] = face.apart_px if face is not None else 0.0
+            record["turn_deg"] = face.turn_deg if face is not None else (0.0, 0.0, 0.0)
             record["confidence"] = face.confidence if face is not None else 0.0
             record["width_px"], record["height_px"] = image.shape[1], image.shape[0]
             record["face"], record["generation"], record["eyes_mm"] = seen, generation, apart.mm

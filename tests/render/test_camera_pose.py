@@ -12,10 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Camera, Config, Render
+from lfpipe.config.camera_pose import EYES_MM, CameraPose, camera_focal_px, pose_from_leaning
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES
-from lfpipe.render.camera_pose import CameraPose, pose_from_leaning
-from lfpipe.render.geometry import EYES_MM, camera_focal_px
 from lfpipe.render.viewer import Viewer
 from tests.render import rendered
 

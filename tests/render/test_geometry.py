@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe.config import Config, from_dict
+from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.errors import UserError
-from lfpipe.render.geometry import camera_focal_px, focal_px_from, parallax
+from lfpipe.render.geometry import focal_px_from, parallax
 from lfpipe.scene.lightfield import Geometry, LightField
 from tests.render import rendered
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lfpipe.config import Config, Track
+from lfpipe.config.camera_pose import EYES_MM
 from lfpipe.eyes import EYES
-from lfpipe.render.geometry import EYES_MM
 from lfpipe.render.viewer import Viewer
 from lfpipe.track.engine import Face
 from lfpipe.track.engines import make_engine

@@ -14,12 +14,21 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import Config
+from lfpipe.config.tree import Config
 from lfpipe.errors import UserError
-from lfpipe.render.geometry import camera_focal_px
 
+EYES_MM = 63.0  # mean distance between adult eyes (Dodgson 2004); most people 50..75
 LEAST_Z_MM = 50.0  # nobody's eyes are nearer to the screen
 LEAN_MM = 100.0  # leaning by less does not determine the camera's tilt
+
+
+def camera_focal_px(config: Config, frame_width_px: int) -> float:
+    """Focal length of the webcam in px of a frame that wide, from camera.focal_px or camera.fov_deg."""
+    camera = config.camera
+    scale = frame_width_px / camera.frame_px[0]
+    if camera.focal_px != "auto":
+        return float(camera.focal_px) * scale
+    return scale * camera.width_px / 2 / math.tan(math.radians(camera.fov_deg) / 2)
 
 
 @attrs.frozen
