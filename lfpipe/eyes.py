@@ -1,4 +1,4 @@
-"""The record that travels from tracking to rendering, and its one piece of arithmetic."""
+"""The records that travel from tracking to rendering and on, and their one piece of arithmetic."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ EYES = np.dtype(
         ("turn_deg", "<f8", (3,)),  # of the head against the line of sight, `lfpipe.track.head_pose`; zeros without a face
     ]
 )
+
+# A picture shown, for who shares the session; the slot header repeats the stamps of the frame that it was made for.
+SHOWN = np.dtype([("t_presented_ns", "<i8"), ("view", "<f8", (2, 2)), ("composed", "<i4"), ("face", "<i4")])
 
 MAX_HORIZON_S = 0.25  # beyond a quarter of a second a straight line says nothing about a head
 

@@ -16,7 +16,7 @@ FLOORS = (
     {"config"},
     {"transport"},
     {"scene", "sequence"},
-    {"capture", "track", "render", "record"},
+    {"capture", "track", "render", "record", "share"},
     {"supervisor"},
     {"replay", "observe"},
     {"bench"},

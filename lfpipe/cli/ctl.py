@@ -129,3 +129,26 @@ def start(target: Target, out: Path, with_eyes: bool) -> None:
 def stop_record(target: Target) -> None:
     """End the recording."""
     _send(target, {"cmd": "record", "path": ""})
+
+
+@ctl.group()
+def share() -> None:
+    """Send the viewer's eyes and head to other programs."""
+
+
+@share.command("start")
+@click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
+@click.pass_obj
+def start_share(target: Target, targets: tuple[str, ...]) -> None:
+    """Share with each TARGET: opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME], each with ?rate=HZ for predicted eyes."""
+    from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
+
+    _send(target, {"cmd": "share", "start": list(targets)}, FILE_CHECK_TIMEOUT_S)
+
+
+@share.command("stop")
+@click.argument("targets", nargs=-1, metavar="[TARGET]...")
+@click.pass_obj
+def stop_share(target: Target, targets: tuple[str, ...]) -> None:
+    """Share no longer with each TARGET, as `start` printed it; with none at all where no TARGET is given."""
+    _send(target, {"cmd": "share", "stop": list(targets)})

@@ -34,6 +34,8 @@ class UpArguments:
     duration_s: float | None
     trace: Path | None
     demo: bool
+    share: tuple[str, ...]
+    no_picture: bool
     session_name: str | None
     sets: tuple[str, ...]
     config_file: str | None
@@ -85,9 +87,37 @@ def exit_code(outcome: Outcome) -> int:
 
 
 def prepare(arguments: UpArguments) -> SessionPlan:
+    """See `_prepare_pictures`; without a picture it is the camera and the targets alone. Raises UserError."""
+    return _prepare_tracking(arguments) if arguments.no_picture else _prepare_pictures(arguments)
+
+
+def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
+    """A session that tracks eyes and shows nothing."""
+    from lfpipe.cli.startup_summary import sharing_lines
+
+    given = {"SCENE": arguments.scene, "--display": arguments.display, "--trace": arguments.trace}
+    if pointless := [name for name, value in given.items() if value is not None]:
+        raise UserError(f"--no-picture with {', '.join(pointless)}: nothing is shown", "leave out one or the other")
+    config = config_module.load(arguments.config_file, arguments.sets)
+    camera, share = _checked(arguments, config, "none")
+    options = SessionOptions(
+        source=camera.text,
+        source_hz=camera.rate_hz,
+        jpeg_px=camera.jpeg_px,
+        show=False,
+        share=share,
+        lossless="pace=max" in camera.text,
+    )
+    say(f"camera  {camera.text}; eyes by {config.track.engine}, filter {config.track.filter}; no picture")
+    for line in sharing_lines(share):
+        say(line)
+    return SessionPlan(config, options, arguments.duration_s, (), None)
+
+
+def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     """Checks all arguments, packs the scene unless it is packed, and prints the settings in force."""
     from lfpipe.cli.scene_opening import open_with_progress
-    from lfpipe.cli.startup_summary import startup_lines
+    from lfpipe.cli.startup_summary import sharing_lines, startup_lines
     from lfpipe.render.geometry import check_geometry
     from lfpipe.render.open_display import has_display
     from lfpipe.render.plan import make_plan
@@ -105,7 +135,7 @@ def prepare(arguments: UpArguments) -> SessionPlan:
             remedy = "run the demo in a directory that you may write to, or with --display none"
             raise UserError(f"{out}/: {error.strerror}", remedy) from None
         say(f"no screen here: the demo runs {arguments.duration_s or DEMO_S:g} s into {out}/")
-    camera = _checked(arguments, config, display)
+    camera, share = _checked(arguments, config, display)
     field = open_with_progress(arguments.scene, config.scene)
     scene = summarize(field, config.scene)
     check_geometry(config, scene)
@@ -120,9 +150,10 @@ def prepare(arguments: UpArguments) -> SessionPlan:
         display=display,
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
         still=str(still.resolve()) if still else "",
+        share=share,
         lossless="pace=max" in camera.text,
     )
-    for line in startup_lines(config, field, plan, camera.text, display):
+    for line in (*startup_lines(config, field, plan, camera.text, display), *sharing_lines(share)):
         say(line)
     duration_s = arguments.duration_s or (DEMO_S if no_screen else None)
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
@@ -130,11 +161,12 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     return SessionPlan(config, options, duration_s, files, field.hold)
 
 
-def _checked(arguments: UpArguments, config: Config, display: str) -> CheckedSource:
-    """The source of frames. Raises one UserError for all mistakes in the arguments."""
+def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[CheckedSource, tuple[str, ...]]:
+    """The source of frames, and the targets to share with. Raises one UserError for all mistakes in the arguments."""
     from lfpipe.capture.open_source import CheckedSource, check_source
     from lfpipe.files.trace import check_trace
     from lfpipe.render.open_display import check_display
+    from lfpipe.share.target import check_targets
 
     camera = arguments.camera or config.camera.source or ("demo" if arguments.demo else "")
     errors: list[UserError] = []
@@ -151,10 +183,14 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> CheckedSou
         scene = arguments.scene
         rows, cols = attempt(lambda: _grid(scene, config)) or (0, 0)
         single = rows * cols == 1
-    elif not arguments.demo:
+    elif not arguments.demo and not arguments.no_picture:
         errors.append(UserError("no SCENE given", "a folder of views, or --demo for the built-in scene"))
     found = CheckedSource("", 0.0) if single else attempt(lambda: check_source(camera, config.camera))
     attempt(lambda: check_display(display, str(config.screen.monitor)))
+    share = attempt(lambda: check_targets(arguments.share))
+    if single and arguments.share:
+        remedy = "`lfpipe up --no-picture --share TARGET` tracks without a scene"
+        errors.append(UserError(f"--share with {arguments.scene}: a single view needs no eyes, so none are tracked", remedy))
     if arguments.trace is not None:
         trace = arguments.trace
         attempt(lambda: check_trace(trace))
@@ -163,7 +199,7 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> CheckedSou
     if errors:
         raise errors[0]
     assert isinstance(found, CheckedSource)
-    return found
+    return found, share
 
 
 def _grid(scene: Path, config: Config) -> tuple[int, int]:

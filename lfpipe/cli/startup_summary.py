@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from lfpipe.config import Config
 from lfpipe.host.graphics import has_gpu
 from lfpipe.render.geometry import parallax
@@ -36,3 +38,13 @@ def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, di
         f"alpha   {chosen.alpha_px:.1f} px/view ({asked}): {chosen.views_between_eyes:.1f} views between the eyes{depth}",
         f"picture {render.anaglyph} in {render.light} light, {clock}, to {display}{by}",
     ]
+
+
+def sharing_lines(share: Sequence[str]) -> list[str]:
+    """One line for each target that eyes are sent to."""
+    return [f"share   eyes and head to {text.partition('?')[0]}, {_pace(text)}" for text in share]
+
+
+def _pace(text: str) -> str:
+    rate = text.partition("?rate=")[2]
+    return f"predicted, {rate} a second" if rate else "every frame"

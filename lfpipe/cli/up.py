@@ -12,6 +12,7 @@ EXAMPLES = """\b
 Examples:
   lfpipe up --demo
   lfpipe up boxes/ --display fullscreen --set screen.monitor=1
+  lfpipe up --no-picture --share opentrack:127.0.0.1:4242
   lfpipe up boxes/ --camera 'file:me.mp4?loop=1' --display none --duration 20 --trace t.jsonl
 """
 
@@ -25,6 +26,13 @@ Examples:
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S seconds.")
 @click.option("--trace", type=click.Path(path_type=Path), metavar="FILE", help="Write one JSON line per picture.")
 @click.option("--demo", is_flag=True, help="A built-in scene and face: needs no camera, light field or screen.")
+@click.option(
+    "--share",
+    multiple=True,
+    metavar="TARGET",
+    help="Send eyes and head to opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]; ?rate=HZ behind it predicts them. Repeatable.",
+)
+@click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")
 @with_session
 @with_config
 def up(
@@ -34,6 +42,8 @@ def up(
     duration_s: float | None,
     trace: Path | None,
     demo: bool,
+    share: tuple[str, ...],
+    no_picture: bool,
     session_name: str | None,
     sets: tuple[str, ...],
     config_file: str | None,
@@ -44,5 +54,7 @@ def up(
     """
     from lfpipe.cli import launch
 
-    arguments = launch.UpArguments(scene, camera, display, duration_s, trace, demo, session_name, sets, config_file)
+    arguments = launch.UpArguments(
+        scene, camera, display, duration_s, trace, demo, share, no_picture, session_name, sets, config_file
+    )
     return launch.up(arguments)

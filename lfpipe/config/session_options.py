@@ -73,7 +73,8 @@ class SessionOptions:
     tracking: whether eyes are tracked. show: whether pictures are made. trace: file of one line per picture. still: file for the
     last picture. timeline: file of a trace that was started later. record, record_eyes: folder of a running recording.
     pictures, packets: names of rings that exist only on demand. lossless: no frame may be dropped, writers wait for readers.
-    lock_step: besides, a frame passes every stage before the next one starts. level: the quality in force, None for full.
+    lock_step: besides, a frame passes every stage before the next one starts. share: where eyes are sent to, as
+    `lfpipe.share.target` writes it. level: the quality in force, None for full.
     """
 
     scene: SceneSummary | None = None
@@ -93,12 +94,18 @@ class SessionOptions:
     lossless: bool = False
     lock_step: bool = False
     replay: ReplayOutput | None = None
+    share: tuple[str, ...] = ()
     level: QualityLevel | None = None
 
     @property
     def pack(self) -> str:
         """The scene's pack, "" without a scene."""
         return self.scene.pack if self.scene else ""
+
+    @property
+    def shares_pictures(self) -> bool:
+        """Whether a target has a place for the stamps of pictures."""
+        return any(text.startswith("lsl") for text in self.share)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, as messages and files carry them."""
@@ -113,5 +120,6 @@ class SessionOptions:
             "replay": ReplayOutput(**replay) if replay else None,
             "level": QualityLevel(**level) if level else None,
             "jpeg_px": tuple(jpeg_px) if jpeg_px else None,
+            "share": tuple(plain["share"]),
         }
         return cls(**{**plain, **nested})

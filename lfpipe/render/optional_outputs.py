@@ -1,6 +1,6 @@
-"""Where else pictures go while somebody asks: the ring "pictures", the timeline, and the viewpoints of the viewer's eyes.
+"""Where else pictures go while somebody asks: the ring "pictures", their stamps, the timeline, the viewpoints of the eyes.
 
-All three follow the session's options; nobody asking means no ring, no copy, no message.
+All follow the session's options; nobody asking means no ring, no copy, no message.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from lfpipe.transport import ring
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
+from lfpipe.transport.ring_ends import RingOutput
 
 VIEWPOINTS_NS = 100 * MS_NS  # between two messages "look"
 
@@ -31,6 +32,7 @@ class OptionalOutputs:
         self._path = ""
         self._timeline = TraceFile(None, self._lost)
         self._viewpoints_due_ns = 0
+        self._shown: RingOutput | None = None  # opened when it is first needed
 
     def follow(self, options: SessionOptions, picture: NDArray[np.uint8] | None) -> None:
         """Opens and closes what options ask for. picture: the one on the screen, for a ring that is new."""
@@ -71,6 +73,16 @@ class OptionalOutputs:
             self._ring.publish(-1, 0, 0)
         else:
             self._ring.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
+
+    def shown(self, viewpoints: Viewpoints, stamp: Stamp, face: bool, composed: bool, t_presented_ns: int) -> None:
+        """Stamp and views of a picture, for who shares the session."""
+        if not self._context.options.shares_pictures:
+            return
+        self._shown = self._shown or self._context.output("shown")
+        record = self._shown.begin()
+        record["t_presented_ns"], record["view"] = t_presented_ns, (viewpoints.left, viewpoints.right)
+        record["composed"], record["face"] = composed, face
+        self._shown.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
 
     def emit_viewpoints(self, viewpoints: Viewpoints, face: bool) -> None:
         """Reports to the tap where the eyes are and which views they see, at most every VIEWPOINTS_NS."""

@@ -128,6 +128,7 @@ class Presenter:
             if row["face"]:
                 row.horizon.add_ns(seen_ns - t_sensor_ns)
             self._outputs.emit_viewpoints(viewpoints, bool(self._record["face"]))
+            self._outputs.shown(viewpoints, stamp, bool(self._record["face"]), composed, t_presented_ns)
             if self._trace.wanted or self._outputs.traced:
                 line = self._line(stamp, self._record, viewpoints, composed, t_start_ns, t_composed_ns)
                 if self._replay is not None:

@@ -1,4 +1,4 @@
-"""The child process that looks at files for the supervisor: whatever a file does to it, the session goes on.
+"""The child process that looks at files, and looks up hosts, for the supervisor: whatever they do to it, the session goes on.
 
 Run as `python -m lfpipe.supervisor.file_check` with the request as JSON in the argument. Prints empty lines as a sign of
 progress, then one line of JSON, {"ok": true, "result": {...}} or {"ok": false, "error": ..., "remedy": ...}. Ends when its
@@ -37,6 +37,10 @@ def check(request: dict[str, Any]) -> dict[str, Any]:
 
         check_out(path)
         return {}
+    if request["check"] == "share":
+        from lfpipe.share.target import check_targets
+
+        return {"targets": list(check_targets(request["targets"], request["running"]))}
     from lfpipe.render.scoring import choose_method
     from lfpipe.scene.pack import open_scene
     from lfpipe.scene.summary import summarize

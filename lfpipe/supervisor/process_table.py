@@ -9,7 +9,7 @@ import attrs
 import numpy as np
 
 from lfpipe.config import Config, SessionOptions
-from lfpipe.eyes import EYES
+from lfpipe.eyes import EYES, SHOWN
 from lfpipe.transport.packet_ring import packet_dtype
 from lfpipe.transport.ring import RingSpec
 
@@ -53,7 +53,7 @@ STAGES = (
         own_core=True,
         startup_timeout_s=30.0,
     ),
-    Stage("render", "lfpipe.render.stage", lambda options: options.show, reads=("eyes",), shows=True),
+    Stage("render", "lfpipe.render.stage", lambda options: options.show, reads=("eyes",), writes=("shown",), shows=True),
     Stage(
         "record",
         "lfpipe.record.stage",
@@ -61,6 +61,14 @@ STAGES = (
         reads=("frames", "eyes"),
         optional=True,
         own_core=True,  # its work can wait, so it does not disturb capture and render
+    ),
+    Stage(
+        "share",
+        "lfpipe.share.stage",
+        lambda options: bool(options.share),
+        reads=("eyes", "shown"),
+        optional=True,
+        own_core=True,
     ),
 )
 NAMES = tuple(stage.name for stage in STAGES)
@@ -81,6 +89,7 @@ def rings(config: Config) -> dict[str, RingSpec]:
     return {
         "frames": _frame_ring(config),
         "eyes": RingSpec((), EYES, slots=8),
+        "shown": RingSpec((), SHOWN, slots=16),
     }
 
 

@@ -13,8 +13,9 @@ import attrs
 
 from lfpipe import config as config_module
 from lfpipe.config import SceneSummary
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, shown
 from lfpipe.render.geometry import check_geometry
+from lfpipe.share.target import FORMS, MAX_TARGETS
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control
 from lfpipe.transport.clock import SECOND_NS
@@ -94,10 +95,12 @@ def _pictures(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
     return Reply({"ring": new.options.pictures}, new)
 
 
-def _load(_state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+def _load(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     scene = message.get("scene")
     if not isinstance(scene, str) or not _absolute(scene):
         raise BadMessage("load needs the absolute path of a scene")
+    if not state.options.show:
+        raise UserError("the session shows no pictures", "`lfpipe up SCENE` starts one that does")
     return Reply(check={"check": "scene", "path": scene})
 
 
@@ -131,6 +134,30 @@ def _record(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     return Reply({"path": running}, state.changed(record=""))
 
 
+def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+    """Sends the eyes to the targets `start` as well; no longer to `stop`, to none where that is empty."""
+    start, stop, running = message.get("start"), message.get("stop"), state.options.share
+    texts = stop if start is None else start
+    if (start is None) == (stop is None) or not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+        raise BadMessage("share needs a list of targets, either to start or to stop")
+    if start is not None:
+        if not start:
+            raise UserError("no target given", FORMS)
+        if len(start) > MAX_TARGETS:
+            raise BadMessage(f"share: {len(start)} targets; {MAX_TARGETS} are allowed")
+        if not state.options.tracking:
+            raise UserError("the session tracks no eyes: its scene is a single view", "`lfpipe up --no-picture --share TARGET`")
+        return Reply(check={"check": "share", "path": ", ".join(start)[:200], "targets": start, "running": list(running)})
+    named = {text: [each for each in running if text in (each, each.partition("?")[0])] for text in texts}
+    if missing := [text for text, found in named.items() if not found]:
+        raise UserError(f"{shown(missing[0])}: nothing is shared there", f"shared are: {', '.join(running) or 'none'}")
+    if not running:
+        raise UserError("nothing is shared", "`lfpipe ctl share start TARGET` starts it")
+    ended = [each for found in named.values() for each in found] or list(running)
+    left = tuple(each for each in running if each not in ended)
+    return Reply({"share": list(left)}, state.changed(share=left))
+
+
 def respond_checked(state: SessionState, message: dict[str, Any], result: dict[str, Any], t_ns: int) -> Reply:
     """The reply to a request whose files were checked; the state may have changed meanwhile. Raises as `respond` does."""
     if message["cmd"] == "load":
@@ -138,6 +165,9 @@ def respond_checked(state: SessionState, message: dict[str, Any], result: dict[s
         check_geometry(state.config, scene)
         return Reply({"pack": scene.pack}, state.loaded(scene))
     respond(state, message, t_ns)  # another client may have started one
+    if message["cmd"] == "share":
+        share = tuple(dict.fromkeys((*state.options.share, *result["targets"])))
+        return Reply({"share": list(share)}, state.changed(share=share))
     if message["cmd"] == "trace":
         return Reply({"path": message["path"]}, state.changed(timeline=message["path"]))
     return Reply({"path": message["path"]}, state.changed(record=message["path"], record_eyes=message.get("eyes", False)))
@@ -159,5 +189,6 @@ _HANDLERS: dict[str, Handler] = {
     "pictures": _pictures,
     "trace": _trace,
     "record": _record,
+    "share": _share,
     "stop": _stop,
 }

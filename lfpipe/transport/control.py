@@ -22,7 +22,7 @@ MAX_BYTES = 64 * 1024
 MAX_DEPTH = 8
 FILE_CHECK_TIMEOUT_S = 15.0  # for an answer to `trace` and `record`, whose paths are looked at first
 QUEUE = 64  # messages that wait on either side of a socket, per client
-COMMANDS = ("hello", "status", "set", "pause", "resume", "recentre", "load", "pictures", "trace", "record", "stop")
+COMMANDS = ("hello", "status", "set", "pause", "resume", "recentre", "load", "pictures", "trace", "record", "share", "stop")
 
 
 class BadMessage(ValueError):

@@ -37,6 +37,8 @@ fields = st.fixed_dictionaries(
         "path": values,
         "lease_s": values,
         "eyes": values,
+        "start": values,
+        "stop": values,
     },
 )
 messages = st.builds(lambda cmd, more: {"v": 1, **more, "cmd": cmd}, st.sampled_from(COMMANDS) | values, fields)

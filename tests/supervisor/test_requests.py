@@ -36,7 +36,8 @@ def test_every_shape_of_request_is_answered_or_refused(message: dict[str, Any]) 
     control.encode({"ok": True, **reply.answer})
     if reply.state is not None:
         assert control.decode(control.encode(reply.state.message()))["rev"] == reply.state.rev
-        assert reply.state.rev == state.rev or message["cmd"] in ("set", "pause", "resume", "record", "trace", "pictures")
+        changing = ("set", "pause", "resume", "record", "trace", "pictures", "share")
+        assert reply.state.rev == state.rev or message["cmd"] in changing
 
 
 @pytest.mark.parametrize(
@@ -65,6 +66,7 @@ def test_files_are_looked_at_by_a_child_and_never_here() -> None:
         {"cmd": "load", "scene": "/nowhere"},
         {"cmd": "trace", "path": "/nowhere/x.json"},
         {"cmd": "record", "path": "/nowhere"},
+        {"cmd": "share", "start": ["/nowhere"]},
     ):
         reply = respond(state, message, 0)
         assert reply.check is not None and reply.state is None and reply.check["path"].startswith("/nowhere")
@@ -83,3 +85,23 @@ def test_recordings_and_traces_stop_only_where_one_runs() -> None:
         respond(made_state(), {"cmd": "record", "path": ""}, 0)
     reply = respond(made_state(timeline="/t"), {"cmd": "trace", "path": ""}, 0)
     assert reply.answer == {"path": "/t"} and reply.state is not None and not reply.state.options.timeline
+
+
+def test_targets_are_shared_with_until_they_are_stopped() -> None:
+    running = ("osc:127.0.0.1:9000?rate=60", "lsl:lab")
+    with pytest.raises(UserError, match="no target given"):
+        respond(made_state(), {"cmd": "share", "start": []}, 0)
+    with pytest.raises(UserError, match="nothing is shared"):
+        respond(made_state(), {"cmd": "share", "stop": []}, 0)
+    with pytest.raises(BadMessage, match="9 targets"):
+        respond(made_state(), {"cmd": "share", "start": ["lsl"] * 9}, 0)
+    with pytest.raises(UserError, match="tracks no eyes"):
+        respond(made_state(tracking=False), {"cmd": "share", "start": ["lsl"]}, 0)
+    state = made_state(share=running)
+    with pytest.raises(UserError, match=r"osc:127\.0\.0\.1:1"):
+        respond(state, {"cmd": "share", "stop": ["osc:127.0.0.1:1"]}, 0)
+    one, all_of_them = ({"cmd": "share", "stop": texts} for texts in (["osc:127.0.0.1:9000"], []))
+    assert (new := respond(state, one, 0).state) is not None and new.options.share == ("lsl:lab",)
+    assert (new := respond(state, all_of_them, 0).state) is not None and new.options.share == ()
+    started = respond_checked(state, {"cmd": "share", "start": ["opentrack:h:1"]}, {"targets": ["opentrack:10.0.0.1:1"]}, 0)
+    assert started.state is not None and started.state.options.share == (*running, "opentrack:10.0.0.1:1")

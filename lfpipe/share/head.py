@@ -1,0 +1,128 @@
+"""The viewer's head as other programs want it: points in mm before the screen, and how it is turned.
+
+Axes: the origin is the middle of the picture on the screen, x points to the viewer's right, y up, z from the screen to the
+viewer. So a viewer who looks straight at the screen looks along -z, as the camera does in OpenGL and three.js. The depth follows
+from the distance between the eyes (`CameraPose`); where a head is turned, one eye is further away than the other.
+"""
+
+from __future__ import annotations
+
+import math
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import Config
+from lfpipe.config.camera_pose import EYES_MM, CameraPose, camera_focal_px
+from lfpipe.eyes import extrapolated
+
+Point = tuple[float, float, float]
+
+NEAR_S = 0.1  # time constant of the depth: the distance between the eyes is noisier than where they are
+LOST_NS = 500_000_000  # after a gap that long the depth before says nothing
+LEAST_PX = 0.5  # eyes closer together than that are not a face's
+
+
+@attrs.frozen
+class Head:
+    """left_mm, right_mm: the viewer's own eyes. position_mm: the point between them. yaw to the viewer's right, pitch up, roll to
+    the right shoulder: 0 for a head that faces along -z; turned in that order about axes that turn along."""
+
+    left_mm: Point
+    right_mm: Point
+    position_mm: Point
+    yaw_deg: float
+    pitch_deg: float
+    roll_deg: float
+
+
+class HeadEstimator:
+    """From records of ring "eyes" to heads; the depth is smoothed over NEAR_S."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self._apart_px = 0.0
+        self._t_ns = self._generation = 0
+
+    def update(self, record: NDArray[np.void], t_sensor_ns: int) -> None:
+        """Takes a record of dtype EYES and its frame's stamp, once each, in order."""
+        if not record["face"]:
+            return
+        apart_px = float(record["apart_px"]) or math.dist(*record["filtered_px"].tolist())
+        if not LEAST_PX <= apart_px < math.inf:
+            return
+        step_ns, generation = t_sensor_ns - self._t_ns, int(record["generation"])
+        fresh = not self._apart_px or not 0 <= step_ns < LOST_NS or generation != self._generation
+        ratio = step_ns / 1e9 / NEAR_S
+        self._apart_px = apart_px if fresh else self._apart_px + (apart_px - self._apart_px) * ratio / (1 + ratio)
+        self._t_ns, self._generation = t_sensor_ns, generation
+
+    def head(self, record: NDArray[np.void], horizon_ns: int = 0) -> Head | None:
+        """The head in the record last taken, its eyes predicted horizon_ns ahead; None without a face."""
+        if not record["face"] or not self._apart_px:
+            return None
+        eyes_px = record["filtered_px"]
+        if horizon_ns > 0:
+            eyes_px = extrapolated(eyes_px, record["velocity_px_s"], horizon_ns)
+        if not np.isfinite(eyes_px).all():
+            return None
+        width_px, height_px = int(record["width_px"]), int(record["height_px"])
+        eyes_mm = float(record["eyes_mm"]) or EYES_MM
+        camera = self.config.camera
+        tilt, focal_px = math.radians(camera.tilt_deg), camera_focal_px(self.config, width_px)
+        pose = CameraPose(camera.above_mm, tilt, focal_px, (width_px / 2, height_px / 2), eyes_mm)
+        return _head(pose, eyes_px.tolist(), self._apart_px, record["turn_deg"].tolist())
+
+
+def _head(pose: CameraPose, eyes_px: list[list[float]], apart_px: float, turn_deg: list[float]) -> Head:
+    f, (middle_x, middle_y) = pose.focal_px, pose.middle_px
+    rays = [((u - middle_x) / f, (v - middle_y) / f) for u, v in eyes_px]  # x / z, y / z on the camera's axes: right, down, ahead
+    between = ((rays[0][0] + rays[1][0]) / 2, (rays[0][1] + rays[1][1]) / 2)
+    turned = _along(between) @ _turn(*turn_deg)  # of the head on the camera's axes
+    depth_mm = f * pose.eyes_mm / apart_px
+    aside_mm = float(turned[2, 0]) * pose.eyes_mm / 2  # by how much the left eye is further away than the point between them
+    left, right = (_on_screen(pose, ray, depth_mm + off) for ray, off in zip(rays, (aside_mm, -aside_mm), strict=True))
+    c, s = math.cos(pose.tilt), math.sin(pose.tilt)
+    on_screen = _FLIP @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ turned @ _FLIP
+    r = on_screen.tolist()
+    pitch = math.asin(min(max(-r[1][2], -1.0), 1.0))
+    return Head(
+        left,
+        right,
+        ((left[0] + right[0]) / 2, (left[1] + right[1]) / 2, (left[2] + right[2]) / 2),
+        math.degrees(-math.atan2(r[0][2], r[2][2])),
+        math.degrees(pitch),
+        math.degrees(-math.atan2(r[1][0], r[1][1])),
+    )
+
+
+_FLIP = np.diag([-1.0, -1.0, 1.0])  # between the picture's axes (right, down, ahead) and those of a viewer who looks back at it
+
+
+def _on_screen(pose: CameraPose, ray: tuple[float, float], depth_mm: float) -> Point:
+    c, s = math.cos(pose.tilt), math.sin(pose.tilt)
+    across, down = ray[0] * depth_mm, ray[1] * depth_mm
+    return -across, pose.above_mm - down * c - depth_mm * s, depth_mm * c - down * s
+
+
+def _turn(yaw_deg: float, pitch_deg: float, roll_deg: float) -> NDArray[np.float64]:
+    """The rotation (3, 3) on the picture's axes that `lfpipe.track.head_pose` gives these angles for."""
+    a, b, g = math.radians(-yaw_deg), math.radians(pitch_deg), math.radians(-roll_deg)
+    ca, sa, cb, sb, cg, sg = math.cos(a), math.sin(a), math.cos(b), math.sin(b), math.cos(g), math.sin(g)
+    rotation = np.array(
+        [
+            [ca * cg + sa * sb * sg, -ca * sg + sa * sb * cg, sa * cb],
+            [cb * sg, cb * cg, -sb],
+            [-sa * cg + ca * sb * sg, sa * sg + ca * sb * cg, ca * cb],
+        ]
+    )
+    return np.asarray(_FLIP @ rotation @ _FLIP, np.float64)
+
+
+def _along(ray: tuple[float, float]) -> NDArray[np.float64]:
+    """The smallest rotation that takes the camera's axis to the ray (x / z, y / z)."""
+    length = math.sqrt(ray[0] ** 2 + ray[1] ** 2 + 1)
+    x, y, z = ray[0] / length, ray[1] / length, 1 / length
+    k = 1 / (1 + z)
+    return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])

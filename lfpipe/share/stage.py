@@ -1,0 +1,156 @@
+"""Share: the viewer's eyes and head, and the stamps of pictures shown, sent to other programs.
+
+Reads: ring "eyes", in order; ring "shown", in order, where a target has a place for pictures.
+Writes: the targets of option "share".
+Commands: stop; targets by option "share", camera.* by configuration. Asks: share (to end a target that cannot be opened).
+Emits: notice (a target that does not work, or works again).
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from lfpipe.eyes import EYES, SHOWN
+from lfpipe.share.head import LOST_NS, HeadEstimator
+from lfpipe.share.lsl import LslOutput
+from lfpipe.share.output import Output, Sample, Shown
+from lfpipe.share.target import Target, parse_target
+from lfpipe.share.udp import UdpOutput
+from lfpipe.transport.clock import Ticker, now_ns
+from lfpipe.transport.context import Context
+from lfpipe.transport.ring import Stamp
+
+
+class Channel:
+    """An open target. ticker: when predicted eyes are due, None where every frame is sent."""
+
+    def __init__(self, target: Target, output: Output) -> None:
+        self.target, self._output = target, output
+        self.ticker = Ticker(target.rate_hz, now_ns()) if target.rate_hz else None
+        self._works = True
+
+    def send(self, context: Context, sample: Sample) -> None:
+        """Sends a sample; reports once that the system does not take it, and once that it does again."""
+        works = self._output.send(sample)
+        context.row["drops"] += not works
+        if works != self._works:
+            self._works = works
+            state = "works again" if works else "the system does not send it: no route, or no room"
+            context.emit("notice", text=f"sharing with {self.target}: {state}")
+
+    def show(self, shown: Shown) -> None:
+        """Sends the stamp of a picture."""
+        self._output.show(shown)
+
+    def close(self) -> None:
+        """Ends the target."""
+        self._output.close()
+
+
+class Sharer:
+    """The stage's work. Every method but `wait` returns at once, whatever receivers do."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._eyes, self._shown = context.input("eyes"), context.input("shown")
+        self._record, self._picture = np.zeros((), EYES), np.zeros((), SHOWN)
+        self._stamp: Stamp | None = None
+        self._estimator = HeadEstimator(context.config)
+        self._channels: dict[str, Channel] = {}
+
+    def follow(self) -> None:
+        """Opens and closes targets as the session's options ask."""
+        wanted = self._context.options.share
+        self._estimator.config = self._context.config
+        if tuple(self._channels) == wanted:
+            return
+        for text in [text for text in self._channels if text not in wanted]:
+            self._channels.pop(text).close()
+        for text in wanted:
+            if text not in self._channels:
+                self._open(text)
+        self._channels = {text: self._channels[text] for text in wanted if text in self._channels}
+
+    def _open(self, text: str) -> None:
+        context, target = self._context, parse_target(text)
+        try:
+            with context.busy_with(f"opening {target.kind}"):
+                self._channels[text] = Channel(target, self._output(target))
+        except (OSError, ImportError, RuntimeError) as error:
+            context.emit("notice", text=f"sharing with {target}: cannot be opened: {error}; nothing is sent there")
+            context.request("share", stop=[text])
+
+    def _output(self, target: Target) -> Output:
+        if target.kind == "lsl":
+            options = self._context.options
+            return LslOutput(target, self._context.spec.session.name, options.source_hz, options.show)
+        return UdpOutput(target)
+
+    def wait(self) -> bool:
+        """Waits for a frame, a picture or the next due time; False once the stage must end."""
+        due = [channel.ticker.due_ns() for channel in self._channels.values() if channel.ticker]
+        return self._context.wait(min(due, default=None))
+
+    def send_frames(self) -> None:
+        """Sends the eyes of every frame that has come."""
+        context = self._context
+        while (stamp := self._eyes.take(self._record, in_order=True)) is not None:
+            t_taken_ns, self._stamp = now_ns(), stamp
+            self._estimator.update(self._record, stamp.t_sensor_ns)
+            sample: Sample | None = None
+            for channel in self._channels.values():
+                if channel.ticker is None:
+                    sample = sample or self._sample(stamp, stamp.t_sensor_ns)
+                    channel.send(context, sample)
+            t_sent_ns = now_ns()
+            context.row.tick(stamp.source_seq)
+            context.row.measure(t_taken_ns - stamp.t_publish_ns, t_sent_ns - t_taken_ns, t_sent_ns - stamp.t_sensor_ns)
+            context.row["face"] = int(self._record["face"])
+
+    def _sample(self, stamp: Stamp, t_ns: int) -> Sample:
+        head = self._estimator.head(self._record, t_ns - stamp.t_sensor_ns)
+        return Sample(stamp.source_seq, stamp.t_sensor_ns, t_ns, head)
+
+    def send_predicted(self) -> None:
+        """Sends predicted eyes where they are due; none while no frame comes."""
+        for channel in self._channels.values():
+            t_ns = now_ns()
+            if channel.ticker is None or t_ns < channel.ticker.due_ns():
+                continue
+            channel.ticker.advance(t_ns)
+            if self._stamp is not None and t_ns - self._stamp.t_sensor_ns < LOST_NS:
+                channel.send(self._context, self._sample(self._stamp, t_ns))
+
+    def send_pictures(self) -> None:
+        """Sends the stamps of the pictures that were shown."""
+        while (stamp := self._shown.take(self._picture, in_order=True)) is not None:
+            (left_row, left_col), (right_row, right_col) = self._picture["view"].tolist()
+            t_presented_ns = int(self._picture["t_presented_ns"])
+            shown = Shown(stamp.source_seq, t_presented_ns, (left_row, left_col), (right_row, right_col))
+            for channel in self._channels.values():
+                channel.show(shown)
+
+    def close(self) -> None:
+        """Ends every target."""
+        for channel in self._channels.values():
+            channel.close()
+
+
+def main(context: Context) -> None:
+    """Runs the stage until the stop."""
+    sharer = Sharer(context)
+    sharer.follow()
+    context.ready()
+    context.ack_config()
+    try:
+        while sharer.wait():
+            sharer.follow()
+            context.ack_config()
+            sharer.send_frames()
+            sharer.send_predicted()
+            sharer.send_pictures()
+            context.row["cpu_ns"] = time.process_time_ns()
+    finally:
+        sharer.close()

@@ -1,0 +1,123 @@
+"""Where a session sends its eyes: `opentrack:HOST:PORT`, `osc:HOST:PORT` or `lsl[:NAME]`, each with `?rate=HZ` behind it."""
+
+from __future__ import annotations
+
+import difflib
+import importlib.util
+import socket
+import unicodedata
+from collections.abc import Sequence
+
+import attrs
+
+from lfpipe.errors import UserError, shown
+
+FORMS = "opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME], with ?rate=HZ for predicted eyes at that rate"
+LIBRARIES = {"osc": ("pythonosc", "python-osc"), "lsl": ("pylsl", "pylsl")}
+KINDS = ("opentrack", "osc", "lsl")
+MAX_TARGETS = 8
+MAX_RATE_HZ = 1000.0
+MAX_NAME = 64
+NAME = "lfpipe"  # of LSL's streams
+
+
+@attrs.frozen
+class Target:
+    """kind: one of KINDS. host, port: of UDP, once checked a numeric address. name: of LSL's streams. rate_hz: predicted eyes at
+    that rate, 0 for those of every camera frame."""
+
+    kind: str
+    host: str = ""
+    port: int = 0
+    name: str = ""
+    rate_hz: float = 0.0
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        where = f":{self.name}" if self.kind == "lsl" else f":{host}:{self.port}"
+        return f"{self.kind}{where}" + (f"?rate={self.rate_hz:g}" if self.rate_hz else "")
+
+
+def parse_target(text: str) -> Target:
+    """The target that a person typed, host not yet resolved. Raises UserError."""
+    body, query, options = text.partition("?")
+    kind, colon, rest = body.partition(":")
+    if kind not in KINDS:
+        close = difflib.get_close_matches(kind, KINDS, 1, 0.5)
+        raise _refusal(text, "unknown kind" + (f" (did you mean {close[0]!r}?)" if close else ""))
+    rate_hz = _rate(text, options) if query else 0.0
+    if kind == "lsl":
+        name = rest if colon else NAME
+        if not 0 < len(name) <= MAX_NAME or any(unicodedata.category(c) in ("Cc", "Cs") for c in name):
+            raise _refusal(text, f"a stream's name has 1 to {MAX_NAME} characters")
+        return Target(kind, name=name, rate_hz=rate_hz)
+    host, colon, port = rest.rpartition(":")
+    host = host[1:-1] if host.startswith("[") and host.endswith("]") else host
+    if not host or not colon:
+        raise _refusal(text, "no HOST:PORT")
+    if not (port.isascii() and port.isdigit() and len(port) <= 5 and 0 < int(port) < 65536):
+        raise _refusal(text, f"{shown(port)} is not a port, 1 to 65535")
+    return Target(kind, host, int(port), rate_hz=rate_hz)
+
+
+def check_target(text: str) -> Target:
+    """The target that a person typed, ready to be sent to: its library is there, its host is resolved and has a route.
+
+    Sends nothing; a name is looked up. Raises UserError.
+    """
+    target = parse_target(text)
+    if target.kind in LIBRARIES:
+        module, package = LIBRARIES[target.kind]
+        if importlib.util.find_spec(module) is None:
+            raise UserError(f"--share {text}: {package} is not installed", "install it: pip install 'lfpipe[share]'")
+    if target.kind == "lsl":
+        from lfpipe.share.lsl import check_library
+
+        check_library()
+        return target
+    return attrs.evolve(target, host=_resolved(text, target))
+
+
+def check_targets(texts: Sequence[str], running: Sequence[str] = ()) -> tuple[str, ...]:
+    """The targets in their exact form, none twice. running: those that there are already. Raises UserError."""
+    found = list(running)
+    for text in texts:
+        exact = str(check_target(text))
+        if exact.partition("?")[0] in (each.partition("?")[0] for each in found):
+            raise UserError(f"--share {text}: is shared with already", "each target once")
+        found.append(exact)
+    if len(found) > MAX_TARGETS:
+        raise UserError(f"--share: {len(found)} targets, {MAX_TARGETS} at most", "one program can pass them on to others")
+    return tuple(found[len(running) :])
+
+
+def _refusal(text: str, why: str) -> UserError:
+    return UserError(f"--share {shown(text)}: {why}", FORMS)
+
+
+def _rate(text: str, options: str) -> float:
+    key, _, value = options.partition("=")
+    try:
+        rate_hz = float(value) if key == "rate" else 0.0
+    except ValueError:
+        rate_hz = 0.0
+    if not 1 <= rate_hz <= MAX_RATE_HZ:
+        raise _refusal(text, f"{shown(options)} is not rate=HZ of 1 to {MAX_RATE_HZ:g}")
+    return rate_hz
+
+
+def _resolved(text: str, target: Target) -> str:
+    try:
+        found = socket.getaddrinfo(target.host, target.port, type=socket.SOCK_DGRAM)
+        # Most receivers listen on IPv4 alone, also where a name (localhost) has both.
+        family, kind, _, _, address = min(found, key=lambda each: each[0] != socket.AF_INET)
+        with socket.socket(family, kind) as probe:
+            probe.connect(address)  # looks for a route; a datagram socket sends nothing for it
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else "not a host name"
+        remedy = "the name or address of the receiver's machine, 127.0.0.1 for this one"
+        raise UserError(f"--share {shown(text)}: {shown(target.host)}: {why}", remedy) from None
+    host = str(address[0])
+    if socket.inet_pton(family, host.partition("%")[0]).strip(b"\0") == b"":
+        raise _refusal(text, f"{host} is no address to send to")
+    return host

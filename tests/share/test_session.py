@@ -1,0 +1,261 @@
+"""A session that shares its eyes, received by programs that were not written with it."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+import psutil
+import pytest
+
+from lfpipe.cli.launch import UpArguments, prepare
+from lfpipe.errors import UserError
+from lfpipe.host import shared_memory
+from lfpipe.transport.ring import Reader
+from lfpipe.transport.session import Session
+from lfpipe.transport.status import Table
+from tests.share.receivers import OpentrackReceiver, free_port, lsl_environment, osc_server, wait_for
+from tests.share.xdf import write_xdf
+from tests.world import World
+
+LSL_NAME = f"test{os.getpid()}"
+
+
+@attrs.define
+class Sharing:
+    """A session that shares with everybody. heard: what came by OSC."""
+
+    world: World
+    opentrack_port: int
+    osc_port: int
+    heard: list[tuple[str, tuple[Any, ...]]]
+    opentrack: OpentrackReceiver
+    supervisor: psutil.Process
+
+    def frames(self) -> list[tuple[Any, ...]]:
+        """(face, source_seq, t_ns) of every frame heard of by OSC."""
+        return [values for address, values in list(self.heard) if address == "/lfpipe/frame"]
+
+    def pid(self) -> int:
+        """Of the stage."""
+        return int(self.world.monitor()["stages"]["share"]["pid"])
+
+
+@pytest.fixture(scope="module")
+def sharing(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[Sharing]:
+    world = World(tmp_path_factory.mktemp("sharing"))
+    config = lsl_environment(world.root)
+    world.env |= config
+    os.environ |= config  # of liblsl in this process, read when it is loaded
+    ports = free_port(), free_port()
+    targets = (f"opentrack:localhost:{ports[0]}", f"osc:127.0.0.1:{ports[1]}", f"lsl:{LSL_NAME}")
+    opentrack = OpentrackReceiver(ports[0])
+    with osc_server(ports[1]) as heard:
+        options = [word for text in targets for word in ("--share", text)]
+        process = world.up(scene, *options, "--set=render.method=nearest", "--set=render.anaglyph=colour")
+        world.pictures(5)
+        wait_for(lambda: len(heard) > 30, "frames by OSC")
+        found = Sharing(world, *ports, heard, opentrack, psutil.Process(process.pid))
+        before = os.environ.get("XDG_RUNTIME_DIR")
+        os.environ["XDG_RUNTIME_DIR"] = str(world.run_dir)
+        try:
+            yield found
+        finally:
+            os.environ.pop("XDG_RUNTIME_DIR") if before is None else os.environ.update(XDG_RUNTIME_DIR=before)
+            opentrack.close()
+            world.end()
+            for name in world.segments():
+                shared_memory.unlink(name)
+
+
+def test_opentrack_gets_the_pose_in_its_layout(sharing: Sharing) -> None:
+    """The demo's portrait stands 600 mm before the camera, moves by some 70 px and leans by 3 degrees."""
+    poses = np.array(sharing.opentrack.poses(60))
+    x_cm, y_cm, z_cm, yaw, pitch, roll = poses.T
+    assert np.all((z_cm > 50) & (z_cm < 70)) and np.all(np.abs(x_cm) < 20) and np.all(np.abs(y_cm) < 12)
+    assert np.ptp(x_cm) > 0.5, "the head moves"
+    assert np.all(np.abs(yaw) < 25) and np.all(np.abs(pitch) < 25) and np.all(np.abs(roll) < 10)
+
+
+def test_osc_gets_every_frame_with_the_eyes_that_the_ring_has(sharing: Sharing) -> None:
+    reader = Reader(Session(sharing.world.name).segment("eyes"))
+    record, known = np.empty((), reader.dtype), {}
+    first = len(sharing.heard)
+    end = time.monotonic() + 1.5
+    while time.monotonic() < end:
+        while (stamp := reader.read_next(record)) is not None:
+            known[stamp.source_seq] = (stamp.t_sensor_ns, record.copy())
+        time.sleep(0.002)
+    reader.close()
+    heard = sharing.heard[first:]
+    compared = 0
+    for (address, frame), (_, eyes), (_, head) in zip(heard, heard[1:], heard[2:], strict=False):
+        if address != "/lfpipe/frame" or frame[1] not in known:
+            continue
+        t_sensor_ns, at = known[frame[1]]
+        assert frame == (1, frame[1], t_sensor_ns)
+        u, v = at["filtered_px"].mean(axis=0)
+        focal_px = at["width_px"] / 2 / math.tan(math.radians(56 / 2))
+        ray = (-(u - at["width_px"] / 2) / focal_px, -(v - at["height_px"] / 2) / focal_px)
+        z_mm = head[2]
+        assert z_mm == pytest.approx(focal_px * 63 / at["apart_px"], rel=0.03)  # which is smoothed
+        assert head[:2] == pytest.approx((ray[0] * z_mm, ray[1] * z_mm), abs=1.5)
+        assert head[:3] == pytest.approx(np.mean([eyes[:3], eyes[3:]], axis=0), abs=1e-3)
+        assert math.dist(eyes[:3], eyes[3:]) == pytest.approx(63, rel=0.06)
+        compared += 1
+    assert compared > 20
+
+
+def test_a_receiver_that_goes_and_comes_back_costs_nobody_a_frame(sharing: Sharing) -> None:
+    began, count = sharing.world.monitor()["stages"]["share"], len(sharing.frames())
+    sharing.opentrack.close()
+    time.sleep(0.7)
+    sharing.opentrack = OpentrackReceiver(sharing.opentrack_port)
+    assert len(sharing.opentrack.poses(10)) == 10
+    after = sharing.world.monitor()["stages"]["share"]
+    assert after["dropped"] == began["dropped"] and after["restarts"] == 0
+    seqs = [frame[1] for frame in sharing.frames()[count:]]
+    eyes = Table(Session(sharing.world.name).segment("status"))
+    left_out = int(eyes.rows["track"]["drops"]) + int(eyes.rows["track"]["left_out"])
+    eyes.close()
+    assert len(seqs) > 15 and len(set(range(seqs[0], seqs[-1] + 1)) - set(seqs)) <= left_out
+
+
+def test_lsl_has_the_sensors_time_on_its_clock(sharing: Sharing, tmp_path: Path) -> None:
+    pylsl = pytest.importorskip("pylsl")
+    import pyxdf
+
+    inlets = {}
+    for part in ("eyes", "pictures"):
+        (info,) = pylsl.resolve_byprop("source_id", f"lfpipe-{sharing.world.name}-{LSL_NAME}-{part}", 1, 20)
+        inlets[part] = pylsl.StreamInlet(info)
+    rows: dict[str, list[list[float]]] = {"eyes": [], "pictures": []}
+    stamps: dict[str, list[float]] = {"eyes": [], "pictures": []}
+    while min(map(len, rows.values())) < 30:
+        for name, inlet in inlets.items():
+            row, stamp = inlet.pull_sample(timeout=10)
+            assert stamp is not None, name
+            rows[name].append(row)
+            stamps[name].append(stamp)
+    lines = sharing.world.lines()
+    sensor = {line["source_seq"]: line["t_sensor_ns"] / 1e9 for line in lines}
+    offset_s = pylsl.local_clock() - time.monotonic()  # between the two clocks of this process, which are the machine's
+    pairs = [(int(row[13]), t) for row, t in zip(rows["eyes"], stamps["eyes"], strict=True)]
+    errors = [t - offset_s - sensor[seq] for seq, t in pairs if seq in sensor]
+    assert len(errors) > 20 and max(map(abs, errors)) < 0.0005
+    shown = {line["t_presented_ns"] for line in lines}
+    near = [min(abs(t - offset_s - ns / 1e9) for ns in shown) for t in stamps["pictures"][:10]]
+    assert max(near) < 0.0005
+    views = {(line["source_seq"], *line["view"]["left"], *line["view"]["right"]) for line in lines}
+    assert sum((int(row[0]), *row[1:]) in views for row in rows["pictures"]) >= 25
+
+    path = tmp_path / "lab.xdf"
+    files = [(inlets[name].info(5).as_xml(), rows[name], stamps[name], inlets[name].time_correction(5)) for name in rows]
+    write_xdf(path, files)
+    streams, _ = pyxdf.load_xdf(str(path))
+    eyes = next(stream for stream in streams if stream["info"]["name"][0] == f"{LSL_NAME}-eyes")
+    np.testing.assert_allclose(eyes["time_series"], rows["eyes"])
+    assert np.abs(np.array(eyes["time_stamps"]) - stamps["eyes"]).max() < 0.0005
+    described = eyes["info"]["desc"][0]
+    labels = [channel["label"][0] for channel in described["channels"][0]["channel"]]
+    assert labels[:3] == ["left_x", "left_y", "left_z"] and labels[13] == "source_seq"
+    assert abs(float(described["clock"][0]["offset_s"][0]) - offset_s) < 0.0005
+    for inlet in inlets.values():
+        inlet.close_stream()
+
+
+def test_what_is_shared_is_stopped_and_started_while_it_runs(sharing: Sharing) -> None:
+    world, target = sharing.world, f"opentrack:127.0.0.1:{sharing.opentrack_port}"
+    stopped = world.run("ctl", "--session", world.name, "share", "stop", target)
+    assert stopped.returncode == 0, stopped.stderr
+    sharing.opentrack.empty()
+    assert sharing.opentrack.silent(0.6)
+    refused = world.run("ctl", "--session", world.name, "share", "start", "opentrack:127.0.0.1")
+    assert refused.returncode == 2 and "no HOST:PORT" in refused.stderr
+    twice = world.run("ctl", "--session", world.name, "share", "start", f"osc:localhost:{sharing.osc_port}")
+    assert twice.returncode == 2 and "already" in twice.stderr
+    assert sharing.opentrack.silent(0.05)
+    started = world.run("ctl", "--json", "--session", world.name, "share", "start", f"{target}?rate=100")
+    assert started.returncode == 0, started.stderr
+    assert json.loads(started.stdout)["share"][-1] == f"{target}?rate=100"
+    arrived = sharing.opentrack.times(100)
+    assert arrived[-1] - arrived[0] < 2.5  # 30 a second would take 3.3 s
+    assert world.run("ctl", "--session", world.name, "share", "stop", target).returncode == 0
+    assert world.run("ctl", "--session", world.name, "share", "start", target).returncode == 0
+
+
+def test_a_stage_that_is_killed_comes_back_and_shares_on(sharing: Sharing) -> None:
+    pid, pictures = sharing.pid(), len(sharing.world.lines())
+    os.kill(pid, signal.SIGKILL)
+    wait_for(lambda: sharing.pid() != pid, "another process")
+    count = len(sharing.heard)
+    wait_for(lambda: len(sharing.heard) > count + 30, "frames by OSC")
+    sharing.world.pictures(pictures + 20)
+
+
+def test_nothing_is_open_to_anybody_unless_asked(live: World) -> None:
+    pids = [stage["pid"] for stage in live.monitor()["stages"].values()]
+    assert len(pids) == 3
+    for pid in pids:
+        assert not psutil.Process(pid).net_connections("inet")
+    supervisor = psutil.Process(pids[0]).parent()
+    assert supervisor is not None and not supervisor.net_connections("inet")
+    refused = live.run("up", "--demo", "--display", "none", "--share", "osc:nowhere", "--session", "refused")
+    assert refused.returncode == 2 and "osc:nowhere" in refused.stderr and not list(live.run_dir.glob("*-refused"))
+
+
+def test_without_a_picture_the_eyes_alone(world: World) -> None:
+    port = free_port()
+    receiver = OpentrackReceiver(port)
+    words = ("--no-picture", "--camera", "demo", "--share", f"opentrack:127.0.0.1:{port}", "--session", world.name)
+    process = world.start("up", *words)
+    try:
+        assert len(receiver.poses(20)) == 20
+        stages = world.monitor()["stages"]
+        assert stages["capture"]["state"] == stages["track"]["state"] == stages["share"]["state"] == "RUNNING"
+        assert stages["render"]["state"] == "NONE"
+    finally:
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=20)
+        receiver.close()
+    assert process.returncode == 0 and "no picture" in said
+
+
+def test_no_picture_goes_with_nothing_that_shows_one() -> None:
+    for more in ({"display": "none"}, {"trace": Path("t.jsonl")}, {"scene": Path()}):
+        nothing = dict.fromkeys(attrs.fields_dict(UpArguments))
+        given = nothing | {"camera": "demo", "no_picture": True, "share": (), "sets": ()} | more
+        with pytest.raises(UserError, match="--no-picture"):
+            prepare(UpArguments(**given))
+
+
+def test_a_receiver_that_never_reads_costs_no_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pylsl = pytest.importorskip("pylsl")
+    from lfpipe.share.head import Head
+    from lfpipe.share.lsl import LslOutput
+    from lfpipe.share.output import Sample
+    from lfpipe.share.target import Target
+
+    output = LslOutput(Target("lsl", name=f"{LSL_NAME}slow"), "slow", 30.0, False)
+    info = pylsl.resolve_byprop("name", f"{LSL_NAME}slow-eyes", 1, 20)[0]
+    inlet = pylsl.StreamInlet(info, max_buflen=1, max_chunklen=1)
+    inlet.open_stream(20)
+    point = (1.0, 2.0, 3.0)
+    head = Head(point, point, point, 0, 0, 0)
+    process = psutil.Process()
+    for seq in range(5000):
+        output.send(Sample(seq, seq, seq, head))
+    before = process.memory_info().rss
+    for seq in range(5000, 100_000):  # an hour at 30 Hz
+        output.send(Sample(seq, seq, seq, head))
+    assert process.memory_info().rss - before < 16 << 20
+    inlet.close_stream()
+    output.close()
