@@ -21,7 +21,6 @@ from lfpipe.errors import UserError
 from lfpipe.host import shared_memory
 from lfpipe.transport.ring import Reader
 from lfpipe.transport.session import Session
-from lfpipe.transport.status import Table
 from tests.share.receivers import OpentrackReceiver, free_port, lsl_environment, osc_server, wait_for
 from tests.share.xdf import write_xdf
 from tests.world import World
@@ -115,18 +114,16 @@ def test_osc_gets_every_frame_with_the_eyes_that_the_ring_has(sharing: Sharing) 
 
 
 def test_a_receiver_that_goes_and_comes_back_costs_nobody_a_frame(sharing: Sharing) -> None:
-    began, count = sharing.world.monitor()["stages"]["share"], len(sharing.frames())
+    before, count = sharing.world.monitor()["stages"], len(sharing.frames())
     sharing.opentrack.close()
     time.sleep(0.7)
     sharing.opentrack = OpentrackReceiver(sharing.opentrack_port)
     assert len(sharing.opentrack.poses(10)) == 10
-    after = sharing.world.monitor()["stages"]["share"]
-    assert after["dropped"] == began["dropped"] and after["restarts"] == 0
-    seqs = [frame[1] for frame in sharing.frames()[count:]]
-    eyes = Table(Session(sharing.world.name).segment("status"))
-    left_out = int(eyes.rows["track"]["drops"]) + int(eyes.rows["track"]["left_out"])
-    eyes.close()
-    assert len(seqs) > 15 and len(set(range(seqs[0], seqs[-1] + 1)) - set(seqs)) <= left_out
+    after = sharing.world.monitor()["stages"]
+    assert after["share"]["dropped"] == before["share"]["dropped"] and after["share"]["restarts"] == 0
+    tracked, shared = (after[name]["count"] - before[name]["count"] for name in ("track", "share"))
+    assert abs(tracked - shared) <= 2  # what was under way
+    assert len(sharing.frames()) - count >= shared - 2
 
 
 def test_lsl_has_the_sensors_time_on_its_clock(sharing: Sharing, tmp_path: Path) -> None:
