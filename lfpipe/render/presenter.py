@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -122,19 +123,20 @@ class Presenter:
         row.tick(stamp.source_seq if stamp else -1)
         row["cpu_ns"] = time.process_time_ns()
         line: dict[str, Any] | None = None
+        shown: Callable[[int], None] | None = None
         if stamp is not None and self._record is not None:
             row["face"] = int(self._record["face"])
             self._report_state()
             if row["face"]:
                 row.horizon.add_ns(seen_ns - t_sensor_ns)
             self._outputs.emit_viewpoints(viewpoints, bool(self._record["face"]))
-            self._outputs.shown(viewpoints, stamp, bool(self._record["face"]), composed, t_presented_ns)
+            shown = partial(self._outputs.shown, viewpoints, stamp, bool(self._record["face"]), composed)
             if self._trace.wanted or self._outputs.traced:
                 line = self._line(stamp, self._record, viewpoints, composed, t_start_ns, t_composed_ns)
                 if self._replay is not None:
                     filtered_px, used_px = self._record["filtered_px"], viewpoints.eyes_px
                     line |= self._replay.keep(stamp, filtered_px, used_px, seen_ns, self.picture, composed)
-        self._await_light(target_ns if refresh_ns else 0, composed, t_handed_ns, t_sensor_ns, measured, line)
+        self._await_light(target_ns if refresh_ns else 0, composed, t_handed_ns, t_sensor_ns, measured, line, shown)
         self._report_parallax()
 
     def _await_light(
@@ -145,6 +147,7 @@ class Presenter:
         t_sensor_ns: int,
         measured: tuple[int, int] | None,
         line: dict[str, Any] | None,
+        shown: Callable[[int], None] | None,
     ) -> None:
         """Counts and traces a picture once it is known when it was shown. target_ns: the blank it was made for, 0 for none."""
 
@@ -153,6 +156,8 @@ class Presenter:
                 self._context.row.measure(*measured, t_presented_ns - t_sensor_ns)
             if by and composed and target_ns and self.clock is not None:
                 self._judge(target_ns, t_handed_ns, t_presented_ns if by != HANDOVER else 0)
+            if shown is not None:
+                shown(t_presented_ns)
             if line is not None:
                 line["t_presented_ns"] = t_presented_ns
                 if by:
