@@ -31,18 +31,18 @@ class Face:
 class Engine(Protocol):
     name: str
     model: str  # file name and version, for `doctor`
-    rotated_deg: int  # clockwise turn of the picture that would put a face upright which stands otherwise; 0: none was seen
+    rotated_deg: int  # clockwise rotation of the picture that would put the faces seen upright; 0: no such face
 
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
         """The viewer's face in uint8 (height, width, 3) BGR, or None. Keeps its own region of interest between calls."""
         ...
 
     def examine(self, image: NDArray[np.uint8]) -> None:
-        """Looks for other faces in the picture last given to `detect`, now and then; call it when there is time."""
+        """Searches the picture last given to `detect` for other faces, about once a second. Call it when there is time."""
         ...
 
     def reset(self) -> None:
-        """Forgets the face followed so far; the next picture chooses anew."""
+        """Forgets the followed face; the next picture chooses again."""
         ...
 
     def close(self) -> None: ...

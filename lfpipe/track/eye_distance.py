@@ -14,16 +14,16 @@ from lfpipe.transport.clock import SECOND_NS
 
 IRIS_MM = 11.7
 WINDOW_NS = 4 * SECOND_NS
-LEAST_NS = SECOND_NS  # looked at for at least so long
+LEAST_NS = SECOND_NS  # shortest time observed
 LEAST_COUNT = 20
-SPREAD = 0.05  # half of the samples within so much of their median on either side: else nothing is said
-PLAUSIBLE_MM = (45.0, 80.0)  # adults and children; outside of it something else was seen
-CHANGED_MM = 1.0  # what was said is said anew only when it is off by so much
-EVERY = 8  # samples from one look at the median to the next
+SPREAD = 0.05  # half of the samples must lie within this share of their median, else no distance is reported
+PLAUSIBLE_MM = (45.0, 80.0)  # adults and children; anything else is a wrong measurement
+CHANGED_MM = 1.0  # smallest change that is reported
+EVERY = 8  # samples between two updates of the median
 
 
 class EyeDistance:
-    """Running median over frontal faces. mm: the distance once it is steady, 0.0 before; it is kept while nobody is there."""
+    """Running median over frontal faces. mm: the distance once it is steady, 0.0 before; it stays while there is no face."""
 
     def __init__(self) -> None:
         self.mm = 0.0
@@ -31,7 +31,7 @@ class EyeDistance:
         self._count = 0
 
     def reset(self) -> None:
-        """Another face may come: samples of this one say nothing about it."""
+        """Forgets the samples: the next face may be another person's."""
         self._seen.clear()
 
     def update(self, t_ns: int, face: Face) -> float:

@@ -26,18 +26,18 @@ from lfpipe.track.selector import FaceSelector
 
 SIZE_PX = 192
 POINTS = 468
-# Of the distance between the eyes: a gaze moves both irises off the middle of the lids by as much, and by no more than there is
-# room. Where they disagree, glasses hide them or glare, and the lids are the better guess.
+# In distances between the eyes: a gaze moves both irises off the middle of the lids equally, and only as far as the lids allow.
+# Where the two irises disagree, glasses or glare hide them, and the lids are the better estimate.
 APART, ASIDE = 0.06, 0.13
 FOUND = 0.5  # confidence that a new face needs
-FOUND_FAR = 0.9  # the same of a small one: the detector for those sees faces in much, the landmark network is sure of real ones
-KEPT = 0.2  # confidence that a face followed needs: a hand before it costs confidence first, and accuracy later
-CANDIDATES = 6  # faces of one picture tried on the landmark network, 1.3 ms each
-FAR_EVERY = 8  # pictures without a face between two looks with the full-range detector, which takes 10 ms
-UPRIGHT_DEG = 80.0  # a head leans by no more: a face that does stands in a picture that is turned
-LEANING_DEG, SETTLING = 30.0, 4  # a new face that leans by more is measured again, up to so often
+FOUND_FAR = 0.9  # the same of a small face: its detector has many false alarms, and the landmark network is sure of real faces
+KEPT = 0.2  # confidence that a followed face needs: a hand in front of it lowers the confidence before the accuracy
+CANDIDATES = 6  # faces per picture that the landmark network tries, 1.3 ms each
+FAR_EVERY = 8  # pictures without a face between two runs of the full-range detector, which takes 10 ms
+UPRIGHT_DEG = 80.0  # no head leans further; a face that does is in a rotated picture
+LEANING_DEG, REPEATS = 30.0, 4  # a new face that leans further is measured again, at most REPEATS times
 QUARTERS = (math.pi, math.pi / 2, -math.pi / 2)
-ROTATED_LOOKS = 3  # such faces before anything is said
+ROTATED_FACES = 3  # such faces before the hint appears
 
 
 class LitertEngine:
@@ -89,7 +89,7 @@ class LitertEngine:
         return face
 
     def examine(self, image: NDArray[np.uint8]) -> None:
-        """See Engine.examine. Whoever should be followed instead is, from the next picture on."""
+        """See Engine.examine. A face that should be followed instead is followed from the next picture on."""
         if self._followed is None or not self._selector.due:
             return
         bgr = as_bgr8(image)
@@ -116,10 +116,10 @@ class LitertEngine:
         return None
 
     def _acquire(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Face | None:
-        """A new face in roi. One that leans much is measured until its own region is found. One that stands upside down is often
-        taken for an upright one, but the network is surer of it in the region turned."""
+        """A new face in roi. A leaning face is measured again until its own region is found. The detector often takes an
+        upside-down face for an upright one, but the landmark network is more confident in the rotated region."""
         face = self._measure(bgr, roi, least)
-        for _ in range(SETTLING):
+        for _ in range(REPEATS):
             if face is None or abs(face.lean_deg) < LEANING_DEG:
                 break
             assert self._roi is not None
@@ -135,7 +135,7 @@ class LitertEngine:
         return None if sum(self._rotated.values()) > counted else face
 
     def _look_far(self, bgr: NDArray[np.uint8]) -> list[Detection]:
-        """Small faces, in turn in the whole picture and, larger, in three parts that cover its width."""
+        """Small faces: alternately in the whole picture and, enlarged, in one of three parts that cover its width."""
         if self._far is None:
             self._far = Detector(FULL, self._warp)
         height_px, width_px = bgr.shape[:2]
@@ -148,7 +148,7 @@ class LitertEngine:
         return self._far.detect(bgr, Roi(x_px, y_px, side_px, 0.0))
 
     def _look_rotated(self, bgr: NDArray[np.uint8]) -> None:
-        """Faces that stand upside down or sideways are counted: the detector overlooks many of them in the picture as it is."""
+        """Counts faces that are upside down or sideways; the detector misses many of them in the unrotated picture."""
         height_px, width_px = bgr.shape[:2]
         angle = QUARTERS[self._without // FAR_EVERY % 3]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), angle)
@@ -177,7 +177,7 @@ class LitertEngine:
         edges = x0 + x, y0 + y, x1 + x, y1 + y
         region = around(edges, found.right_corner, found.left_corner)
         lean_deg = math.degrees(region.angle)
-        # not one pixel wide, or not a number: nothing to look at next time
+        # narrower than a pixel, or not a number: no region for the next picture
         if not 1.0 <= region.side_px < math.inf or not self._upright(lean_deg):
             return None
         self._roi = region
@@ -195,12 +195,12 @@ class LitertEngine:
         return Face(eyes, confidence, edges, iris_px, found.apart, lean_deg, turn_deg)
 
     def _upright(self, lean_deg: float) -> bool:
-        """Whether a head can lean by so much, clockwise. One that cannot is counted: the picture may be turned."""
+        """Whether a head can lean this far, clockwise. Counts faces that lean further: the picture may be rotated."""
         if abs(lean_deg) <= UPRIGHT_DEG:
             return True
         turned = round(-lean_deg / 90) * 90 % 360
         self._rotated[turned] = self._rotated.get(turned, 0) + 1
-        if self._rotated[turned] >= ROTATED_LOOKS:
+        if self._rotated[turned] >= ROTATED_FACES:
             self.rotated_deg = turned
         return False
 

@@ -35,7 +35,7 @@ _BLANK = np.zeros((64, 64, 3), np.uint8)
 class MediapipeEngine:
     """FaceMesh of one face on the CPU. refine: with the iris network, eye centres are then those of the irises.
 
-    The graph tells no score for what it found, so confidence is 1; and it chooses among several faces by itself.
+    The graph reports no score, so confidence is 1. It chooses among several faces itself.
     Raises UserError where mediapipe is missing or of a version without FaceMesh.
     """
 
@@ -92,7 +92,7 @@ class MediapipeEngine:
         return Face(np.ascontiguousarray(eyes[:, 0]), 1.0, box(edges[0]), iris_px, apart_px, turn_deg=turn_deg)
 
     def examine(self, image: NDArray[np.uint8]) -> None:
-        """Nothing: the graph holds on to the face it found."""
+        """Does nothing: the graph keeps the face that it found."""
 
     def reset(self) -> None:
         with quiet_stderr():

@@ -3,7 +3,7 @@
 Interacting multiple models (Blom and Bar-Shalom 1988; Bar-Shalom, Li, Kirubarajan 2001, section 11.6.6), on the point midway
 between the eyes: one model of rest, the others of constant velocity under accelerations of different strength. At rest the model
 of rest is believed and noise does not move the picture; as soon as the eyes leave it by more than noise explains, a livelier
-model takes over, within a frame. The eyes' half distance, which changes slowly, is smoothed by itself.
+model takes over, within a frame. The eyes' half distance, which changes slowly, is smoothed separately.
 
 What noise explains is measured while running: third differences of the half distance, in which the motion of a head cancels.
 Lengths are in distances between the eyes, so all holds for any camera and any seat.
@@ -34,9 +34,9 @@ class Tuning:
 
     motions: the models. wander: variance by which a head at rest wanders, squared distances between the eyes per s. stay_s: mean
     time in a model. common: noise of the point between the eyes over that of their half distance. caution: power of the
-    likelihoods, for noise that is not independent from frame to frame. half_band: noise of the half distance within which it is
-    taken for noise. speed_band: the same of the speed, per 1/30 s. noise_s: how long noise is averaged. first, least: noise
-    taken at first, and at least, in distances between the eyes.
+    likelihoods, for noise that is not independent from frame to frame. half_band: changes of the half distance
+    below this many deviations count as noise. speed_band: the same of the speed, per 1/30 s. noise_s: time constant of the noise
+    estimate. first, least: initial and smallest noise, in distances between the eyes.
     """
 
     motions: tuple[Motion, ...] = (Motion(4.7, 1.0), Motion(85.0, 0.45), Motion(1200.0, 0.31))
@@ -148,7 +148,7 @@ class Predictive(Filter):
         self._models, self._shares = after, [value / total for value in likely]
 
     def _follow_half(self, half: tuple[float, float]) -> None:
-        """Far from where it was, the half distance is taken as measured; within the band of its noise it hardly moves."""
+        """Large changes of the half distance pass unchanged; changes within the band of its noise hardly pass."""
         dx, dy = half[0] - self._half[0], half[1] - self._half[1]
         off = dx * dx + dy * dy
         share = off / max(off + self._noise * self._tuning.half_band**2, 1e-300)

@@ -1,4 +1,4 @@
-"""The square, turned piece of the picture that a network looks at: region of interest and crop.
+"""The square, rotated part of the picture that a network sees: region of interest and crop.
 
 Proportions follow the face graphs that the networks were trained for (MediaPipe, modules/face_landmark).
 """
@@ -55,7 +55,7 @@ class Roi:
         return np.array([[c, -s, self.x_px - half * (c - s)], [s, c, self.y_px - half * (s + c)]])
 
     def crop(self, image: NDArray[np.uint8], size_px: int, border: int, warp: Warp = warp) -> NDArray[np.uint8]:
-        """The region as uint8 BGRA (size_px, size_px, 4). border: cv2.BORDER_*, what lies outside of the picture.
+        """The region as uint8 BGRA (size_px, size_px, 4). border: cv2.BORDER_*, how to fill what lies outside of the picture.
 
         Four channels are warped in 0.4 of the time of three, to the same values.
         """

@@ -12,12 +12,12 @@ from lfpipe.track.detector import Detection
 
 SAME = 0.2  # overlap of one face's boxes in neighbouring pictures: 2 m/s at arm's length and 30 Hz still share 0.3
 HOME = 0.45  # overlap with the viewer's usual place: sides that differ by less than a third, so nobody who stands behind
-PERIOD = 30  # pictures between two looks at the whole picture: about a second
-HURRY = 10  # the same while somebody else may be the viewer
-LOOKS = 4  # looks in a row that a nearer face must win: HURRY pictures apart, about a second
-NEARER = 1.6  # by how much it must win; equals never change places
+SCAN_PERIOD = 30  # pictures between two scans of the whole picture: about a second
+FAST_SCAN_PERIOD = 10  # the same while another face may be the viewer's
+WINS = 4  # scans in a row that a nearer face must win: FAST_SCAN_PERIOD pictures apart, about a second
+NEARER = 1.6  # factor by which its prominence must win; two equal faces never change places
 HOME_SHARE = 0.02  # of the newest picture in the viewer's usual place: 50 pictures
-MEMORY = 150  # pictures away from the usual place after which the new place is the usual one
+MEMORY = 150  # pictures at another place after which that place becomes the usual one
 
 Box = tuple[float, float, float, float]
 
@@ -36,7 +36,7 @@ def same_place(a: Box, b: Box) -> bool:
 
 
 def prominence(box: Box, width_px: int, height_px: int) -> float:
-    """How much a face looks like the viewer's: its area, less the further it is from the centre (half at a half diagonal)."""
+    """Likelihood that a face is the viewer's: its area, divided by 1 + (distance from the centre / half diagonal)^2."""
     x0, y0, x1, y1 = box
     away = math.hypot((x0 + x1 - width_px) / width_px, (y0 + y1 - height_px) / height_px) / math.sqrt(2)
     return (x1 - x0) * (y1 - y0) / (1 + away * away)
@@ -46,13 +46,13 @@ class FaceSelector:
     """Remembers where the viewer usually is. Ranks the faces of a picture, and says who should be followed instead.
 
     A face at the usual place, while another one elsewhere is followed, is the viewer whom a passer-by hid: it is taken back at
-    once. A face that is clearly nearer and more central (NEARER) for LOOKS looks takes over.
+    once. A face that is clearly nearer and more central (NEARER) for WINS scans takes over.
     """
 
     def __init__(self) -> None:
         self._home: Box | None = None
         self._away = 0  # pictures since the face followed left the usual place
-        self._pictures = 0  # since the last look
+        self._pictures = 0  # since the last scan
         self._rival: Box | None = None
         self._wins = 0
 
@@ -69,8 +69,8 @@ class FaceSelector:
 
     @property
     def due(self) -> bool:
-        """Whether it is time to look at the whole picture for other faces."""
-        return self._pictures >= (HURRY if self._away or self._wins else PERIOD)
+        """Whether to scan the whole picture for other faces now."""
+        return self._pictures >= (FAST_SCAN_PERIOD if self._away or self._wins else SCAN_PERIOD)
 
     def rank(self, found: Sequence[Detection], width_px: int, height_px: int) -> list[Detection]:
         """Faces of a picture in which none is followed, the most promising first: at the usual place, else by prominence."""
@@ -96,7 +96,7 @@ class FaceSelector:
             return None
         again = self._wins > 0 and self._rival is not None and same_place(self._rival, best.box_px)
         self._rival, self._wins = best.box_px, self._wins + 1 if again else 1
-        return best if self._wins >= LOOKS else None
+        return best if self._wins >= WINS else None
 
     def change(self, box: Box) -> None:
         """The face in box is followed from now on: its place is the usual one."""
