@@ -22,7 +22,7 @@ from lfpipe.files.safe_files import open_regular, read_bytes, reason
 from lfpipe.files.untrusted import Fields, json_fields
 
 NAME = "manifest.json"
-VERSION = 3  # of the pack; another version is another key
+VERSION = 4  # of the pack; another version is another key
 _MAX_BYTES = 16 << 20
 _SAMPLES, _SAMPLE_BYTES = 16, 4096
 _REMEDY = "`lfpipe scene pack` makes it again"
