@@ -30,6 +30,7 @@ def with_scene_options(command: F) -> F:
         click.option("--flip", type=click.Choice(["none", "rows", "cols", "both"]), help="Reverse rows or columns of the grid."),
         click.option("--transpose/--no-transpose", default=None, help="Exchange rows and columns of the grid, before any flip."),
         click.option("--gamma", metavar="G", help="Convert linear light to screen values, out = in ** (1/G); 1 for none."),
+        click.option("--force", is_flag=True, help="Open pictures that do not fit together as a light field."),
         with_config,
     ]
     for option in reversed(options):
@@ -43,6 +44,8 @@ def _config(options: dict[str, Any]) -> Config:
 
     config = load(options["config_file"], options["sets"])
     chosen: dict[str, Any] = {f"scene.{key}": options[key] for key in ("layout", "grid", "flip") if options[key] is not None}
+    if options["force"]:
+        chosen["scene.force"] = True
     if options["transpose"] is not None:
         chosen["scene.transpose"] = "yes" if options["transpose"] else "no"
     if options["gamma"] is not None:

@@ -25,7 +25,10 @@ class Opt:
 @attrs.frozen
 class Camera:
     source: Annotated[
-        str, Opt("camera:N, camera:/dev/videoN, camera:NAME, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found")
+        str,
+        Opt(
+            "camera:N, camera:/dev/videoN, camera:NAME, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found"
+        ),
     ] = ""
     width_px: Annotated[int, Opt("frame width asked of the camera; frames of another size are scaled, those of another shape get black bars", "px", 16, 7680)] = 640
     height_px: Annotated[int, Opt("frame height asked of the camera", "px", 16, 4320)] = 480
@@ -37,9 +40,9 @@ class Camera:
         Opt("pixel format requested of the camera; auto: uncompressed up to 640x480, MJPG above, or what there is"),
     ] = "auto"
     exposure: Annotated[float | Literal["auto"], Opt("exposure time; auto: leave it to the camera", "ms", 0.01, 1000)] = "auto"
-    gain: Annotated[float | Literal["auto"], Opt("gain in the camera's own units; auto: leave it to the camera", "", 0, 65535)] = (
-        "auto"
-    )
+    gain: Annotated[
+        float | Literal["auto"], Opt("gain in the camera's own units; auto: leave it to the camera", "", 0, 65535)
+    ] = "auto"
     power_line_hz: Annotated[
         Literal["auto", 0, 50, 60], Opt("mains frequency whose flicker the exposure avoids, 0 for none; auto: leave it", "Hz")
     ] = "auto"
@@ -189,6 +192,7 @@ class Scene:
         float | Literal["auto"],
         Opt("screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: detect it", "", 0.1, 10),
     ] = "auto"
+    force: Annotated[bool, Opt("open pictures that do not fit together as a light field")] = False
     cache_dir: Annotated[str, Opt("where packed scenes are kept; empty: the user's cache directory")] = ""
 
 

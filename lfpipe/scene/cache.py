@@ -56,7 +56,8 @@ def _unwritten(root: Path, error: OSError) -> UserError:
 
 def _settings_key(scene: config.Scene) -> str:
     """The settings that a pack depends on, as part of a key."""
-    return json.dumps({"version": VERSION, **{k: v for k, v in attrs.asdict(scene).items() if k != "cache_dir"}}, sort_keys=True)
+    used = {key: value for key, value in attrs.asdict(scene).items() if key not in ("cache_dir", "force")}
+    return json.dumps({"version": VERSION, **used}, sort_keys=True)
 
 
 def stamp(path: str | os.PathLike[str], scene: config.Scene) -> str:

@@ -24,6 +24,7 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.manifest import VERSION, DamagedPackError, contents, write_manifest
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.pack_files import PlaneFile, open_pack
+from lfpipe.scene.plausibility import plausible
 from lfpipe.scene.source import SceneSource
 from lfpipe.scene.truth import without_implausible_truth
 from lfpipe.scene.view_writer import NotGreyError, PackJob, Progress, write_views
@@ -153,6 +154,8 @@ def _packed(
             field = open_pack(folder)
         except DamagedPackError:
             shutil.rmtree(folder, ignore_errors=True)
+            if not source.certain:
+                source = plausible(source, scene.force)
             grey = _is_grey(source)
             try:
                 folder = _make(root, key, source, scene, say, choose, grey)

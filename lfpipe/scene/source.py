@@ -46,7 +46,9 @@ class SceneSource:
     coordinates: float64 (rows, cols, 2), where each camera stood, (down, right) in any one unit, or None.
     truth: true disparity by file index, as functions that read float32 (h, w) in px per canonical grid step, positive
         nearer, and hold with `turn` (no turn where that is None).
-    linear: the values are linear light. doubt: what the layout leaves open, "" for nothing. notes: for people, one sentence each.
+    linear: the values are linear light. doubt: what the layout leaves open, "" for nothing.
+    certain: whether the format says that this is a light field; False where names or a look at a picture suggest it.
+    notes: for people, one sentence each.
     """
 
     layout: str
@@ -69,6 +71,7 @@ class SceneSource:
     geometry: Geometry = attrs.field(factory=Geometry)
     linear: bool = False
     doubt: str = ""
+    certain: bool = True
     notes: tuple[str, ...] = ()
 
     @property

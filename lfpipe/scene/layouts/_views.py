@@ -87,7 +87,7 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         sizes = {name: f"{name} ({odd[name]})" if name in odd else name for name in unused}
         notes.append(f"{len(used)} of {len(paths)} files used, the others are {some(list(sizes.values()))}")
     files = {index: paths[name] for index, name in part.views.items()}
-    return files_source(layout, listing, files, part.rows, part.cols, notes=tuple(notes), doubt=doubt)
+    return files_source(layout, listing, files, part.rows, part.cols, notes=tuple(notes), doubt=doubt, certain=False)
 
 
 def _odd_sizes(files: Mapping[str, Path]) -> dict[str, str]:

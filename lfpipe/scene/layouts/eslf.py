@@ -76,7 +76,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     top, left, rows, cols, dark = bright_part(view, all_rows, all_cols)
     notes = (f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used, the others are dark",) if top or left else ()
     return SceneSource(
-        layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
+        certain="eslf" in path.stem.lower(), layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
         read=lambda frame, row, col: view(row + top, col + left),
         height_px=height, width_px=width, max_value=full, missing=frozenset(dark), notes=notes,
         turn=Turn(), turn_firm=False, turn_by="an ESLF picture counts rows from the top and columns from the left",

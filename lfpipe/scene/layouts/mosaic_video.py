@@ -74,7 +74,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     cut = tiling(first, paths[0], scene)
     view = cut.cut(first, 0, 0)
     return SceneSource(
-        layout=NAME, path=listing.path, files=tuple(paths), rows=cut.grid[0], cols=cut.grid[1],
+        certain=False, layout=NAME, path=listing.path, files=tuple(paths), rows=cut.grid[0], cols=cut.grid[1],
         read=lambda frame, row, col: cut.cut(load(frame), row, col),
         height_px=view.shape[0], width_px=view.shape[1], max_value=full, frames=frames, frame_rate_hz=rate,
         turn=Turn() if cut.quilt else None, turn_by="a quilt runs from the leftmost camera" if cut.quilt else "", notes=notes,

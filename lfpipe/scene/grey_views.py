@@ -1,0 +1,65 @@
+"""Views of a scene on disk as optical flow wants them, and the lines of the grid that they are compared along."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from itertools import product
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.scene.disparity import Grey
+from lfpipe.scene.source import SceneSource, ViewIndex
+
+_LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
+_DARK = 0.2  # mean of a view below which it is lifted
+
+
+def grey_views(source: SceneSource, most_px: float = math.inf) -> Callable[[int, int], Grey]:
+    """Views by file place as the flow wants them: grey, 8 bit, and dark (linear-light) scenes lifted so that it finds texture.
+
+    Those of more than most_px are made smaller.
+    """
+    scale = min(1.0, math.sqrt(most_px / (source.height_px * source.width_px)))
+
+    def share(row: int, col: int) -> NDArray[np.float32]:
+        picture = source.read(0, row, col)
+        if scale < 1:
+            picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        plane = picture if picture.ndim == 2 else cv2.transform(picture, _LUMA)
+        return np.asarray(np.minimum(plane.astype(np.float32) * np.float32(1 / source.max_value), 1), np.float32)
+
+    there = min(product(range(source.rows), range(source.cols)), key=lambda place: (place in source.missing, -sum(place)))
+    lift = 0.5 if float(share(*there).mean()) < _DARK else 1.0
+
+    @lru_cache(maxsize=64)
+    def grey(row: int, col: int) -> Grey:
+        return np.asarray(np.rint(255 * share(row, col) ** np.float32(lift)), np.uint8)
+
+    return grey
+
+
+def _present_line(indices: list[ViewIndex], source: SceneSource) -> list[ViewIndex]:
+    """The longest part of a line of views without a gap."""
+    best: list[ViewIndex] = []
+    run: list[ViewIndex] = []
+    for index in indices:
+        run = [] if index in source.missing else [*run, index]
+        best = max(best, run, key=len)
+    return best
+
+
+def present_lines(source: SceneSource) -> tuple[list[ViewIndex], list[ViewIndex]]:
+    """A row and a column of views that cross near the middle of the grid, without gaps."""
+
+    def key(index: ViewIndex) -> tuple[int, int]:
+        line = [(index[0], c) for c in range(source.cols)] + [(r, index[1]) for r in range(source.rows)]
+        off = abs(2 * index[0] - source.rows) + abs(2 * index[1] - source.cols)
+        return sum(other in source.missing for other in line), off
+
+    row, col = min(product(range(source.rows), range(source.cols)), key=key)
+    across = _present_line([(row, c) for c in range(source.cols)], source)
+    return across, _present_line([(r, col) for r in range(source.rows)], source)

@@ -1,0 +1,134 @@
+"""Whether pictures fit together as a light field, from a quick look at a few small ones, before all of them are packed.
+
+Two things have to speak against it: views between two others are predicted badly from these, and no disparity explains the flow
+(it has to lead as far to the one neighbour as to the other, along the line of cameras). Focal stacks predict each other well;
+they show in what is sharp where, without parallax.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.scene.disparity import SMALLEST_PX, Grey, flow, grid_xy
+from lfpipe.scene.flow_check import textured
+from lfpipe.scene.grey_views import grey_views, present_lines
+from lfpipe.scene.source import SceneSource, ViewIndex
+
+_LOOK_PX = 1 << 17  # of the small pictures
+_POOR_DB = 20.0  # of views between two others: below this they do not fit
+_EXPLAINED = 0.3  # share of textured pixels that one disparity explains: below this the flow is none of a light field
+_UNEXPLAINED = 0.1  # below this share a few dB more do not help
+_LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # what the flow may be off
+_STILL_PX = 0.3  # flow between neighbours of a focal stack
+_REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
+_BLOCKS = 8
+
+
+@attrs.frozen
+class Evidence:
+    """held_out_db: PSNR of views predicted from two neighbours, median. explained: share of textured pixels whose flow one
+    disparity explains. refocused: ratio of sharpness within blocks over the views, where nothing moves; 1 otherwise."""
+
+    held_out_db: float
+    explained: float
+    refocused: float = 1.0
+
+    @property
+    def reason(self) -> str:
+        """Why the pictures are no light field; "" where they may be one."""
+        if self.refocused > _REFOCUSED:
+            return f"their focus differs (sharpness by a factor of {self.refocused:.0f}), their viewpoint does not: a focal stack"
+        poor_db = _POOR_DB + 20 * max(0.0, _UNEXPLAINED - self.explained)
+        if self.held_out_db < poor_db and self.explained < _EXPLAINED:
+            return (
+                f"quality when predicting views from their neighbours {self.held_out_db:.0f} dB, and one disparity explains "
+                f"the motion of {self.explained:.0%} of the detail"
+            )
+        return ""
+
+
+def _psnr(a: NDArray[Any], b: NDArray[Any]) -> float:
+    return float(10 * np.log10(255**2 / max(0.01, float(np.mean(np.square(a - b))))))
+
+
+def _triple(before: Grey, middle: Grey, after: Grey) -> tuple[float, float, float]:
+    """(PSNR of the middle view predicted from the others, share of its detail that one disparity explains, motion in px)."""
+    height, width = middle.shape
+    xx, yy = grid_xy(height, width)
+    across = flow(before, after)
+    sideways = float(np.abs(across[..., 0]).mean()) >= float(np.abs(across[..., 1]).mean())
+    half = across[..., 0 if sideways else 1] / 2
+    zero = np.zeros_like(half)
+    predicted = np.zeros_like(half)
+    for picture, sign in ((before, -1), (after, 1)):
+        dx, dy = (sign * half, zero) if sideways else (zero, sign * half)
+        seen = cv2.remap(picture, xx + dx, yy + dy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        predicted += seen.astype(np.float32) / 2
+    edge = max(1, min(height, width) // 20)
+    inner = slice(edge, -edge), slice(edge, -edge)
+    to_before, to_after = flow(middle, before), flow(middle, after)
+    off = np.hypot(*np.moveaxis(to_before + to_after, 2, 0))
+    along, beside = (to_after[..., k] for k in ((0, 1) if sideways else (1, 0)))
+    loose = _LOOSE_PX + _LOOSE_SHARE * np.abs(along)
+    good, detail = (off < loose) & (np.abs(beside) < loose), textured(middle)
+    explained = float(good[detail].mean()) if detail.any() else 1.0
+    motion = float(np.median(np.abs(along[detail]))) if detail.any() else 0.0
+    return _psnr(predicted[inner], middle[inner].astype(np.float32)), explained, motion
+
+
+def _refocused(views: list[Grey]) -> float:
+    """Median over textured blocks of the sharpest over the least sharp picture; 1 where all blocks are sharpest at once."""
+    side = max(8, min(views[0].shape) // _BLOCKS)
+    sharp = []
+    for view in views:
+        detail = np.square(cv2.Laplacian(view, cv2.CV_32F, ksize=3))
+        sharp.append(cv2.resize(detail, (view.shape[1] // side, view.shape[0] // side), interpolation=cv2.INTER_AREA).ravel())
+    blocks = np.stack(sharp)
+    use = blocks.max(axis=0) > max(30.0, float(np.median(blocks.max(axis=0))))
+    if use.sum() < 4:
+        return 1.0
+    best, ratio = blocks[:, use].argmax(axis=0), blocks[:, use].max(axis=0) / (blocks[:, use].min(axis=0) + 5.0)
+    return float(np.median(ratio)) if len(np.unique(best)) > 1 and np.bincount(best).max() < 0.8 * len(best) else 1.0
+
+
+def _spread(line: list[ViewIndex], most: int) -> list[ViewIndex]:
+    return [line[k] for k in sorted({round(p) for p in np.linspace(0, len(line) - 1, most)})]
+
+
+def examine(source: SceneSource) -> Evidence | None:
+    """What a few small views say; None where there are too few of them, or they are too small."""
+    if min(source.height_px, source.width_px) < 2 * SMALLEST_PX:
+        return None
+    grey: Callable[[int, int], Grey] = grey_views(source, _LOOK_PX)
+    lines = [line for line in present_lines(source) if len(line) >= 3]
+    if not lines:
+        return None
+    found = []
+    for line in lines:
+        for middle in {len(line) // 2, max(1, len(line) // 5), min(len(line) - 2, len(line) - 1 - len(line) // 5)}:
+            found.append(_triple(*(grey(*line[k]) for k in (middle - 1, middle, middle + 1))))
+    held_out, explained, motion = (float(np.median(values)) for values in zip(*found, strict=True))
+    every = [(r, c) for r in range(source.rows) for c in range(source.cols) if (r, c) not in source.missing]
+    refocused = _refocused([grey(*index) for index in _spread(every, 9)]) if motion < _STILL_PX else 1.0
+    return Evidence(held_out, explained, refocused)
+
+
+def plausible(source: SceneSource, force: bool) -> SceneSource:
+    """The source, with a doubt where it is no light field and `force` opens it all the same. Raises UserError without force."""
+    evidence = examine(source)
+    if evidence is None or not evidence.reason:
+        return source
+    why = f"the pictures do not fit together as a light field: {evidence.reason}"
+    if not force:
+        raise UserError(
+            f"{source.path}: as {source.rows}x{source.cols} views of layout {source.layout}, {why}",
+            "give the folder of one scene; `lfpipe scene pack --force` opens it all the same",
+        )
+    return attrs.evolve(source, doubt="; ".join(filter(None, (source.doubt, why))))

@@ -1,0 +1,135 @@
+"""Pictures that are no light field are refused before they are packed; no light field is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import attrs
+import cv2
+import numpy as np
+import pytest
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.scene import layouts
+from lfpipe.scene.pack import open_scene
+from lfpipe.scene.plausibility import examine
+from lfpipe.scene.source import SceneSource
+from tests.scene import made
+
+AUTO = config.Scene()
+
+
+def as_source(grid: np.ndarray) -> SceneSource:
+    rows, cols, height, width = grid.shape[:4]
+    return SceneSource("test", Path(), (), rows, cols, lambda f, r, c: np.ascontiguousarray(grid[r, c]), height, width)
+
+
+def reason(source: SceneSource) -> str:
+    evidence = examine(source)
+    assert evidence is not None
+    return evidence.reason
+
+
+def turntable(count: int, degrees: float) -> np.ndarray:
+    """A lumpy ball of dots that turns before a white wall."""
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(2500, 3))
+    points *= (1 + 0.3 * np.sin(5 * points[:, :1])) / np.linalg.norm(points, axis=1)[:, None]
+    shades, out = rng.integers(30, 220, len(points)), np.full((1, count, 160, 220), 255, np.uint8)
+    for k, angle in enumerate(np.radians(degrees) * np.arange(count)):
+        x, z = (
+            points[:, 0] * np.cos(angle) + points[:, 2] * np.sin(angle),
+            points[:, 2] * np.cos(angle) - points[:, 0] * np.sin(angle),
+        )
+        for i in np.argsort(z):
+            cv2.circle(out[0, k], (int(110 + 60 * x[i]), int(80 + 60 * points[i, 1])), 4, int(shades[i]), -1)
+    return out
+
+
+def focal_stack(count: int) -> np.ndarray:
+    """One view, in focus at another depth in each picture."""
+    sharp = made.views(1, 1, 160, 220)[0, 0, ..., 1]
+    depth = made.middle_disparity(160, 220)
+    out = np.empty((1, count, 160, 220), np.uint8)
+    for k, focus in enumerate(np.linspace(-1, 2, count)):
+        out[0, k] = sharp
+        for level in (1, 2, 3):
+            soft = cv2.GaussianBlur(sharp, (0, 0), 1.2 * level)
+            out[0, k][np.abs(depth - focus) > 0.7 * level] = soft[np.abs(depth - focus) > 0.7 * level]
+    return out
+
+
+def quilt_row(seed: int) -> np.ndarray:
+    """Three views of a scene of its own, side by side."""
+    wide = made.texture(60, 100, seed)[..., 1]
+    return np.hstack([wide[:, shift : shift + 80] for shift in (0, 8, 16)])
+
+
+UNRELATED = np.array([made.texture(120, 160, seed)[..., 1] for seed in range(16)])
+NO_LIGHT_FIELDS = {
+    "unrelated, line": UNRELATED[None],
+    "unrelated, grid": UNRELATED.reshape(4, 4, 120, 160),
+    "turntable": turntable(8, 30),
+    "focal stack": focal_stack(9),
+    "focal stack as a grid": focal_stack(9).reshape(3, 3, 160, 220),
+    "one picture cut up": made.texture(480, 640, 3)[..., 1].reshape(4, 120, 4, 160).swapaxes(1, 2),
+    "quilts": np.stack([quilt_row(seed) for seed in range(0, 60, 10)])[None],
+}
+
+
+@pytest.mark.parametrize("kind", NO_LIGHT_FIELDS)
+def test_what_is_no_light_field_is_refused(kind: str) -> None:
+    assert reason(as_source(NO_LIGHT_FIELDS[kind]))
+
+
+def reflecting(rows: int, cols: int) -> np.ndarray:
+    """Two layers that shine through each other, as in a window."""
+    front, behind = made.views(rows, cols, 96, 128), made.views(rows, cols, 96, 128, -3.0, -5.0)
+    return (0.6 * front + 0.4 * behind).astype(np.uint8)
+
+
+def noisy(grid: np.ndarray, sigma: float) -> np.ndarray:
+    return np.clip(grid + np.random.default_rng(0).normal(0, sigma, grid.shape), 0, 255).astype(np.uint8)
+
+
+LIGHT_FIELDS = {
+    "plain": made.views(5, 5),
+    "line": made.views(1, 9),
+    "wide baseline": made.views(3, 5, 96, 128, 16.0, -8.0),
+    "converging": made.views(5, 5, 96, 128, -2.0, -6.0),
+    "reflection": reflecting(5, 5),
+    "noise": noisy(made.views(5, 5), 20),
+    "little texture": np.stack([[cv2.GaussianBlur(view, (0, 0), 6) for view in row] for row in made.views(5, 5)]),
+    "rows reversed": made.views(5, 5)[::-1],
+    "no parallax": np.broadcast_to(made.texture(96, 128, 7), (3, 3, 96, 128, 3)),
+}
+
+
+@pytest.mark.parametrize("kind", LIGHT_FIELDS)
+def test_no_light_field_is_refused(kind: str) -> None:
+    assert not reason(as_source(LIGHT_FIELDS[kind]))
+
+
+@pytest.mark.parametrize("stride", [1, 4])
+@pytest.mark.parametrize("name", sorted(path.name for path in made.SAMPLES.glob("*")) or ["none"])
+def test_no_sample_scene_is_refused(name: str, stride: int) -> None:
+    if not (made.SAMPLES / name).is_dir():
+        pytest.skip(f"sample scene {name} is not here")
+    source = layouts.describe(made.SAMPLES / name, AUTO)
+    rows, cols = len(range(0, source.rows, stride)), len(range(0, source.cols, stride))
+    evidence = examine(attrs.evolve(source, rows=rows, cols=cols, read=lambda f, r, c: source.read(f, r * stride, c * stride)))
+    assert evidence is None or not evidence.reason
+
+
+def test_force_opens_what_was_refused(tmp_path: Path) -> None:
+    made.write_grid(tmp_path / "s", UNRELATED[:9].reshape(3, 3, 120, 160))
+    scene = config.Scene(cache_dir=str(tmp_path / "cache"))
+    with pytest.raises(UserError, match="do not fit together") as caught:
+        open_scene(tmp_path / "s", scene)
+    assert "--force" in caught.value.remedy
+    assert list((tmp_path / "cache" / "scenes").iterdir()) == []
+    forced = open_scene(tmp_path / "s", attrs.evolve(scene, force=True))
+    assert (forced.rows, forced.cols) == (3, 3)
+    assert forced.manifest["orientation"]["undecided"]
+    assert open_scene(tmp_path / "s", scene).rows == 3  # packed once, it opens
