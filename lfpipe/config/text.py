@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any, get_args
 
 from lfpipe.config.tree import Config, Opt, options, to_dict
@@ -10,7 +11,7 @@ from lfpipe.config.tree import Config, Opt, options, to_dict
 
 def _range(kind: Any, opt: Opt) -> str:
     words = [word for part in get_args(kind) if not isinstance(part, type) for word in (get_args(part) or (part,))]
-    limits = f"{opt.low:g} to {opt.high:g}" if opt.low < opt.high else ""
+    limits = f"{opt.low:g} to {opt.high:g}" if math.isfinite(opt.low) else ""
     said = " or ".join(part for part in (f"{limits} {opt.unit}".strip(), ", ".join(map(str, words))) if part)
     return f" [{said}]" if said else ""
 

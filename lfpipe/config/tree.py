@@ -2,6 +2,7 @@
 takes the change (`live`).
 """
 
+import math
 from collections.abc import Mapping
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -13,12 +14,13 @@ AUTO_HZ = 60.0  # pictures a second without a screen that has a rate of its own
 
 @attrs.frozen
 class Opt:
-    """What a value means and may be. low and high are inclusive, of numbers; live: `lfpipe ctl set` may change it."""
+    """What a value means and may be. low and high: range of a number, inclusive; without them every number is valid.
+    live: `lfpipe ctl set` may change it, so the stage that uses the key must read `context.config` again."""
 
     doc: str
     unit: str = ""
-    low: float = 0
-    high: float = 0
+    low: float = -math.inf
+    high: float = math.inf
     live: bool = False
 
 

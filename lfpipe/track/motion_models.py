@@ -39,13 +39,13 @@ class Tuning:
     estimate. first, least: initial and smallest noise, in distances between the eyes.
     """
 
-    motions: tuple[Motion, ...] = (Motion(4.7, 1.0), Motion(85.0, 0.45), Motion(1200.0, 0.31))
-    wander: float = 6.4e-7
-    stay_s: float = 0.51
-    common: float = 1.95
+    motions: tuple[Motion, ...] = (Motion(1.0, 1.0), Motion(4.7, 1.0), Motion(85.0, 0.45), Motion(1200.0, 0.31))
+    wander: float = 1e-7
+    stay_s: float = 0.7
+    common: float = 2.1
     caution: float = 0.34
     half_band: float = 4.5
-    speed_band: float = 8.6
+    speed_band: float = 9.0
     noise_s: float = 2.6
     first: float = 1.5e-3
     least: float = 1e-3

@@ -124,8 +124,8 @@ def test_the_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path
     row = re.search(r"`(Stage\(.*?\))`\.", page, re.S)
     assert row is not None
     example = next(block for block in blocks(ROOT / "docs" / "extending.md", "python") if "def main" in block)
-    (tmp_path / "blink.py").write_text(example)
-    (tmp_path / "runner.py").write_text(textwrap.dedent(RUNNER).format(row=row[1].replace("lfpipe.track.blink", "blink")))
+    (tmp_path / "away.py").write_text(example)
+    (tmp_path / "runner.py").write_text(textwrap.dedent(RUNNER).format(row=row[1].replace("lfpipe.track.away", "away")))
     env = {**world.env, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
     words = ("up", scene, "--camera", "demo", "--display", "none", "--session", world.name)
     process = subprocess.Popen(
@@ -142,4 +142,4 @@ def test_the_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path
 def _count(world: World) -> int:
     done = world.run("monitor", "--once", "--json", "--session", world.name)
     stages = json.loads(done.stdout)["stages"] if done.returncode == 0 else {}
-    return int(stages.get("blink", {}).get("count", 0))
+    return int(stages.get("away", {}).get("count", 0))
