@@ -88,10 +88,13 @@ def set_keys(target: Target, sets: tuple[str, ...]) -> None:
 
 @ctl.command()
 @click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--layout", help="Name of its layout on disk, where it is not found.")
+@click.option("--grid", metavar="ROWSxCOLS", help="Its grid, where the files do not tell it.")
 @click.pass_obj
-def load(target: Target, scene: Path) -> None:
+def load(target: Target, scene: Path, layout: str | None, grid: str | None) -> None:
     """Show another light field. It is packed first, unless it is packed already."""
-    _send(target, {"cmd": "load", "scene": str(scene.resolve())}, LOAD_S)
+    how = {key: value for key, value in (("layout", layout), ("grid", grid)) if value is not None}
+    _send(target, {"cmd": "load", "scene": str(scene.resolve()), **how}, LOAD_S)
 
 
 def _plain(word: str, text: str) -> None:

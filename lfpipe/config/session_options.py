@@ -22,6 +22,7 @@ class SceneSummary:
 
     pack: the pack's folder, absolute. height_px, width_px: of a view. method: what render.method = "auto" stands for here.
     scores: PSNR in dB of each method on held-out views. baseline_mm, focus_distance_mm, focal_length_px: None where unknown.
+    disparity_min_px, disparity_max_px: of its farthest and nearest things, px per view.
     """
 
     pack: str
@@ -36,6 +37,8 @@ class SceneSummary:
     baseline_mm: float | None = None
     focus_distance_mm: float | None = None
     focal_length_px: float | None = None
+    disparity_min_px: float = 0.0
+    disparity_max_px: float = 0.0
 
     @property
     def needs_tracking(self) -> bool:

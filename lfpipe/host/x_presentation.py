@@ -1,17 +1,19 @@
 """When an X server's screen begins its next picture: the Present extension, over a connection of its own.
 
-Present reports the vertical blank after a picture was handed over: the first that shows all of it, unless a compositor is in
-between.
+Present reports vertical blanks. The first after a picture was handed over shows all of it, unless a compositor is in between.
+Which one that is follows from the time: servers without a screen count blanks half a period off (present_fake.c).
 """
 
 from __future__ import annotations
 
 import ctypes
+import time
 
 from lfpipe.host.presentation import Presented
 
 _GENERIC_EVENT, _COMPLETE_NOTIFY_MASK, _NOTIFY_MSC = 35, 2, 1
 _MOST_WAITING = 64
+_PERIOD_GAIN = 0.05
 
 
 class _Complete(ctypes.Structure):
@@ -63,8 +65,11 @@ class XPresentation:
             getattr(self._xcb, name).argtypes = [ctypes.c_void_p]
         self._present.xcb_present_select_input.argtypes = [ctypes.c_void_p, *[ctypes.c_uint32] * 3]
         self._present.xcb_present_notify_msc.argtypes = [ctypes.c_void_p, *[ctypes.c_uint32] * 2, *[ctypes.c_uint64] * 3]
-        self._window, self._waiting = window, 0
-        self._last: tuple[int, int] | None = None  # (ust, msc)
+        self._window = window
+        self._handed_ns: dict[int, int] = {}  # serial -> hand-over
+        self._period_ns = 0.0
+        self._held: Presented | None = None
+        self._last: tuple[int, int] | None = None  # (time, number) of a blank
         self._connection = self._xcb.xcb_connect(None, None)
         extension = None
         if not self._xcb.xcb_connection_has_error(self._connection):
@@ -83,28 +88,45 @@ class XPresentation:
 
     def handed_over(self, serial: int) -> None:
         """Asks for the next blank."""
-        if self._waiting < _MOST_WAITING:
-            self._waiting += 1
+        if len(self._handed_ns) < _MOST_WAITING:
             number = serial & 0xFFFFFFFF
+            self._handed_ns[number] = time.monotonic_ns()
             self._present.xcb_present_notify_msc(self._connection, self._window, number, 0, 1, 0)
             self._xcb.xcb_flush(self._connection)
 
     def take(self) -> list[Presented]:
         """What became known since the last call."""
-        found: list[tuple[int, Presented]] = []  # with the number of the blank
+        found: list[Presented] = []
         while address := self._xcb.xcb_poll_for_event(self._connection):
             event = _Complete.from_address(address)
             if event.response_type & 0x7F == _GENERIC_EVENT and event.extension == self._opcode and event.kind == _NOTIFY_MSC:
-                self._waiting -= 1
-                found.append((event.msc, Presented(event.serial, event.ust * 1000, self._period_ns(event.ust, event.msc))))
+                found += self._answered(event.serial, event.ust * 1000, event.msc)
             self._free(address)
-        # Of the pictures before one blank, the last was shown.
-        last = dict(found)
-        return [each if last[msc] is each else Presented(each.serial, 0, 0) for msc, each in found]
+        if self._held and not self._handed_ns:
+            found.append(self._held)
+            self._held = None
+        return found
 
-    def _period_ns(self, ust: int, msc: int) -> int:
-        last, self._last = self._last, (ust, msc)
-        return (ust - last[0]) * 1000 // (msc - last[1]) if last and msc > last[1] else 0
+    def _answered(self, serial: int, t_ns: int, number: int) -> list[Presented]:
+        """Blank `number` at t_ns answers for a picture; returns what is certain now.
+
+        Of several pictures before one blank the last was shown: an answer is held while another may follow for its blank.
+        """
+        if self._last and number > self._last[1]:
+            period_ns = (t_ns - self._last[0]) / (number - self._last[1])
+            self._period_ns += (period_ns - self._period_ns) * (_PERIOD_GAIN if self._period_ns else 1.0)
+        self._last = t_ns, number
+        after_ns = max(t_ns - self._handed_ns.pop(serial, t_ns), 0)
+        before = int(after_ns / self._period_ns) if self._period_ns else 0
+        new, held = Presented(serial, round(t_ns - before * self._period_ns), round(self._period_ns)), self._held
+        if held is None:
+            self._held = new
+            return []
+        if new.t_ns - held.t_ns > self._period_ns / 2:
+            self._held = new
+            return [held]
+        self._held = Presented(serial, held.t_ns, held.period_ns)
+        return [Presented(held.serial, 0, 0)]
 
     def close(self) -> None:
         """Ends the connection."""

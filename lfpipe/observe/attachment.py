@@ -13,6 +13,7 @@ from lfpipe.errors import UserError
 from lfpipe.observe.meter import Reading
 from lfpipe.observe.session_commands import AsyncSessionCommands
 from lfpipe.observe.session_reader import FollowingReader
+from lfpipe.render.depth_steps import depth_range_px, depth_step_px
 from lfpipe.render.view_grid import EyesOnGrid, draw_over_eyes
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -82,8 +83,13 @@ class Attachment:
         return reading
 
     def settings(self) -> dict[str, Any]:
-        """`config` and `paused` as the session has them; empty where it did not answer."""
-        return {key: self._hello[key] for key in ("config", "paused") if key in self._hello}
+        """`config` and `paused` as the session has them, and `depth_px`: least and largest zero plane to offer, and a step; empty
+        where it did not answer."""
+        found: dict[str, Any] = {key: self._hello[key] for key in ("config", "paused") if key in self._hello}
+        if scene := self._hello.get("options", {}).get("scene"):
+            low_px, high_px = scene["disparity_min_px"], scene["disparity_max_px"]
+            found["depth_px"] = [*depth_range_px(low_px, high_px), depth_step_px(low_px, high_px)]
+        return found
 
     def _hear(self) -> None:
         if self._follower.watch is None:

@@ -25,6 +25,8 @@ def latency_table(state: dict[str, Any]) -> None:
         if stage["busy_with"]:
             print(f"{'':<8}{stage['busy_with']}")
     print(f"\nquality: {state['level_words']} (level {state['level']} of {state['lowest_level']})")
+    for notice in state["notices"]:
+        print(f"now: {notice}")
     running = {name: stage for name, stage in state["stages"].items() if stage["cpus"]}
     print(f"cores: {', '.join(placed(name, stage['cpus'], stage['nice']) for name, stage in running.items())}")
     age = state["end_to_end"]

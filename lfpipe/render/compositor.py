@@ -14,6 +14,7 @@ from lfpipe.config import Render
 from lfpipe.config.quality import NO_SCORES, WARPS, drawn_with
 from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, Recipe, recipe
 from lfpipe.render.blocks import near_array
+from lfpipe.render.pair_layout import Pair
 from lfpipe.render.planes import PlaneStore
 from lfpipe.render.synthesis import Position, Synthesiser
 from lfpipe.scene.lightfield import LightField
@@ -80,7 +81,9 @@ class Compositor:
         self._outs = [[np.empty((height, width), np.uint8) for _ in places] for places in self._places]
         self._made: list[NDArray[np.uint8]] = [plane for outs in self._outs for plane in outs]
         self._picture = near_array((height, width, 3))
-        self._whole = np.empty((height, width, 3), np.uint8) if render.anaglyph in TWO_VIEWS else None
+        self.pair: Pair | None = None  # the views of the last picture, where it consists of two
+        if render.anaglyph in TWO_VIEWS:
+            self.pair = np.empty((height, width, 3), np.uint8), np.empty((height, width, 3), np.uint8)
         extent = max(abs(edge - render.zero_plane_px) for edge in (field.disparity_min_px, field.disparity_max_px))
         self._quantum = _quantum(self.method, extent)
         self._settings = (self.method, render.anaglyph, render.light, render.ghost_compensation, render.zero_plane_px)
@@ -112,18 +115,19 @@ class Compositor:
         """The picture for the two viewpoints: uint8 (height, width, 3) BGR, valid until the next call."""
         eyes = self._eyes(left, right)
         self._frame = frame % self._field.frames
-        if self._whole is None:
+        if self.pair is None:
             self._draw(eyes, self._picture)
-        elif self._render.anaglyph == "row-interleaved":
-            for eye, position in enumerate(eyes):
-                self._draw((position, position), self._whole)
-                self._picture[eye::2] = self._whole[eye::2]
+            return self._picture
+        for position, whole in zip(eyes, self.pair, strict=True):
+            self._draw((position, position), whole)
+        if self._render.anaglyph == "row-interleaved":
+            for eye, whole in enumerate(self.pair):
+                self._picture[eye::2] = whole[eye::2]
         else:
             height, width = self._picture.shape[:2]
-            for position, x0, x1 in ((eyes[0], 0, width // 2), (eyes[1], width // 2, width)):
+            for whole, x0, x1 in ((self.pair[0], 0, width // 2), (self.pair[1], width // 2, width)):
                 if x1 > x0:
-                    self._draw((position, position), self._whole)
-                    self._picture[:, x0:x1] = cv2.resize(self._whole, (x1 - x0, height), interpolation=cv2.INTER_AREA)
+                    self._picture[:, x0:x1] = cv2.resize(whole, (x1 - x0, height), interpolation=cv2.INTER_AREA)
         return self._picture
 
     def _draw(self, eyes: tuple[Position, Position], out: NDArray[np.uint8]) -> None:

@@ -8,28 +8,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.presentation import Presented
+from lfpipe.render.pair_layout import Pair
 
 # What a viewer may press: key -> (name that `events` reports, what the help says). The window itself carries out
 # "fullscreen" and "help"; the others are for the stage.
 KEYS = {
-    "f": ("fullscreen", "full screen on and off"),
+    "f": ("fullscreen", "full screen on and off (F11, Esc leaves it)"),
     "+": ("alpha+", "more head movement from view to view"),
     "-": ("alpha-", "less head movement from view to view"),
     "c": ("recentre", "look straight ahead from where you are now"),
     "]": ("depth+", "the scene goes back, behind the screen"),
     "[": ("depth-", "the scene comes forward"),
+    "a": ("automatic", "depth and head movement automatic again"),
     "m": ("mode", "another way to give each eye its view"),
-    "p": ("freeze", "hold the picture, and go on"),
+    "g": ("glasses", "glasses test: does each eye see its own?"),
+    "x": ("swap", "swap the eyes"),
+    "p": ("freeze", "hold the picture, and go on (space)"),
     "o": ("overlay", "rate, latency and the grid of views on and off"),
     "s": ("screenshot", "save the picture"),
-    "h": ("help", "this help on and off"),
-    "q": ("quit", "end (Esc too)"),
+    "h": ("help", "this help on and off (?)"),
+    "q": ("quit", "quit"),
 }
 
 
 class Display(Protocol):
-    def show(self, picture: NDArray[np.uint8]) -> int:
-        """Puts uint8 (height, width, 3) BGR on the screen, scaled to fit; returns when it was handed over (monotonic)."""
+    def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
+        """Puts uint8 (height, width, 3) BGR on the screen, scaled to fit; returns when it was handed over (monotonic).
+
+        pair: the left and the right view that picture consists of, how: "side-by-side" or "row-interleaved", for a screen that
+        must show them in its own pixels.
+        """
         ...
 
     @property
@@ -56,6 +64,14 @@ class Display(Protocol):
 
     def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
         """Text laid over the following pictures, with a small picture, uint8 (h, w, 3) BGR, below it; no lines take both away."""
+        ...
+
+    def say(self, lines: list[str]) -> None:
+        """Short lines at the bottom of the following pictures, until others are given."""
+        ...
+
+    def title(self, name: str) -> None:
+        """The name of the scene that is shown now."""
         ...
 
     def width_mm(self) -> float | None:

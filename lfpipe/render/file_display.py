@@ -19,6 +19,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area, opencv_name
 from lfpipe.host import opencv_log
 from lfpipe.host.presentation import Presented
+from lfpipe.render.pair_layout import Pair
 from lfpipe.render.scaling import scale_into
 
 # Of the encoders in OpenCV's wheel, HuffYUV (on RGB), FFV1, PNG and raw RGBA give every RGB value back. Measured on 512x512
@@ -76,7 +77,7 @@ class FileDisplay:
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
         self._thread.start()
 
-    def show(self, picture: NDArray[np.uint8]) -> int:
+    def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """See `Display.show`; presented is when the picture was handed to the encoder."""
         t_ns = time.monotonic_ns()
         if not self._lost.is_set():
@@ -105,6 +106,12 @@ class FileDisplay:
 
     def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
         """A recording holds what the viewer sees and nothing else."""
+
+    def say(self, lines: list[str]) -> None:
+        """Nobody reads it."""
+
+    def title(self, name: str) -> None:
+        """There is no title."""
 
     def width_mm(self) -> None:
         """None: a file has pixels of no size."""

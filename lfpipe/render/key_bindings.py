@@ -1,76 +1,131 @@
-"""What the viewer's keys do: settings go through the supervisor, like everybody's, so that all know of them."""
+"""What the viewer's keys do: settings go through the supervisor, like everybody's, so that all know of them.
+
+A change is shown in the picture for a moment, whoever made it.
+"""
 
 from __future__ import annotations
 
+import math
+import os
 import time
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import choices
+from lfpipe.config import Render, choices
+from lfpipe.config.quality import level_number
+from lfpipe.render.depth_steps import depth_step_px
 from lfpipe.render.display import Display
-from lfpipe.render.picture_file import save
+from lfpipe.render.glasses_test import GlassesTest
+from lfpipe.render.notices import Notices
+from lfpipe.render.picture_file import picture_folder, save
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.view_grid import EyesOnGrid, inset
+from lfpipe.render.status_overlay import StatusOverlay
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
-from lfpipe.transport.histogram import summary_ms
-from lfpipe.transport.status import State, rate_hz
+from lfpipe.transport.status import State
 
 ALPHA_STEP = 1.1
-DEPTH_STEP_PX = 0.1
-INSET_PX = 120
+GHOST_STEP = 5.0  # %
 MODES = choices("render.anaglyph")
 SETTLED_NS = SECOND_NS // 2  # a resize is over once the width stayed the same this long
 OVERLAY_NS = SECOND_NS // 2
+FACELESS_NS = 4 * SECOND_NS  # a turned head is no reason to complain
 LOST = "camera lost, trying again"
 
 
 class KeyBindings:
-    """Serves a display's events and its overlay."""
+    """Serves a display's events, its notices and its overlay."""
 
     def __init__(self, context: Context, viewer: Viewer, presenter: Presenter, display: Display) -> None:
         self._context, self._viewer, self._presenter, self._display = context, viewer, presenter, display
+        self._status = StatusOverlay(context, viewer)
+        self._notices, self._said = Notices(), [""]
+        self._glasses: GlassesTest | None = None
         self._overlay_due_ns = 0
         self._width_mm, self._settled_ns = display.width_mm(), 0
-        self._overlay = self._lost = False
+        self._overlay = False
+        self._known = (context.config.render, level_number(context.options), viewer.field.name)
 
     def serve(self) -> None:
-        """Carries out what was pressed since the last call, and keeps the overlay fresh."""
+        """Carries out what was pressed since the last call, and keeps notices and overlay fresh."""
         for event in self._display.events():
             self._presenter.redraw()
-            if event == "quit":
-                self._context.request("stop")
-            elif event == "recentre":
-                self._context.request("recentre")
-            elif event == "screenshot":
-                self._screenshot()
-            elif event == "overlay":
-                self._overlay, self._overlay_due_ns = not self._overlay, 0
-                self._display.overlay([LOST] if self._lost else [])
-            elif event == "freeze":
-                self._context.request("resume" if self._context.paused else "pause")
-            elif event == "mode":
-                mode = MODES[(MODES.index(self._context.config.render.anaglyph) + 1) % len(MODES)]
-                self._context.request("set", set={"render.anaglyph": mode})
-            elif event in ("depth+", "depth-"):
-                moved_px = self._context.config.render.zero_plane_px + (DEPTH_STEP_PX if event == "depth+" else -DEPTH_STEP_PX)
-                self._context.request("set", set={"render.zero_plane_px": round(moved_px, 3)})
-            elif event in ("alpha+", "alpha-") and self._viewer.parallax is not None:
-                step = ALPHA_STEP if event == "alpha+" else 1 / ALPHA_STEP
-                self._context.request("set", set={"render.alpha_px": round(self._viewer.parallax.alpha_px * step, 3)})
+            self._carry_out(event)
         self.pass_on_notices()
         self._follow_width()
-        lost = bool(self._context.table.rows["capture"]["state"] == State.READY)  # it has no camera to take frames of
-        if lost != self._lost:
-            self._lost, self._overlay_due_ns = lost, 0
-            self._display.overlay([LOST] if lost else [])
-        if self._overlay and now_ns() >= self._overlay_due_ns:
-            self._overlay_due_ns = now_ns() + OVERLAY_NS
-            self._display.overlay([*([LOST] if lost else []), *self._lines()], self._map())
+        t_ns = now_ns()
+        self._notice_changes(t_ns)
+        if (lines := self._notices.lines(t_ns)) != self._said:
+            self._said = lines
+            self._display.say(lines)
+        if self._overlay and t_ns >= self._overlay_due_ns:
+            self._overlay_due_ns = t_ns + OVERLAY_NS
+            self._display.overlay(self._status.lines(), self._status.map())
             self._presenter.redraw()
+
+    def _carry_out(self, event: str) -> None:
+        render = self._context.config.render
+        if event == "quit":
+            self._context.request("stop")
+        elif event == "recentre":
+            self._context.request("recentre")
+            self._notices.say("centre", "centred where you are", now_ns())
+        elif event == "screenshot":
+            self._screenshot()
+        elif event == "overlay":
+            self._overlay, self._overlay_due_ns = not self._overlay, 0
+            self._display.overlay([])
+        elif event == "freeze":
+            self._context.request("resume" if self._context.paused else "pause")
+        elif event == "mode":
+            self._set(anaglyph=MODES[(MODES.index(render.anaglyph) + 1) % len(MODES)])
+        elif event in ("depth+", "depth-"):
+            field = self._viewer.field
+            step_px = depth_step_px(field.disparity_min_px, field.disparity_max_px)
+            moved = round(render.zero_plane_px / step_px) + (1 if event == "depth+" else -1)
+            self._set(zero_plane_px=round(moved * step_px, 6))
+        elif event in ("alpha+", "alpha-") and self._viewer.parallax is not None:
+            step = ALPHA_STEP if event == "alpha+" else 1 / ALPHA_STEP
+            self._set(alpha_px=round(self._viewer.parallax.alpha_px * step, 3))
+        elif event == "automatic":
+            self._set(alpha_px="auto", zero_plane_px=0.0)
+        elif event == "swap":
+            self._set(swap_eyes=not render.swap_eyes)
+        elif event == "glasses":
+            self._glasses = None if self._glasses else GlassesTest()
+            self._presenter.pattern = self._glasses
+        elif event in ("more", "less") and self._glasses:
+            ghost = render.ghost_compensation + (GHOST_STEP if event == "more" else -GHOST_STEP)
+            self._set(ghost_compensation=min(max(ghost, 0.0), 100.0))
+
+    def _set(self, **values: object) -> None:
+        self._context.request("set", set={f"render.{name}": value for name, value in values.items()})
+
+    def _notice_changes(self, t_ns: int) -> None:
+        """Says what is not as it was at the last call."""
+        context, row = self._context, self._context.row
+        render, level, scene = context.config.render, level_number(context.options), self._viewer.field.name
+        before, level_before, scene_before = self._known
+        if render != before:
+            for subject, text in _changes(before, render):
+                self._notices.say(subject, text, t_ns)
+        if level != level_before:
+            words = context.options.level.words if context.options.level else ""
+            self._notices.say("quality", f"quality lowered: {words}" if words else "quality restored", t_ns)
+        if scene != scene_before:
+            self._display.title(scene)
+            self._notices.say("scene", scene, t_ns)
+        self._known = (render, level, scene)
+        self._notices.state("paused", "paused: p or space goes on" if context.paused else "")
+        lost = int(context.table.rows["capture"]["state"]) == State.READY  # it has no camera to take frames from
+        self._notices.state("camera", LOST if lost else "")
+        away_ns = t_ns - row["t_face_ns"]
+        faceless = context.options.tracking and not lost and not context.paused and row["t_face_ns"] and away_ns > FACELESS_NS
+        self._notices.state("face", f"no face for {away_ns // SECOND_NS} s: come into the camera's view" if faceless else "")
+        self._notices.state("glasses", self._glasses.words(render) if self._glasses else "")
 
     def _follow_width(self) -> None:
         """A picture shown larger asks for more of the eyes: alpha follows once the window has its size."""
@@ -85,51 +140,30 @@ class KeyBindings:
         for notice in self._display.notices():
             self._context.emit("notice", text=notice)
 
-    def _lines(self) -> list[str]:
-        rows = self._context.table.rows
-        age, horizon = (summary_ms(rows["render"][name]) for name in ("age", "horizon"))
-        alpha = self._viewer.parallax
-        busy = {name: (summary_ms(row["busy"])["p50_ms"], int(row["drops"])) for name, row in rows.items() if row["state"]}
-        return [
-            f"camera {rate_hz(rows['capture']):5.1f} Hz   pictures {rate_hz(rows['render']):5.1f} Hz",
-            f"sensor to screen p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
-            f"eyes predicted by p50 {horizon['p50_ms']:.1f} ms",
-            *([f"judder {judder:.2f} %"] if (judder := self._judder()) is not None else []),
-            *(f"{name} busy p50 {p50_ms:.2f} ms, dropped {drops}" for name, (p50_ms, drops) in busy.items()),
-            f"{self._viewer.method}, alpha {alpha.alpha_px:.1f} px/view" if alpha else f"{self._viewer.method}, no face seen yet",
-            f"{self._context.config.render.anaglyph}{', frozen' if self._context.paused else ''}",
-            self._depth(),
-            *self._lowered(),
-        ]
-
-    def _judder(self) -> float | None:
-        row = self._context.row
-        return 100 * row["juddered"] / row["planned"] if row["planned"] else None
-
-    def _lowered(self) -> list[str]:
-        """What the governor has taken away."""
-        level = self._context.options.level
-        return [f"quality lowered, level {level.number}: {level.words}"] if level else []
-
-    def _map(self) -> NDArray[np.uint8] | None:
-        """The grid of views with the eyes in it; the left eye's dot is filled."""
-        shown, field = self._viewer.shown, self._viewer.field
-        if shown is None:
-            return None
-        (lx, ly), (rx, ry) = shown.eyes_px.tolist()
-        eyes, views = ((lx, ly), (rx, ry)), (shown.left, shown.right)
-        return inset(EyesOnGrid(field.rows, field.cols, 0.0, (0.0, 0.0), eyes, views, True), INSET_PX)
-
-    def _depth(self) -> str:
-        """The zero plane as a slider between the farthest and the nearest of the scene."""
-        field, zero = self._viewer.field, self._context.config.render.zero_plane_px
-        low, high = field.disparity_min_px, field.disparity_max_px
-        at = min(max(round(20 * (zero - low) / (high - low)), 0), 20) if high > low else 10
-        return f"depth [{'-' * at}|{'-' * (20 - at)}] zero plane {zero:+.2f} px/view"
-
     def _screenshot(self) -> None:
-        picture = self._presenter.picture
+        picture: NDArray[np.uint8] | None = self._presenter.picture
         if picture is None:
             return
-        path = Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.png")).resolve()
-        self._context.emit("notice", text=save(path, picture))
+        folder = picture_folder(Path.home(), os.environ)
+        said = save(folder / time.strftime("lfpipe-%Y%m%d-%H%M%S.png"), picture)
+        self._context.emit("notice", text=said)
+        self._notices.say("picture", said.replace(str(Path.home()), "~"), now_ns())
+
+
+def _changes(before: Render, now: Render) -> list[tuple[str, str]]:
+    """(subject, words) of each setting that a viewer sees change."""
+    found = []
+    if now.anaglyph != before.anaglyph:
+        found.append(("mode", f"mode: {now.anaglyph}"))
+    if now.zero_plane_px != before.zero_plane_px:
+        found.append(("depth", f"depth: zero plane {now.zero_plane_px:+.2f} px/view"))
+    if now.alpha_px != before.alpha_px:
+        alpha = f"{now.alpha_px:.1f} px/view" if not isinstance(now.alpha_px, str) else now.alpha_px
+        found.append(("alpha", f"head movement: alpha {alpha}"))
+    if now.method != before.method:
+        found.append(("method", f"views: {now.method}"))
+    if now.swap_eyes != before.swap_eyes:
+        found.append(("swap", "eyes swapped" if now.swap_eyes else "eyes as they are"))
+    if not math.isclose(now.ghost_compensation, before.ghost_compensation):
+        found.append(("ghost", f"ghost compensation: {now.ghost_compensation:.0f} %"))
+    return found

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.presentation import Presented
+from lfpipe.render.pair_layout import Pair
 
 
 class NullDisplay:
     """Takes pictures and shows nothing."""
 
-    def show(self, picture: NDArray[np.uint8]) -> int:
+    def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         return time.monotonic_ns()
 
     blanks_by = ""
@@ -32,6 +33,12 @@ class NullDisplay:
 
     def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
         pass
+
+    def say(self, lines: list[str]) -> None:
+        """Nobody reads it."""
+
+    def title(self, name: str) -> None:
+        """There is no title."""
 
     def width_mm(self) -> None:
         pass

@@ -3,11 +3,30 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+
+def picture_folder(home: Path, environment: Mapping[str, str]) -> Path:
+    """Where a person looks for pictures: the desktop's folder of pictures, or else the working directory.
+
+    The desktop's folder is XDG_PICTURES_DIR of user-dirs.dirs (xdg-user-dirs), ~/Pictures without that file.
+    """
+    found = home / "Pictures"
+    try:
+        known = Path(environment.get("XDG_CONFIG_HOME") or home / ".config") / "user-dirs.dirs"
+        for line in known.read_text(errors="replace").splitlines():
+            name, _, value = line.partition("=")
+            if name.strip() == "XDG_PICTURES_DIR":
+                found = Path(value.strip().strip('"').replace("$HOME", str(home)))
+    except OSError:
+        pass
+    usable = found.is_absolute() and found != home and found.is_dir() and os.access(found, os.W_OK)
+    return found if usable else Path.cwd()
 
 
 def save(path: Path, picture: NDArray[np.uint8]) -> str:

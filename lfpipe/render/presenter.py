@@ -17,7 +17,9 @@ from lfpipe.errors import UserError
 from lfpipe.eyes import EYES
 from lfpipe.files.trace import TraceFile
 from lfpipe.render.display import Display
+from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.optional_outputs import OptionalOutputs
+from lfpipe.render.pair_layout import Pair
 from lfpipe.render.screen_clock import LeadTime, ScreenClock
 from lfpipe.render.shown_pictures import HANDOVER, ShownPictures
 from lfpipe.render.viewer import Viewer, Viewpoints
@@ -59,6 +61,7 @@ class Presenter:
         self.clock: ScreenClock | None = None  # of a screen whose blanks are reported
         self.lead = LeadTime()
         self.picture: NDArray[np.uint8] | None = None
+        self.pattern: GlassesTest | None = None  # shown instead of the scene
 
     def _lost(self, why: str) -> None:
         if self._context.options.replay:  # a replay is nothing without its trace
@@ -99,14 +102,22 @@ class Presenter:
         viewpoints = self._viewer.viewpoints(self._record, t_sensor_ns, seen_ns)
         key = self._viewer.key(viewpoints)
         composed = key != self._key or not refresh_ns  # the paper's way draws for every camera frame
+        pair: Pair | None = None
         if composed:
-            self.picture = self._viewer.compose(viewpoints)
+            self.picture, pair = self._viewer.compose(viewpoints), self._viewer.compositor.pair
             self._key = key
+            if self.pattern is not None:
+                self.pattern.draw(self._viewer.config.render, (self._viewer.field.width_px, self._viewer.field.height_px))
+                self.picture, pair = self.pattern.picture, self.pattern.pair
         t_composed_ns = now_ns()
         if refresh_ns and self.clock is None:
             sleep_until(target_ns)
         t_shown_ns, cpu_ns = now_ns(), time.process_time_ns()
-        t_handed_ns = self._display.show(self.picture) if composed and self.picture is not None else t_shown_ns
+        t_handed_ns = (
+            self._display.show(self.picture, pair, self._viewer.config.render.anaglyph)
+            if composed and self.picture is not None
+            else t_shown_ns
+        )
         row, stamp = self._context.row, self._stamp
         measured: tuple[int, int] | None = None
         if composed:
@@ -126,6 +137,8 @@ class Presenter:
         shown: Callable[[int], None] | None = None
         if stamp is not None and self._record is not None:
             row["face"] = int(self._record["face"])
+            if row["face"]:
+                row["t_face_ns"] = t_start_ns
             self._report_state()
             if row["face"]:
                 row.horizon.add_ns(seen_ns - t_sensor_ns)

@@ -61,6 +61,7 @@ def main(context: Context) -> None:
     refresh = None if on_camera else new_refresh(config, display, presenter)
     middle = ((field.rows - 1) / 2, (field.cols - 1) / 2)
     viewer.compositor.compose(middle, middle)  # tables are built and pages touched before somebody waits for it
+    context.row["t_face_ns"] = now_ns()
     context.ready()
     try:
         while context.wait(None if refresh is None else refresh.due_ns() - lead_ns(refresh, presenter)):

@@ -60,10 +60,12 @@ def draw_over_eyes(picture: NDArray[np.uint8], seen: EyesOnGrid, scale: float = 
     size = max(1, round(radius * (1 << _SHIFT)))
     for at in itertools.product(*dots):
         cv2.circle(picture, at, size, GRID_BGR, -1, cv2.LINE_AA, _SHIFT)
-    for (x, y), colour in zip(seen.eyes_px, (LEFT_BGR, RIGHT_BGR), strict=True):
+    for (x, y), colour, letter in zip(seen.eyes_px, (LEFT_BGR, RIGHT_BGR), "LR", strict=True):
         if seen.face and abs(x) * scale < far and abs(y) * scale < far:
             _dot(picture, x * scale, y * scale, max(6.0 * scale, 3 * radius), colour, False)
             _dot(picture, x * scale, y * scale, max(2.0 * scale, radius), colour, True)
+            at = round(x * scale + max(8.0 * scale, 4 * radius)), round(y * scale)
+            cv2.putText(picture, letter, at, cv2.FONT_HERSHEY_PLAIN, max(1.2 * scale, 0.8), colour, 1, cv2.LINE_AA)
 
 
 def inset(seen: EyesOnGrid, side_px: int) -> NDArray[np.uint8]:
@@ -73,7 +75,10 @@ def inset(seen: EyesOnGrid, side_px: int) -> NDArray[np.uint8]:
     for row in range(seen.rows):
         for col in range(seen.cols):
             _dot(picture, (col + 0.5) * step, (row + 0.5) * step, max(step / 10, 0.7), (150, 150, 150), True)
-    for (at_row, at_col), filled in zip(seen.views, (True, False), strict=True):
+    for (at_row, at_col), filled, letter in zip(seen.views, (True, False), "LR", strict=True):
         if abs(at_row) < 1e4 and abs(at_col) < 1e4:
-            _dot(picture, (at_col + 0.5) * step, (at_row + 0.5) * step, max(step / 3, 3.0), (255, 255, 255), filled)
+            x, y, radius = (at_col + 0.5) * step, (at_row + 0.5) * step, max(step / 3, 3.0)
+            _dot(picture, x, y, radius, (255, 255, 255), filled)
+            at = round(min(x + radius + 2, picture.shape[1] - 9)), round(min(max(y - radius, 9), picture.shape[0] - 1))
+            cv2.putText(picture, letter, at, cv2.FONT_HERSHEY_PLAIN, 0.8, (255, 255, 255), 1, cv2.LINE_AA)
     return picture

@@ -16,6 +16,7 @@ from lfpipe.render.display import KEYS
 from lfpipe.render.monitors import Monitor, find_monitor, monitor_of, monitors
 from lfpipe.render.overlay import panel
 from lfpipe.render.painters import Painter, Panels, open_painter
+from lfpipe.render.pair_layout import Pair, laid_out
 from lfpipe.render.sdl import pygame
 from lfpipe.render.window_system import nominal_hz, open_presentation
 
@@ -23,7 +24,19 @@ SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of the width of the monitor; small l
 HINT_S = 6.0
 SCREEN_SHARE = 0.85  # at most, of the monitor
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: on a fine one, text of TEXT_PX is too small
-NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", "\x1b": "quit"}
+NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", " ": "freeze", "?": "help"}
+KEY_CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_LEFT: "less", pygame.K_RIGHT: "more"}
+ICON_PX = 64
+
+
+def _icon() -> pygame.Surface:
+    """Two overlapping discs, red and cyan: what the two eyes see of one thing."""
+    icon = pygame.Surface((ICON_PX, ICON_PX), pygame.SRCALPHA)
+    for x, colour in ((0.38, (255, 40, 40)), (0.62, (0, 215, 215))):
+        disc = pygame.Surface((ICON_PX, ICON_PX), pygame.SRCALPHA)
+        pygame.draw.circle(disc, (*colour, 255), (round(x * ICON_PX), ICON_PX // 2), round(0.36 * ICON_PX))
+        icon.blit(disc, (0, 0), special_flags=pygame.BLEND_RGBA_ADD)
+    return icon
 
 
 class Window:
@@ -74,6 +87,11 @@ class Window:
         self._help = False
         self._hint, self._hint_end_ns = hint, time.monotonic_ns() + int(HINT_S * 1e9)
         self._panel: pygame.Surface | None = None
+        self._said: list[str] = []
+        self._words: pygame.Surface | None = None  # what is said, at the bottom
+        self._pair: Pair | None = None
+        self._how = ""
+        self._laid: NDArray[np.uint8] | None = None
         self._make_panel()
 
     def _opened(self, on: Monitor) -> pygame.Window:
@@ -84,6 +102,7 @@ class Window:
             at = self._at or pygame.WINDOWPOS_UNDEFINED
             window = pygame.Window(self._title, self._windowed, at, resizable=True, allow_high_dpi=True)
         pygame.mouse.set_visible(not self._fullscreen)
+        window.set_icon(_icon())
         self._painter: Painter = open_painter(window, self._renderer)
         self._presentation: Presentation | None = open_presentation(window)
         self._numbers.clear()
@@ -148,9 +167,9 @@ class Window:
         x_px, y_px = position[0] * surface_px[0] / window[0], position[1] * surface_px[1] / window[1]
         return (x_px - x) * cols / width, (y_px - y) * rows / height
 
-    def show(self, picture: NDArray[np.uint8]) -> int:
+    def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """See `Display.show`; returns when the window system has taken the picture."""
-        self._picture = picture
+        self._picture, self._pair, self._how = picture, pair, how
         self._number += 1
         self._draw()
         return time.monotonic_ns()
@@ -160,9 +179,15 @@ class Window:
             return
         panels: Panels = [] if self._panel is None else [(self._panel, (12, 12))]
         size_px = self._painter.size_px()
+        if self._words is not None:
+            wide, high = self._words.get_size()
+            panels.append((self._words, ((size_px[0] - wide) // 2, size_px[1] - high - 12)))
         _, _, width, height = fit_area((self._picture.shape[1], self._picture.shape[0]), size_px)
         self._shown_px = width
-        self._painter.paint(self._picture, panels, self._picture.shape[:2] == (height, width))
+        picture = self._picture
+        if self._pair is not None:
+            picture = self._laid = laid_out(self._pair, self._how, size_px, self._first_row(), self._laid)
+        self._painter.paint(picture, panels, picture.shape[:2] == (height, width) or self._pair is not None)
         self._handed += 1
         if self._presentation is None:
             self._painter.swap()
@@ -180,7 +205,10 @@ class Window:
                 pressed.append("quit")
             elif event.type == pygame.KEYDOWN:
                 keyed = True
-                if name := NAMES.get(event.unicode.lower()):
+                name = KEY_CODES.get(event.key) or NAMES.get(event.unicode.lower())
+                if name == "escape":
+                    name = "help" if self._help else "fullscreen" if self._fullscreen else None
+                if name:
                     pressed.append(name)
             elif event.type == pygame.WINDOWEXPOSED:
                 again = True
@@ -207,6 +235,22 @@ class Window:
     def notices(self) -> list[str]:
         return []
 
+    def title(self, name: str) -> None:
+        """See `Display.title`."""
+        self._title = f"lfpipe: {name}"
+        self._window.title = self._title
+
+    def say(self, lines: list[str]) -> None:
+        """See `Display.say`."""
+        if lines != self._said:
+            self._said = list(lines)
+            self._make_panel()
+            self._draw()
+
+    def _first_row(self) -> int:
+        """The row of the screen on which the window's picture begins: known on X and in full screen."""
+        return 0 if self._fullscreen else max(0, int(self._window.position[1] - self._on.y))
+
     def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
         """See `Display.overlay`."""
         if lines != self._lines or inset is not self._inset:
@@ -218,13 +262,12 @@ class Window:
         lines = [*self._lines, *([f"{key}\t{text}" for key, (_, text) in KEYS.items()] if self._help else [])]
         if self._hint and not lines:
             lines = [self._hint]
-        if not lines:
-            self._panel = None
-            return
         width_px, height_px = self._painter.size_px()
         scaled = width_px / self._window.size[0]
         text_px = round(max(TEXT_PX, TEXT_SHARE * self._on.height) * scaled)
-        self._panel = panel(lines, self._inset, text_px, (width_px - 24, height_px - 24))
+        room = width_px - 24, height_px - 24
+        self._panel = panel(lines, self._inset, text_px, room) if lines else None
+        self._words = panel(self._said, None, text_px, room) if self._said else None
 
     def close(self) -> None:
         self._closed()

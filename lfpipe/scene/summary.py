@@ -24,4 +24,6 @@ def summarize(field: LightField, settings: config.Scene) -> SceneSummary:
         baseline_mm=known.baseline_mm,
         focus_distance_mm=known.focus_distance_mm,
         focal_length_px=known.focal_length_px,
+        disparity_min_px=float(field.disparity_min_px),
+        disparity_max_px=float(field.disparity_max_px),
     )

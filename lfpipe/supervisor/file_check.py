@@ -45,7 +45,8 @@ def check(request: dict[str, Any]) -> dict[str, Any]:
     from lfpipe.scene.pack import open_scene
     from lfpipe.scene.summary import summarize
 
-    settings = config_module.trusted(request["config"]).scene
+    how = {key: request[key] for key in ("layout", "grid") if key in request}
+    settings = attrs.evolve(config_module.trusted(request["config"]).scene, **how)
     return attrs.asdict(summarize(open_scene(path, settings, lambda *_: print(flush=True), choose_method), settings))
 
 

@@ -101,7 +101,9 @@ def _load(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
         raise BadMessage("load needs the absolute path of a scene")
     if not state.options.show:
         raise UserError("the session shows no pictures", "`lfpipe up SCENE` starts one that does")
-    return Reply(check={"check": "scene", "path": scene})
+    how: dict[str, Any] = {key: message[key] for key in ("layout", "grid") if key in message}
+    config_module.updated(state.config, {f"scene.{key}": value for key, value in how.items()})  # for its refusals
+    return Reply(check={"check": "scene", "path": scene, **how})
 
 
 def _trace(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:

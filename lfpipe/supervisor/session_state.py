@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import attrs
 
 from lfpipe import config as config_module
-from lfpipe.config import Config, QualityLevel, SceneSummary, SessionOptions
+from lfpipe.config import Config, QualityLevel, Render, SceneSummary, SessionOptions
 from lfpipe.config.quality import ladder
 from lfpipe.supervisor.process_table import packet_ring, picture_ring
 from lfpipe.transport.ring import RingSpec
@@ -26,7 +27,8 @@ class Basis:
 class SessionState:
     """config, options, paused: what the stages work by. rev: counts changes. pictures_until_ns: end of the lease of the ring of
     pictures, 0 without one. pictures_px: (height, width) of that ring. rings_made: numbers the rings made on demand, whose
-    names are never used twice, so that no reader maps an old one. known_good: the basis that is known to work.
+    names are never used twice, so that no reader maps an old one. zero_planes_px: of scenes shown
+    before, by pack. known_good: the basis that is known to work.
     """
 
     config: Config
@@ -37,6 +39,7 @@ class SessionState:
     pictures_until_ns: int = 0
     pictures_px: tuple[int, int] = (0, 0)
     rings_made: int = 0
+    zero_planes_px: Mapping[str, float] = attrs.field(factory=dict)
 
     @classmethod
     def first(cls, config: Config, options: SessionOptions) -> SessionState:
@@ -95,8 +98,15 @@ class SessionState:
         return new._with_packets()
 
     def loaded(self, scene: SceneSummary) -> SessionState:
-        """With another scene."""
-        return self.changed(scene=scene, tracking=scene.needs_tracking)
+        """With another scene, at the zero plane that it had when this session showed it last, or at the default: a zero plane is
+        in the measure of its scene."""
+        old = self.options.scene
+        if old is None or old.pack == scene.pack:
+            return self.changed(scene=scene, tracking=scene.needs_tracking)
+        known = {**self.zero_planes_px, old.pack: self.config.render.zero_plane_px}
+        render = attrs.evolve(self.config.render, zero_plane_px=known.get(scene.pack, Render().zero_plane_px))
+        new = self.changed(attrs.evolve(self.config, render=render), scene=scene, tracking=scene.needs_tracking)
+        return attrs.evolve(new, zero_planes_px=known)
 
     def with_level(self, number: int) -> SessionState:
         """At another level of quality."""

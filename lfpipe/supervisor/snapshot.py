@@ -15,6 +15,7 @@ from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import summary_ms
 from lfpipe.transport.status import State, Table, busy_words, rate_hz
 
+FACELESS_S = 4.0  # a turned head is no reason to complain
 BUSY_SHOWN_S = 0.5  # what keeps a stage for less is nobody's business
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
 
@@ -72,6 +73,20 @@ def judder_percent(row: NDArray[np.void]) -> float | None:
     return round(100 * int(row["juddered"]) / planned, 3) if planned else None
 
 
+def notices(table: Table) -> list[str]:
+    """What a person should know of the session now, as the window shows it too."""
+    found, rows = [], table.rows
+    capture, shown = rows[SOURCE], rows[SHOWN_BY]
+    if capture["state"] == State.READY:
+        found.append("camera lost, trying again")
+    away_s = (now_ns() - int(shown["t_face_ns"])) / 1e9
+    if capture["state"] == State.RUNNING and shown["state"] == State.RUNNING and shown["t_face_ns"] and away_s > FACELESS_S:
+        found.append(f"no face for {away_s:.0f} s: come into the camera's view")
+    if int(table.session["level"]):
+        found.append(f"quality lowered: {quality(table)['level_words']}")
+    return found
+
+
 def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
     """`{"session", "uptime_s", "camera_fps", "camera_light", "level", "viewer", "stages": {...}, "end_to_end": {...},
     "judder": {...}, "horizon": {...}}`, as `lfpipe monitor --once --json` prints it.
@@ -114,6 +129,7 @@ def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
         "camera_light": light(table),
         **quality(table),
         "viewer": viewer(table),
+        "notices": notices(table),
         "stages": stages,
         "end_to_end": {"n": age["n"], **{key: age[key] for key in QUANTILES}},
         "judder": {"planned": int(shown["planned"]), "juddered": int(shown["juddered"]), "percent": judder_percent(shown)},

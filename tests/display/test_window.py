@@ -12,7 +12,7 @@ import pytest
 
 from lfpipe.render.display import KEYS, Display
 from lfpipe.render.open_display import has_display, open_display
-from tests.xvfb_screen import Screen
+from tests.xvfb_screen import Screen, outline
 
 WAIT_S = 5.0
 
@@ -112,6 +112,33 @@ def test_overlay_comes_and_goes(window: Callable[..., Display], screen: Screen) 
     assert becomes(lambda: np.array_equal(screen.shown(), grey), display)
 
 
+def test_what_is_said_stands_at_the_bottom_and_the_title_names_the_scene(window: Callable[..., Display], screen: Screen) -> None:
+    display = window((700, 500))
+    grey = np.full((500, 700, 3), 90, np.uint8)
+    display.show(grey)
+    display.say(["mode: grey", "paused"])
+    assert becomes(lambda: bool((screen.shown()[400:] == 255).any()) and bool((screen.shown()[:400] == 90).all()), display)
+    display.say([])
+    assert becomes(lambda: np.array_equal(screen.shown(), grey), display)
+    display.title("bunny")
+    assert becomes(lambda: outline("lfpipe: bunny", screen.name) is not None, display)
+
+
+def test_rows_of_two_views_are_rows_of_the_screen(window: Callable[..., Display], screen: Screen) -> None:
+    left, right = (np.full((50, 70, 3), colour, np.uint8) for colour in ((10, 20, 200), (220, 120, 30)))
+    display = window((70, 50))
+    display.show(left, (left, right), "row-interleaved")
+    assert becomes(lambda: bool((screen.shown()[0] != screen.shown()[1]).any()), display)
+    rows = screen.picture().any(axis=(1, 2)).nonzero()[0]
+    picture = screen.picture()[:, screen.picture().any(axis=(0, 2))]
+    assert len(rows) > 400
+    for row in rows:
+        assert (picture[row] == ((10, 20, 200), (220, 120, 30))[row % 2]).all(), row
+    display.show(left, (left, right), "side-by-side")
+    assert becomes(lambda: bool((screen.shown()[:, 5] == (10, 20, 200)).all()), display)
+    assert (screen.shown()[:, -5] == (220, 120, 30)).all()
+
+
 @pytest.fixture
 def press(screen: Screen) -> Callable[[str], None]:
     if shutil.which("xdotool") is None:
@@ -132,7 +159,8 @@ def pressed(display: Display, count: int = 1) -> list[str]:
     ("key", "event"),
     [("plus", "alpha+"), ("KP_Add", "alpha+"), ("equal", "alpha+"), ("minus", "alpha-"), ("c", "recentre"), ("C", "recentre"),
      ("bracketright", "depth+"), ("bracketleft", "depth-"), ("m", "mode"), ("p", "freeze"),
-     ("o", "overlay"), ("s", "screenshot"), ("q", "quit"), ("Escape", "quit")],
+     ("o", "overlay"), ("s", "screenshot"), ("q", "quit"), ("space", "freeze"), ("g", "glasses"), ("x", "swap"),
+     ("a", "automatic"), ("Left", "less"), ("Right", "more")],
 )  # fmt: skip
 def test_keys_arrive(window: Callable[..., Display], press: Callable[[str], None], key: str, event: str) -> None:
     display = window((640, 480))
@@ -144,7 +172,7 @@ def test_keys_arrive(window: Callable[..., Display], press: Callable[[str], None
 def test_keys_that_mean_nothing_are_passed_over(window: Callable[..., Display], press: Callable[[str], None]) -> None:
     display = window((640, 480))
     display.show(noise(640, 480))
-    for key in ("x", "F5", "Left", "q"):
+    for key in ("y", "F5", "Up", "Escape", "q"):
         press(key)
     assert pressed(display) == ["quit"]
 
@@ -163,20 +191,23 @@ def test_help_lists_every_key_over_the_picture(
         return int((np.diff(white.any(axis=1).astype(int)) == 1).sum())
 
     assert becomes(lambda: lines() >= len(KEYS), display)
-    press("h")
+    press("Escape")
     assert pressed(display) == ["help"]
     assert becomes(lambda: np.array_equal(screen.shown(), grey), display)
+    press("question")
+    assert pressed(display) == ["help"]
 
 
-def test_f_goes_to_full_screen_and_back_with_the_last_picture(
-    window: Callable[..., Display], screen: Screen, press: Callable[[str], None]
+@pytest.mark.parametrize(("there", "back"), [("f", "f"), ("F11", "Escape")])
+def test_full_screen_and_back_with_the_last_picture(
+    window: Callable[..., Display], screen: Screen, press: Callable[[str], None], there: str, back: str
 ) -> None:
     display = window((640, 640))
     display.show(np.full((640, 640, 3), (10, 120, 230), np.uint8))
-    press("f")
+    press(there)
     assert pressed(display) == ["fullscreen"]
     assert becomes(lambda: screen.shown().shape == (800, 800, 3), display)
-    press("f")
+    press(back)
     assert pressed(display) == ["fullscreen"]
     assert becomes(lambda: screen.shown().shape == (640, 640, 3), display)
 

@@ -61,6 +61,19 @@ def test_whatever_happens_rings_levels_and_revisions_agree(steps: list[Change]) 
     ), "a rollback takes back configuration and scene, and leaves recordings and traces alone"
 
 
+def test_another_scene_starts_at_its_own_zero_plane() -> None:
+    state = made_state()
+    state = state.changed(attrs.evolve(state.config, render=attrs.evolve(state.config.render, zero_plane_px=10.25)))
+    other = state.loaded(OTHER)
+    assert other.config.render == attrs.evolve(state.config.render, zero_plane_px=0.0), "in the measure of the scene before"
+    other = other.changed(attrs.evolve(other.config, render=attrs.evolve(other.config.render, zero_plane_px=-0.5)))
+    back = other.loaded(SCENE)
+    assert back.config.render.zero_plane_px == 10.25
+    assert back.loaded(SCENE).config == back.config, "opened again, a scene stays as it is"
+    assert back.loaded(OTHER).config.render.zero_plane_px == -0.5
+    assert back.rolled_back().options.scene == state.known_good.scene
+
+
 def test_a_renewed_lease_changes_nothing_that_stages_see_and_another_size_asks_for_another_ring() -> None:
     state = made_state().with_pictures(10)
     longer = state.with_pictures(20)

@@ -1,0 +1,33 @@
+"""Short words in the picture: what has just changed, for two seconds, and what is so, for as long as it is."""
+
+from __future__ import annotations
+
+from lfpipe.transport.clock import SECOND_NS
+
+SHOWN_NS = 2 * SECOND_NS
+
+
+class Notices:
+    """Lines by subject: a new one replaces the last of its subject."""
+
+    def __init__(self) -> None:
+        self._passing: dict[str, tuple[str, int]] = {}  # subject -> (text, end)
+        self._states: dict[str, str] = {}
+
+    def say(self, subject: str, text: str, t_ns: int) -> None:
+        """Shows text for SHOWN_NS."""
+        self._passing.pop(subject, None)  # the newest comes last
+        self._passing[subject] = (text, t_ns + SHOWN_NS)
+
+    def state(self, subject: str, text: str) -> None:
+        """Shows text until it is empty."""
+        if text:
+            self._states[subject] = text
+        else:
+            self._states.pop(subject, None)
+
+    def lines(self, t_ns: int) -> list[str]:
+        """What to show at t_ns."""
+        self._passing = {subject: each for subject, each in self._passing.items() if each[1] > t_ns}
+        texts = [*(text for text, _ in self._passing.values()), *self._states.values()]
+        return [line for text in texts for line in text.splitlines()]

@@ -1,0 +1,40 @@
+"""Two views for 3-D screens, laid out in the screen's own pixels: after scaling, so rows stay rows and halves stay halves."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.files.decoding import fit_area
+from lfpipe.render.scaling import scale_into
+
+Pair = tuple[NDArray[np.uint8], NDArray[np.uint8]]
+
+
+def laid_out(
+    pair: Pair, how: str, screen_px: tuple[int, int], first_row: int = 0, out: NDArray[np.uint8] | None = None
+) -> NDArray[np.uint8]:
+    """The picture, uint8 (height, width, 3) BGR, of exactly screen_px (width, height), in out where that has the size.
+
+    pair: left and right view. how: "row-interleaved" (even rows of the screen to the left eye) or "side-by-side" (each view
+    squeezed into its half, so that a 3-D screen that stretches the halves shows it in its own shape). first_row: the row of the
+    screen on which the picture begins.
+    """
+    width, height = screen_px
+    if out is None or out.shape != (height, width, 3):
+        out = np.zeros((height, width, 3), np.uint8)
+    x, y, w, h = fit_area((pair[0].shape[1], pair[0].shape[0]), screen_px)
+    if how == "side-by-side":
+        for eye, view in enumerate(pair):
+            start, stop = eye * width // 2, (eye + 1) * width // 2
+            left, right = start + x // 2, min(start + (x + w) // 2, stop)
+            out[:, start:stop] = 0
+            scale_into(view, out[y : y + h, left:right])
+        return out
+    out[:] = 0
+    both = np.empty((2, h, w, 3), np.uint8)
+    for view, scaled in zip(pair, both, strict=True):
+        scale_into(view, scaled)
+    for row in (0, 1):  # of the area: on the screen it is row first_row + y + row
+        out[y + row : y + h : 2, x : x + w] = both[(first_row + y + row) % 2, row::2]
+    return out

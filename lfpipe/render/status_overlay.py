@@ -1,0 +1,63 @@
+"""What key o lays over the picture: rates, latency, depth and quality, and the grid of views with the eyes in it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.render.view_grid import EyesOnGrid, inset
+from lfpipe.render.viewer import Viewer
+from lfpipe.transport.context import Context
+from lfpipe.transport.histogram import summary_ms
+from lfpipe.transport.status import rate_hz
+
+INSET_PX = 120
+
+
+class StatusOverlay:
+    """Lines and the small picture below them, as they are now."""
+
+    def __init__(self, context: Context, viewer: Viewer) -> None:
+        self._context, self._viewer = context, viewer
+
+    def lines(self) -> list[str]:
+        rows = self._context.table.rows
+        age, horizon = (summary_ms(rows["render"][name]) for name in ("age", "horizon"))
+        alpha = self._viewer.parallax
+        busy = {name: (summary_ms(row["busy"])["p50_ms"], int(row["drops"])) for name, row in rows.items() if row["state"]}
+        return [
+            f"camera {rate_hz(rows['capture']):5.1f} Hz   pictures {rate_hz(rows['render']):5.1f} Hz",
+            f"sensor to screen p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
+            f"eyes predicted by p50 {horizon['p50_ms']:.1f} ms",
+            *([f"judder {judder:.2f} %"] if (judder := self._judder()) is not None else []),
+            *(f"{name} busy p50 {p50_ms:.2f} ms, dropped {drops}" for name, (p50_ms, drops) in busy.items()),
+            f"{self._viewer.method}, alpha {alpha.alpha_px:.1f} px/view" if alpha else f"{self._viewer.method}, no face seen yet",
+            f"{self._context.config.render.anaglyph}{', frozen' if self._context.paused else ''}",
+            self._depth(),
+            *self._lowered(),
+        ]
+
+    def _judder(self) -> float | None:
+        row = self._context.row
+        return 100 * row["juddered"] / row["planned"] if row["planned"] else None
+
+    def _lowered(self) -> list[str]:
+        """What the governor has taken away."""
+        level = self._context.options.level
+        return [f"quality lowered, level {level.number}: {level.words}"] if level else []
+
+    def map(self) -> NDArray[np.uint8] | None:
+        """The grid of views with the eyes in it; the left eye's dot is filled."""
+        shown, field = self._viewer.shown, self._viewer.field
+        if shown is None:
+            return None
+        (lx, ly), (rx, ry) = shown.eyes_px.tolist()
+        eyes, views = ((lx, ly), (rx, ry)), (shown.left, shown.right)
+        return inset(EyesOnGrid(field.rows, field.cols, 0.0, (0.0, 0.0), eyes, views, True), INSET_PX)
+
+    def _depth(self) -> str:
+        """The zero plane as a slider between the farthest and the nearest of the scene."""
+        field, zero = self._viewer.field, self._context.config.render.zero_plane_px
+        low, high = field.disparity_min_px, field.disparity_max_px
+        at = min(max(round(20 * (zero - low) / (high - low)), 0), 20) if high > low else 10
+        return f"depth [{'-' * at}|{'-' * (20 - at)}] zero plane {zero:+.2f} px/view"

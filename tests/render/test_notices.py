@@ -1,0 +1,72 @@
+"""Words in the picture, steps of depth, and the picture of the glasses test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import attrs
+import numpy as np
+import pytest
+
+from lfpipe.config import Render, choices
+from lfpipe.render.anaglyph import MATRICES
+from lfpipe.render.depth_steps import depth_range_px, depth_step_px
+from lfpipe.render.glasses_test import GlassesTest
+from lfpipe.render.notices import SHOWN_NS, Notices
+from lfpipe.render.picture_file import picture_folder
+
+
+def test_notices_pass_and_states_stay() -> None:
+    notices = Notices()
+    notices.say("mode", "mode: grey", 0)
+    notices.state("paused", "paused")
+    notices.say("mode", "mode: mono", SHOWN_NS // 2)
+    assert notices.lines(SHOWN_NS) == ["mode: mono", "paused"]
+    assert notices.lines(2 * SHOWN_NS) == ["paused"]
+    notices.state("paused", "")
+    assert notices.lines(2 * SHOWN_NS) == []
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "step"), [(-0.2, 0.2, 0.01), (-1.5, 1.5, 0.1), (0.0, 20.5, 1.0), (-300.0, 300.0, 20.0), (0.0, 0.0, 0.1)]
+)
+def test_some_forty_presses_go_through_a_scene(low: float, high: float, step: float) -> None:
+    assert depth_step_px(low, high) == pytest.approx(step)
+    first, last = depth_range_px(low, high)
+    assert first < low and last > high
+
+
+@pytest.mark.parametrize("anaglyph", [name for name in choices("render.anaglyph") if name in MATRICES])
+def test_each_eyes_letter_is_in_its_own_channels(anaglyph: str) -> None:
+    test = GlassesTest()
+    render = Render(anaglyph=anaglyph)
+    assert test.draw(render, (320, 200)) and not test.draw(render, (320, 200))
+    plain = test.picture.astype(int)
+    assert test.draw(attrs.evolve(render, swap_eyes=True), (320, 200))
+    swapped = test.picture.astype(int)
+    assert np.abs(plain - swapped).max() > 60, "swapped, the letters change their eyes"
+    left, right = plain[:, 20:150], plain[:, 170:300]
+    contrast = [[int(np.ptp(half[..., channel])) for channel in range(3)] for half in (left, right)]
+    assert max(contrast[0]) > 100 and max(contrast[1]) > 100
+    assert np.argmax(contrast[0]) != np.argmax(contrast[1]), "a letter stands out in channels of its own"
+
+
+@pytest.mark.parametrize("anaglyph", ["side-by-side", "row-interleaved"])
+def test_screens_of_two_views_get_both(anaglyph: str) -> None:
+    test = GlassesTest()
+    test.draw(Render(anaglyph=anaglyph), (320, 200))
+    assert test.pair is not None and (test.pair[0] != test.pair[1]).any()
+
+
+def test_screenshots_go_where_a_person_looks_for_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    home = tmp_path / "home"
+    (home / "Bilder").mkdir(parents=True)
+    assert picture_folder(home, {}) == tmp_path, "no folder of pictures: where one is"
+    (home / "Pictures").mkdir()
+    assert picture_folder(home, {}) == home / "Pictures"
+    (home / ".config").mkdir()
+    (home / ".config" / "user-dirs.dirs").write_text('# made by xdg\nXDG_PICTURES_DIR="$HOME/Bilder"\n')
+    assert picture_folder(home, {}) == home / "Bilder"
+    (home / ".config" / "user-dirs.dirs").write_text('XDG_PICTURES_DIR="$HOME/gone"\n')
+    assert picture_folder(home, {}) == tmp_path
