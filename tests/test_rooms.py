@@ -19,7 +19,7 @@ FLOORS = (
     {"capture", "track", "render", "record", "share"},
     {"supervisor"},
     {"replay", "observe"},
-    {"bench"},
+    {"bench", "api"},
     {"cli"},
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}

@@ -226,12 +226,9 @@ def info(path: Path, as_json: bool, **options: Any) -> None:
 @with_scene_options
 def view(path: Path, row: float, col: float, frame: int, method: str, out: Path, **options: Any) -> None:
     """Write the picture that a camera at ROW, COL of the grid sees."""
-    import numpy as np
-
     from lfpipe.config.quality import WARPS
     from lfpipe.errors import UserError
-    from lfpipe.render.compositor import method_for
-    from lfpipe.render.synthesis import Synthesiser
+    from lfpipe.render.single_view import render_view
     from lfpipe.scene.contact_sheet import require_view_index
 
     config = _config(options)
@@ -241,14 +238,7 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
         raise UserError(f"--frame {frame}: the scene has {field.frames} frames", f"--frame 0 to {field.frames - 1}")
     if method in WARPS and field.disparity is None:
         raise UserError(f"--method {method}: {field.name} has no disparity", "--method nearest or blend")
-    used = method_for(field, method)
-    outs = [np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)]
-
-    def plane(channel: int) -> Callable[[int, int], NDArray[np.uint8]]:
-        return lambda r, c: np.asarray(field.views[frame, r, c, channel])
-
-    planes = Synthesiser(field, used).render((row, col), frame, 0.0, [plane(k) for k in range(field.channels)], outs)
-    _write(out, np.stack(planes * 3 if len(planes) == 1 else planes, axis=2))
+    _write(out, render_view(field, row, col, method, frame)[..., ::-1])
 
 
 @scene.command()

@@ -1,0 +1,67 @@
+"""Light fields in a notebook: opened, and drawn from anywhere."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.api.settings import config_of
+from lfpipe.errors import UserError
+from lfpipe.render.compositor import Compositor
+from lfpipe.render.scoring import choose_method
+from lfpipe.render.single_view import ViewRenderer
+from lfpipe.scene import pack
+from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.demo import demo_scene
+from lfpipe.scene.lightfield import LightField
+
+
+def open_scene(path: str | os.PathLike[str] | None = None, settings: Mapping[str, Any] | None = None) -> LightField:
+    """The light field at path, of any layout; the demo's without one.
+
+    It is packed into the cache first, which may take a minute; a packed one opens at once. settings: as `--set`, for example
+    {"scene.layout": "hci"}. Raises lfpipe.UserError.
+    """
+    config = config_of(settings).scene
+    return pack.open_scene(path or demo_scene(cache_dir(config), lambda *_: None), config, choose_method=choose_method)
+
+
+def render_view(field: LightField, row: float, col: float, *, method: str = "auto", frame: int = 0) -> NDArray[np.uint8]:
+    """What a camera at (row, col) of the grid sees, fractions allowed: uint8 (height, width, 3) BGR.
+
+    (0, 0) is the top left camera. method: auto, nearest, blend, warp or warp2. frame: of a light-field video. A place outside the
+    grid is extrapolated as far as `render.extrapolate_views`. Raises lfpipe.UserError.
+    """
+    config = config_of({"render.method": method})
+    _check_place(field, (row, col), config.render.extrapolate_views)
+    return ViewRenderer(field, method).render(row, col, frame)
+
+
+def render_anaglyph(
+    field: LightField,
+    left: tuple[float, float],
+    right: tuple[float, float],
+    *,
+    mode: str = "dubois",
+    frame: int = 0,
+    settings: Mapping[str, Any] | None = None,
+) -> NDArray[np.uint8]:
+    """The picture for two eyes at the places left and right, (row, col) each, of the grid: uint8 (height, width, 3) BGR.
+
+    mode: as `render.anaglyph`, side-by-side among them. settings: of `render`, for example {"render.zero_plane_px": 0.5}.
+    Raises lfpipe.UserError.
+    """
+    render = config_of({"render.anaglyph": mode, **(settings or {})}).render
+    for place in (left, right):
+        _check_place(field, place, render.extrapolate_views)
+    return Compositor(field, render).compose(left, right, frame).copy()
+
+
+def _check_place(field: LightField, place: tuple[float, float], beyond: float) -> None:
+    for name, value, count in zip(("row", "col"), place, (field.rows, field.cols), strict=True):
+        if not -beyond <= value <= count - 1 + beyond:
+            raise UserError(f"{name} {value:g}: the scene has {count} views that way", f"0 to {count - 1}, {beyond:g} beyond it")

@@ -1,0 +1,100 @@
+"""The public interface: what docs/python.md promises, where its examples do not show it already."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import lfpipe
+from lfpipe.eyes import EYES
+
+HEAVY = ("numpy", "cv2", "zmq", "attrs", "lfpipe.cli", "lfpipe.config")
+
+
+def test_importing_the_package_loads_nothing_else() -> None:
+    code = f"import sys, lfpipe; print([name for name in {HEAVY} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_name_is_there_and_documented() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "python.md").read_text()
+    for name in lfpipe.__all__:
+        assert callable(getattr(lfpipe, name)) and name in dir(lfpipe), name
+    assert all(f"`{name}(" in page for name in ("open_scene", "render_view", "render_anaglyph", "Tracker", "replay", "attach"))
+    with pytest.raises(AttributeError, match="no attribute 'open_scen'"):
+        lfpipe.open_scen  # noqa: B018
+
+
+def test_replay_is_callable_whether_its_package_was_imported_or_not() -> None:
+    import lfpipe.replay.run
+
+    assert callable(lfpipe.replay) and lfpipe.replay.run.replay is not None
+    with pytest.raises(lfpipe.UserError, match="no such folder") as caught:
+        lfpipe.replay("/nowhere")
+    assert caught.value.remedy
+
+
+@pytest.fixture(scope="module")
+def field(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> lfpipe.LightField:
+    return lfpipe.open_scene(scene, {"scene.cache_dir": str(tmp_path_factory.mktemp("cache"))})
+
+
+def test_views_are_those_that_are_stored(field: lfpipe.LightField) -> None:
+    for row in range(3):
+        for col in range(3):
+            picture = lfpipe.render_view(field, row, col, method="nearest")
+            assert picture.shape == (48, 64, 3) and picture.dtype == np.uint8
+            assert picture[0, 0].tolist() == [8 * row + 5, 8 * col + 5, 8 * (3 * row + col) + 5]  # blue first
+
+
+def test_pictures_for_two_eyes(field: lfpipe.LightField) -> None:
+    anaglyph = lfpipe.render_anaglyph(field, (1, 0), (1, 2), mode="colour", settings={"render.method": "nearest"})
+    left, right = (lfpipe.render_view(field, 1, col, method="nearest") for col in (0, 2))
+    np.testing.assert_array_equal(anaglyph, np.dstack((right[..., :2], left[..., 2])))
+    again = lfpipe.render_anaglyph(field, (1, 1), (1, 2), mode="colour", settings={"render.method": "nearest"})
+    assert (anaglyph != again).any()  # each is an array of its own
+
+
+@pytest.mark.parametrize(
+    ("call", "why"),
+    [
+        (lambda field: lfpipe.render_view(field, 9, 0), "row 9"),
+        (lambda field: lfpipe.render_view(field, float("nan"), 0), "row nan"),
+        (lambda field: lfpipe.render_view(field, 0, 0, method="neerest"), "did you mean 'nearest'"),
+        (lambda field: lfpipe.render_anaglyph(field, (0, 0), (0, 99)), "col 99"),
+        (lambda field: lfpipe.render_anaglyph(field, (0, 0), (0, 1), mode="dubai"), "did you mean 'dubois'"),
+        (lambda field: lfpipe.open_scene("/nowhere"), "/nowhere"),
+        (lambda field: lfpipe.Tracker({"track.filtr": "mean"}), "track.filtr"),
+        (lambda field: lfpipe.attach("nobody"), "nobody"),
+    ],
+)
+def test_mistakes_are_named_with_a_remedy(field: lfpipe.LightField, call: object, why: str) -> None:
+    with pytest.raises(lfpipe.UserError) as caught:
+        call(field)  # type: ignore[operator]
+    assert why in caught.value.message and caught.value.remedy
+
+
+def test_the_tracker_finds_the_eyes_that_the_stage_finds(clip: Path) -> None:
+    from lfpipe.config import Track
+    from lfpipe.track.eye_tracker import EyeTracker
+
+    video, stage, record = cv2.VideoCapture(str(clip)), EyeTracker(Track()), np.zeros((), EYES)
+    with lfpipe.Tracker() as tracker:
+        for number in range(12):
+            frame = video.read()[1]
+            t_ns = number * 33_333_333
+            eyes = tracker.update(frame, t_ns)
+            stage.update(stage.engine.detect(frame), t_ns)
+            stage.write(record, frame)
+            stage.engine.examine(frame)
+            assert eyes is not None and eyes.head is not None
+            np.testing.assert_array_equal(eyes.filtered_px, record["filtered_px"])
+        assert eyes.filtered_px[0, 0] > eyes.filtered_px[1, 0] and 400 < eyes.head.position_mm[2] < 800
+        assert tracker.update(np.zeros_like(frame), 10**9) is None
+    stage.engine.close()
