@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from lfpipe.host import shared_memory
+from lfpipe.track import models
 from tests.world import World, write_scene
 from tests.xvfb_screen import Screen, x_server
 
@@ -21,6 +22,13 @@ from tests.xvfb_screen import Screen, x_server
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a runner in the background has it ignored, and hands that down
+
+
+@pytest.fixture(scope="session", autouse=True)
+def face_networks() -> None:
+    """Fetched once where the package mediapipe has no wheel, as the first `lfpipe up` would."""
+    if models.missing_models():
+        models.fetch_models(print)
 
 
 @pytest.fixture

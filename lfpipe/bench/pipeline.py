@@ -13,6 +13,7 @@ from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Skipped, Su
 from lfpipe.bench.paper_loop import Loop
 from lfpipe.bench.sessions import SessionRun, parts, run_loop, run_session, write_views
 from lfpipe.bench.trace_error import AlignedTrace
+from lfpipe.track.models import package_folder
 
 PAPER_ALPHA_PX = 12.0
 SKIPPED_S = 1.0  # after the first picture, while the face is being found
@@ -49,6 +50,9 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
     best = field.method if field.method.startswith("warp") else "blend"
     if best == "blend":
         yield Skipped("warped views", "the scene has no disparity, or blending is as good")
+    has_facemesh = package_folder() is not None
+    if not has_facemesh:
+        yield Skipped("paper as a plain loop", "mediapipe is not installed; its configuration runs by litert")
     methods = [best] if inputs.quick else ["nearest", best]
     size = sequence.frames.shape[2], sequence.frames.shape[1]
     common = [f"--set=render.alpha_px={alpha_px:.3f}", f"--set=camera.width_px={size[0]}", f"--set=camera.height_px={size[1]}"]
@@ -69,7 +73,8 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
             return lambda: Prepared(dict, lambda: figures(run_session(inputs.scene, video, seconds, [*common, *options])))
 
         knob = f"{rate_hz:g} Hz"
-        yield Candidate("paper as a plain loop", knob, loop, own)
+        if has_facemesh:
+            yield Candidate("paper as a plain loop", knob, loop, own)
         yield Candidate("paper's configuration", knob, session("--config", "paper"), own)
         for clock in ("display", "camera"):
             for method in methods:

@@ -18,6 +18,7 @@ from lfpipe.bench.timing import time_figures, times_ms
 from lfpipe.config import Track
 from lfpipe.track.engine import Engine
 from lfpipe.track.engines import make_engine
+from lfpipe.track.models import package_folder
 
 ENGINES = ("litert", "mediapipe")
 WIDTHS_PX, EVERY = (640, 320, 160), (1, 2, 3)  # of the input; of every n-th frame
@@ -79,7 +80,10 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
     knobs = [knob for knob in offered if knob[0] <= width_px] or [(width_px, 1)]
     if len(knobs) < len(offered):
         yield Skipped(f"input wider than {width_px} px", "the frames of the sequence are smaller")
-    for name in ENGINES:
+    engines = [name for name in ENGINES if name != "mediapipe" or package_folder()]
+    if len(engines) < len(ENGINES):
+        yield Skipped("engine mediapipe", "the package is not installed here")
+    for name in engines:
         for refine in (False, True):
             for width, every in knobs:
                 size = (width, round(height_px * width / width_px))

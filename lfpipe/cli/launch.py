@@ -100,6 +100,7 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
         raise UserError(f"--no-picture with {', '.join(pointless)}: nothing is shown", "leave out one or the other")
     config = config_module.load(arguments.config_file, arguments.sets)
     camera, share = _checked(arguments, config, "none")
+    config = _with_engine(config)
     options = SessionOptions(
         source=camera.text,
         source_hz=camera.rate_hz,
@@ -138,6 +139,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     camera, share = _checked(arguments, config, display)
     field = open_with_progress(arguments.scene, config.scene)
     scene = summarize(field, config.scene)
+    config = _with_engine(config) if scene.needs_tracking else config
     check_geometry(config, scene)
     plan = make_plan(field, config)
     still = out / "demo.png" if no_screen else None
@@ -159,6 +161,18 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
     files = tuple(path for path in (video, still, arguments.trace) if path is not None)
     return SessionPlan(config, options, duration_s, files, field.hold)
+
+
+def _with_engine(config: Config) -> Config:
+    """config with an engine that this machine has; its networks are fetched where they are missing. Raises UserError."""
+    from lfpipe.track import models
+
+    if config.track.engine == "mediapipe" and models.package_folder() is None:
+        say("engine  mediapipe is not installed here: track.engine is litert, the same landmark network without its graph")
+        config = attrs.evolve(config, track=attrs.evolve(config.track, engine="litert"))
+    if config.track.engine == "litert" and models.missing_models():
+        models.fetch_models(say)
+    return config
 
 
 def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[CheckedSource, tuple[str, ...]]:

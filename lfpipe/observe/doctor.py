@@ -8,7 +8,6 @@ import os
 import platform
 import shutil
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 
 import attrs
@@ -18,13 +17,9 @@ from lfpipe.errors import UserError
 from lfpipe.host.processes import usable_cores
 from lfpipe.host.shared_memory import SHM_DIR
 from lfpipe.render.open_display import has_display
+from lfpipe.track import models
 
 SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with room
-MODELS = (
-    "face_detection/face_detection_short_range.tflite",
-    "face_landmark/face_landmark.tflite",
-    "iris_landmark/iris_landmark.tflite",
-)
 
 
 @attrs.frozen
@@ -38,10 +33,10 @@ class Check:
 
 
 def python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
-    """Python 3.11 or 3.12."""
-    ok = (3, 11) <= version < (3, 13)
+    """Python 3.11 to 3.14."""
+    ok = (3, 11) <= version < (3, 15)
     found = f"{version[0]}.{version[1]} ({platform.python_implementation()}, {sys.executable})"
-    return Check("python", ok, found, "" if ok else "install Python 3.11 or 3.12: `uv python install 3.12`")
+    return Check("python", ok, found, "" if ok else "install Python 3.11 to 3.14: `uv python install 3.12`")
 
 
 def opencv_distributions() -> list[str]:
@@ -68,17 +63,28 @@ def opencv(distributions: list[str]) -> Check:
     return Check("opencv", True, f"{names}, GUI {gui}")
 
 
-def mediapipe(models: Iterable[str] = MODELS) -> Check:
-    """MediaPipe is there, with the model files that its later wheels lack. It is not imported: that takes a second."""
-    remedy = "pip install mediapipe==0.10.21; later ones carry no face model"
-    spec = importlib.util.find_spec("mediapipe")
-    if spec is None or spec.origin is None:
-        return Check("mediapipe", False, "not installed", remedy)
+def mediapipe() -> Check:
+    """The package, whose FaceMesh the engine of that name runs; tracking does without. It is not imported, which takes 1 s."""
+    if models.package_folder() is None:
+        detail = "not installed (it has wheels for Python 3.12 at most, and none for ARM Linux)"
+        return Check("mediapipe", True, f"{detail}; track.engine litert takes its place")
     version = importlib.metadata.version("mediapipe")
-    missing = [name for name in models if not (Path(spec.origin).parent / "modules" / name).is_file()]
-    if missing:
-        return Check("mediapipe", False, f"{version} without {', '.join(missing)}", remedy)
-    return Check("mediapipe", True, f"{version} with its face models; track.engine mediapipe runs its FaceMesh")
+    if version != models.VERSION:
+        return Check("mediapipe", True, f"{version}: has no FaceMesh", f"pip install {models.PACKAGE}")
+    return Check("mediapipe", True, f"{version}; track.engine mediapipe runs its FaceMesh")
+
+
+def face_networks() -> Check:
+    """The model files, or how they would be fetched."""
+    found = [models.find_model(relative) for relative in models.SHA256]
+    missing = models.missing_models()
+    if not missing:
+        return Check("models", True, f"in {', '.join(sorted({str(path.parent) for path in found if path}))}")
+    names = ", ".join(Path(relative).name for relative in missing)
+    by = [Path(command[0]).name for command in models.installers(Path())]
+    if by:
+        return Check("models", True, f"not fetched yet: {names}; the first `lfpipe up` fetches them by {by[0]}", models.REMEDY)
+    return Check("models", False, f"missing: {names}; neither uv nor pip is here to fetch them", models.REMEDY)
 
 
 def litert() -> Check:
@@ -88,6 +94,8 @@ def litert() -> Check:
     from lfpipe.track.litert_engine import LitertEngine
 
     version = importlib.metadata.version("ai-edge-litert")
+    if models.missing_models():
+        return Check("litert", True, f"{version}, not run: its face networks are missing")
     try:
         return Check("litert", True, f"{version}, track.engine litert runs {LitertEngine().model}")
     except UserError as error:
@@ -161,6 +169,7 @@ def checks() -> list[Check]:
         python(),
         opencv(opencv_distributions()),
         mediapipe(),
+        face_networks(),
         litert(),
         sdl(),
         *([camera(device) for device in found] or [none]),

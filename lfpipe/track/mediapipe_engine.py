@@ -53,7 +53,7 @@ class MediapipeEngine:
         except (ImportError, AttributeError) as error:
             raise UserError(
                 f"track.engine = mediapipe: this installation has no FaceMesh ({error})",
-                "install mediapipe==0.10.21, the last version that carries it, or set track.engine=litert",
+                "set track.engine=litert, or install mediapipe==0.10.21, the last version that carries it (Python 3.12 at most)",
             ) from None
         self.model = f"FaceMesh{' with iris refinement' if refine else ''}, mediapipe {version}"
         self._refine = refine

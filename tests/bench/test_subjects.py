@@ -18,8 +18,11 @@ from lfpipe.bench.report import counts
 from lfpipe.bench.sessions import parts
 from lfpipe.bench.trace_error import AlignedTrace
 from lfpipe.sequence.truth import Truth
+from lfpipe.track.models import package_folder
 from lfpipe.track.smoothing import Mean
 from tests.bench.inputs import inputs, wall, without_truth
+
+PAPER = ["mediapipe, 640x480"] if package_folder() else []  # mediapipe has no wheel for some Pythons and machines
 
 
 def path(t_ns: np.ndarray, eyes_px: np.ndarray, still: bool) -> EyePath:
@@ -46,7 +49,7 @@ def test_demo_sequence_is_still_then_moves(sequence: FrameSequence) -> None:
 
 def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: FrameSequence) -> None:
     found, skipped = split(tracker.candidates(inputs(wall(2, 2), tmp_path, sequence)))
-    assert [name for name, one in found.items() if one.paper] == ["mediapipe, 640x480"] and not skipped
+    assert [name for name, one in found.items() if one.paper] == PAPER and ("engine mediapipe" in skipped) != bool(PAPER)
     prepared = found["litert, 640x480"].prepare()
     figures = prepared.errors()
     assert tracker.SUBJECT.figure("error_px").of(figures["error_px"]) < 1.0
@@ -112,7 +115,7 @@ def test_pipeline_skips_what_does_not_apply(tmp_path: Path, sequence: FrameSeque
     assert "pipeline" in split(pipeline.candidates(inputs(wall(1, 1), tmp_path)))[1]
     found, skipped = split(pipeline.candidates(inputs(wall(3, 3, disparity=False), tmp_path, without_truth(sequence))))
     assert {"error of the viewpoint shown", "warped views"} <= set(skipped)
-    assert sum(one.paper for one in found.values()) == 2  # its configuration, and the plain loop
+    assert sum(one.paper for one in found.values()) == 1 + len(PAPER)  # its configuration, and the plain loop
 
 
 def test_the_loop_names_the_frame_it_shows(tmp_path: Path) -> None:
@@ -129,7 +132,7 @@ def test_parts_of_a_trace_are_full() -> None:
 
 def test_every_pair_of_a_tracker_s_settings_is_offered(tmp_path: Path, sequence: FrameSequence) -> None:
     found, _ = split(tracker.candidates(attrs.evolve(inputs(wall(2, 2), tmp_path, sequence), quick=False)))
-    assert len(found) == 2 * 2 * 3 * 3 and [name for name, one in found.items() if one.paper] == ["mediapipe, 640x480"]
+    assert len(found) == (1 + len(PAPER)) * 2 * 3 * 3 and [name for name, one in found.items() if one.paper] == PAPER
     lines = {(one.curve, one.line): one.knob for one in found.values()}
     assert lines["litert", "one in 3"] == "160x120, one frame in 3"
 

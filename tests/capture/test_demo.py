@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from lfpipe import config
 from lfpipe.capture.demo import demo_eyes_px, demo_pose
 from lfpipe.capture.open_source import CheckedSource, check_source, open_source
-from lfpipe.track.mediapipe_engine import MediapipeEngine
+from lfpipe.track.litert_engine import LitertEngine
 
 
 @given(st.floats(0, 1e5), st.floats(1e-4, 0.05))
@@ -36,7 +36,7 @@ def test_the_head_moves_by_what_a_viewer_would() -> None:
 @pytest.mark.parametrize("size", [(640, 480), (320, 240)])
 def test_the_face_is_found_where_it_is_on_every_frame(size: tuple[int, int]) -> None:
     source = open_source("demo", config.Camera(width_px=size[0], height_px=size[1], rate_hz=30.0))
-    engine = MediapipeEngine()
+    engine = LitertEngine()
     out = np.zeros((size[1], size[0], 3), np.uint8)
     errors = []
     for k in range(90):
@@ -48,7 +48,7 @@ def test_the_face_is_found_where_it_is_on_every_frame(size: tuple[int, int]) -> 
         errors.append(observed.eyes_px - demo_eyes_px((5 * k + 4) / 30, *size))
     engine.close()
     apart = 65 * size[0] / 640
-    assert np.linalg.norm(errors, axis=-1).mean() < 0.04 * apart  # what FaceMesh itself differs by from picture to picture
+    assert np.linalg.norm(errors, axis=-1).mean() < 0.04 * apart
 
 
 def test_due_times_and_numbers() -> None:

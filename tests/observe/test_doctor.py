@@ -9,6 +9,7 @@ import pytest
 
 from lfpipe.capture.camera_list import CameraDevice
 from lfpipe.observe import doctor
+from lfpipe.track import models
 from tests.supervisor.holder import Holder, holding
 
 
@@ -16,11 +17,11 @@ def test_this_machine_passes_and_every_line_says_something() -> None:
     found = doctor.checks()
     assert [check.name for check in found if not check.ok] == []
     names = {check.name for check in found}
-    assert names == {"python", "opencv", "mediapipe", "litert", "display", "camera", "shm", "cores", "left over"}
+    assert names == {"python", "opencv", "mediapipe", "models", "litert", "display", "camera", "shm", "cores", "left over"}
     assert all(check.detail for check in found)
 
 
-@pytest.mark.parametrize(("version", "ok"), [((3, 10), False), ((3, 11), True), ((3, 12), True), ((3, 13), False)])
+@pytest.mark.parametrize(("version", "ok"), [((3, 10), False), ((3, 11), True), ((3, 14), True), ((3, 15), False)])
 def test_python(version: tuple[int, int], ok: bool) -> None:
     check = doctor.python(version)
     assert check.ok == ok and bool(check.remedy) != ok
@@ -44,17 +45,32 @@ def test_a_doubled_opencv_is_explained(tmp_path: Path, monkeypatch: pytest.Monke
     assert "uninstall" in check.remedy and "opencv-python " in check.remedy
 
 
-def test_a_missing_model_is_named() -> None:
-    assert doctor.mediapipe().ok
-    check = doctor.mediapipe(["face_landmark/gone.tflite"])
-    assert not check.ok and "gone.tflite" in check.detail and "0.10.21" in check.remedy
+@pytest.fixture
+def without_mediapipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A machine on which neither the package nor its networks are; returns the folder in which the user's data would be."""
+    monkeypatch.setattr(models, "package_folder", lambda: None)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    return tmp_path / "data"
+
+
+def test_missing_networks_are_named_with_what_would_fetch_them(
+    without_mediapipe: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check = doctor.face_networks()
+    assert "iris_landmark.tflite" in check.detail and "lfpipe models get" in check.remedy
+    assert doctor.litert().ok and "missing" in doctor.litert().detail
+    assert doctor.mediapipe().ok and "track.engine litert" in doctor.mediapipe().detail
+    monkeypatch.setattr(models, "installers", lambda folder: [])
+    check = doctor.face_networks()
+    assert not check.ok and "neither uv nor pip" in check.detail and "--from WHEEL" in check.remedy
 
 
 def test_the_engine_is_named_with_its_model_or_its_trouble(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert re.search(r"litert runs face_landmark\.tflite \(mediapipe 0\.10\.\d+, sha256 \w+\)", doctor.litert().detail)
-    broken = tmp_path / "mediapipe" / "modules" / "face_landmark" / "face_landmark.tflite"
-    broken.parent.mkdir(parents=True)
-    broken.write_bytes(b"no network at all")
+    for relative in models.SHA256:
+        broken = tmp_path / "mediapipe" / relative
+        broken.parent.mkdir(parents=True, exist_ok=True)
+        broken.write_bytes(b"no network at all")
     (tmp_path / "mediapipe" / "__init__.py").touch()
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "mediapipe", raising=False)

@@ -16,11 +16,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfpipe.track.models import package_folder
 from tests.world import World
 
 FACES = Path(__file__).parents[3] / "shared" / "data" / "faces"  # beside the checkout
 SIZE = (640, 480)
 RATE_HZ = 30.0
+needs_mediapipe = pytest.mark.skipif(package_folder() is None, reason="mediapipe has no wheel for this Python or machine")
 needs_faces = pytest.mark.skipif(not (FACES / "eyes_truth.csv").is_file(), reason=f"the sample faces are not in {FACES}")
 
 Picture = NDArray[np.uint8]

@@ -20,6 +20,7 @@ from lfpipe.track.engines import make_engine
 from lfpipe.track.eye_distance import IRIS_MM, PLAUSIBLE_MM, EyeDistance
 from lfpipe.track.landmarks import FRONTAL, iris_diameter, turn
 from tests.render import rendered
+from tests.track.people import needs_mediapipe
 
 IMM = Path(__file__).parents[3] / "shared" / "data" / "faces" / "imm"
 FRAME_NS = 33_333_333
@@ -116,7 +117,7 @@ def photograph(person: int, kind: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.imread(str(found[0])), np.uint8)
 
 
-@pytest.mark.parametrize("name", ["litert", "mediapipe"])
+@pytest.mark.parametrize("name", ["litert", pytest.param("mediapipe", marks=needs_mediapipe)])
 def test_people_have_one_distance_in_all_their_pictures_and_turned_heads_say_nothing(name: str) -> None:
     apart: list[float] = []
     engine = make_engine(Track(engine=name, refine=True))  # type: ignore[arg-type]

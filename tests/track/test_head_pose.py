@@ -14,7 +14,7 @@ from lfpipe.track import head_pose
 from lfpipe.track.head_pose import head_turn
 from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.mediapipe_engine import MediapipeEngine
-from tests.track.people import FACES, needs_faces
+from tests.track.people import FACES, needs_faces, needs_mediapipe
 
 MODEL = head_pose._MODEL
 yaws, pitches, rolls = st.floats(-85, 85), st.floats(-80, 80), st.floats(-85, 85)
@@ -53,7 +53,7 @@ def test_whatever_the_points_the_angles_are_numbers(values: list[float]) -> None
 
 
 @needs_faces
-@pytest.mark.parametrize("engine", [LitertEngine, MediapipeEngine])
+@pytest.mark.parametrize("engine", [LitertEngine, pytest.param(MediapipeEngine, marks=needs_mediapipe)])
 def test_portraits_turned_to_either_side(engine: type[LitertEngine]) -> None:
     found = engine()
     for kind, low, high in (("1m", -8, 8), ("3m", 10, 45), ("4m", -45, -10)):  # straight, to their right, to their left

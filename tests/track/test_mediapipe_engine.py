@@ -17,6 +17,8 @@ from lfpipe.track.engine import Engine
 from lfpipe.track.engines import make_engine
 from lfpipe.track.mediapipe_engine import MediapipeEngine
 
+pytest.importorskip("mediapipe", reason="mediapipe has no wheel for this Python or machine")
+
 Placed = Callable[..., NDArray[np.uint8]]
 
 

@@ -1,0 +1,142 @@
+"""The face networks without the package mediapipe: fetched by a fake installer, taken from wheels good and bad."""
+
+from __future__ import annotations
+
+import hashlib
+import stat
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from lfpipe.cli.launch import _with_engine
+from lfpipe.config import Config, Track
+from lfpipe.errors import UserError
+from lfpipe.track import models
+from lfpipe.track.litert_engine import LitertEngine
+
+
+@pytest.fixture(scope="module")
+def contents() -> dict[str, bytes]:
+    found = {relative: models.find_model(relative) for relative in models.SHA256}
+    return {f"mediapipe/{relative}": path.read_bytes() for relative, path in found.items() if path is not None}
+
+
+@pytest.fixture
+def wheel(tmp_path: Path, contents: dict[str, bytes]) -> Path:
+    return write_wheel(tmp_path / "mediapipe-0.10.21-cp312-cp312-any.whl", contents)
+
+
+@pytest.fixture
+def bare(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A machine without the package; returns where the networks will be kept."""
+    monkeypatch.setattr(models, "package_folder", lambda: None)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    return tmp_path / "data" / "lfpipe" / "models"
+
+
+def write_wheel(path: Path, contents: dict[str, bytes]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in contents.items():
+            archive.writestr(name, content)
+    return path
+
+
+def fake_installer(path: Path, lines: str) -> None:
+    path.write_text(f"#!{sys.executable}\nimport sys, shutil, pathlib\n{lines}\n")
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+
+
+def test_every_network_that_an_engine_loads_has_its_checksum(contents: dict[str, bytes]) -> None:
+    assert [hashlib.sha256(each).hexdigest() for each in contents.values()] == list(models.SHA256.values())
+
+
+def test_networks_of_a_wheel_run_without_the_package(bare: Path, wheel: Path) -> None:
+    assert len(models.missing_models()) == len(models.SHA256)
+    with pytest.raises(UserError, match=r"face_landmark\.tflite is missing.*\n.*lfpipe models get"):
+        LitertEngine()
+    assert models.install_models(wheel) == bare
+    assert not models.missing_models()
+    assert str(bare) in str(models.find_model("modules/iris_landmark/iris_landmark.tflite"))
+    assert "mediapipe 0.10.21" in LitertEngine(refine=True).model
+
+
+@pytest.mark.parametrize("damage", ["truncated", "text", "without", "changed", "absent", "folder"])
+def test_a_bad_wheel_changes_nothing(bare: Path, tmp_path: Path, contents: dict[str, bytes], damage: str) -> None:
+    path, iris = tmp_path / "bad.whl", "mediapipe/modules/iris_landmark/iris_landmark.tflite"
+    if damage == "truncated":
+        path.write_bytes(write_wheel(path, contents).read_bytes()[:-100])
+    elif damage == "text":
+        path.write_text("no wheel")
+    elif damage == "without":
+        write_wheel(path, {name: content for name, content in contents.items() if name != iris})
+    elif damage == "changed":
+        write_wheel(path, contents | {iris: contents[iris][:-1] + b"\0\0"})
+    elif damage == "folder":
+        path.mkdir()
+    with pytest.raises(UserError, match=r"bad\.whl") as error:
+        models.install_models(path)
+    assert "0.10.21" in error.value.remedy
+    assert not bare.exists()
+
+
+def test_one_changed_byte_in_the_archive_is_refused(bare: Path, wheel: Path) -> None:
+    data = bytearray(wheel.read_bytes())
+    data[len(data) // 2] ^= 1
+    wheel.write_bytes(data)
+    with pytest.raises(UserError):
+        models.install_models(wheel)
+    assert not bare.exists()
+
+
+@pytest.mark.parametrize("tool", ["uv", "pip"])
+def test_either_installer_fetches_by_name_and_says_so(
+    bare: Path, wheel: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tool: str
+) -> None:
+    monkeypatch.delenv("UV", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(models.importlib.util, "find_spec", lambda name: None)  # type: ignore[attr-defined]
+    target = "--target" if tool == "uv" else "--dest"
+    unpack = f"shutil.unpack_archive({str(wheel)!r}, there, 'zip')" if tool == "uv" else f"shutil.copy({str(wheel)!r}, there)"
+    there = f"there = sys.argv[sys.argv.index({target!r}) + 1]"
+    fake_installer(tmp_path / tool, f"assert 'mediapipe==0.10.21' in sys.argv\n{there}\n{unpack}")
+    said: list[str] = []
+    assert models.fetch_models(said.append) == bare
+    assert tool in said[0] and "36 MB" in said[0] and str(bare) in said[1]
+    assert not models.missing_models()
+
+
+def test_the_second_installer_is_tried_and_the_last_error_is_told(
+    bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("UV", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(models.importlib.util, "find_spec", lambda name: None)  # type: ignore[attr-defined]
+    with pytest.raises(UserError, match="neither uv nor pip"):
+        models.fetch_models(print)
+    fake_installer(tmp_path / "uv", "sys.exit(7)")
+    fake_installer(tmp_path / "pip", "sys.exit('no route to the index')")
+    said: list[str] = []
+    with pytest.raises(UserError, match="no route to the index") as error:
+        models.fetch_models(said.append)
+    assert len(said) == 2 and "--from WHEEL" in error.value.remedy
+
+
+def test_up_falls_back_to_litert_and_fetches_its_networks(
+    bare: Path, wheel: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(models, "fetch_models", lambda say: models.install_models(wheel))
+    config = _with_engine(Config(track=Track(engine="mediapipe")))
+    assert config.track.engine == "litert" and not models.missing_models()
+    assert "mediapipe is not installed" in capsys.readouterr().err
+
+
+def test_the_command_names_each_network(wheel: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    command = [sys.executable, "-m", "lfpipe", "models", "get"]
+    done = subprocess.run([*command, "--from", str(wheel)], capture_output=True, text=True, check=True)
+    assert [line.split()[0] for line in done.stdout.splitlines()] == [each[:8] for each in models.SHA256.values()]
+    done = subprocess.run([*command, "--from", str(tmp_path / "none.whl")], capture_output=True, text=True)
+    assert done.returncode == 2 and "no such file" in done.stderr and "Traceback" not in done.stderr
