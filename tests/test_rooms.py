@@ -18,7 +18,7 @@ FLOORS = (
     {"scene", "sequence"},
     {"capture", "track", "render", "record", "share"},
     {"supervisor"},
-    {"replay", "observe"},
+    {"replay", "observe", "export"},
     {"bench", "api"},
     {"cli"},
 )

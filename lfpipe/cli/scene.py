@@ -250,3 +250,38 @@ def sheet(path: Path, out: Path, **options: Any) -> None:
     from lfpipe.scene.contact_sheet import contact_sheet
 
     _write(out, contact_sheet(_opened(path, _config(options))))
+
+
+@scene.command()
+@SCENE
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--as", "form", type=click.Choice(["quilt", "pair", "wiggle", "sweep"]), required=True, help="What OUT will be.")
+@click.option("--tiles", default="8x6", show_default=True, metavar="COLSxROWS", help="Of a quilt.")
+@click.option("--apart", type=float, metavar="VIEWS", help="Between the eyes of a pair or wiggle.  [default: comfortable]")
+@click.option("--seconds", type=click.FloatRange(0.1, 600), metavar="S", help="Of a wiggle or sweep.  [default: 0.8 and 6]")
+@with_scene_options
+def export(
+    path: Path, out: Path, form: str, tiles: str, apart: float | None, seconds: float | None, **options: Any
+) -> None:
+    """Write SCENE for other programs: a quilt for Looking Glass displays, a side-by-side pair, a wiggle (.mp4, .gif), or a sweep.
+
+    A quilt's name gets the tiles, _qs8x6a1.00. MP4 needs lfpipe[media].
+    """
+    from lfpipe.export.clip import check_clip, write_clip
+    from lfpipe.export.scene_pictures import RATE_HZ, SWEEP_S, WIGGLE_S, SceneExport, parse_tiles, quilt_name
+
+    cols, rows = parse_tiles(tiles)
+    seconds = seconds or (WIGGLE_S if form == "wiggle" else SWEEP_S)
+    if form in ("wiggle", "sweep"):
+        check_clip(out, round(seconds * RATE_HZ))
+    config = _config(options)
+    field = _opened(path, config)
+    made = SceneExport(field, config)
+    if form == "quilt":
+        _write(quilt_name(out, cols, rows, field.width_px / field.height_px), made.quilt(cols, rows)[..., ::-1])
+    elif form == "pair":
+        _write(out, made.pair(apart)[..., ::-1])
+    else:
+        pictures = made.wiggle(apart, seconds) if form == "wiggle" else made.sweep(seconds)
+        write_clip(out, pictures, RATE_HZ)
+        click.echo(f"{out}  {out.stat().st_size / 1e6:.2f} MB")

@@ -22,7 +22,7 @@ Examples:
 @click.option(
     "--camera", "camera", metavar="SRC", help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo."
 )
-@click.option("--display", metavar="WHERE", help="window, fullscreen, none or file:OUT.mkv.  [default: window]")
+@click.option("--display", metavar="WHERE", help="window, fullscreen, none, file:OUT.mkv or file:OUT.mp4.  [default: window]")
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S seconds.")
 @click.option("--trace", type=click.Path(path_type=Path), metavar="FILE", help="Write one JSON line per picture.")
 @click.option("--demo", is_flag=True, help="A built-in scene and face: needs no camera, light field or screen.")

@@ -1,7 +1,9 @@
-"""A video of what the viewer sees, without loss and with full chroma: the two eyes live in the chroma."""
+"""A video of what the viewer sees: .mkv and .avi without loss and with full chroma, for the two eyes of an anaglyph live in the
+chroma; .mp4 small, for any player, with half the chroma."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import shutil
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area, opencv_name
+from lfpipe.files.h264 import H264Writer, encoder_name
 from lfpipe.host import opencv_log
 from lfpipe.host.presentation import Presented
 from lfpipe.render.pair_layout import Pair
@@ -25,7 +28,7 @@ from lfpipe.render.scaling import scale_into
 # Of the encoders in OpenCV's wheel, HuffYUV (on RGB), FFV1, PNG and raw RGBA give every RGB value back. Measured on 512x512
 # anaglyphs: 1.3, 13, 74 and 0.6 ms a picture, 0.30, 0.23, 0.31 and 1.0 MB: HuffYUV is the cheapest that is not raw.
 CODEC = "HFYU"
-SUFFIXES = (".mkv", ".avi")
+SUFFIXES = (".mkv", ".avi", ".mp4")
 QUEUE_PICTURES = 8
 RESERVE_BYTES = 64 << 20  # the disk is left this much, so that nothing else on the machine fails for the video's sake
 CHECK_FRAMES = 16
@@ -38,7 +41,13 @@ AHEAD_FRAMES = 2  # pictures that come faster than the rate are taken until the 
 def check_file(path: Path) -> None:
     """Raises UserError where no video can be written to path."""
     if path.suffix.lower() not in SUFFIXES:
-        raise UserError(f"--display file:{path}: not .mkv or .avi", "for example file:out.mkv; both hold RGB without loss")
+        remedy = "for example file:out.mkv, which holds RGB without loss like .avi; .mp4 is small, for any player"
+        raise UserError(f"--display file:{path}: not .mkv, .avi or .mp4", remedy)
+    if path.suffix.lower() == ".mp4":
+        try:
+            encoder_name()
+        except UserError as error:
+            raise UserError(f"--display file:{path}: {error.message}", error.remedy) from None
     new = not path.exists()
     try:
         with path.open("ab"):
@@ -66,9 +75,14 @@ class FileDisplay:
         self._path, self._period_ns, self._reserve = path, 1e9 / rate_hz, reserve_bytes
         # The writer would cut an odd row or column off.
         self._size = size_px[0] + size_px[0] % 2, size_px[1] + size_px[1] % 2
-        self._writer = cv2.VideoWriter(opencv_name(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*CODEC), rate_hz, self._size)
-        if not self._writer.isOpened():
-            raise UserError(f"--display file:{path}: the video cannot be written", "another file, or --display none")
+        self._lossless = path.suffix.lower() != ".mp4"
+        self._writer: cv2.VideoWriter | H264Writer
+        if self._lossless:
+            self._writer = cv2.VideoWriter(opencv_name(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*CODEC), rate_hz, self._size)
+            if not self._writer.isOpened():
+                raise UserError(f"--display file:{path}: the video cannot be written", "another file, or --display none")
+        else:
+            self._writer = H264Writer(path, self._size, rate_hz)
         self._queue: queue.Queue[tuple[int, NDArray[np.uint8] | None]] = queue.Queue(QUEUE_PICTURES)
         self._notices: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._lost = threading.Event()
@@ -131,8 +145,11 @@ class FileDisplay:
         before = opencv_log.set_log_level(opencv_log.ERROR)
         try:
             self._write_all()
+        except OSError as error:  # of H264Writer
+            self._end(error.strerror or "it cannot be written")
         finally:
-            self._writer.release()
+            with contextlib.suppress(OSError):  # the disk is full, and that was said
+                self._writer.release()
             opencv_log.set_log_level(before)
         if self.dropped and not self._lost.is_set():
             self._notices.put(f"{self._path}: {self.dropped} pictures are missing, they came faster than they could be written")
@@ -193,7 +210,7 @@ class FileDisplay:
             self._end(f"the disk is full but for {free / 1e6:.0f} MB")
         elif size > self._bytes:
             self._bytes, self._grown = size, self._written
-        elif (self._written - self._grown) * self._size[0] * self._size[1] * LEAST_BITS / 8 > GROWTH_BYTES:
+        elif self._lossless and (self._written - self._grown) * self._size[0] * self._size[1] * LEAST_BITS / 8 > GROWTH_BYTES:
             self._end("it no longer grows (quota or size limit)")
 
     def _end(self, why: str) -> None:

@@ -11,7 +11,7 @@ from lfpipe.errors import UserError
 from lfpipe.render.display import Display
 
 HINT = "h shows the keys"
-FORMS = "window, fullscreen, none or file:OUT.mkv"
+FORMS = "window, fullscreen, none or file:OUT.mkv (or .mp4)"
 
 
 def _answers(family: int, address: str | tuple[str, int]) -> bool:

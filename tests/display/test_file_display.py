@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from lfpipe.files.h264 import H264Writer
 from lfpipe.render.file_display import CHECK_FRAMES, FileDisplay
 
 
@@ -101,6 +102,7 @@ def test_a_file_that_may_not_grow_ends_the_video(tmp_path: Path) -> None:
 import resource, time, numpy as np
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 from pathlib import Path
+from lfpipe.files.h264 import H264Writer
 from lfpipe.render.file_display import FileDisplay
 display = FileDisplay(Path({str(tmp_path / "out.mkv")!r}), (640, 480), 200.0)
 rng = np.random.default_rng(0)
@@ -114,3 +116,51 @@ print(display.notices())
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert "no longer grows" in done.stdout and done.stderr == ""
+
+
+def test_mp4_is_h264_that_stands_until_the_next_picture(tmp_path: Path) -> None:
+    import av
+
+    pictures = [np.full((36, 60, 3), shade, np.uint8) for shade in (40, 200)]
+    display = FileDisplay(tmp_path / "out.mp4", (60, 36), 50.0)
+    for picture in pictures:
+        display.show(picture)
+        time.sleep(0.3)
+    display.close()
+    with av.open(str(tmp_path / "out.mp4")) as container:
+        assert container.streams.video[0].codec_context.name == "h264"
+        shades = [frame.to_ndarray(format="rgb24").mean() for frame in container.decode(video=0)]
+    assert len(shades) >= 10 and shades == sorted(shades)
+    assert shades[0] == pytest.approx(40, abs=2) and shades[-1] == pytest.approx(200, abs=2)
+
+
+def test_mp4_of_a_killed_writer_plays(tmp_path: Path) -> None:
+    import av
+
+    code = """if True:
+        import os, sys
+        from pathlib import Path
+        import numpy as np
+        from lfpipe.files.h264 import H264Writer
+        writer = H264Writer(Path(sys.argv[1]), (64, 48), 30.0)
+        for number in range(400):
+            writer.write(np.full((48, 64, 3), number % 256, np.uint8))
+        os._exit(9)
+    """
+    path = tmp_path / "killed.mp4"
+    assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == 9
+    with av.open(str(path)) as container:
+        assert sum(1 for _ in container.decode(video=0)) >= 120
+
+
+def test_mp4_ends_with_a_notice_where_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(H264Writer, "write", full)
+    display = FileDisplay(tmp_path / "out.mp4", (64, 48), 200.0)
+    for picture in noise(20, 64, 48):
+        display.show(picture)
+        time.sleep(0.005)
+    display.close()
+    assert any("the video ends here" in notice for notice in display.notices())

@@ -24,7 +24,7 @@ def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
         ("none:", "did you mean 'none'"),
         ("file", "did you mean 'file:OUT.mkv'"),
         ("file:", "not a display"),
-        ("file:out.mp4", "not .mkv or .avi"),
+        ("file:out.webm", "not .mkv, .avi or .mp4"),
         ("file:/nowhere/at/all/out.mkv", "No such file"),
     ],
 )

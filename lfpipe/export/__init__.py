@@ -1,0 +1,1 @@
+"""Light fields as pictures and videos for other programs: quilt, side-by-side pair, wiggle, sweep."""

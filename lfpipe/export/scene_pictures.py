@@ -1,0 +1,111 @@
+"""What a light field is exported as. Every view is drawn by the method that suits the scene; videos of light fields play along.
+
+    quilt    views from left to right as tiles of one picture, the leftmost at the bottom left: Looking Glass displays
+             (https://docs.lookingglassfactory.com/keyconcepts/quilts)
+    pair     the left eye's view beside the right eye's, both in full width
+    wiggle   from the left eye's view to the right eye's and back, for ever
+    sweep    along the middle row from the first column to the last and back
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import Config
+from lfpipe.errors import UserError
+from lfpipe.render.geometry import parallax
+from lfpipe.render.single_view import ViewRenderer
+from lfpipe.scene.lightfield import LightField
+
+Picture = NDArray[np.uint8]
+
+QUILT = (8, 6)  # columns and rows of tiles, as on most of these displays
+QUILT_PX = 8192  # of a side: the largest that they take
+MOST_TILES = 20  # a side
+RATE_HZ = 30.0
+WIGGLE_S, SWEEP_S = 0.8, 6.0  # there and back
+LONGEST_S = 600.0
+
+
+class SceneExport:
+    """Draws the exports of one scene. config: render.method and render.zero_plane_px, and all that the distance between the eyes'
+    views rests on."""
+
+    def __init__(self, field: LightField, config: Config) -> None:
+        self._field, self._config = field, config
+        self._renderer = ViewRenderer(field, config.render.method, config.render.zero_plane_px)
+
+    def _view(self, col: float, frame: int = 0) -> Picture:
+        return self._renderer.render((self._field.rows - 1) / 2, col, frame)
+
+    @property
+    def comfortable_views(self) -> float:
+        """Views between the eyes, as a session would choose them before it sees a face."""
+        chosen = parallax(self._config, self._field, self._config.camera.frame_px[0], None)
+        return min(chosen.views_between_eyes, self._field.cols - 1.0)
+
+    def _eyes(self, apart_views: float | None) -> tuple[float, float]:
+        """Columns of the left eye and of the right eye. Raises UserError."""
+        apart, widest = self.comfortable_views if apart_views is None else apart_views, self._field.cols - 1.0
+        if not 0 < apart <= widest:
+            raise UserError(
+                f"--apart {apart:g}: the scene has {self._field.cols} columns of views" + (", one eye's" if not widest else ""),
+                f"up to {widest:g}" if widest else "a scene with two columns or more",
+            )
+        middle = widest / 2
+        return middle - apart / 2, middle + apart / 2
+
+    def quilt(self, cols: int, rows: int) -> Picture:
+        """cols * rows views, evenly from the first column to the last; tiles are made smaller where it would exceed QUILT_PX."""
+        field = self._field
+        scale = min(1.0, QUILT_PX / (cols * field.width_px), QUILT_PX / (rows * field.height_px))
+        width, height = (max(1, math.floor(scale * side)) for side in (field.width_px, field.height_px))
+        out = np.empty((rows * height, cols * width, 3), np.uint8)
+        count = cols * rows
+        for index in range(count):
+            view = self._view((field.cols - 1) * index / max(count - 1, 1))
+            tile = view if scale == 1 else cv2.resize(view, (width, height), interpolation=cv2.INTER_AREA)
+            row, col = rows - 1 - index // cols, index % cols
+            out[row * height : (row + 1) * height, col * width : (col + 1) * width] = tile
+        return out
+
+    def pair(self, apart_views: float | None = None) -> Picture:
+        """The two eyes' views side by side, each in full width."""
+        return np.hstack([self._view(col) for col in self._eyes(apart_views)])
+
+    def wiggle(self, apart_views: float | None = None, seconds: float = WIGGLE_S) -> Iterator[Picture]:
+        """One turn from the left eye to the right eye and back, at RATE_HZ; the last picture leads to the first."""
+        left, right = self._eyes(apart_views)
+        return self._swing(left, right, seconds)
+
+    def sweep(self, seconds: float = SWEEP_S) -> Iterator[Picture]:
+        """One turn along the middle row, at RATE_HZ."""
+        return self._swing(0.0, self._field.cols - 1.0, seconds)
+
+    def _swing(self, first: float, last: float, seconds: float) -> Iterator[Picture]:
+        count = max(2, round(seconds * RATE_HZ))
+        for number in range(count):
+            share = (1 - math.cos(2 * math.pi * number / count)) / 2
+            yield self._view(first + (last - first) * share, int(number * self._field.frame_rate_hz / RATE_HZ))
+
+
+def quilt_name(path: Path, cols: int, rows: int, aspect: float) -> Path:
+    """path with what a viewer of quilts reads from a name; as it is where it says that already."""
+    if re.search(r"_qs\d+x\d+", path.stem):
+        return path
+    return path.with_stem(f"{path.stem}_qs{cols}x{rows}a{aspect:.2f}")
+
+
+def parse_tiles(text: str) -> tuple[int, int]:
+    """(columns, rows) from COLSxROWS. Raises UserError."""
+    found = re.fullmatch(r"(\d{1,2})x(\d{1,2})", text)
+    if not found or not all(0 < int(side) <= MOST_TILES for side in found.groups()):
+        raise UserError(f"--tiles {text}: not COLSxROWS", f"for example 8x6; 1 to {MOST_TILES} a side")
+    return int(found[1]), int(found[2])

@@ -1,0 +1,130 @@
+"""Exports of a scene, read by programs that were not written here: FFmpeg's libraries through PyAV, Pillow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from lfpipe.cli.scene import scene as command
+from lfpipe.config import Config, Scene
+from lfpipe.errors import UserError
+from lfpipe.export.clip import check_clip, write_clip
+from lfpipe.export.scene_pictures import SceneExport, parse_tiles, quilt_name
+from lfpipe.files import h264
+from lfpipe.scene.pack import open_scene
+from tests.world import write_scene
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(scope="module")
+def made(scene: Path, cache: str) -> SceneExport:
+    return SceneExport(open_scene(scene, Scene(cache_dir=cache)), Config())
+
+
+def decoded(path: Path) -> list[np.ndarray]:
+    """The frames of a video, RGB, as FFmpeg decodes them by what the file says of its colours."""
+    with av.open(str(path)) as container:
+        return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+
+
+def export(*words: object, cache: str) -> Path:
+    done = CliRunner().invoke(command, ["export", *map(str, words), "--set", f"scene.cache_dir={cache}"])
+    assert done.exit_code == 0, done.output + repr(done.exception)
+    return Path(done.output.split()[0])
+
+
+def test_a_quilt_runs_from_the_bottom_left_and_reads_back(scene: Path, cache: str, tmp_path: Path) -> None:
+    path = export(scene, tmp_path / "boxes.png", "--as", "quilt", "--tiles", "3x1", cache=cache)
+    assert path.name == "boxes_qs3x1a1.33.png"
+    row = cv2.imread(str(path))
+    assert row.shape == (48, 192, 3)
+    assert [row[0, 64 * k, 1] for k in range(3)] == [5, 13, 21]  # green tells the column
+    path = export(scene, tmp_path / "tall.png", "--as", "quilt", "--tiles", "1x3", cache=cache)
+    column = cv2.imread(str(path))
+    assert [column[48 * k, 0, 1] for k in range(3)] == [21, 13, 5]  # the leftmost view at the bottom
+    again = open_scene(path, Scene(cache_dir=cache))
+    assert (again.rows, again.cols) == (1, 3) and again.views[0, 0, :, 1, 0, 0].tolist() == [5, 13, 21]
+
+
+def test_a_pair_has_the_left_eyes_view_on_the_left(scene: Path, cache: str, tmp_path: Path) -> None:
+    picture = cv2.imread(str(export(scene, tmp_path / "pair.png", "--as", "pair", "--apart", 2, cache=cache)))
+    assert picture.shape == (48, 128, 3) and picture[0, 0, 1] < picture[0, 100, 1]
+
+
+def test_a_sweep_is_h264_that_ffmpeg_decodes(scene: Path, cache: str, tmp_path: Path) -> None:
+    path = export(scene, tmp_path / "sweep.mp4", "--as", "sweep", "--seconds", 1, cache=cache)
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        assert stream.codec_context.name == "h264" and stream.codec_context.pix_fmt == "yuv420p"
+        assert (stream.width, stream.height, stream.average_rate) == (64, 48, 30)
+    greens = [float(frame[..., 1].mean()) for frame in decoded(path)]
+    assert len(greens) == 30 and greens[0] == pytest.approx(5, abs=2.5)
+    assert greens[15] == max(greens) and greens[15] == pytest.approx(21, abs=2.5)
+
+
+def test_a_wiggle_as_gif_loops_for_ever(scene: Path, cache: str, tmp_path: Path) -> None:
+    path = export(scene, tmp_path / "wiggle.gif", "--as", "wiggle", "--apart", 2, cache=cache)
+    with Image.open(path) as image:
+        assert image.n_frames >= 2 and image.info["loop"] == 0
+        shades = []
+        for number in range(image.n_frames):
+            image.seek(number)
+            shades.append(image.convert("RGB").getpixel((5, 5))[1])
+    assert min(shades) == pytest.approx(5, abs=1) and max(shades) == pytest.approx(21, abs=1)
+    video = export(scene, tmp_path / "wiggle.mp4", "--as", "wiggle", "--apart", 2, cache=cache)
+    assert len(decoded(video)) == 24
+
+
+@pytest.mark.parametrize("size", [(64, 48), (61, 37)])
+def test_colours_survive_h264(tmp_path: Path, size: tuple[int, int]) -> None:
+    width, height = size
+    ramp = np.linspace(0, 255, width)[None, :, None] * np.array([1.0, 0.6, 0.3]) + np.zeros((height, 1, 1))
+    pictures = [np.roll(ramp.astype(np.uint8), k, axis=2) for k in range(3)]
+    assert write_clip(tmp_path / "x.mp4", (pictures[k // 10] for k in range(30)), 25.0) == 30
+    frames = decoded(tmp_path / "x.mp4")
+    for k, frame in enumerate(frames):
+        error = frame[:height, :width, ::-1].astype(float) - pictures[k // 10]
+        assert abs(error.mean()) < 3 and 10 * np.log10(255**2 / (error**2).mean()) > 30
+
+
+def test_what_cannot_be_exported_is_refused(made: SceneExport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for call, why in (
+        (lambda: made.pair(3), "--apart 3"),
+        (lambda: made.pair(float("nan")), "--apart nan"),
+        (lambda: parse_tiles("8by6"), "--tiles 8by6"),
+        (lambda: parse_tiles("0x6"), "--tiles 0x6"),
+        (lambda: check_clip(tmp_path / "x.webm", 3), "not .mp4 or .gif"),
+        (lambda: check_clip(tmp_path / "x.gif", 301), "301 pictures"),
+        (lambda: check_clip(tmp_path / "no" / "x.gif", 3), "x.gif"),
+    ):
+        with pytest.raises(UserError) as caught:
+            call()
+        assert why in caught.value.message and caught.value.remedy
+    monkeypatch.setattr(h264, "ENCODERS", ("none",))
+    with pytest.raises(UserError, match=r"no H\.264 encoder in PyAV"):
+        check_clip(tmp_path / "x.mp4", 3)
+    monkeypatch.setattr(h264.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(UserError, match="PyAV is not installed") as caught:
+        check_clip(tmp_path / "x.mp4", 3)
+    assert "lfpipe[media]" in caught.value.remedy
+
+
+def test_a_row_of_one_view_has_no_second_eye(tmp_path: Path, cache: str) -> None:
+    single = SceneExport(open_scene(write_scene(tmp_path / "one", 1, 1), Scene(cache_dir=cache)), Config())
+    with pytest.raises(UserError, match="1 columns"):
+        single.pair()
+
+
+def test_a_quilt_keeps_a_name_that_says_it_already() -> None:
+    assert quilt_name(Path("a/b.png"), 5, 9, 0.75) == Path("a/b_qs5x9a0.75.png")
+    assert quilt_name(Path("b_qs5x9a0.75.png"), 5, 9, 1) == Path("b_qs5x9a0.75.png")
