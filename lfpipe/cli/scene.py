@@ -246,7 +246,7 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
 @click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="Where to write the picture.")
 @with_scene_options
 def sheet(path: Path, out: Path, **options: Any) -> None:
-    """Write a contact sheet of all views with epipolar slices: order errors show at a glance."""
+    """Write a contact sheet of all views, epipolar slices, and depth: near in red, far in blue; both readings where undecided."""
     from lfpipe.scene.contact_sheet import contact_sheet
 
     _write(out, contact_sheet(_opened(path, _config(options))))

@@ -11,6 +11,7 @@ from lfpipe.scene.lightfield import LightField
 
 SHEET_PX = 1600  # the longer side of the contact sheet's grid
 _GAP_PX = 4
+_TEXT_PX = 24  # height of a line of text
 _SLICE_PX = 12  # height of each view's line in an epipolar slice
 
 
@@ -32,7 +33,7 @@ def contact_sheet(field: LightField) -> NDArray[np.uint8]:
     at the top; to the right the same of the middle column. RGB.
 
     In a well ordered grid near things lean to the left going down the one and upwards going right in the other; a flipped
-    axis leans the wrong way, a transposed grid does not lean but jumps.
+    axis leans the wrong way, a transposed grid does not lean but jumps. At the bottom, the depth of the middle view in colour.
     """
     scale = min(1.0, SHEET_PX / max(field.rows * field.height_px, field.cols * field.width_px))
     height, width = max(2, round(field.height_px * scale)), max(2, round(field.width_px * scale))
@@ -50,7 +51,43 @@ def contact_sheet(field: LightField) -> NDArray[np.uint8]:
             out[y : y + height, x : x + width] = small if field.present[r, c] else small // 3
     out[sheet_height : sheet_height + across.shape[0], : across.shape[1]] = across
     out[: down.shape[0], sheet_width : sheet_width + down.shape[1]] = down
+    below = depth_strip(field, out.shape[1])
+    return out if below is None else np.vstack([out, below])
+
+
+def depth_strip(field: LightField, width_px: int) -> NDArray[np.uint8] | None:
+    """The middle view beside its depth, near in red and far in blue, RGB and width_px wide; where the order of the views leaves
+    near and far open, beside both readings. None without disparity."""
+    if field.disparity is None:
+        return None
+    row, col = field.rows // 2, field.cols // 2
+    about = field.manifest["orientation"]
+    readings = [("as it is: red is near, blue is far", 1.0)]
+    if about["undecided"] and about["by"] != "override":
+        readings.append(("with --flip " + _half_turned(field) + ": red is near, blue is far", -1.0))
+    tile_w = max(2, (width_px - _GAP_PX * (len(readings) + 2)) // (len(readings) + 1))
+    tile_h = max(2, round(tile_w * field.height_px / field.width_px))
+    out = np.full((tile_h + _TEXT_PX + _GAP_PX, width_px, 3), 32, np.uint8)
+    disparity = np.asarray(field.disparity[0, row, col], np.float32)
+    low, high = np.percentile(disparity, (2, 98))
+    tiles = [("the middle view", stored_view(field, row, col))]
+    for text, sign in readings:
+        near = (disparity - low) / max(1.0, float(high - low)) if sign > 0 else (high - disparity) / max(1.0, float(high - low))
+        coloured = cv2.applyColorMap(np.asarray(255 * np.clip(near, 0, 1), np.uint8), cv2.COLORMAP_TURBO)
+        tiles.append((text, np.asarray(cv2.cvtColor(coloured, cv2.COLOR_BGR2RGB), np.uint8)))
+    for number, (text, picture) in enumerate(tiles):
+        x = _GAP_PX + number * (tile_w + _GAP_PX)
+        out[_TEXT_PX : _TEXT_PX + tile_h, x : x + tile_w] = cv2.resize(picture, (tile_w, tile_h), interpolation=cv2.INTER_AREA)
+        scale = min(0.5, tile_w / (10.0 * len(text)))
+        cv2.putText(out, text, (x, _TEXT_PX - 6), cv2.FONT_HERSHEY_SIMPLEX, scale, (255, 255, 255), 1, cv2.LINE_AA)
     return out
+
+
+def _half_turned(field: LightField) -> str:
+    """The word for scene.flip that exchanges near and far."""
+    flips = field.manifest["flips"]
+    rows, cols = not flips["rows"] and field.rows > 1, not flips["cols"] and field.cols > 1
+    return "both" if rows and cols else "rows" if rows else "cols" if cols else "none"
 
 
 def _slice(lines: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:

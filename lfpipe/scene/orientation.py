@@ -13,7 +13,7 @@ from lfpipe.scene.flow_check import Axis, examine_axis, lower_is_nearer, same_wa
 from lfpipe.scene.grey_views import grey_views, present_lines
 from lfpipe.scene.source import SceneSource, Turn
 
-_FLOW_WINS = 0.75  # certainty above which flow overrides the convention of a layout
+_FLOW_WINS = 0.89  # certainty above which flow overrides the convention of a layout
 _FLOW_PX = 1 << 21  # of a view: more tells nothing about the order of views
 _FLAT_PX = 0.05  # per step: below this the flow is noise
 _ALONG = 2.0  # motion along an axis over motion across it

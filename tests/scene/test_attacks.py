@@ -212,8 +212,8 @@ ATTACKS: list[tuple[str, Callable[[Path], Path], str]] = [
     (".mat bomb beside", mat_bomb("xx"), "unpack to more"),
     ("film, header", large_film, "9000x9000"),
     ("film, frames", large_frames, "film.avi"),
-    ("playlist", playlist, "not a video"),
-    ("concatenation", concatenation, "not a video"),
+    ("playlist", playlist, "not a readable video"),
+    ("concatenation", concatenation, "not a readable video"),
 ]  # fmt: skip
 
 

@@ -240,9 +240,9 @@ CASES: list[tuple[Callable[[Path], Path], str]] = [
     (mat_nan, "no numbers"),
     (quilt, "do not divide into 5 columns and 3 rows"),
     (quilt_of_nothing, "do not divide"),
-    (no_video, "not a video"),
+    (no_video, "not a readable video"),
     (plain_video, "no mosaic"),
-    (archive, "no layout of a light field recognised"),
+    (archive, "an archive"),
     (depth_of_other_size, "100 bytes"),
     (two_names_for_a_place, "both stand for"),
 ]

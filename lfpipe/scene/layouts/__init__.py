@@ -53,14 +53,33 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
         return _described(known, list_scene(path), scene)
 
 
+_CONVERTED = {  # what other programs turn into pictures, by the ends of names
+    (".lfp", ".lfr", ".lfx"): (
+        "a raw picture of a Lytro camera",
+        "decode it with PlenoptiCam or LFToolbox and give the folder of its views",
+    ),
+    (".heic", ".heif"): ("a HEIC picture, which is not decoded here", "`heif-convert FILE.heic FILE.jpg`, or export it as JPEG"),
+    (".gif",): ("a GIF, which is not decoded here", "`ffmpeg -i FILE.gif view_%03d.png` in a new folder, and give that"),
+    (".zip", ".tar", ".gz", ".rar", ".7z"): ("an archive", "unpack it and give the folder"),
+}
+
+
+def _require_readable(listing: Listing) -> None:
+    """Raises UserError where all files need another program first."""
+    for ends, (what, remedy) in _CONVERTED.items():
+        if listing.names and all(name.lower().endswith(ends) for name in listing.names):
+            raise UserError(f"{listing.file(listing.names[0])}: {what}", remedy)
+
+
 def _described(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> SceneSource:
+    _require_readable(listing)
     if scene.layout != "auto":
         return known[scene.layout].describe(listing, scene)
     marks = [(mark, layout) for layout in known.values() if (mark := layout.detect(listing)) is not None]
     if not marks:
         some = ", ".join(listing.names[:3] or listing.folders[:3])
-        raise UserError(
-            f"{listing.path}: no layout of a light field recognised ({some}, ...)",
-            f"name it with --set scene.layout=NAME, one of: {', '.join(known)}; unpack an archive first",
-        )
+        remedy = "give the folder of the views, or the file that holds them; unpack an archive first"
+        if listing.pictures():
+            remedy = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
+        raise UserError(f"{listing.path}: no layout of a light field recognised ({some}, ...)", remedy)
     return max(marks, key=lambda pair: pair[0])[1].describe(listing, scene)

@@ -34,5 +34,5 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         certain=False, layout=NAME, path=listing.path, files=(path,), rows=cut.grid[0], cols=cut.grid[1],
         read=lambda frame, row, col: cut.cut(load(frame), row, col),
         height_px=view.shape[0], width_px=view.shape[1], max_value=full,
-        turn=Turn() if cut.quilt else None, turn_by="a quilt runs from the leftmost camera" if cut.quilt else "",
+        turn=Turn() if cut.quilt else None, turn_firm=False, turn_by="a quilt runs from the leftmost camera" if cut.quilt else "",
     )  # fmt: skip
