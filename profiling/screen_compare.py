@@ -120,7 +120,10 @@ def run(build: Path, scene: Path, seconds: float, env: dict[str, str], how: list
 def figures(lines: list[dict[str, object]]) -> dict[str, float]:
     """Of the first picture that shows each frame: its age at the blank. Judder: composed pictures that no blank showed, and
     blanks passed over between two composed pictures in a row."""
-    composed = [line for line in lines if line["composed"] and line.get("presented_by") != "handover"]
+    for line in lines:
+        if line.get("presented_by") in ("handover", "replaced"):
+            line["t_presented_ns"] = 0
+    composed = [line for line in lines if line["composed"]]
     first: dict[object, float] = {}
     for line in composed:
         if line["t_presented_ns"]:

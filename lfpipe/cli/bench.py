@@ -13,10 +13,10 @@ NAMES = ("tracker", "filters", "synthesis", "anaglyph", "pipeline", "stability",
 
 
 class AllByDefault(click.Group):
-    """A group that runs its command `all` if no command is given."""
+    """A group that runs its command `all` where options are given alone; without any it prints its help: `all` takes minutes."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        if not args or (args[0].startswith("-") and args[0] not in ("-h", "--help")):
+        if args and args[0].startswith("-") and args[0] not in ("-h", "--help"):
             args = ["all", *args]
         return super().parse_args(ctx, args)
 

@@ -6,7 +6,7 @@ import click
 
 from lfpipe.cli.options import with_config
 
-USUAL_DEG = (35, 110)
+USUAL_DEG = (30, 130)  # of webcams, from those for meetings to wide ones
 
 
 @click.command()
@@ -54,6 +54,12 @@ def calibrate(
     size_mm = BANK_CARD_MM if by == "card" else eyes_mm or EYES_MM
     focal_px = round(focal_px_from(size_px, size_mm, distance_mm), 1)
     fov_deg = math.degrees(2 * math.atan(config.camera.width_px / 2 / focal_px))
+    if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
+        raise UserError(
+            f"{size_mm:g} mm at {distance_mm:g} mm were {size_px:.1f} px: a field of view of {fov_deg:.0f} degrees, where webcams have"
+            f" {USUAL_DEG[0]} to {USUAL_DEG[1]}; nothing was written",
+            f"measure the distance again and give it by --distance; a camera that is so: focal_px = {focal_px} in {user_file()}",
+        )
     try:
         write_key(user_file(), "camera", "focal_px", focal_px)
     except (OSError, ValueError) as error:
@@ -64,6 +70,4 @@ def calibrate(
     if by == "eyes" and eyes_mm is None:
         click.echo(f"assuming {EYES_MM:g} mm between your eyes (8 % off at most, for most people)")
         click.echo("--eyes-mm MM or --by card is more accurate")
-    if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
-        click.echo(f"most webcams see {USUAL_DEG[0]} to {USUAL_DEG[1]} degrees: was the distance really {distance_mm:g} mm?")
     click.echo(f"camera.focal_px = {focal_px} written to {user_file()}")

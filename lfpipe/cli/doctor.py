@@ -7,7 +7,7 @@ import click
 
 @click.command()
 def doctor() -> int:
-    """Check this machine, a line per check, with remedies. Exit code 1 if something would stop `lfpipe up`."""
+    """Check this machine, a line per check, with remedies. Exit code 1 if something would stop `lfpipe up SCENE`."""
     from lfpipe.observe.doctor import checks
 
     found = checks()

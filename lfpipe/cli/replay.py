@@ -150,7 +150,10 @@ def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> No
     from lfpipe.replay.report import STEADY
 
     if pace != "step":
-        parse_source(f"file:sequence?pace={pace}")
+        try:
+            parse_source(f"file:sequence?pace={pace}")
+        except UserError as error:
+            raise UserError(f"--pace {pace}: not step, max, recorded or a rate in Hz", "step is the reproducible one") from error
     if update and expect is None:
         raise UserError("--update: which reference?", "name it with --expect REF")
     if expect is not None and out is not None and os.path.realpath(expect) == os.path.realpath(out):

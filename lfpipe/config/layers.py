@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import os
 import tomllib
@@ -69,6 +70,26 @@ def _layers(file: str | os.PathLike[str] | None) -> list[tuple[str, Path]]:
     return [*found, (f"--config {name}", PRESETS / f"{name}.toml" if preset else Path(name))]
 
 
+def _meant(text: str) -> str:
+    """What a person may have meant who wrote no KEY=VALUE: another sign, or a key without its value."""
+    key, sign, value = (part.strip() for part in text.replace(":", "=", 1).replace(" ", "=", 1).partition("="))
+    if key not in options():
+        close = difflib.get_close_matches(key, options(), 1, 0.6) if len(key) < 40 else []
+        key = close[0] if close else ""
+    if not key:
+        return ""
+    return (
+        f", did you mean {key}={value}?"
+        if sign and value and len(value) < 40
+        else f": which value? for example {key}={_example(key)}"
+    )
+
+
+def _example(key: str) -> str:
+    default = options()[key][2]
+    return ("true" if default else "false") if isinstance(default, bool) else str(default)
+
+
 def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -> Config:
     """The checked tree from the user's file, `--config` (a path or a preset's name) and `--set` texts.
 
@@ -91,7 +112,7 @@ def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -
         try:
             key, value = parse_set(text)
         except UserError as error:
-            wrong.append(error.message.removeprefix("configuration: "))
+            wrong.append(f"{error.message.removeprefix('configuration: ')}{_meant(text)}")
             continue
         wrong += problems([(key, value)])
         values[key] = value

@@ -32,7 +32,15 @@ class Camera:
             "camera:N, camera:/dev/videoN, camera:NAME, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found"
         ),
     ] = ""
-    width_px: Annotated[int, Opt("frame width asked of the camera; frames of another size are scaled, those of another shape get black bars", "px", 16, 7680)] = 640
+    width_px: Annotated[
+        int,
+        Opt(
+            "frame width asked of the camera; frames of another size are scaled, those of another shape get black bars",
+            "px",
+            16,
+            7680,
+        ),
+    ] = 640
     height_px: Annotated[int, Opt("frame height asked of the camera", "px", 16, 4320)] = 480
     rate_hz: Annotated[float, Opt("frame rate asked of the camera, and of a file without a rate of its own", "Hz", 0.1, 1000)] = (
         30.0

@@ -24,7 +24,7 @@ SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with room
 
 @attrs.frozen
 class Check:
-    """ok is False where `lfpipe up` cannot run at all; a remedy beside an ok says what would make things better."""
+    """ok is False where plain `lfpipe up SCENE` would stop; a remedy beside an ok says what would make things better."""
 
     name: str
     ok: bool
@@ -59,7 +59,7 @@ def opencv(distributions: list[str]) -> Check:
     gui = next((line.split(":", 1)[1].strip() for line in build.splitlines() if line.strip().startswith("GUI:")), "?")
     if len(distributions) > 1:
         doubled = f"{names}: {len(distributions)} in one folder, cv2 {cv2.__version__} won, GUI {gui}"
-        return Check("opencv", True, doubled, reinstall)
+        return Check("opencv", False, doubled, reinstall)
     return Check("opencv", True, f"{names}, GUI {gui}")
 
 
@@ -105,7 +105,7 @@ def litert() -> Check:
 def sdl() -> Check:
     """SDL's video driver and how a picture gets to the screen."""
     if not has_display():
-        return Check("display", True, "no screen here", "run in a desktop, or use --display none or --display file:OUT.mkv")
+        return Check("display", False, "no screen here", "run in a desktop, or use --display none or --display file:OUT.mkv")
     try:
         from lfpipe.render import sdl
         from lfpipe.render.monitors import detect_monitors
@@ -164,7 +164,7 @@ def leftovers() -> Check:
 def checks() -> list[Check]:
     """All of them, in the order in which a person would fix things."""
     found = cameras()
-    none = Check("camera", True, "none", "use --camera demo, or a recording with --camera file:PATH")
+    none = Check("camera", False, "none", "use --camera demo, or a recording with --camera file:PATH")
     return [
         python(),
         opencv(opencv_distributions()),

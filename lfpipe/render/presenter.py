@@ -21,7 +21,7 @@ from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.optional_outputs import OptionalOutputs
 from lfpipe.render.pair_layout import Pair
 from lfpipe.render.screen_clock import LeadTime, ScreenClock
-from lfpipe.render.shown_pictures import HANDOVER, ShownPictures
+from lfpipe.render.shown_pictures import HANDOVER, REPLACED, ShownPictures
 from lfpipe.render.viewer import Viewer, Viewpoints
 from lfpipe.transport.clock import now_ns, sleep_until
 from lfpipe.transport.context import Context
@@ -110,8 +110,8 @@ class Presenter:
                 self.pattern.draw(self._viewer.config.render, (self._viewer.field.width_px, self._viewer.field.height_px))
                 self.picture, pair = self.pattern.picture, self.pattern.pair
         t_composed_ns = now_ns()
-        if refresh_ns and self.clock is None:
-            sleep_until(target_ns)
+        if refresh_ns:
+            sleep_until(target_ns if self.clock is None else self.lead.earliest_ns(target_ns, self.clock.period_ns))
         t_shown_ns, cpu_ns = now_ns(), time.process_time_ns()
         t_handed_ns = (
             self._display.show(self.picture, pair, self._viewer.config.render.anaglyph)
@@ -128,7 +128,8 @@ class Presenter:
             cost_ns = t_composed_ns - t_start_ns + handing_ns
             self._outputs.picture(self.picture, stamp)
             self.cost_ns += int(COST_SHARE * (cost_ns - self.cost_ns))
-            self.lead.took(cost_ns + max(t_start_ns - (target_ns - self.lead.ns), 0))
+            if self.clock is not None:
+                self.lead.took(cost_ns + max(t_start_ns - (target_ns - self.lead.ns), 0), self.clock.period_ns)
             if stamp is not None:
                 measured = self._t_taken_ns - stamp.t_publish_ns, cost_ns
         row.tick(stamp.source_seq if stamp else -1)
@@ -167,8 +168,8 @@ class Presenter:
         def report(t_presented_ns: int, by: str) -> None:
             if measured is not None:
                 self._context.row.measure(*measured, t_presented_ns - t_sensor_ns)
-            if by and composed and target_ns and self.clock is not None:
-                self._judge(target_ns, t_handed_ns, t_presented_ns if by != HANDOVER else 0)
+            if by not in ("", HANDOVER) and composed and target_ns and self.clock is not None:
+                self._judge(target_ns, t_handed_ns, t_presented_ns if by != REPLACED else 0)
             if shown is not None:
                 shown(t_presented_ns)
             if line is not None:

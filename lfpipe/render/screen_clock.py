@@ -14,7 +14,8 @@ PHASE_GAIN, PERIOD_GAIN = 0.3, 0.01
 OFF_GRID = 0.35  # of a period: further from the grid a blank belongs to another grid
 OFF_COUNT = 5  # such blanks in a row, and the other grid is followed
 PERIOD_RANGE = 0.12  # around the nominal one, where the period is not reported: a rate in whole Hz is that wrong at 25 Hz
-COST_UP, COST_DOWN = 0.2, 0.01  # the followed cost is a high quantile: late pictures are seen, early ones are not
+EARLY_NS = MS_NS // 4  # after a blank, before which nothing is handed over for the next
+COST_UP, COST_DOWN = 0.5, 0.005  # the followed cost is a high quantile: late pictures are seen, early ones are not
 MARGIN_NS, LEAST_MARGIN_NS = 2 * MS_NS, MS_NS // 2
 STEP_NS = MS_NS
 IN_TIME = 0.7  # of the margin left at hand-over: then a late picture is not for its own cost
@@ -73,10 +74,13 @@ class LeadTime:
         self._margin_ns = float(MARGIN_NS)
         self._changed_ns = 0  # when a late or early picture changed the margin
 
-    def took(self, cost_ns: int) -> None:
-        """What a picture took from the time at which it was to be begun until it was handed over."""
-        gain = COST_UP if cost_ns > self._cost_ns else COST_DOWN
-        self._cost_ns += gain * (cost_ns - self._cost_ns)
+    def took(self, cost_ns: int, period_ns: float) -> None:
+        """What a picture took from the time at which it was to be begun until it could be handed over.
+
+        More than a period is no use: before, the picture for the blank before is at work.
+        """
+        cost = min(float(cost_ns), period_ns)
+        self._cost_ns += (COST_UP if cost > self._cost_ns else COST_DOWN) * (cost - self._cost_ns)
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int, period_ns: float) -> bool:
         """A picture for the blank target_ns was shown at t_presented_ns; returns whether that was another blank.
@@ -93,6 +97,10 @@ class LeadTime:
                 self._margin_ns -= EARLY_SHARE * self._margin_ns + EARLY_STEP_NS
             self._margin_ns = min(max(self._margin_ns, LEAST_MARGIN_NS), MOST_PERIODS * period_ns)
         return bool(blanks)
+
+    def earliest_ns(self, target_ns: int, period_ns: float) -> int:
+        """Before this a picture for the blank target_ns would be shown at the blank before."""
+        return int(target_ns - max(period_ns - EARLY_NS, self._margin_ns))
 
     @property
     def ns(self) -> int:

@@ -11,7 +11,7 @@ from lfpipe.host.presentation import Presented
 from lfpipe.transport.clock import MS_NS
 
 ANSWER_NS = 250 * MS_NS  # a hidden window gets no answer
-HANDOVER = "handover"
+HANDOVER, REPLACED = "handover", "replaced"
 
 Report = Callable[[int, str], None]  # (t_presented_ns, who reported it)
 
@@ -46,7 +46,7 @@ class ShownPictures:
             picture = found.get(answer.serial)
             if picture is not None and not picture.by:
                 # one that was never shown has no blank: its hand-over stands
-                picture.t_presented_ns, picture.by = (answer.t_ns, by) if answer.t_ns else (picture.t_handed_ns, HANDOVER)
+                picture.t_presented_ns, picture.by = (answer.t_ns, by) if answer.t_ns else (picture.t_handed_ns, REPLACED)
         while self._waiting and (self._waiting[0].by or t_ns - self._waiting[0].t_handed_ns > ANSWER_NS):
             picture = self._waiting.popleft()
             picture.report(picture.t_presented_ns or picture.t_handed_ns, picture.by or HANDOVER)

@@ -83,10 +83,10 @@ def test_a_session_names_who_tells_when_its_pictures_were_shown(
     system: str, world: World, scene: Path, request: pytest.FixtureRequest
 ) -> None:
     if system == "x":
-        world.env["DISPLAY"], by = request.getfixturevalue("screen").name, {"x_present", "handover"}
+        world.env["DISPLAY"], by = request.getfixturevalue("screen").name, {"x_present", "handover", "replaced"}
     else:
         world.env |= {"WAYLAND_DISPLAY": request.getfixturevalue("wayland"), "SDL_VIDEODRIVER": "wayland"}
-        by = {"wp_presentation", "wl_surface.frame", "handover"}
+        by = {"wp_presentation", "wl_surface.frame", "handover", "replaced"}
     world.start("up", scene, "--camera", "demo", "--trace", world.trace, "--session", world.name, "--display", "window")
     world.pictures(60)
     lines = world.lines()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lfpipe.host.presentation import Presented
-from lfpipe.render.shown_pictures import ANSWER_NS, HANDOVER, ShownPictures
+from lfpipe.render.shown_pictures import ANSWER_NS, HANDOVER, REPLACED, ShownPictures
 
 
 class Log:
@@ -36,7 +36,7 @@ def test_one_that_was_replaced_or_never_answered_has_its_hand_over() -> None:
     log.add("replaced", 1, 100)
     log.add("unanswered", 2, 200)
     log.shown.take([Presented(1, 0, 0)], "blanks", 300)
-    assert log.lines == [("replaced", 100, HANDOVER)]
+    assert log.lines == [("replaced", 100, REPLACED)]
     log.shown.take([], "blanks", 200 + ANSWER_NS + 1)
     log.add("at the end", 3, 10**9)
     log.shown.flush()
