@@ -56,9 +56,9 @@ def calibrate(
     fov_deg = math.degrees(2 * math.atan(config.camera.width_px / 2 / focal_px))
     if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
         raise UserError(
-            f"{size_mm:g} mm at {distance_mm:g} mm were {size_px:.1f} px: a field of view of {fov_deg:.0f} degrees, where webcams have"
-            f" {USUAL_DEG[0]} to {USUAL_DEG[1]}; nothing was written",
-            f"measure the distance again and give it by --distance; a camera that is so: focal_px = {focal_px} in {user_file()}",
+            f"{size_mm:g} mm at {distance_mm:g} mm measured {size_px:.1f} px: a field of view of {fov_deg:.0f} degrees, which is"
+            f" implausible for a webcam ({USUAL_DEG[0]} to {USUAL_DEG[1]}); nothing was written",
+            f"pass the measured distance with --distance; if the camera is so, put focal_px = {focal_px} into {user_file()}",
         )
     try:
         write_key(user_file(), "camera", "focal_px", focal_px)

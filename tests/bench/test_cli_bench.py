@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 from lfpipe.bench.builds import Build
@@ -47,3 +49,9 @@ def test_a_build_measures_itself(tmp_path: Path, clip: Path) -> None:
         assert "failed" in build.ask(turn="nothing of that name")
     finally:
         build.close()
+
+
+def test_bench_alone_prints_its_help_and_measures_nothing(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-m", "lfpipe", "bench"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert "Usage" in done.stdout + done.stderr and "Measure every subject" in done.stdout + done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
-from lfpipe.config import Config
+from lfpipe.config import Config, load
 from lfpipe.config.text import commented
 from lfpipe.errors import UserError
 
@@ -18,6 +19,21 @@ from lfpipe.errors import UserError
 @pytest.fixture(autouse=True)
 def no_user_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "none"))
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ("render.method:warp", "did you mean render.method=warp?"),
+        ("render.method warp", "did you mean render.method=warp?"),
+        ("render.methd:warp", "did you mean render.method=warp?"),
+        ("render.alpha_px", "which value? for example render.alpha_px=auto"),
+        ("nonsense", "'nonsense' is not KEY=VALUE"),
+    ],
+)
+def test_a_slip_inside_set_is_answered_with_what_was_meant(typed: str, said: str) -> None:
+    with pytest.raises(UserError, match=re.escape(said)):
+        load(None, [typed])
 
 
 def test_the_file_at_the_top_is_what_the_tree_says() -> None:

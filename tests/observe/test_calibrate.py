@@ -77,6 +77,9 @@ def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
     assert done.returncode == 0, done.stderr
     written = tomllib.loads((world.root / "settings" / "lfpipe" / "config.toml").read_text())
     assert 300 < written["camera"]["focal_px"] < 1200 and str(written["camera"]["focal_px"]) in done.stdout
+    far = world.run("calibrate", "--camera", "demo", "--distance", "2000")
+    assert far.returncode == 2 and "implausible" in far.stderr and "--distance" in far.stderr
+    assert tomllib.loads((world.root / "settings" / "lfpipe" / "config.toml").read_text()) == written, "it is not written"
     card = world.run("calibrate", "--camera", "demo", "--by", "card")
     assert card.returncode == 2 and "no screen" in card.stderr and "--by eyes" in card.stderr
     listed = world.run("cameras", "--json")
