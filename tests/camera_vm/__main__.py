@@ -1,0 +1,93 @@
+"""`python -m tests.camera_vm`: the tests of this folder in a virtual machine with a real camera driver."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import platformdirs
+
+from tests.camera_vm import machine
+from tests.camera_vm.asleep import MARK
+
+SHORT = (  # what .ci/run runs
+    "every_format or gives_way or both_kinds or damaged or fatal or STREAMON or unplugged_and or appears_later or fits_a_screen"
+)
+COVERED = "lfpipe/capture/*"
+NO_TESTS = 5  # pytest's
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--short", action="store_true", help="a part of the tests, in less than 3 minutes")
+    parser.add_argument("--optional", action="store_true", help="exit code 0 where the machine cannot run")
+    parser.add_argument("-k", default="", help="as pytest's")
+    parser.add_argument("--limit", type=float, default=0, help="seconds")
+    parser.add_argument("--cache", type=Path, default=platformdirs.user_cache_path("lfpipe-vm"))
+    arguments = parser.parse_args()
+    out = Path(tempfile.mkdtemp(prefix="lfpipe-vm-"))
+    try:
+        machine.install_tools()
+        kernel = machine.prepare(arguments.cache)
+        chosen = arguments.k or (SHORT if arguments.short else "")
+        words = [sys.executable, "-m", "pytest", "tests/camera_vm", "-m", "camera_vm", "-p", "no:cacheprovider", "--timeout=90"]
+        words += ["-v", "--junitxml=/guest/junit.xml", *(["-k", chosen] if chosen else [])]
+        env = {"COVERAGE_FILE": "/guest/coverage", "COVERAGE_RCFILE": "/dev/null", "LFPIPE_GUEST": "1", "PYTHONUNBUFFERED": "1"}
+        if not arguments.short:
+            words[1:2] = ["-m", "coverage", "run", f"--include={COVERED}", "-m"]
+        command = " ".join([*(f"{name}={value}" for name, value in env.items()), shlex.join(words)])
+        whole = not (arguments.short or arguments.k) or arguments.k == "asleep"
+        last = f"{sys.executable} -m tests.camera_vm.asleep" if whole else ""
+        result = machine.run(kernel, command, out, arguments.limit or (170 if arguments.short else 900), last)
+    except machine.UnavailableError as error:
+        print(f"camera tests in a virtual machine: not run: {error}")
+        return 0 if arguments.optional else 3
+    finally:
+        report = [path.read_text() for path in (out / "costs.jsonl",) if path.exists()]
+        covered = _coverage(out)
+        shutil.rmtree(out, ignore_errors=True)
+    print(result.output)
+    slept = _slept(result.console) if whole else None
+    if slept is not None:
+        report.append(json.dumps({"fault": f"all devices suspended for {slept['away_s']:.0f} s", **slept}) + "\n")
+    _table("".join(report))
+    print(covered)
+    print(f"kernel {kernel.version}, {result.accelerator}, {result.seconds:.0f} s, exit code {result.code}")
+    if whole and (slept is None or slept["seconds"] > 10):
+        print(f"the machine slept, and the camera did not come back: {slept}\n{result.console[-2000:]}")
+        return 1
+    return 0 if result.code == NO_TESTS and arguments.k == "asleep" else result.code
+
+
+def _slept(console: str) -> dict[str, Any] | None:
+    """What `asleep` measured."""
+    line = next((line for line in console.splitlines() if line.startswith(MARK) and "away_s" in line), None)
+    found: dict[str, Any] | None = json.loads(line.removeprefix(MARK)) if line else None
+    return found
+
+
+def _coverage(out: Path) -> str:
+    if not (out / "coverage").exists():
+        return ""
+    words = (sys.executable, "-m", "coverage", "report", "--data-file", out / "coverage", "--rcfile=/dev/null")
+    return subprocess.run(words, capture_output=True, text=True, check=False).stdout
+
+
+def _table(report: str) -> None:
+    """Markdown for profiling/results/camera.md."""
+    if report:
+        print("| fault | frames missing | longest s without a picture | camera counted as lost |\n|---|---:|---:|---|")
+    for line in report.splitlines():
+        cost = json.loads(line)
+        print(f"| {cost['fault']} | {cost['frames']} | {cost['seconds']:.2f} | {'yes' if cost['lost'] else 'no'} |")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,166 @@
+"""The guest's drivers: vivid with its injected faults, v4l2loopback with a program that feeds it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import attrs
+import numpy as np
+
+from lfpipe.capture import v4l2_abi as abi
+from lfpipe.capture.frame_source import Frame
+from lfpipe.capture.reconnecting_camera import CameraLost, ReconnectingCamera
+from lfpipe.capture.v4l2_device import V4L2Device
+from lfpipe.errors import UserError
+
+MODULES, COSTS = Path("/run/modules"), Path("/guest/costs.jsonl")
+VIVID = "vivid-000-vid-cap"
+# drivers/media/test-drivers/vivid/vivid-ctrls.c
+AUTO_GAIN, GAIN = 0x00980912, 0x00980913
+TIMESTAMP_SOURCE, WRAP_TIMESTAMP, OSD_TEXT, SIGNAL_MODE = 0x00F0F018, 0x00F0F027, 0x00F0F001, 0x00F0F03E
+DROPPED_PERCENT, DISCONNECT, BUFFER_ERROR, REQBUFS_ERROR = 0x00F0F040, 0x00F0F041, 0x00F0F042, 0x00F0F043
+QBUF_ERROR, STREAMON_ERROR, FATAL_ERROR = 0x00F0F044, 0x00F0F045, 0x00F0F046
+
+
+def call(*words: str) -> None:
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{words}: {done.stderr}"
+
+
+def load(module: str, *parameters: str) -> None:
+    """Loads a module after the ones it needs."""
+    loaded = Path("/proc/modules").read_text()
+    for name in (MODULES / "camera.list").read_text().split():
+        own = name.removesuffix(".ko")
+        if own != "vivid" and f"{own.replace('-', '_')} " not in loaded:
+            call("busybox", "insmod", str(MODULES / name))
+    call("busybox", "insmod", str(MODULES / f"{module}.ko"), *parameters)
+
+
+def unload(module: str, limit_s: float = 20.0) -> None:
+    """Unloads a module as soon as nobody uses it."""
+    until = time.monotonic() + limit_s
+    while f"{module} " in Path("/proc/modules").read_text():
+        done = subprocess.run(("busybox", "rmmod", module), capture_output=True, text=True, check=False)
+        assert time.monotonic() < until, done.stderr
+        time.sleep(0.1)
+
+
+def plug(number: int = 0, *more: str) -> Path:
+    """A vivid camera at /dev/video{number}; its only input is a webcam."""
+    load("vivid", "n_devs=1", "node_types=0x1", f"vid_cap_nr={number}", *(more or ("num_inputs=1", "input_types=0")))
+    path = Path(f"/dev/video{number}")
+    while not path.exists():
+        time.sleep(0.01)
+    inject(path, OSD_TEXT, 2)
+    return path
+
+
+def inject(path: Path, control: int, value: int = 1) -> None:
+    """Sets a control of vivid through another descriptor, as another program would."""
+    device = V4L2Device(path)
+    try:
+        device.set_control(control, value)
+    finally:
+        device.close()
+
+
+@attrs.define
+class Cost:
+    """What a fault cost. frames: missing ones. seconds: the longest time without a picture. lost: a session would say so."""
+
+    frames: int
+    seconds: float
+    lost: bool
+
+
+def read(camera: ReconnectingCamera, out: np.ndarray, limit_s: float = 30.0) -> tuple[Frame, bool]:
+    """The next frame, and whether the camera was lost before it."""
+    until, lost = time.monotonic() + limit_s, False
+    while time.monotonic() < until:
+        try:
+            frame = camera.read(out)
+        except CameraLost:
+            lost = True
+        except (TimeoutError, UserError):
+            pass
+        else:
+            assert frame is not None
+            return frame, lost
+    raise AssertionError(f"no frame for {limit_s} s")
+
+
+def cost_of(fault: str, camera: ReconnectingCamera, rate_hz: float, act: Callable[[], None], frames: int = 10) -> Cost:
+    """Injects a fault between frames, reads on for some more, and records what it cost."""
+    out = np.empty((180, 320, 3), np.uint8)
+    for _ in range(5):
+        last, _ = read(camera, out)
+    act()
+    lost, missing, longest_ns = False, 0, 0
+    for _ in range(frames):
+        frame, lost_now = read(camera, out)
+        longest_ns = max(longest_ns, frame.t_read_ns - last.t_read_ns)
+        lost |= lost_now
+        gap = round((frame.t_sensor_ns - last.t_sensor_ns) / 1e9 * rate_hz) - 1
+        if gap > 0 and (lost_now or frame.source_seq > last.source_seq + 1):
+            missing += gap
+        last = frame
+    found = Cost(missing, longest_ns / 1e9, lost)
+    if fault:
+        record(fault, found)
+    return found
+
+
+def record(fault: str, cost: Cost) -> None:
+    """For the table in profiling/results/camera.md."""
+    with COSTS.open("a") as file:
+        file.write(json.dumps({"fault": fault, **attrs.asdict(cost)}) + "\n")
+
+
+class Feeder:
+    """Writes frames to a v4l2loopback device at a rate, until it is closed."""
+
+    def __init__(self, path: Path, fourcc: str, size: tuple[int, int], rate_hz: float = 10.0) -> None:
+        self._device = V4L2Device(path)
+        message = abi.Format(type=abi.VIDEO_OUTPUT)
+        pix = message.fmt.pix
+        pix.width, pix.height, pix.pixelformat, pix.field = *size, abi.fourcc_code(fourcc), abi.FIELD_NONE
+        pix.sizeimage = size[0] * size[1] * 3
+        self._device.ioctl(abi.S_FMT, message)
+        self.frame, self._rate_hz, self._ended = b"", rate_hz, False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def start(self, frame: bytes) -> None:
+        self.frame = frame
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._ended:
+            with contextlib.suppress(BlockingIOError):
+                os.write(self._device.fd, self.frame)
+            time.sleep(1 / self._rate_hz)
+
+    def close(self) -> None:
+        self._ended = True
+        self._thread.join(5)
+        self._device.close()
+
+
+@contextlib.contextmanager
+def loopback(fourcc: str, size: tuple[int, int], number: int = 8) -> Iterator[tuple[Path, Feeder]]:
+    """A v4l2loopback camera and what feeds it."""
+    load("v4l2loopback", f"video_nr={number}", "card_label=Feeder", "exclusive_caps=0")
+    path = Path(f"/dev/video{number}")
+    feeder = Feeder(path, fourcc, size)
+    try:
+        yield path, feeder
+    finally:
+        feeder.close()
+        unload("v4l2loopback")

@@ -1,0 +1,151 @@
+"""The product's camera on the real driver: formats, rounding, stamps, controls."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from lfpipe import config
+from lfpipe.capture.camera import CameraSource, check_camera, open_camera
+from lfpipe.capture.camera_list import asking, cameras
+from lfpipe.capture.frame_source import Frame
+from lfpipe.capture.pixel_formats import DECODED
+from lfpipe.errors import UserError
+from lfpipe.transport.stamp_kind import StampKind
+from tests.camera_vm import driver
+
+pytestmark = pytest.mark.camera_vm
+SMALL = {"width_px": 320, "height_px": 180, "rate_hz": 10.0}
+GREYS = ("GREY", "Y10", "Y12", "Y16")
+MODULES = Path("/run/modules")
+needs_loopback = pytest.mark.skipif(not (MODULES / "v4l2loopback.ko").exists(), reason="v4l2loopback could not be built")
+
+
+def frames(source: CameraSource, count: int) -> tuple[np.ndarray, list[Frame]]:
+    out = np.zeros((180, 320, 3), np.uint8)
+    try:
+        found = [source.read(out) for _ in range(count)]
+    finally:
+        source.close()
+    return out, [frame for frame in found if frame is not None]
+
+
+def test_every_format_that_can_be_decoded_gives_the_same_picture(vivid: Path) -> None:
+    reference, _ = frames(open_camera(vivid, config.Camera(format="BGR3", **SMALL)), 1)
+    rec_709 = reference @ np.array([0.0722, 0.7152, 0.2126])
+    grey = np.repeat(rec_709[..., None], 3, axis=2)
+    offered = asking(vivid, lambda device: device.fourccs())
+    tried = [fourcc for fourcc in offered if fourcc in DECODED]
+    assert {"YUYV", "NV12", "GREY", "Y10", "RGGB"} <= set(tried)
+    wrong = {}
+    for fourcc in tried:
+        source = open_camera(vivid, config.Camera(format=fourcc, **SMALL))
+        assert f"delivers {fourcc} 320x180 at 10 Hz" in source.info.notes[0]
+        picture, _ = frames(source, 1)
+        apart = np.abs(picture.astype(int) - (grey if fourcc in GREYS else reference))
+        if np.median(apart) > 4 or np.quantile(apart, 0.9) > 24:  # edges of the bars, limited range
+            wrong[fourcc] = (float(np.median(apart)), float(np.quantile(apart, 0.9)))
+    assert not wrong
+
+
+def test_a_format_that_cannot_be_decoded_gives_way(vivid: Path) -> None:
+    source = open_camera(vivid, config.Camera(format="HSV3", **SMALL))  # type: ignore[arg-type]
+    assert any("HSV3 requested" in note for note in source.info.notes)
+    assert len(frames(source, 2)[1]) == 2
+
+
+@needs_loopback
+def test_a_camera_of_such_formats_only_is_refused() -> None:
+    with driver.loopback("H264", (320, 180)) as (path, feeder):
+        feeder.start(bytes(1000))
+        with pytest.raises(UserError, match="H264") as told:
+            check_camera(path, config.Camera(**SMALL))
+        assert "YUYV" in told.value.remedy
+
+
+@needs_loopback
+def test_jpegs_arrive_as_sent_and_may_change_their_size() -> None:
+    pictures = [np.full((180, 320, 3), 90, np.uint8), np.full((90, 160, 3), 200, np.uint8)]
+    jpegs = [cv2.imencode(".jpg", picture)[1].tobytes() for picture in pictures]
+    with driver.loopback("MJPG", (320, 180)) as (path, feeder):
+        feeder.start(jpegs[0])
+        source = open_camera(path, config.Camera(**SMALL))
+        assert source.info.jpeg
+        out = np.zeros((180, 320, 3), np.uint8)
+        frame = source.read(out)
+        assert frame is not None and frame.packet is not None and frame.packet.tobytes() == jpegs[0]
+        feeder.frame = jpegs[1]
+        for _ in range(8):
+            frame = source.read(out)
+        assert frame is not None and frame.packet is None, "a recording holds one size"
+        assert abs(int(out.mean()) - 200) < 3
+        source.close()
+
+
+def test_rounded_sizes_and_rates_are_noted(vivid: Path) -> None:
+    wanted = config.Camera(width_px=700, height_px=500, rate_hz=33.0)
+    source = open_camera(vivid, wanted)
+    info, said = source.info, " ".join(source.info.notes)
+    assert (info.width_px, info.height_px) != (700, 500) and "scaled to 700x500" in said and "33 Hz requested" in said
+    out = np.zeros((500, 700, 3), np.uint8)
+    assert source.read(out) is not None and out.any()
+    source.close()
+    assert check_camera(vivid, wanted).rate_hz == info.rate_hz
+
+
+@pytest.mark.parametrize(("value", "kind"), [(0, StampKind.END_OF_FRAME), (1, StampKind.START_OF_EXPOSURE)])
+def test_both_kinds_of_stamp_are_used_although_they_are_ahead(vivid: Path, value: int, kind: StampKind) -> None:
+    driver.inject(vivid, driver.TIMESTAMP_SOURCE, value)
+    source = open_camera(vivid, config.Camera(**SMALL))
+    _, found = frames(source, 12)
+    assert not any("time stamps" in note for note in source.info.notes)
+    assert {frame.stamp for frame in found} == {kind}
+    assert all(frame.t_sensor_ns <= frame.t_read_ns for frame in found)
+    steps_ms = np.diff([frame.t_sensor_ns / 1e6 for frame in found]) / np.diff([frame.source_seq for frame in found])
+    assert abs(float(np.median(steps_ms)) - 100) < 5
+
+
+def test_stamps_that_wrap_give_way_to_the_time_of_reading(vivid: Path) -> None:
+    driver.inject(vivid, driver.WRAP_TIMESTAMP, 1)
+    source = open_camera(vivid, config.Camera(**SMALL))
+    _, found = frames(source, 5)
+    assert {frame.stamp for frame in found} == {StampKind.READ}
+    assert all(frame.t_sensor_ns == frame.t_read_ns for frame in found)
+
+
+def test_gain_is_set_and_restored(vivid: Path) -> None:
+    def state() -> tuple[int, bool]:
+        def ask(device: object) -> tuple[int, bool]:
+            return device.control(driver.AUTO_GAIN), device.control_range(driver.GAIN).inactive  # type: ignore[attr-defined]
+
+        return asking(vivid, ask)
+
+    before = state()
+    source = open_camera(vivid, config.Camera(gain=50.0, exposure=5.0, **SMALL))
+    assert state() == (0, False) and asking(vivid, lambda device: device.control(driver.GAIN)) == 50
+    assert any("camera.exposure = 5 ms: the camera has no such control" in note for note in source.info.notes)
+    frames(source, 2)
+    assert state() == before == (1, True)
+
+
+def lfpipe(command: str) -> list[str]:
+    words, env = (sys.executable, "-m", "lfpipe", command), {"COLUMNS": "80", "HOME": "/root"}
+    done = subprocess.run(words, capture_output=True, text=True, env=env, check=False)
+    assert "video0" in done.stdout, done.stdout + done.stderr
+    return done.stdout.splitlines()
+
+
+def test_the_list_of_cameras_fits_a_screen(vivid: Path) -> None:
+    lines = lfpipe("cameras")
+    assert len(lines) <= 24 and max(map(len, lines)) <= 80, lines
+    assert "640x480@25" in " ".join(lines) and "camera.gain" in " ".join(lines)
+    assert [device.name for device in cameras()] == [driver.VIVID]
+
+
+def test_the_doctor_names_the_camera(vivid: Path) -> None:
+    assert any(driver.VIVID in line and "YUYV" in line for line in lfpipe("doctor"))
