@@ -1,6 +1,6 @@
 """Suspends every process and device of the guest for 5 s, with a camera open: run last, because the 9p root does not survive it.
 
-The kernel's own test of suspending (pm_test = devices) does all but switch the processor off, which emulated clocks do not wake from.
+The kernel tests suspending itself (pm_test = devices): all but switching off the processor, which emulated clocks do not wake.
 
 Everything is mapped and locked before; the result goes to the console.
 """
