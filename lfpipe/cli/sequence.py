@@ -123,7 +123,15 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
 @click.argument("out", type=PATH)
 @click.option("--truth", type=PATH, metavar="CSV", help="Where the eyes really are, as tools/make_sequence.py writes it.")
 def import_(video: Path, out: Path, truth: Path | None) -> None:
-    """Make the sequence OUT from VIDEO; the frames of Motion JPEG are taken over unchanged."""
+    """Make the sequence OUT from VIDEO; the frames of Motion JPEG are taken over unchanged. An MCAP file of `export` gives its
+    sequence back."""
+    if video.suffix.lower() == ".mcap":
+        from lfpipe.sequence.mcap_folder import import_mcap
+
+        if truth is not None:
+            raise UserError(f"--truth with {video}: it has its own", "leave --truth out")
+        click.echo(f"{out}: {import_mcap(video, out)} frames")
+        return
     from lfpipe.scene.video import examine
     from lfpipe.sequence import edit
 
@@ -135,7 +143,14 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
 @click.argument("path", type=PATH, metavar="SEQ")
 @click.argument("video", type=PATH)
 def export(path: Path, video: Path) -> None:
-    """Write SEQ as VIDEO, .mkv or .avi without loss, and its stamps and eyes as a CSV beside it."""
+    """Write SEQ as VIDEO, .mkv or .avi without loss, and its stamps and eyes as a CSV beside it; or all of it as .mcap, for
+    Foxglove."""
+    if video.suffix.lower() == ".mcap":
+        from lfpipe.sequence.folder import open_sequence
+        from lfpipe.sequence.mcap_folder import export_mcap
+
+        click.echo(f"{video}: {export_mcap(open_sequence(path), video)} frames")
+        return
     from lfpipe.sequence import edit
     from lfpipe.sequence.folder import open_sequence
 

@@ -46,12 +46,13 @@ def eyes_lines(sequence: Sequence) -> Iterator[dict[str, Any]]:
     try:
         for number, line in lines(path, 4 * LINE_BYTES, COPY):
             if line.endswith(b"\n"):
-                yield _eyes(json_fields(line, f"{path}:{number}", COPY))
+                yield check_eyes(json_fields(line, f"{path}:{number}", COPY))
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {reason(error)}", COPY) from None
 
 
-def _eyes(fields: Fields) -> dict[str, Any]:
+def check_eyes(fields: Fields) -> dict[str, Any]:
+    """A line of eyes.jsonl. Raises UserError where a value is wrong."""
     fields.integer("source_seq", 0, 1 << 62)
     fields.integer("face", 0, 1)
     for name in POINTS:

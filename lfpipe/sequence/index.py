@@ -86,7 +86,7 @@ def line_of(packet: Packet) -> bytes:
     return json.dumps(attrs.asdict(packet)).encode() + b"\n"
 
 
-def _parsed(line: bytes, where: str) -> Line:
+def parse_line(line: bytes, where: str) -> Line:
     """Raises UserError that names the field."""
     try:
         found = json.loads(line)
@@ -128,7 +128,7 @@ def read_index(folder: Path, complete: bool) -> Packets:
                 if complete:
                     raise UserError(f"{path}: its last line is cut off", COPY)
                 break
-            found = _parsed(line, f"{path}:{number}")
+            found = parse_line(line, f"{path}:{number}")
             seq, t_ns, offset, count, *_ = found[0]
             if seq != number - 1:
                 raise UserError(f"{folder}: frame {number - 1} is missing, frame {seq} stands in its place", COPY)
