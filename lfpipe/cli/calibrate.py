@@ -32,10 +32,10 @@ def calibrate(
 
     from lfpipe.config import load, user_file
     from lfpipe.config.camera_pose import EYES_MM
+    from lfpipe.config.user_settings import write_key
     from lfpipe.errors import UserError
     from lfpipe.observe.calibrate import by_card, by_eyes, by_leaning
     from lfpipe.render.geometry import BANK_CARD_MM, focal_px_from
-    from lfpipe.track.calibration import write_key
 
     config = load(config_file, sets)
     if by == "leaning":

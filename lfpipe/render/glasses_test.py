@@ -30,9 +30,10 @@ def eye_picture(letter: str, left: bool, size_px: tuple[int, int]) -> NDArray[np
 
 
 class GlassesTest:
-    """The picture of the test under some render settings, kept until they change."""
+    """The picture of the test under some render settings, kept until they change. before: the settings at its start."""
 
-    def __init__(self) -> None:
+    def __init__(self, before: Render | None = None) -> None:
+        self._before = before or Render()
         self._for: tuple[Render, tuple[int, int]] | None = None
         self.picture: NDArray[np.uint8] = np.empty((0, 0, 3), np.uint8)
         self.pair: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None
@@ -60,6 +61,15 @@ class GlassesTest:
                 self.picture[:, :half] = cv2.resize(left, (half, size_px[1]), interpolation=cv2.INTER_AREA)
                 self.picture[:, half:] = cv2.resize(right, (size_px[0] - half, size_px[1]), interpolation=cv2.INTER_AREA)
         return True
+
+    def changed(self, render: Render) -> dict[str, float | bool]:
+        """What the person set by the test, by key of [render]."""
+        found: dict[str, float | bool] = {}
+        if render.swap_eyes != self._before.swap_eyes:
+            found["swap_eyes"] = render.swap_eyes
+        if render.ghost_compensation != self._before.ghost_compensation:
+            found["ghost_compensation"] = render.ghost_compensation
+        return found
 
     def words(self, render: Render) -> str:
         """What to do, in a few lines."""

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import Render, choices
+from lfpipe.config import Render, choices, user_file
 from lfpipe.config.quality import level_number
 from lfpipe.render.depth_steps import depth_step_px
 from lfpipe.render.display import Display
@@ -95,11 +95,29 @@ class KeyBindings:
         elif event == "swap":
             self._set(swap_eyes=not render.swap_eyes)
         elif event == "glasses":
-            self._glasses = None if self._glasses else GlassesTest()
-            self._presenter.pattern = self._glasses
+            self._switch_glasses_test(render)
         elif event in ("more", "less") and self._glasses:
             ghost = render.ghost_compensation + (GHOST_STEP if event == "more" else -GHOST_STEP)
             self._set(ghost_compensation=min(max(ghost, 0.0), 100.0))
+
+    def _switch_glasses_test(self, render: Render) -> None:
+        """Begins the test; at its end what was changed in it is kept in the person's settings."""
+        if self._glasses is None:
+            self._glasses = GlassesTest(render)
+        else:
+            from lfpipe.config.user_settings import write_key
+
+            changed = self._glasses.changed(render)
+            self._glasses = None
+            try:
+                for name, value in changed.items():
+                    write_key(user_file(), "render", name, value)
+            except (OSError, ValueError) as error:
+                self._notices.say("kept", f"{user_file()}: not kept: {getattr(error, 'strerror', None) or error}", now_ns())
+            else:
+                if changed:
+                    self._notices.say("kept", f"kept for the next time: {', '.join(changed)}", now_ns())
+        self._presenter.pattern = self._glasses
 
     def _set(self, **values: object) -> None:
         self._context.request("set", set={f"render.{name}": value for name, value in values.items()})

@@ -10,7 +10,7 @@ from pathlib import Path
 from lfpipe.errors import UserError
 from lfpipe.render.display import Display
 
-HINT = "h shows the keys"
+HINT = "h shows the keys, g tests your glasses"
 FORMS = "window, fullscreen, none or file:OUT.mkv (or .mp4)"
 
 

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import MutableMapping
-from pathlib import Path
 
 import numpy as np
-import tomlkit
 
 from lfpipe.track.engine import Face
 
@@ -41,20 +38,3 @@ class EyeGauge:
         """Whether the viewer kept still enough for the median to mean something."""
         low, middle, high = np.percentile(self._apart_px, [25, 50, 75]) if self._apart_px else (0.0, 0.0, 1.0)
         return bool(high - low <= SPREAD * middle)
-
-
-def write_key(path: Path, section: str, name: str, value: float) -> None:
-    """Sets [section] name = value in the TOML file at path and keeps everything else; the file changes whole or not at all.
-
-    Raises OSError if it cannot be written, ValueError if it is no TOML or section is no table.
-    """
-    tree = tomlkit.parse(path.read_text() if path.exists() else "")
-    table = tree.setdefault(section, tomlkit.table())
-    if not isinstance(table, MutableMapping):
-        raise ValueError(f"{section} is not a table")
-    table[name] = value
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path = path.resolve()  # a link stays a link
-    new = path.with_name(path.name + ".new")
-    new.write_text(tomlkit.dumps(tree))
-    new.replace(path)

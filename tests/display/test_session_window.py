@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +31,7 @@ def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene:
     process = world.start("up", scene, *fixed, "--display", "window", *sets)
     world.pictures(5)
     if shutil.which("xdotool") is not None:
-        subprocess.run(["xdotool", "key", "x"], check=True, env=world.env)  # takes the hint away, which else goes by itself
+        subprocess.run(["xdotool", "key", "y"], check=True, env=world.env)  # takes the hint away, which else goes by itself
     for _ in range(10):
         done = world.run("ctl", "--session", world.name, "pause")
         assert done.returncode == 0, done.stderr
@@ -49,6 +51,15 @@ def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene:
         world.wait_for(lambda changed=changed: _alpha(world) == changed, f"alpha of {changed}")
     subprocess.run(["xdotool", "key", "o"], check=True, env=world.env)
     world.wait_for(lambda: bool((screen.picture() == 255).all(axis=-1).any()), "white letters of the overlay")
+    subprocess.run(["xdotool", "key", "o"], check=True, env=world.env)
+    press = functools.partial(_press, world)
+    press("g")
+    world.wait_for(lambda: _letters(screen) == ("left", "right"), "L for the left eye and R for the right one")
+    press("x")
+    world.wait_for(lambda: _letters(screen) == ("right", "left"), "the eyes swapped")
+    press("g")
+    kept = world.root / "settings" / "lfpipe" / "config.toml"
+    world.wait_for(lambda: kept.exists() and tomllib.loads(kept.read_text()) == {"render": {"swap_eyes": True}}, "settings kept")
     subprocess.run(["xdotool", "key", "q"], check=True, env=world.env)
     out, err = process.communicate(timeout=20)
     assert process.returncode == 0 and "render" in out, err
@@ -62,6 +73,22 @@ def _steady(world: World, screen: Screen) -> list[int] | None:
     shown = shown[: 3 * len(shown) // 4]
     same = (shown == shown[0, 0]).all()
     return np.asarray(shown[0, 0]).tolist() if same and len(world.lines()) == before else None
+
+
+def _press(world: World, key: str) -> None:
+    subprocess.run(["xdotool", "key", key], check=True, env=world.env)
+
+
+def _letters(screen: Screen) -> tuple[str, str] | None:
+    """The eye that sees the letter in the left half of the window, and in the right half: "colour" gives red to the left eye."""
+    shown = screen.shown()[:-120].astype(int)
+    if len(shown) < 200:
+        return None
+    middle, found = shown.shape[1] // 2, []
+    for half in (shown[60:, 40 : middle - 40], shown[60:, middle + 40 : -40]):
+        red, cyan = int(np.ptp(half[..., 2])), int(np.ptp(half[..., 1]))
+        found.append("left" if red > 100 > cyan else "right" if cyan > 100 > red else "?")
+    return found[0], found[1]
 
 
 def _alpha(world: World) -> float:

@@ -16,7 +16,8 @@ import pytest
 
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Camera
-from lfpipe.track.calibration import FRAMES, EyeGauge, write_key
+from lfpipe.config.user_settings import write_key
+from lfpipe.track.calibration import FRAMES, EyeGauge
 from lfpipe.track.engine import Face
 from lfpipe.track.litert_engine import LitertEngine
 from tests.world import World

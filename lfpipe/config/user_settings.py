@@ -1,0 +1,25 @@
+"""Single keys written into a person's settings, which keep their comments and their order."""
+
+from __future__ import annotations
+
+from collections.abc import MutableMapping
+from pathlib import Path
+
+import tomlkit
+
+
+def write_key(path: Path, section: str, name: str, value: float | bool) -> None:
+    """Sets [section] name = value in the TOML file at path and keeps everything else; the file changes whole or not at all.
+
+    Raises OSError if it cannot be written, ValueError if it is no TOML or section is no table.
+    """
+    tree = tomlkit.parse(path.read_text() if path.exists() else "")
+    table = tree.setdefault(section, tomlkit.table())
+    if not isinstance(table, MutableMapping):
+        raise ValueError(f"{section} is not a table")
+    table[name] = value
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path = path.resolve()  # a link stays a link
+    new = path.with_name(path.name + ".new")
+    new.write_text(tomlkit.dumps(tree))
+    new.replace(path)
