@@ -26,6 +26,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.host.addition import add
+
 Weights = tuple[float, float, float]
 
 LUMA: Weights = (0.299, 0.587, 0.114)
@@ -114,7 +116,7 @@ def encoded(light: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _unit(row: Weights) -> tuple[Weights, float]:
     """row scaled to the sum 1, and its sum."""
-    total = sum(row)
+    total = add(row)
     return (row[0] / total, row[1] / total, row[2] / total), total
 
 
@@ -171,7 +173,7 @@ def _compensated(channels: list[Channel], eyes: list[int], glasses: tuple[Weight
         main = max((c for c in range(3) if eyes[c] == eye), key=lambda c: through[c])
         others = [c for c in range(3) if eyes[c] != eye]
         worst = max(others, key=lambda c: through[c])
-        leak = sum(through[c] for c in others) / through[main]
+        leak = add(through[c] for c in others) / through[main]
         if leak < LEAST_LEAK:
             continue
         whole = -leak * channels[worst].own_gain
@@ -264,7 +266,7 @@ def _plane_tables(weights: Weights, linear: bool) -> tuple[list[NDArray[np.uint1
     The scale lets the positive terms together reach 65535 and no more, so sums never saturate."""
     code = np.arange(256) / 255.0
     light = decoded(code) if linear else code
-    scale = 65530.0 / sum(max(weight, 0.0) for weight in weights)
+    scale = 65530.0 / add(max(weight, 0.0) for weight in weights)
     terms = [np.rint(abs(weight) * scale * light).astype(np.uint16).reshape(1, -1) for weight in weights]
     level = np.arange(65536) / scale
     value = encoded(level) if linear else np.clip(level, 0.0, 1.0)

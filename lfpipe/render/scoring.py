@@ -8,6 +8,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.host.addition import add
 from lfpipe.render.synthesis import Position, Synthesiser
 from lfpipe.scene.lightfield import LightField
 
@@ -79,7 +80,7 @@ def score(field: LightField, method: str, places: list[tuple[int, int]]) -> floa
         position: Position = (place[0] / 2, place[1] / 2)
         made = synthesiser.render(position, 0, 0.0, [lambda r, c: views[0, r, c, channel]], out)
         found.append(psnr_db(_wrong(field, made[0], place, channel)))
-    return sum(found) / len(found)
+    return add(found) / len(found)
 
 
 def choose_method(field: LightField, count: int = 7) -> tuple[str, dict[str, float]]:

@@ -14,6 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.host.addition import add
+
 FloatMap = NDArray[np.float32]
 Grey = NDArray[np.uint8]
 
@@ -180,7 +182,7 @@ def landing(
         float(np.square(mismatch(grey(row, col), there, disparity_px, d_row, d_col)).mean())
         for there, d_row, d_col in _neighbours(grey, row, col, present, offsets)
     ]
-    return sum(found) / max(1, len(found))
+    return add(found) / max(1, len(found))
 
 
 def luma(planes: NDArray[np.uint8]) -> Grey:

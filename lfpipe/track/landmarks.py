@@ -11,6 +11,8 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.host.addition import add
+
 # The 16 points of each eyelid contour. The viewer's own left eye: at larger x in an unmirrored picture.
 LEFT_EYE = np.array([263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466])
 RIGHT_EYE = np.array([33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 159, 160, 161, 246])
@@ -48,8 +50,8 @@ def eye_points(points: NDArray[np.floating], depth: NDArray[np.floating]) -> Eye
     xs, ys = points[:, _KEY].tolist()  # then plain numbers: a call to numpy that follows a pause costs 15 us
     zs = depth[_KEY[: 2 * _LIDS]].tolist()
     n = _LIDS
-    lx, ly, lz = sum(xs[:n]) / n, sum(ys[:n]) / n, sum(zs[:n]) / n
-    rx, ry, rz = sum(xs[n : 2 * n]) / n, sum(ys[n : 2 * n]) / n, sum(zs[n:]) / n
+    lx, ly, lz = add(xs[:n]) / n, add(ys[:n]) / n, add(zs[:n]) / n
+    rx, ry, rz = add(xs[n : 2 * n]) / n, add(ys[n : 2 * n]) / n, add(zs[n:]) / n
     dx, dy = lx - rx, ly - ry
     up_x, up_y, out_x, out_y = _RAISE * dy, -_RAISE * dx, _SPREAD * dx, _SPREAD * dy
     return EyePoints(

@@ -16,6 +16,7 @@ import math
 import attrs
 import numpy as np
 
+from lfpipe.host.addition import add
 from lfpipe.track.smoothing import Filter, Points
 
 
@@ -90,13 +91,13 @@ class Predictive(Filter):
         self._measure_noise(half, apart, dt_s)
         self._update((lx + rx) / 2, (ly + ry) / 2, apart, dt_s)
         self._follow_half(half)
-        x = sum(share * model.x for share, model in zip(self._shares, self._models, strict=True))
-        y = sum(share * model.y for share, model in zip(self._shares, self._models, strict=True))
+        x = add(share * model.x for share, model in zip(self._shares, self._models, strict=True))
+        y = add(share * model.y for share, model in zip(self._shares, self._models, strict=True))
         trusted = [
             (share * motion.trust, model)
             for share, motion, model in zip(self._shares[1:], self._tuning.motions, self._models[1:], strict=True)
         ]
-        u, v = sum(share * model.u for share, model in trusted), sum(share * model.v for share, model in trusted)
+        u, v = add(share * model.u for share, model in trusted), add(share * model.v for share, model in trusted)
         band = (30 * self._tuning.speed_band) ** 2 * self._noise  # what looks like a speed of this size may be noise
         fast = (u * u + v * v) / max(u * u + v * v + band, 1e-300)
         u, v = fast * u, fast * v
@@ -124,7 +125,7 @@ class Predictive(Filter):
         after, priors, logs = [], [], []
         for j in range(count):
             weights = [share * (stay if i == j else leave) for i, share in enumerate(shares)]
-            prior = sum(weights)
+            prior = add(weights)
             one = _mixed(before, [weight / prior for weight in weights])
             if j == 0:
                 one.u = one.v = one.b = one.c = 0.0
@@ -144,7 +145,7 @@ class Predictive(Filter):
             priors.append(prior)
         best = max(logs)
         likely = [prior * math.exp(max(log - best, -60.0)) for prior, log in zip(priors, logs, strict=True)]
-        total = sum(likely)
+        total = add(likely)
         self._models, self._shares = after, [value / total for value in likely]
 
     def _follow_half(self, half: tuple[float, float]) -> None:

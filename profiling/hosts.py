@@ -1,0 +1,165 @@
+"""What runs under which Python: every module imported, the tests of the transport, the demo, and one recording replayed.
+
+    python profiling/hosts.py               # under each Python found here; writes profiling/results/hosts.md
+    python profiling/hosts.py --short       # a minute; prints the table only
+
+Each Python has its environment in .venv-X.Y of the checkout, made by uv from the project's file. A Python that is not installed
+is a line of the table and no failure. The replay compares the digests of eyes, views and pictures with those of the first Python.
+Exit code 1 where something failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "profiling" / "results" / "hosts.md"
+PYTHONS = ("3.11", "3.12", "3.13", "3.14")
+SLOW = "not 100000_reads and not random_moments"  # of the transport's tests, left out of the short form
+IMPORTS = """
+import importlib, pkgutil, lfpipe
+names = [each.name for each in pkgutil.walk_packages(lfpipe.__path__, "lfpipe.") if not each.name.endswith("__main__")]
+for name in names:
+    importlib.import_module(name)
+print(len(names))
+"""
+MAKE_SEQUENCE = """
+import sys
+from pathlib import Path
+from tests.replay.conftest import make_sequence
+make_sequence(Path(sys.argv[1]) / "walk", int(sys.argv[2]))
+"""
+COLUMNS = ("Python", "modules imported", "tests of the transport", "demo", "replay", "seconds")
+ELSEWHERE = """
+| machine | state |
+|---|---|
+| Linux on ARM | not run by us; the ring's fences are checked on a model of its memory, tests/transport/test_litmus.py |
+| macOS | not run by us: `lfpipe up` says so and ends |
+| Windows | not run by us: `lfpipe up` says so and ends |
+"""
+
+
+def find_python(version: str) -> str | None:
+    """Path of an interpreter: one that uv knows, or of pyenv. None is downloaded."""
+    if sys.version_info[:2] == tuple(map(int, version.split("."))):
+        return sys.executable
+    command = ["uv", "python", "find", "--no-project", "--no-python-downloads", version]
+    done = subprocess.run(command, capture_output=True, text=True, cwd="/")
+    if done.returncode == 0:
+        return done.stdout.strip()
+    kept = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
+    return next((str(path) for path in sorted(kept.glob(f"{version}.*/bin/python"), reverse=True)), None)
+
+
+class Interpreter:
+    """One Python with its environment."""
+
+    def __init__(self, version: str, path: str, work: Path, short: bool) -> None:
+        self._work, self._short = work / version, short
+        self._work.mkdir()
+        own = Path(sys.prefix) == ROOT / ".venv" and path == sys.executable
+        folder = ROOT / (".venv" if own else f".venv-{version}")
+        self._env = {key: value for key, value in os.environ.items() if key not in ("VIRTUAL_ENV", "DISPLAY", "WAYLAND_DISPLAY")}
+        self._env |= {"UV_PROJECT_ENVIRONMENT": str(folder), "UV_PYTHON": path, "PYTHONPATH": str(ROOT)}
+        self._env |= {"XDG_RUNTIME_DIR": str(self._work)}
+        self._work.chmod(0o700)
+        if not own:
+            subprocess.run(["uv", "sync", "--quiet", "--python", path], cwd=ROOT, env=self._env, check=True)
+        self._python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+        self.failed = False
+
+    def run(self, *args: str | Path) -> subprocess.CompletedProcess[str]:
+        """Its Python with args, in its work folder; a failure is printed and kept."""
+        command = [str(self._python), *map(str, args)]
+        done = subprocess.run(command, cwd=self._work, env=self._env, capture_output=True, text=True)
+        if done.returncode:
+            self.failed = True
+            said = f"{done.stdout[-2000:]}{done.stderr[-2000:]}"
+            print(f"{' '.join(command)[:200]}: exit code {done.returncode}\n{said}", file=sys.stderr)
+        return done
+
+    def version(self) -> str:
+        return self.run("-c", "import platform; print(platform.python_version())").stdout.strip()
+
+    def imports(self) -> str:
+        return self.run("-c", IMPORTS).stdout.strip() or "FAILED"
+
+    def transport(self) -> str:
+        """The tests' own last line."""
+        options = ("-o", "addopts=", "-q", "-W", "ignore", "-p", "no:cacheprovider", *(("-k", SLOW) if self._short else ()))
+        done = self.run("-m", "pytest", "--rootdir", ROOT, ROOT / "tests" / "transport", *options)
+        return done.stdout.strip().splitlines()[-1].strip("= ").partition(" in ")[0] if not done.returncode else "FAILED"
+
+    def demo(self) -> str:
+        """Pictures per second and drops, from the trace."""
+        seconds, trace = (3 if self._short else 10), self._work / "trace.jsonl"
+        options = ("--display", "none", "--duration", str(seconds), "--trace", trace, "--session", "hosts")
+        done = self.run("-m", "lfpipe", "up", "--demo", *options)
+        if done.returncode:
+            return "FAILED"
+        rows = [row for row in map(json.loads, trace.read_text().splitlines()) if row["composed"]]
+        span_s = (rows[-1]["t_presented_ns"] - rows[0]["t_presented_ns"]) / 1e9
+        faces = sum(bool(row.get("face")) for row in rows) / len(rows)
+        return f"{len(rows)} pictures, {(len(rows) - 1) / span_s:.1f} Hz, eyes in {faces:.0%}"
+
+    def replay(self, sequence: Path) -> dict[str, str] | None:
+        """Digests of a replay in steps with the demo's scene."""
+        out = self._work / "out"
+        if self.run("-m", "lfpipe", "replay", sequence, "--out", out).returncode:
+            return None
+        digests: dict[str, str] = json.loads((out / "report.json").read_text())["digests"]
+        return digests
+
+    def make_sequence(self, folder: Path) -> Path:
+        self.run("-c", MAKE_SEQUENCE, folder, "30" if self._short else "150")
+        return folder / "walk"
+
+
+def table(short: bool) -> tuple[list[tuple[str, ...]], bool]:
+    """A row per Python, and whether anything failed."""
+    rows, failed, first = [], False, None  # type: ignore[var-annotated]
+    with tempfile.TemporaryDirectory(prefix="lfh") as name:
+        work, sequence = Path(name), None
+        for version in PYTHONS:
+            path = find_python(version)
+            if path is None:
+                rows.append((version, *["not installed here"] * 4, ""))
+                continue
+            began = time.monotonic()
+            one = Interpreter(version, path, work, short)
+            sequence = sequence or one.make_sequence(work)
+            imports, tests, demo, digests = one.imports(), one.transport(), one.demo(), one.replay(sequence)
+            first = first or digests
+            equal = "equal" if digests == first else "DIFFERENT"
+            told = f"{equal}: {' '.join(value[:8] for value in digests.values())}" if digests else "FAILED"
+            failed |= one.failed or digests != first
+            rows.append((one.version(), imports, tests, demo, told, f"{time.monotonic() - began:.0f}"))
+            print(" | ".join(rows[-1]), file=sys.stderr)
+    return rows, failed
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--short", action="store_true", help="fewer tests, 3 s of the demo, 1 s of replay; writes no file")
+    short = parser.parse_args().short
+    rows, failed = table(short)
+    lines = ["| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|", *("| " + " | ".join(row) + " |" for row in rows)]
+    text = "\n".join(lines)
+    print(text)
+    if not short:
+        machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+        about = "Digests are of all frames' eyes, views and pictures, replayed in steps with the demo's scene."
+        RESULTS.write_text(f"# Hosts and Pythons\n\n`python profiling/hosts.py` on {machine}. {about}\n\n{text}\n{ELSEWHERE}")
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
