@@ -1,0 +1,100 @@
+"""The programs of docs/recipes.md run, fed by what a session would send."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import re
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lfpipe.share.head import Head
+from lfpipe.share.lsl import LslOutput
+from lfpipe.share.output import Sample
+from lfpipe.share.target import Target
+from lfpipe.share.udp import osc_datagram
+from lfpipe.transport.clock import now_ns
+from tests.share.receivers import free_port, lsl_environment
+
+PAGE = Path(__file__).parents[2] / "docs" / "recipes.md"
+HEAD = Head((-40.0, 5.0, 600.0), (23.0, 4.0, 598.0), (-8.5, 4.5, 599.0), 1.0, 2.0, 3.0)
+
+
+def program(word: str) -> str:
+    """The block of Python that holds word."""
+    return next(block for block in re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), re.M | re.S) if word in block)
+
+
+def test_the_window_keeps_the_screen_where_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    names: dict[str, object] = {}
+    exec(program("window_projection"), names)
+    assert capsys.readouterr().out.strip() == "[1. 1.]"
+    made = names["window_projection"]
+    for eye in ((0, 0, 600), (120, -80, 450), (-200, 60, 900)):
+        projection, view = made(eye, (530, 300))  # type: ignore[operator]
+        for corner in ((-265, -150), (265, -150), (-265, 150)):
+            seen = projection @ view @ (*corner, 0, 1)
+            np.testing.assert_allclose(seen[:2] / seen[3], np.sign(corner), atol=1e-9)
+        behind = projection @ view @ (*eye[:2], -300, 1)  # straight ahead of the eye
+        at_screen = projection @ view @ (*eye[:2], 0, 1)
+        np.testing.assert_allclose(behind[:2] / behind[3], at_screen[:2] / at_screen[3], atol=1e-9)
+
+
+def test_the_bridge_passes_eyes_on_to_a_page(tmp_path: Path) -> None:
+    from tornado.websocket import websocket_connect
+
+    osc_port, web_port = free_port(), free_port()
+    script = tmp_path / "eyes_to_page.py"
+    script.write_text(program("WebSocketHandler"))
+    words = [sys.executable, str(script), str(osc_port), str(web_port)]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None and process.stdout.readline().strip() == "passing on"
+
+        async def page() -> dict[str, list[float]]:
+            connection = await websocket_connect(f"ws://127.0.0.1:{web_port}/eyes")
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+                sender.sendto(osc_datagram(Sample(1, 2, 3, HEAD)), ("127.0.0.1", osc_port))
+            heard = await asyncio.wait_for(connection.read_message(), 20)
+            connection.close()
+            return dict(json.loads(heard or ""))
+
+        heard = asyncio.run(page())
+    finally:
+        process.kill()
+        process.communicate()
+    assert heard["left"] == pytest.approx(HEAD.left_mm) and heard["right"] == pytest.approx(HEAD.right_mm)
+
+
+def test_the_experiment_reads_eyes_on_its_own_clock(tmp_path: Path) -> None:
+    pytest.importorskip("pylsl")
+    settings = lsl_environment(tmp_path)
+    os.environ |= settings
+    name = f"lab{os.getpid()}"
+    output, done = LslOutput(Target("lsl", name=name), "recipe", 30.0, True), threading.Event()
+
+    def feed() -> None:
+        seq = 0
+        while not done.wait(0.02):
+            output.send(Sample(seq, now_ns(), now_ns(), HEAD))
+            seq += 1
+
+    feeder = threading.Thread(target=feed)
+    feeder.start()
+    try:
+        example = program("lab-eyes").replace("lab-eyes", f"{name}-eyes")
+        ran = subprocess.run([sys.executable, "-c", example], capture_output=True, text=True, env={**os.environ}, timeout=60)
+    finally:
+        done.set()
+        feeder.join()
+        output.close()
+    assert ran.returncode == 0, ran.stderr
+    lines = ran.stdout.splitlines()
+    assert len(lines) == 10 and all(line.split()[:3] == ["-40.0", "5.0", "600.0"] for line in lines)
