@@ -6,7 +6,7 @@ import attrs
 import numpy as np
 
 from lfpipe import config
-from lfpipe.capture.camera_list import cameras
+from lfpipe.capture.camera_list import cameras, describe
 from lfpipe.capture.frame_source import FrameSource, SourceInfo, decoding
 from lfpipe.capture.mounting import orient
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
@@ -27,6 +27,17 @@ def resolve(text: str) -> Spec:
     if not found:
         raise UserError("no camera found", "use --camera demo, or a recording with --camera file:PATH")
     return CameraSpec(found[0].path)
+
+
+def camera_name(text: str) -> str:
+    """What a source is known by when it is measured: the driver's name of a camera, wherever it is plugged in.
+
+    Raises UserError as `resolve` does.
+    """
+    spec = resolve(text)
+    if isinstance(spec, CameraSpec):
+        return spec.name or describe(spec.path).name or str(spec.path)
+    return f"file:{spec.path.absolute()}" if isinstance(spec, FileSpec) else "demo"
 
 
 def open_source(text: str, camera: config.Camera) -> FrameSource:

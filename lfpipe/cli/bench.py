@@ -13,7 +13,7 @@ NAMES = ("tracker", "filters", "synthesis", "anaglyph", "pipeline", "stability",
 
 
 class AllByDefault(click.Group):
-    """A group that runs its command `all` where options are given alone; without any it prints its help: `all` takes minutes."""
+    """A group that runs its command `all` if there are options only, and shows its help if there is nothing at all."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0].startswith("-") and args[0] not in ("-h", "--help"):
@@ -21,12 +21,16 @@ class AllByDefault(click.Group):
         return super().parse_args(ctx, args)
 
 
-@click.group(cls=AllByDefault)
-def bench() -> None:
+@click.group(cls=AllByDefault, invoke_without_command=True)
+@click.pass_context
+def bench(context: click.Context) -> None:
     """Measure error against run time, on this machine, your scene and your sequence.
 
     Writes a report that opens in any browser. The default inputs are the demo's scene and viewer.
+    Start with: lfpipe bench all --quick
     """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
 
 
 def _measure(names: tuple[str, ...], given: dict[str, Any]) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+
 import click
 
 from lfpipe.cli.options import with_config
@@ -20,7 +23,7 @@ USUAL_DEG = (30, 130)  # of webcams, from those for meetings to wide ones
 def calibrate(
     camera: str | None, distance_mm: float, by: str, eyes_mm: float | None, sets: tuple[str, ...], config_file: str | None
 ) -> None:
-    """Measure the camera's focal length and store it in your settings.
+    """Measure the camera's focal length and store it under the camera's name.
 
     Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there, flat to the camera) and follow
     the window. Without a screen, the eyes are measured as soon as they are detected.
@@ -30,44 +33,54 @@ def calibrate(
     """
     import math
 
+    from lfpipe.capture.open_source import camera_name
     from lfpipe.config import load, user_file
+    from lfpipe.config.camera_file import camera_file, with_measured_focal
     from lfpipe.config.camera_pose import EYES_MM
-    from lfpipe.config.user_settings import write_key
     from lfpipe.errors import UserError
     from lfpipe.observe.calibrate import by_card, by_eyes, by_leaning
     from lfpipe.render.geometry import BANK_CARD_MM, focal_px_from
 
     config = load(config_file, sets)
+    name = camera_name(camera or config.camera.source)
     if by == "leaning":
-        above_mm, tilt_deg = (round(value, 1) for value in by_leaning(config, camera, eyes_mm or EYES_MM))
-        try:
-            for name, value in (("above_mm", above_mm), ("tilt_deg", tilt_deg)):
-                write_key(user_file(), "camera", name, value)
-        except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or error
-            remedy = f"add above_mm = {above_mm} and tilt_deg = {tilt_deg} under [camera] there"
-            raise UserError(f"{user_file()}: {why}", remedy) from None
-        click.echo(f"camera {above_mm} mm above the middle of the screen, looking down by {tilt_deg} degrees")
+        above_mm, tilt_deg = by_leaning(with_measured_focal(config, name), camera, eyes_mm or EYES_MM)
+        pose = {"above_mm": round(above_mm, 1), "tilt_deg": round(tilt_deg, 1)}
+        _store(user_file(), "camera", pose)
+        click.echo(f"camera {pose['above_mm']} mm above the middle of the screen, looking down by {pose['tilt_deg']} degrees")
         click.echo(f"camera.above_mm and camera.tilt_deg written to {user_file()}")
         return
     size_px = by_card(config, camera, distance_mm) if by == "card" else by_eyes(config, camera, distance_mm)
     size_mm = BANK_CARD_MM if by == "card" else eyes_mm or EYES_MM
-    focal_px = round(focal_px_from(size_px, size_mm, distance_mm), 1)
-    fov_deg = math.degrees(2 * math.atan(config.camera.width_px / 2 / focal_px))
-    if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
-        raise UserError(
-            f"{size_mm:g} mm at {distance_mm:g} mm measured {size_px:.1f} px: a field of view of {fov_deg:.0f} degrees, which is"
-            f" implausible for a webcam ({USUAL_DEG[0]} to {USUAL_DEG[1]}); nothing was written",
-            f"pass the measured distance with --distance; if the camera is so, put focal_px = {focal_px} into {user_file()}",
-        )
-    try:
-        write_key(user_file(), "camera", "focal_px", focal_px)
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise UserError(f"{user_file()}: {why}", f"add focal_px = {focal_px} under [camera] there") from None
+    focal_px, width_px = round(focal_px_from(size_px, size_mm, distance_mm), 1), config.camera.frame_px[0]
+    fov_deg = math.degrees(2 * math.atan(width_px / 2 / focal_px))
     click.echo(f"{size_mm:g} mm at {distance_mm:g} mm are {size_px:.1f} px")
     click.echo(f"focal length {focal_px} px, field of view {fov_deg:.1f} degrees")
+    if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
+        raise UserError(
+            f"{fov_deg:.1f} degrees are not stored: webcams see {USUAL_DEG[0]} to {USUAL_DEG[1]} degrees",
+            f"measure again at {distance_mm:g} mm; for a lens that sees that much, set focal_px = {focal_px}"
+            f" under [camera] in {user_file()}",
+        )
     if by == "eyes" and eyes_mm is None:
         click.echo(f"assuming {EYES_MM:g} mm between your eyes (8 % off at most, for most people)")
         click.echo("--eyes-mm MM or --by card is more accurate")
-    click.echo(f"camera.focal_px = {focal_px} written to {user_file()}")
+    _store(camera_file(), name, {"focal_px": focal_px, "width_px": width_px})
+    click.echo(f"stored for {name} in {camera_file()}")
+    if load().camera.focal_px != "auto":
+        _store(user_file(), "camera", {"focal_px": None})
+        click.echo(f"camera.focal_px removed from {user_file()}: it would replace what was measured")
+
+
+def _store(path: Path, section: str, values: Mapping[str, float | None]) -> None:
+    """Writes the values under [section] of path. Raises UserError."""
+    from lfpipe.config.user_settings import write_key
+    from lfpipe.errors import UserError
+
+    try:
+        for key, value in values.items():
+            write_key(path, section, key, value)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        lines = " and ".join(f"{key} = {value}" for key, value in values.items())
+        raise UserError(f"{path}: {why}", f"write {lines} under [{section}] there") from None

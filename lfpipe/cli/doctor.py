@@ -8,11 +8,13 @@ import click
 @click.command()
 def doctor() -> int:
     """Check this machine, a line per check, with remedies. Exit code 1 if something would stop `lfpipe up SCENE`."""
+    from lfpipe.cli.progress import filled
     from lfpipe.observe.doctor import checks
 
     found = checks()
     for check in found:
-        click.echo(f"{'ok  ' if check.ok else 'FAIL'} {check.name:<12} {check.detail}")
+        head = f"{'ok  ' if check.ok else 'FAIL'} {check.name:<12} "
+        click.echo(filled(check.detail, head))
         if check.remedy:
-            click.echo(f"     {'':<12} remedy: {check.remedy}")
+            click.echo(filled(f"remedy: {check.remedy}", " " * len(head)))
     return 0 if all(check.ok for check in found) else 1

@@ -100,6 +100,7 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
         raise UserError(f"--no-picture with {', '.join(pointless)}: nothing is shown", "leave out one or the other")
     config = config_module.load(arguments.config_file, arguments.sets)
     camera, share = _checked(arguments, config, "none")
+    config = _with_measured_focal(config, camera)
     config = _with_engine(config)
     options = SessionOptions(
         source=camera.text,
@@ -137,6 +138,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
             raise UserError(f"{out}/: {error.strerror}", remedy) from None
         say(f"no screen here: the demo runs {arguments.duration_s or DEMO_S:g} s into {out}/")
     camera, share = _checked(arguments, config, display)
+    config = _with_measured_focal(config, camera)
     field = open_with_progress(arguments.scene, config.scene)
     scene = summarize(field, config.scene)
     config = _with_engine(config) if scene.needs_tracking else config
@@ -214,6 +216,14 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[Chec
         raise errors[0]
     assert isinstance(found, CheckedSource)
     return found, share
+
+
+def _with_measured_focal(config: Config, camera: CheckedSource) -> Config:
+    """config with the focal length that `lfpipe calibrate` measured of this camera."""
+    from lfpipe.capture.open_source import camera_name
+    from lfpipe.config.camera_file import with_measured_focal
+
+    return with_measured_focal(config, camera_name(camera.text)) if camera.text else config
 
 
 def _grid(scene: Path, config: Config) -> tuple[int, int]:

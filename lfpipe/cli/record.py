@@ -21,15 +21,17 @@ def record(
 ) -> int:
     """Record a camera to the new folder OUT, for `lfpipe replay`. Ctrl-C ends it. See also `lfpipe ctl record`."""
     from lfpipe import config as config_module
-    from lfpipe.capture.open_source import check_source
+    from lfpipe.capture.open_source import camera_name, check_source
     from lfpipe.cli.launch import exit_code, say
     from lfpipe.config import SessionOptions
+    from lfpipe.config.camera_file import with_measured_focal
     from lfpipe.sequence.folder import check_out
     from lfpipe.supervisor.supervisor import Supervisor
     from lfpipe.transport.session import Session
 
     config = config_module.load(config_file, sets)
     source = check_source(camera or config.camera.source, config.camera)
+    config = with_measured_focal(config, camera_name(source.text))
     check_out(out)
     options = SessionOptions(
         source=source.text,

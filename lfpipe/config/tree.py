@@ -70,7 +70,7 @@ class Camera:
     tilt_deg: Annotated[float, Opt("how far the camera looks down", "deg", -60, 60, live=True)] = 0.0
     focal_px: Annotated[
         float | Literal["auto"],
-        Opt("focal length at width_px, as `lfpipe calibrate` finds it; auto: from fov_deg", "px", 1, 100000, live=True),
+        Opt("focal length at width_px; auto: as `lfpipe calibrate` measured this camera, else from fov_deg", "px", 1, 100000, live=True),
     ] = "auto"
     fov_deg: Annotated[float, Opt("horizontal field of view, used while focal_px is auto", "deg", 5, 175, live=True)] = 56.0
 

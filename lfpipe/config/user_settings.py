@@ -8,8 +8,9 @@ from pathlib import Path
 import tomlkit
 
 
-def write_key(path: Path, section: str, name: str, value: float | bool) -> None:
-    """Sets [section] name = value in the TOML file at path and keeps everything else; the file changes whole or not at all.
+def write_key(path: Path, section: str, name: str, value: float | bool | None) -> None:
+    """Sets [section] name = value in the TOML file at path, removes it where value is None, and keeps everything else; the file
+    changes whole or not at all.
 
     Raises OSError if it cannot be written, ValueError if it is no TOML or section is no table.
     """
@@ -17,7 +18,10 @@ def write_key(path: Path, section: str, name: str, value: float | bool) -> None:
     table = tree.setdefault(section, tomlkit.table())
     if not isinstance(table, MutableMapping):
         raise ValueError(f"{section} is not a table")
-    table[name] = value
+    if value is None:
+        table.pop(name, None)
+    else:
+        table[name] = value
     path.parent.mkdir(parents=True, exist_ok=True)
     path = path.resolve()  # a link stays a link
     new = path.with_name(path.name + ".new")

@@ -18,6 +18,7 @@ from lfpipe.track.engines import make_engine
 
 LEAN_FRAMES = 300  # ten seconds of leaning in and out
 PATIENCE_FRAMES = 600  # frames without a still face before giving up
+EDGES = ("Click the middle of one short edge.", "First edge marked. Click the middle of the other short edge.")
 AGAIN = UserError("nothing was measured", "start again when you are ready")
 NOBODY = UserError(
     "no face was seen", "sit in the light, looking into the camera; `lfpipe up --demo --camera SRC` shows what it sees"
@@ -31,7 +32,9 @@ def _frame(config: Config) -> NDArray[np.uint8]:
 
 
 def _mark(picture: NDArray[np.uint8], x: float, y: float) -> None:
-    cv2.drawMarker(picture, (round(x), round(y)), (255, 255, 255), cv2.MARKER_CROSS, 21, 2)
+    """A white cross with a dark rim, which shows on a face and on a white card alike."""
+    for colour, thick_px in (((0, 0, 0), 5), ((255, 255, 255), 2)):
+        cv2.drawMarker(picture, (round(x), round(y)), colour, cv2.MARKER_CROSS, 21, thick_px)
 
 
 def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
@@ -98,7 +101,7 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
             lines = [f"Card {distance_mm:g} mm from the camera, flat to it.", "Enter freezes the picture, Esc ends"]
             width_px = 0.0
             if frozen and len(ends) < 2:
-                lines = ["Click the middle of both short edges.", "Esc ends"]
+                lines = [EDGES[len(ends)], "Esc ends"]
             elif frozen:
                 (x0, y0), (x1, y1) = ends
                 width_px = math.hypot(x1 - x0, y1 - y0)

@@ -1,4 +1,4 @@
-"""Would a session run on this machine? One check a line, each with its remedy. Starts no camera and opens no window."""
+"""Would `lfpipe up SCENE` run on this machine? One check a line, each with its remedy. Starts no camera, opens no window."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import attrs
 
+from lfpipe import config
 from lfpipe.capture.camera_list import CameraDevice, asking, cameras
 from lfpipe.errors import UserError
 from lfpipe.host.processes import usable_cores
@@ -19,6 +20,7 @@ from lfpipe.host.shared_memory import SHM_DIR
 from lfpipe.render.open_display import has_display
 from lfpipe.track import models
 
+NO_CAMERA = "plug one in, or use --camera demo, or a recording with --camera file:PATH; `lfpipe up --demo` needs none"
 SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with room
 
 
@@ -105,7 +107,8 @@ def litert() -> Check:
 def sdl() -> Check:
     """SDL's video driver and how a picture gets to the screen."""
     if not has_display():
-        return Check("display", False, "no screen here", "run in a desktop, or use --display none or --display file:OUT.mkv")
+        remedy = "run in a desktop, or use --display none or --display file:OUT.mkv; `lfpipe up --demo` needs none"
+        return Check("display", False, "no screen here", remedy)
     try:
         from lfpipe.render import sdl
         from lfpipe.render.monitors import detect_monitors
@@ -117,6 +120,26 @@ def sdl() -> Check:
     how = sdl.drawn_by(driver)
     listed = "; ".join(f"monitor {each}" for each in monitors)
     return Check("display", True, f"SDL {sdl.version()}, driver {driver}, {how}; {listed}")
+
+
+def settings() -> Check:
+    """The user's own settings, which every command reads."""
+    path = config.user_file()
+    try:
+        config.load()
+    except UserError as error:
+        return Check("settings", False, error.message, error.remedy)
+    return Check("settings", True, str(path) if path.exists() else f"none ({path}): defaults")
+
+
+def camera_checks(source: str, found: list[CameraDevice]) -> list[Check]:
+    """Every camera, the one that `lfpipe up` takes first. source: camera.source of the settings."""
+    if source and not source.startswith("camera:"):
+        return [Check("camera", True, f"camera.source is {source}"), *map(camera, found)]
+    if not found:
+        return [Check("camera", False, "none", NO_CAMERA)]
+    first, *others = [camera(device) for device in found]
+    return [attrs.evolve(first, ok=source != "" or not first.remedy), *others]
 
 
 def camera(device: CameraDevice) -> Check:
@@ -163,16 +186,17 @@ def leftovers() -> Check:
 
 def checks() -> list[Check]:
     """All of them, in the order in which a person would fix things."""
-    found = cameras()
-    none = Check("camera", False, "none", "use --camera demo, or a recording with --camera file:PATH")
+    own = settings()
+    source = config.load().camera.source if own.ok else ""
     return [
         python(),
+        own,
         opencv(opencv_distributions()),
         mediapipe(),
         face_networks(),
         litert(),
         sdl(),
-        *([camera(device) for device in found] or [none]),
+        *camera_checks(source, cameras()),
         shared_memory(),
         cores(),
         leftovers(),

@@ -76,11 +76,14 @@ def test_a_viewer_who_moves_is_no_measure() -> None:
 def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
     done = world.run("calibrate", "--camera", "demo", "--distance", "600")
     assert done.returncode == 0, done.stderr
-    written = tomllib.loads((world.root / "settings" / "lfpipe" / "config.toml").read_text())
-    assert 300 < written["camera"]["focal_px"] < 1200 and str(written["camera"]["focal_px"]) in done.stdout
-    far = world.run("calibrate", "--camera", "demo", "--distance", "2000")
-    assert far.returncode == 2 and "implausible" in far.stderr and "--distance" in far.stderr
-    assert tomllib.loads((world.root / "settings" / "lfpipe" / "config.toml").read_text()) == written, "it is not written"
+    settings = world.root / "settings" / "lfpipe"
+    written = tomllib.loads((settings / "cameras.toml").read_text())["demo"]
+    assert 300 < written["focal_px"] < 1200 and str(written["focal_px"]) in done.stdout and written["width_px"] == 640
+    assert not (settings / "config.toml").exists()
+    for words in (("--distance", "1600"), ("--distance", "1600", "--set", "camera.focal_px=600")):
+        refused = world.run("calibrate", "--camera", "demo", *words)  # the face fills as much as one would at 600 mm
+        assert refused.returncode == 2 and "not stored" in refused.stderr and "measure again" in refused.stderr
+    assert tomllib.loads((settings / "cameras.toml").read_text()) == {"demo": written}
     card = world.run("calibrate", "--camera", "demo", "--by", "card")
     assert card.returncode == 2 and "no screen" in card.stderr and "--by eyes" in card.stderr
     listed = world.run("cameras", "--json")
@@ -110,6 +113,19 @@ def test_who_leans_in_and_out_tells_where_the_camera_stands(world: World, tmp_pa
     assert written["above_mm"] == pytest.approx(150, abs=15) and abs(written["tilt_deg"]) < 2
 
 
+def test_each_camera_keeps_its_own_focal_length(world: World, scene: Path, clip: Path) -> None:
+    settings = world.root / "settings" / "lfpipe"
+    settings.mkdir(parents=True)
+    (settings / "cameras.toml").write_text(f'[demo]\nfocal_px = 400\nwidth_px = 320\n["file:{clip}"]\nfocal_px = 5\n')
+    world.up(scene)
+    world.pictures(3)
+    status = json.loads(world.run("ctl", "status", "--json", "--session", world.name).stdout)
+    assert status["config"]["camera"]["focal_px"] == 800  # at 640
+    assert world.run("ctl", "stop", "--session", world.name).returncode == 0
+    damaged = world.run("up", scene, "--camera", f"file:{clip}", "--display", "none", "--duration", "1")
+    assert damaged.returncode == 2 and "cameras.toml" in damaged.stderr and "width_px" in damaged.stderr
+
+
 FOCAL_PX, CARD_AT_MM, CARD_PX = 620.0, 450.0, (180.0, 337.0)
 
 
@@ -137,7 +153,7 @@ def test_a_card_is_clicked_in_a_real_window(world: World, screen: Screen, tmp_pa
     world.env["DISPLAY"] = screen.name
     settings = world.root / "settings" / "lfpipe" / "config.toml"
     settings.parent.mkdir(parents=True)
-    settings.write_text('# mine\n[camera]\nrate_hz = 25.0  # slow\n[render]\nmethod = "warp"\n')
+    settings.write_text('# mine\n[camera]\nrate_hz = 25.0  # slow\nfocal_px = 999.0\n[render]\nmethod = "warp"\n')
     process = world.start("calibrate", "--by", "card", "--camera", "file:card.avi?loop=1", "--distance", str(CARD_AT_MM))
 
     def tool(*words: str) -> str:
@@ -165,10 +181,12 @@ def test_a_card_is_clicked_in_a_real_window(world: World, screen: Screen, tmp_pa
     tool("key", "Return")
     out, err = process.communicate(timeout=20)
     assert process.returncode == 0, err
-    written = tomllib.loads(settings.read_text())
-    assert written["camera"].pop("focal_px") == pytest.approx(FOCAL_PX, rel=0.01)  # a click falls on a pixel
+    cameras = settings.with_name("cameras.toml")
+    measured = tomllib.loads(cameras.read_text())[f"file:{world.root / 'card.avi'}"]
+    assert measured == {"focal_px": pytest.approx(FOCAL_PX, rel=0.01), "width_px": 640}  # a click falls on a pixel
+    written = tomllib.loads(settings.read_text())  # without the focal length that was set for every camera
     assert written == {"camera": {"rate_hz": 25.0}, "render": {"method": "warp"}} and "# mine" in settings.read_text()
-    assert str(settings) in out
+    assert str(settings) in out and str(cameras) in out
 
 
 def test_nobody_to_be_seen_is_said(world: World, tmp_path: Path) -> None:
