@@ -7,13 +7,13 @@ from pathlib import Path
 
 import click
 
-from lfpipe.cli.options import with_config
+from lfpipe.cli.options import with_camera, with_config
 
 USUAL_DEG = (30, 130)  # of webcams, from those for meetings to wide ones
 
 
 @click.command()
-@click.option("--camera", "camera", metavar="SRC", help="As for `lfpipe up`.  [default: the first camera]")
+@with_camera
 @click.option("--distance", "distance_mm", type=click.FloatRange(100, 5000), default=600.0, show_default=True, metavar="MM",
               help="From the camera to your eyes, or to the card.")  # fmt: skip
 @click.option("--by", type=click.Choice(["eyes", "card", "leaning"]), default="eyes", show_default=True,

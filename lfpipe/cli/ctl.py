@@ -10,6 +10,7 @@ from typing import Any
 import attrs
 import click
 
+from lfpipe.cli import completions
 from lfpipe.cli.options import with_session
 
 LOAD_S = 900.0  # packing a large scene takes minutes
@@ -77,7 +78,7 @@ def _send(target: Target, message: dict[str, Any], timeout_s: float = 3.0) -> No
 
 
 @ctl.command("set")
-@click.argument("sets", nargs=-1, required=True, metavar="KEY=VALUE...")
+@click.argument("sets", nargs=-1, required=True, metavar="KEY=VALUE...", shell_complete=completions.settings)
 @click.pass_obj
 def set_keys(target: Target, sets: tuple[str, ...]) -> None:
     """Change keys of the configuration, all or none."""
@@ -87,7 +88,7 @@ def set_keys(target: Target, sets: tuple[str, ...]) -> None:
 
 
 @ctl.command()
-@click.argument("scene", type=click.Path(path_type=Path))
+@click.argument("scene", type=click.Path(path_type=Path), shell_complete=completions.scenes)
 @click.option("--layout", help="Name of its layout on disk, where it is not found.")
 @click.option("--grid", metavar="ROWSxCOLS", help="Its grid, where the files do not tell it.")
 @click.pass_obj

@@ -29,8 +29,9 @@ def monitor(
     name = session_name or default_name()
     served = (("--web", web is not None), ("--prometheus", prometheus is not None))
     chosen = [word for word, on in (("--json", as_json), ("--csv", as_csv), *served) if on]
-    if len(chosen) > 1 or (once and any(on for _, on in served)):
-        raise click.UsageError(f"{' and '.join(['--once'] * once + chosen)} exclude each other")
+    chosen += ["--once"] * (once and any(on for _, on in served))  # which goes with --json, and with --csv
+    if len(chosen) > 1:
+        raise click.UsageError(f"{' and '.join(chosen)} exclude each other")
     if port is not None and web != "":
         raise click.UsageError("--port belongs to --web without an address")
     if web is not None:

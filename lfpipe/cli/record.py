@@ -7,12 +7,12 @@ from pathlib import Path
 
 import click
 
-from lfpipe.cli.options import with_config
+from lfpipe.cli.options import with_camera, with_config
 
 
 @click.command()
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--camera", metavar="SRC", help="As for `lfpipe up`.  [default: the first camera]")
+@with_camera
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S seconds.")
 @click.option("--with-eyes", is_flag=True, help="Track the eyes and store them beside the frames.")
 @with_config

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import itertools
 import os
 import shutil
@@ -14,11 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from lfpipe.cli.options import with_config
 from lfpipe.errors import UserError
 
 PATH = click.Path(path_type=Path)
+PACES = ("step", "max", "recorded")
 
 
 def say(text: str) -> None:
@@ -74,7 +77,8 @@ def _write(junit: Path | None, name: str, error: str, seconds: float = 0.0) -> N
 @click.command(cls=JUnitCommand)
 @click.argument("path", type=PATH, metavar="SEQ")
 @click.option("--scene", type=PATH, metavar="S", help="The light field; the demo's without it.")
-@click.option("--pace", default="step", show_default=True, metavar="step|max|recorded|HZ", help="How frames follow each other.")
+@click.option("--pace", default="step", show_default=True, metavar="step|max|recorded|HZ", help="How frames follow each other.",
+              shell_complete=lambda *_: [CompletionItem(pace) for pace in PACES])  # fmt: skip
 @click.option("--out", type=PATH, metavar="DIR", help="Where report.json, trace.jsonl and pictures go.")
 @click.option("--expect", type=PATH, metavar="REF", help="Compare with this folder, which --out or --update wrote.")
 @click.option("--update", is_flag=True, help="Write the reference of --expect instead of comparing with it.")
@@ -152,8 +156,11 @@ def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> No
     if pace != "step":
         try:
             parse_source(f"file:sequence?pace={pace}")
-        except UserError as error:
-            raise UserError(f"--pace {pace}: not step, max, recorded or a rate in Hz", "step is the reproducible one") from error
+        except UserError:
+            close = difflib.get_close_matches(pace, PACES, 1, 0.5)
+            hint = f" (did you mean {close[0]!r}?)" if close else ""
+            remedy = "step is the fastest that gives the same results every time; max plays without waiting, 30 plays at 30 Hz"
+            raise UserError(f"--pace {pace}: not {', '.join(PACES)} or a rate in Hz{hint}", remedy) from None
     if update and expect is None:
         raise UserError("--update: which reference?", "name it with --expect REF")
     if expect is not None and out is not None and os.path.realpath(expect) == os.path.realpath(out):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from lfpipe.cli import completions
 from lfpipe.cli.options import with_config
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from lfpipe.scene.lightfield import LightField
 
 F = TypeVar("F", bound=Callable[..., Any])
-SCENE = click.argument("path", metavar="SCENE", type=click.Path(path_type=Path))
+SCENE = click.argument("path", metavar="SCENE", type=click.Path(path_type=Path), shell_complete=completions.scenes)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
@@ -130,7 +131,7 @@ def list_packs(config_file: str | None, sets: tuple[str, ...], as_json: bool) ->
         return
     for folder, m, size in found:
         grid = f"{m['rows']}x{m['cols']} of {m['width']}x{m['height']}" if "rows" in m else "damaged"
-        click.echo(f"{folder.name}  {size / 1e6:8.1f} MB  {grid:<22}  {m.get('source', '')}")
+        click.echo(f"{folder.name} {size / 1e6:8.1f} MB  {grid}\n    {m.get('source', '')}")
     click.echo(f"{len(found)} packs, {sum(size for _, _, size in found) / 1e6:.1f} MB in {cache_dir(config)}")
 
 
@@ -184,6 +185,7 @@ def plan(path: Path, as_json: bool, **options: Any) -> None:
 
     import attrs
 
+    from lfpipe.cli.progress import filled
     from lfpipe.render.plan import make_plan
 
     config = _config(options)
@@ -195,7 +197,7 @@ def plan(path: Path, as_json: bool, **options: Any) -> None:
     needs = [name for name in ("tracking", "rows", "warp", "depth") if getattr(made, f"needs_{name}")]
     click.echo(f"{field.name}: {field.rows}x{field.cols} views, method {made.method}, needs {', '.join(needs) or 'nothing'}")
     for item in made.left_out:
-        click.echo(f"  left out: {item.what}\n    because {item.why}\n    saves   {item.saves}")
+        click.echo(f"  left out: {item.what}\n{filled(item.why, '    because ')}\n{filled(item.saves, '    saves   ')}")
     if not made.left_out:
         click.echo("  nothing can be left out")
 
@@ -208,12 +210,13 @@ def info(path: Path, as_json: bool, **options: Any) -> None:
     """Show what SCENE is: layout, grid, order of its views, disparity, geometry."""
     import json
 
+    from lfpipe.cli.progress import filled
     from lfpipe.scene.info import describe_pack, lines
 
     config = _config(options)
     field = _opened(path, config)
     facts = describe_pack(field, config.scene)
-    click.echo(json.dumps(facts) if as_json else "\n".join(lines(facts)))
+    click.echo(json.dumps(facts) if as_json else "\n".join(filled(line[14:], line[:14]) for line in lines(facts)))
 
 
 @scene.command()

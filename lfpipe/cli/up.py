@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from lfpipe.cli import completions
 from lfpipe.cli.options import with_config, with_session
 
 EXAMPLES = """\b
@@ -18,11 +19,20 @@ Examples:
 
 
 @click.command(epilog=EXAMPLES)
-@click.argument("scene", required=False, type=click.Path(path_type=Path))
+@click.argument("scene", required=False, type=click.Path(path_type=Path), shell_complete=completions.scenes)
 @click.option(
-    "--camera", "camera", metavar="SRC", help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo."
+    "--camera",
+    "camera",
+    metavar="SRC",
+    shell_complete=completions.sources,
+    help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo.",
 )
-@click.option("--display", metavar="WHERE", help="window, fullscreen, none, file:OUT.mkv or file:OUT.mp4.  [default: window]")
+@click.option(
+    "--display",
+    metavar="WHERE",
+    shell_complete=completions.displays,
+    help="window, fullscreen, none, file:OUT.mkv or file:OUT.mp4.  [default: window]",
+)
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S seconds.")
 @click.option("--trace", type=click.Path(path_type=Path), metavar="FILE", help="Write one JSON line per picture.")
 @click.option("--demo", is_flag=True, help="A built-in scene and face: needs no camera, light field or screen.")

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import difflib
 import functools
+import json
 import unicodedata
 from collections.abc import Iterable, Mapping
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
 
-from lfpipe.config.tree import Config, Opt, options, to_dict, trusted
+from lfpipe.config.tree import Config, Opt, choices, options, to_dict, trusted
 from lfpipe.errors import UserError, shown
 
 TEXT_CHARS = 4096  # of any text; the longest path
@@ -41,8 +42,8 @@ def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
     names = [wanted[part] for part in parts if part in wanted]
     if words and not names:
         texts = [str(word) for word in words]
-        close = difflib.get_close_matches(value, texts, 1, 0.5) if isinstance(value, str) and len(value) < 40 else []
-        return f"{shown(value)} is not one of {', '.join(texts)}" + (f" (did you mean {close[0]!r}?)" if close else "")
+        close = _close(value, texts, 0.5)
+        return f"{shown(value)} is not one of {', '.join(texts)}" + (f" (did you mean {close!r}?)" if close else "")
     return f"{shown(value)} is not {' or '.join([*names, *map(repr, words)])}"
 
 
@@ -67,8 +68,25 @@ def _unknown(key: object) -> str:
     section = key.partition(".")[0]
     if section not in sections():
         key = section
-    close = difflib.get_close_matches(key, [*options(), *sections()], 1, 0.6) if len(key) < 40 else []
-    return f"{key if len(key) < 40 else shown(key)}: unknown key" + (f", did you mean {close[0]!r}?" if close else "")
+    close = _close(key, [*options(), *sections()], 0.6)
+    return f"{key if len(key) < 40 else shown(key)}: unknown key" + (f", did you mean {close!r}?" if close else "")
+
+
+def _close(value: object, texts: Iterable[str], cutoff: float) -> str:
+    """The one of texts that value may be a slip of, "" without one."""
+    close = difflib.get_close_matches(value, list(texts), 1, cutoff) if isinstance(value, str) and len(value) < 40 else []
+    return close[0] if close else ""
+
+
+def corrected(key: str, value: object) -> str:
+    """KEY=VALUE without the slip in it, as `--set` takes it, "" where none is likely."""
+    meant = key if key in options() else _close(key, options(), 0.6)
+    if not meant:
+        return ""
+    kind, opt, _ = options()[meant]
+    if _wrong(value, kind, opt):
+        value = _close(value, choices(meant), 0.5)
+    return f"{meant}={json.dumps(value) if isinstance(value, bool) else value}" if value != "" else ""
 
 
 def problems(values: Iterable[tuple[object, object]]) -> list[str]:

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from lfpipe.config.check import changed, flat, problems, refusal, wrong_text
+from lfpipe.config.check import changed, corrected, flat, problems, refusal, wrong_text
 from lfpipe.config.tree import Config, options
 from lfpipe.errors import UserError, shown
 from lfpipe.files.safe_files import read_text
@@ -98,13 +98,13 @@ def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -
     values: dict[str, Any] = {}
     wrong: list[str] = []
     remedy = f"a TOML file (`lfpipe config init` writes a complete one), or the name of a preset: {', '.join(presets())}"
-    unreadable: list[str] = []
+    remedies: list[str] = []
     for name, path in _layers(file):
         try:
             found = flat(toml_table(read_text(path, FILE_BYTES, name, remedy), name, remedy))
         except UserError as error:
             wrong.append(error.message)
-            unreadable = [remedy]
+            remedies = [remedy]
             continue
         wrong += [f"{name}: {each}" for each in problems(found)]
         values |= {str(key): value for key, value in found}
@@ -114,8 +114,10 @@ def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -
         except UserError as error:
             wrong.append(f"{error.message.removeprefix('configuration: ')}{_meant(text)}")
             continue
-        wrong += problems([(key, value)])
+        if found_wrong := problems([(key, value)]):
+            wrong += found_wrong
+            remedies += [f"--set {fixed}"] if (fixed := corrected(key, value)) else []
         values[key] = value
     if wrong:
-        raise refusal(wrong, *unreadable)
+        raise refusal(wrong, *remedies)
     return changed(Config(), values)

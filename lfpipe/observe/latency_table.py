@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 from lfpipe.supervisor.snapshot import ms, placed
 
+COLUMNS = 80
 QUANTILES = ("p50", "p95", "p99")
 
 
@@ -15,23 +17,25 @@ def latency_table(state: dict[str, Any]) -> None:
     print(f"session {state['session']}, {state['uptime_s']:.1f} s, camera {state['camera_fps']:.1f} Hz{light}")
     print(f"\n{'':<23}{'wait ms':<18}{'busy ms'}")
     times = "".join(f"{name:>6}" for name in (*QUANTILES, *QUANTILES, "max"))
-    print(f"{'stage':<8}{'state':<9}{'Hz':>5}{times} dropped restarts".rstrip())
+    print(f"{'stage':<8}{'state':<9}{'Hz':>5}{times} drops restarts".rstrip())
     for name, stage in state["stages"].items():
         if stage["state"] == "NONE":
             continue
         waits, busies = ([stage[kind][f"{each}_ms"] for each in QUANTILES] for kind in ("wait", "busy"))
         times = "".join(f" {ms(value)}" for value in (*waits, *busies, stage["busy"]["max_ms"]))
-        print(f"{name:<8}{stage['state'].lower():<9}{stage['fps']:5.1f}{times} {stage['dropped']:7d} {stage['restarts']:8d}")
+        print(f"{name:<8}{stage['state'].lower():<9}{stage['fps']:5.1f}{times} {stage['dropped']:5d} {stage['restarts']:8d}")
         if stage["busy_with"]:
             print(f"{'':<8}{stage['busy_with']}")
     print(f"\nquality: {state['level_words']} (level {state['level']} of {state['lowest_level']})")
     for notice in state["notices"]:
         print(f"now: {notice}")
     running = {name: stage for name, stage in state["stages"].items() if stage["cpus"]}
-    print(f"cores: {', '.join(placed(name, stage['cpus'], stage['nice']) for name, stage in running.items())}")
+    cores = ", ".join(placed(name, stage["cpus"], stage["nice"]) for name, stage in running.items())
+    print(textwrap.fill(cores, COLUMNS, initial_indent="cores: ", subsequent_indent=" " * 7))
     age = state["end_to_end"]
     print(
-        f"picture's age when presented, sensor to screen: p50 {age['p50_ms']:.2f}, p95 {age['p95_ms']:.2f}, "
+        "picture's age when presented, sensor to screen:\n"
+        f"  p50 {age['p50_ms']:.2f}, p95 {age['p95_ms']:.2f}, "
         f"p99 {age['p99_ms']:.2f}, max {age['max_ms']:.2f} ms over {age['n']} pictures"
     )
     judder = state["judder"]

@@ -147,7 +147,7 @@ def test_streams_and_wrong_words(live: World) -> None:
     for words in (("--json", "--csv"), ("--web", "--json"), ("--once", "--web"), ("--port", "1")):
         assert CliRunner().invoke(cli, ["monitor", "--session", world.name, *words]).exit_code == 2
     plain = Terminal(world, term="dumb")
-    plain.until(r"dropped restarts[^\x1b]*dropped restarts")  # sample after sample, with nothing but text
+    plain.until(r"drops restarts[^\x1b]*drops restarts")  # sample after sample, with nothing but text
     plain.process.send_signal(signal.SIGINT)
     assert plain.ended() == 130
     missing = world.run("monitor", "--session", "nobody")

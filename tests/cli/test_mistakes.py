@@ -1,0 +1,41 @@
+"""Slips of the fingers and narrow terminals at the command line: each message names the way out, each table fits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.world import World
+
+
+@pytest.mark.parametrize(
+    ("words", "remedy"),
+    [
+        (("up", "--demo", "--set", "render.metod=warp"), "remedy: --set render.method=warp"),
+        (("up", "--demo", "--set", "render.method=wrap"), "remedy: --set render.method=warp"),
+        (("up", "--demo", "--set", "rendr.methd=wrap"), "remedy: --set render.method=warp"),
+        (("up", "--demo", "--set", "render.swap_eye=true"), "remedy: --set render.swap_eyes=true"),
+        (("up", "--demo", "--set", "render.rate_hz=9999"), "lfpipe config show"),
+        (("replay", "walk", "--pace", "fast"), "step, max, recorded or a rate"),
+        (("replay", "walk", "--pace", "recordd"), "did you mean 'recorded'?"),
+        (("monitor", "--once", "--json", "--csv"), "--json and --csv exclude each other"),
+        (("monitor", "--once", "--prometheus", ":9108"), "--prometheus and --once exclude each other"),
+        (("monitor", "--json", "--web"), "--json and --web exclude each other"),
+    ],
+)
+def test_a_slip_is_named_with_its_remedy(words: tuple[str, ...], remedy: str, world: World) -> None:
+    done = world.run(*words)
+    assert done.returncode == 2 and remedy in done.stderr and "Traceback" not in done.stderr, done.stderr
+    assert "--once and --json" not in done.stderr
+    assert not list(Path(world.root).glob("lfpipe-demo/*"))
+
+
+def test_tables_fit_80_columns(live: World, scene: Path) -> None:
+    live.env["COLUMNS"] = "80"
+    scenes = (("scene", "list"), ("scene", "info", scene), ("scene", "plan", scene))
+    for words in (("ctl", "status"), ("monitor", "--once"), *scenes):
+        done = live.run(*words, *(("--session", live.name) if words[0] in ("ctl", "monitor") else ()))
+        assert done.returncode == 0, done.stderr
+        wide = [line for line in done.stdout.splitlines() if len(line) > 80 and " " in line.strip()]  # a path stays whole
+        assert not wide or all("/" in line for line in wide), wide
