@@ -27,12 +27,6 @@ def test_a_subject_from_the_command_line_and_again(world: World, scene: Path, cl
     assert same.returncode == 0 and json.loads(same.stdout)["called"] == []
 
 
-def test_bench_alone_prints_its_help(world: World) -> None:
-    done = world.run("bench", timeout_s=20)
-    assert done.returncode == 0 and "Usage: lfpipe bench" in done.stdout and "bench all --quick" in done.stdout
-    assert not (world.root / "lfpipe-bench").exists()
-
-
 def test_mistakes_are_named(world: World, clip: Path) -> None:
     for words, text in (
         (("bench", "trackers"), "trackers"),
