@@ -263,9 +263,7 @@ def sheet(path: Path, out: Path, **options: Any) -> None:
 @click.option("--apart", type=float, metavar="VIEWS", help="Between the eyes of a pair or wiggle.  [default: comfortable]")
 @click.option("--seconds", type=click.FloatRange(0.1, 600), metavar="S", help="Of a wiggle or sweep.  [default: 0.8 and 6]")
 @with_scene_options
-def export(
-    path: Path, out: Path, form: str, tiles: str, apart: float | None, seconds: float | None, **options: Any
-) -> None:
+def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, seconds: float | None, **options: Any) -> None:
     """Write SCENE for other programs: a quilt for Looking Glass displays, a side-by-side pair, a wiggle (.mp4, .gif), or a sweep.
 
     A quilt's name gets the tiles, _qs8x6a1.00. MP4 needs lfpipe[media].
@@ -288,3 +286,22 @@ def export(
         pictures = made.wiggle(apart, seconds) if form == "wiggle" else made.sweep(seconds)
         write_clip(out, pictures, RATE_HZ)
         click.echo(f"{out}  {out.stat().st_size / 1e6:.2f} MB")
+
+
+@scene.command()
+@click.argument("path", metavar="CLIP", type=click.Path(path_type=Path))
+@click.option("-o", "--out", type=click.Path(path_type=Path), help="New folder for the views; default: CLIP-views beside CLIP.")
+@with_scene_options
+def make(path: Path, out: Path | None, **options: Any) -> None:
+    """Make a light field of one row from CLIP: a video, or a folder of pictures, of a camera that was slid sideways."""
+    from lfpipe.cli.progress import progress
+    from lfpipe.scene.slide import make_slide
+
+    config = _config(options)
+    with progress() as bar:
+        made = make_slide(path, out or path.with_name(f"{path.stem}-views"), bar)
+    click.echo(f"{made.views} views of {made.width_px}x{made.height_px} px, chosen from {made.frames} pictures")
+    click.echo(f"  parallax    {made.spread_px:.0f} px between the outermost views, {made.residual_px:.2f} px up and down (95 %)")
+    click.echo(f"  direction   {made.order} ({made.order_sure:.0%} sure; `lfpipe scene sheet` shows near and far)")
+    _opened(made.folder, config)
+    click.echo(made.folder)

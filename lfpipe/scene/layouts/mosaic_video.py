@@ -70,7 +70,8 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         load = picture_loader(paths)
     first = load(0)
     if not parse_grid(scene.grid) and find_tiles(first, f"{paths[0].parent.name}/{paths[0].stem}") is None:
-        raise UserError(f"{paths[0]}: its first frame is no mosaic of views", "give the tiles with --set scene.grid=ROWSxCOLS")
+        remedy = "give the tiles with --grid ROWSxCOLS; from a camera slid sideways, `lfpipe scene make` makes views"
+        raise UserError(f"{paths[0]}: its first frame is no mosaic of views", remedy)
     cut = tiling(first, paths[0], scene)
     view = cut.cut(first, 0, 0)
     return SceneSource(

@@ -1,0 +1,177 @@
+"""Views of a camera that was slid by hand, turned so that what they share moves along rows only.
+
+Corners of the middle view are followed into the others. For each view, how far they move up or down is fitted by a rotation
+(roll, pitch, yaw), a scale, and a share of how far they move sideways: the slope of the slide. Coordinates are centred and in
+units of half the width.
+"""
+
+from __future__ import annotations
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.scene.disparity import Grey
+
+Points = NDArray[np.float64]  # (n, 2) as (x, y)
+Corners = NDArray[np.float32]  # (n, 1, 2) as (x, y), as OpenCV has them
+
+_CORNERS, _FEWEST = 1200, 60
+_RETURN_PX = 0.4  # a corner that is followed there and back has to return
+_ROUNDS = 12  # of the robust fit
+_HUBER_PX = 0.3
+_TURNED_PX = 2.0  # spread of sideways motion, over the whole slide, below which nothing is nearer than anything else
+
+
+@attrs.frozen
+class Rectified:
+    """maps: by view, where each of its pixels comes from, (x, y) float32 (h, w) each. position: by view, of the camera along the
+    slide, rising to the right. residual_px: 95 % of the vertical disparities are smaller. spread_px: of sideways motion between
+    the outermost views."""
+
+    maps: list[tuple[NDArray[np.float32], NDArray[np.float32]]]
+    position: NDArray[np.float64]
+    residual_px: float
+    spread_px: float
+
+
+def corners(view: Grey, most: int) -> Corners:
+    """Corners of a view, float32 (n, 1, 2)."""
+    found = cv2.goodFeaturesToTrack(view, most, 0.005, max(5, view.shape[1] // 90))
+    return np.zeros((0, 1, 2), np.float32) if found is None else np.asarray(found, np.float32)
+
+
+def track(a: Grey, b: Grey, start: Corners, guess: Corners) -> tuple[Corners, NDArray[np.bool_]]:
+    """Where corners of a are in b, and whether they were found. guess: where they may be."""
+    ends = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.003)
+    flags = cv2.OPTFLOW_USE_INITIAL_FLOW
+    there, ok, _ = cv2.calcOpticalFlowPyrLK(a, b, start, guess.copy(), winSize=(21, 21), maxLevel=4, criteria=ends, flags=flags)
+    return np.asarray(there, np.float32), np.asarray(ok).ravel() == 1
+
+
+def follow(views: list[Grey]) -> tuple[Points, list[Points]]:
+    """Corners of the middle view, and where each is in every view, px; those that all views show. Raises UserError."""
+    middle = len(views) // 2
+    start = corners(views[middle], _CORNERS)
+    if not len(start):
+        raise UserError("the pictures have no detail to follow", "film something with texture, in good light")
+    good = np.ones(len(start), bool)
+    at = [start] * len(views)
+    for order in (range(middle + 1, len(views)), range(middle - 1, -1, -1)):
+        before = start
+        for k in order:
+            # From the middle view each time, so that errors do not add up; from the last view's place, so that it is found.
+            there, ok = track(views[middle], views[k], start, before)
+            back, ok_back = track(views[k], views[middle], there, start)
+            off = np.linalg.norm((back - start).reshape(-1, 2), axis=1)
+            good &= ok & ok_back & (off < _RETURN_PX)
+            at[k] = before = there
+    if good.sum() < _FEWEST:
+        raise UserError(
+            f"only {int(good.sum())} details are in all of the pictures, {_FEWEST} are needed",
+            "slide more slowly and less far, in good light, with something still in view",
+        )
+    return start.reshape(-1, 2)[good].astype(float), [points.reshape(-1, 2)[good].astype(float) for points in at]
+
+
+def _fit(matrix: NDArray[np.float64], values: NDArray[np.float64], unit_px: float) -> NDArray[np.float64]:
+    """Least squares with Huber's weights."""
+    weights = np.ones(len(values))
+    found: NDArray[np.float64] = np.zeros(matrix.shape[1])
+    for _ in range(_ROUNDS):
+        found[:] = np.linalg.lstsq(matrix * weights[:, None], values * weights, rcond=None)[0]
+        off = np.abs(values - matrix @ found) * unit_px
+        weights = np.sqrt(np.minimum(1.0, _HUBER_PX / np.maximum(off, 1e-9)))
+    return found
+
+
+def rectify(views: list[Grey]) -> Rectified:
+    """The maps that rectify a row of views, in order of the slide. Raises UserError where the slide does not do."""
+    height, width = views[0].shape
+    unit, centre = width / 2, np.array([width / 2, height / 2])
+    start, found = follow(views)
+    x, y = ((start - centre) / unit).T
+    middle, count = len(views) // 2, len(views)
+    fits = np.zeros((count, 6))  # pitch, roll, scale, yaw (x y and y y), and the slope of the slide
+    aside = np.zeros((count, len(x)))  # sideways motion that the rotation does not explain
+    sideways = np.zeros(count)
+    for k in range(count):
+        if k == middle:
+            continue
+        x_k, y_k = ((found[k] - centre) / unit).T
+        sideways[k] = np.median(x_k - x)
+        for _ in range(3):
+            _, roll, scale, *_ = fits[k]
+            moved = x_k - (x * (1 + scale) - y * roll + fits[k, 3] * x * x + fits[k, 4] * x * y)
+            aside[k] = moved - np.median(moved)
+            matrix = np.stack([np.ones_like(x), x, y, x * y, y * y, aside[k]], axis=1)
+            fits[k] = _fit(matrix, y_k - y, unit)
+    reach = aside.std(axis=1)
+    slope = float(np.average(np.delete(fits[:, 5], middle), weights=np.delete(reach, middle) + 1e-9))
+    spread = float(np.ptp(np.percentile(aside[-1] - aside[0], (5, 95)))) * unit
+    if spread < _TURNED_PX:
+        raise UserError(
+            f"nothing moves against anything else (by {spread:.1f} px): the camera was turned, not slid, or all is far away",
+            "slide the camera sideways without turning it, past something near",
+        )
+    shift = np.zeros(count)
+    for k in range(count):
+        if k != middle:  # once more, with one slope for all
+            x_k, y_k = ((found[k] - centre) / unit).T
+            matrix = np.stack([np.ones_like(x), x, y, x * y, y * y], axis=1)
+            fits[k, :5] = _fit(matrix, y_k - y - slope * aside[k], unit)
+            fit = fits[k]
+            shift[k] = np.median(x_k - (x * (1 + fit[2]) - y * fit[1] + fit[3] * x * x + fit[4] * x * y))
+    pattern = aside[-1] - aside[0]
+    position = aside @ pattern / float(pattern @ pattern)
+    residual = _residual(fits, slope, aside, (x, y), [(p - centre) / unit for p in found]) * unit
+    if sideways[-1] > sideways[0]:  # what is seen moves to the right: the camera went to the left
+        position = -position
+    maps = [_maps(fits[k], shift[k], slope, (height, width)) for k in range(count)]
+    return Rectified(maps, position, residual, spread)
+
+
+def _residual(
+    fits: NDArray[np.float64], slope: float, aside: NDArray[np.float64], at: tuple[NDArray[np.float64], NDArray[np.float64]],
+    found: list[Points],
+) -> float:  # fmt: skip
+    """95th percentile of the vertical disparities that are left."""
+    x, y = at
+    terms = np.stack([np.ones_like(x), x, y, x * y, y * y], axis=1)
+    left = [np.abs(found[k][:, 1] - y - terms @ fits[k, :5] - slope * aside[k]) for k in range(len(fits)) if fits[k].any()]
+    return float(np.percentile(np.concatenate(left), 95)) / float(np.hypot(1, slope))
+
+
+def _maps(
+    fit: NDArray[np.float64], shift: float, slope: float, size: tuple[int, int]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Where the pixels of a rectified view come from."""
+    height, width = size
+    unit = width / 2
+    rows, cols = np.mgrid[:height, :width]
+    along, up = (cols - width / 2) / unit, (rows - height / 2) / unit
+    cos, sin = 1 / np.hypot(1, slope), slope / np.hypot(1, slope)
+    x, y = cos * along - sin * up, sin * along + cos * up  # rows of the result run along the slide
+    pitch, roll, scale, yaw, pitch_2 = fit[:5]
+    # A rotation's terms of second order are the same two in both directions.
+    from_x = x * (1 + scale) - y * roll + shift + yaw * x * x + pitch_2 * x * y
+    from_y = y + pitch + roll * x + scale * y + yaw * x * y + pitch_2 * y * y
+    return (from_x * unit + width / 2).astype(np.float32), (from_y * unit + height / 2).astype(np.float32)
+
+
+def common_area(maps: list[tuple[NDArray[np.float32], NDArray[np.float32]]]) -> tuple[int, int, int, int]:
+    """(top, left, height, width) of the largest area, shrunk from all sides in turn, in which every view has a picture."""
+    height, width = maps[0][0].shape
+    inside = np.ones((height, width), bool)
+    for x, y in maps:
+        inside &= (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+    top, bottom, left, right = 0, height, 0, width
+    while top < bottom and left < right and not inside[top:bottom, left:right].all():
+        part = ~inside[top:bottom, left:right]
+        sides = {"top": part[0].mean(), "bottom": part[-1].mean(), "left": part[:, 0].mean(), "right": part[:, -1].mean()}
+        worst = max(sides, key=lambda side: sides[side])
+        top, bottom = top + (worst == "top"), bottom - (worst == "bottom")
+        left, right = left + (worst == "left"), right - (worst == "right")
+    return top, left, bottom - top, right - left

@@ -1,0 +1,118 @@
+"""A light field from a camera slid by hand: rectified, in order, or a reason why the clip does not do."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from lfpipe import config
+from lfpipe.cli.scene import scene
+from lfpipe.errors import UserError
+from lfpipe.scene import layouts
+from lfpipe.scene.slide import Slide, make_slide
+from tests.scene import made
+
+SIZE = (240, 320)
+FOCAL_PX = 1.2 * SIZE[1]
+SLID = made.views(1, 17, *SIZE, 2.0, -1.0)[0]  # the near moves to the left as the camera goes to the right
+
+
+def rotated(view: np.ndarray, degrees: np.ndarray) -> np.ndarray:
+    """The view as the same camera sees it, turned by (pitch, yaw, roll)."""
+    inner = np.array([[FOCAL_PX, 0, SIZE[1] / 2], [0, FOCAL_PX, SIZE[0] / 2], [0, 0, 1.0]])
+    turn = inner @ cv2.Rodrigues(np.radians(degrees))[0] @ np.linalg.inv(inner)
+    return np.asarray(cv2.warpPerspective(view, turn, SIZE[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT))
+
+
+def shaken(views: np.ndarray, degrees: float, seed: int = 1) -> list[np.ndarray]:
+    rng = np.random.default_rng(seed)
+    walk = np.cumsum(rng.normal(0, 1, (len(views), 3)), axis=0)
+    walk = (walk - walk.mean(axis=0)) / np.abs(walk).max()
+    return [rotated(view, degrees * (turn + rng.normal(0, 0.2, 3))) for view, turn in zip(views, walk, strict=True)]
+
+
+def silent(what: str, done: int, total: int) -> None:
+    pass
+
+
+def slide(folder: Path, views: list[np.ndarray]) -> Slide:
+    for number, view in enumerate(views):
+        made.write(folder / "clip" / f"f{number:03d}.png", view)
+    return make_slide(folder / "clip", folder / "out", silent)
+
+
+def vertical_px(folder: Path) -> float:
+    """95th percentile of the vertical motion of corners between neighbouring views of a made scene."""
+    views = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in sorted(folder.glob("*.png"))]
+    found = []
+    for a, b in pairwise(views):
+        start = cv2.goodFeaturesToTrack(a, 300, 0.01, 6)
+        there, ok, _ = cv2.calcOpticalFlowPyrLK(a, b, start, start.copy(), winSize=(15, 15))
+        back, _, _ = cv2.calcOpticalFlowPyrLK(b, a, there, there.copy(), winSize=(15, 15))
+        good = (ok.ravel() == 1) & (np.linalg.norm(back - start, axis=2).ravel() < 0.1)
+        found.append(np.abs((there - start)[good, 0, 1]))
+    return float(np.percentile(np.concatenate(found), 95))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 0.6])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_shaken_slide_becomes_a_rectified_row(tmp_path: Path, degrees: float, backwards: bool) -> None:
+    found = slide(tmp_path, shaken(SLID[::-1] if backwards else SLID, degrees))
+    assert found.residual_px <= 0.5
+    assert vertical_px(tmp_path / "out") <= 0.5
+    assert found.views >= 7
+    assert found.order_sure >= 0.75
+    source = layouts.describe(tmp_path / "out", config.Scene())
+    assert (source.layout, source.rows, source.cols) == ("stanford", 1, found.views)
+    first, last = source.read(0, 0, 0)[..., 1], source.read(0, 0, found.views - 1)[..., 1]
+    flow = cv2.calcOpticalFlowFarneback(first, last, None, 0.5, 4, 21, 5, 7, 1.5, 0)
+    height, width = first.shape
+    near = flow[int(0.6 * height), int(0.55 * width) : int(0.65 * width), 0].mean()
+    assert near < np.median(flow[: height // 8, :, 0])  # the near shape moves to the left of the wall
+
+
+def test_known_positions_come_back(tmp_path: Path) -> None:
+    picked = [0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 16]
+    slide(tmp_path, shaken(SLID[picked], 0.3))
+    at = [float(path.name.split("_")[4]) for path in sorted((tmp_path / "out").glob("*.png"))]
+    assert at == sorted(at)
+    every = np.array(picked) / 16 * at[-1]
+    assert max(np.abs(every - value).min() for value in at) < 0.06 * at[-1]
+
+
+def test_a_video_by_the_command(tmp_path: Path) -> None:
+    out = cv2.VideoWriter(str(tmp_path / "clip.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25, SIZE[::-1])
+    for view in shaken(SLID, 0.3):
+        out.write(cv2.cvtColor(view, cv2.COLOR_RGB2BGR))
+    out.release()
+    done = CliRunner().invoke(scene, ["make", str(tmp_path / "clip.avi"), "--set", f"scene.cache_dir={tmp_path / 'cache'}"])
+    assert done.exit_code == 0, done.output + repr(done.exception)
+    assert "up and down" in done.output
+    assert (tmp_path / "clip-views").is_dir()
+    assert len(list((tmp_path / "cache" / "scenes").iterdir())) == 1
+
+
+BASE = SLID[8]
+CLIPS = {
+    "still": ([BASE] * 9, "turned, not slid, or hardly moved"),
+    "turned": ([rotated(BASE, np.array([0, angle, 0])) for angle in np.linspace(-4, 4, 9)], "turned, not slid"),
+    "up and down": (list(made.views(17, 1, *SIZE, 2.0, -1.0)[:, 0]), "up and down"),
+    "smeared": ([cv2.blur(view, (41, 1)) for view in SLID], "blurred"),
+    "unrelated": ([made.texture(*SIZE, seed) for seed in range(9)], "too little detail"),
+    "dark": ([np.zeros_like(BASE)] * 9, "too little detail"),
+    "short": ([BASE] * 3, "too few"),
+}
+
+
+@pytest.mark.parametrize("clip", CLIPS)
+def test_a_clip_that_does_not_do_is_refused_with_the_reason(tmp_path: Path, clip: str) -> None:
+    views, why = CLIPS[clip]
+    with pytest.raises(UserError, match=why) as caught:
+        slide(tmp_path, views)
+    assert caught.value.remedy
+    assert not (tmp_path / "out").exists()
