@@ -20,6 +20,7 @@ FLOORS = (
     {"supervisor"},
     {"replay", "observe", "export"},
     {"bench", "api"},
+    {"sweep"},
     {"cli"},
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}

@@ -78,8 +78,10 @@ def grid_of(field: LightField, protocol: Protocol) -> tuple[tuple[int, int], tup
     return (found[0][0], protocol.keep if found[0][1] else 1), (found[1][0], protocol.keep if found[1][1] else 1), step
 
 
-def measure_scene(field: LightField, scene: str, protocol: Protocol, done: Sequence[str], say: Say) -> Iterator[Line]:
-    """One line for each method not in done. What cannot be measured is a line with a reason."""
+def measure_scene(
+    field: LightField, scene: str, protocol: Protocol, done: Sequence[str], say: Say, timed: bool = True
+) -> Iterator[Line]:
+    """One line for each method not in done. What cannot be measured is a line with a reason. timed: also ms a picture."""
     try:
         (row, rows), (col, cols), step = grid_of(field, protocol)
         made = [
@@ -115,8 +117,9 @@ def measure_scene(field: LightField, scene: str, protocol: Protocol, done: Seque
         tracemalloc.stop()
         stored = part.views.nbytes + (part.disparity.nbytes if warps and part.disparity is not None else 0)
         db, structure = (np.array(values) for values in zip(*figures, strict=True))
+        ms = _median_ms(renderer, made, step) if timed else float("nan")
         yield Line(
-            scene, method, grid, float(db.mean()), float(structure.mean()), float(db.min()), _median_ms(renderer, made, step),
+            scene, method, grid, float(db.mean()), float(structure.mean()), float(db.min()), ms,
             (stored + buffers) / 1e6, prepare_s if warps else 0.0,
         )  # fmt: skip
 

@@ -23,6 +23,7 @@ from lfpipe.cli.record import record
 from lfpipe.cli.replay import replay
 from lfpipe.cli.scene import scene
 from lfpipe.cli.sequence import sequence
+from lfpipe.cli.sweep import sweep
 from lfpipe.cli.trace import trace
 from lfpipe.cli.up import up
 from lfpipe.errors import UserError
@@ -79,6 +80,7 @@ COMMANDS = (  # in order of use, each with its line in the list of commands
     (replay, "Run a recorded sequence; compare with a reference."),
     (sequence, "Inspect, cut, import and export recordings."),
     (bench, "Measure error against run time."),
+    (sweep, "Replays, quality and benchmarks over a whole corpus."),
     (completion, "Print the completion script of a shell."),
 )
 for command, line in COMMANDS:

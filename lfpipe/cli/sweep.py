@@ -1,0 +1,103 @@
+"""`lfpipe sweep`: many runs over a corpus, on this machine or a cluster."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from lfpipe.errors import UserError
+
+PATH = click.Path(path_type=Path)
+
+
+class RunByDefault(click.Group):
+    """A group whose command `run` needs no name."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if args and args[0] not in (*self.commands, "-h", "--help"):
+            args = ["run", *args]
+        return super().parse_args(ctx, args)
+
+
+@click.group(cls=RunByDefault, options_metavar="", subcommand_metavar="PLAN.toml | show DIR")
+def sweep() -> None:
+    """Run replays, quality and benchmarks over all recordings and scenes of PLAN.toml.
+
+    \b
+    sequences = ["recordings/*"]
+    scenes = ["scenes/*"]
+    subjects = ["replay", "truth", "quality", "table", "synthesis"]
+    [config]
+    "render.method" = ["warp", "warp2"]
+    [table]
+    keep = [2, 3]
+
+    Each combination is a cell. Finished cells are not run again; an interrupted sweep continues with the same command.
+    `lfpipe sweep run --help` lists the options.
+    """
+
+
+@sweep.command()
+@click.argument("plan", type=PATH, metavar="PLAN.toml")
+@click.option("--out", type=PATH, default=Path("lfpipe-sweep"), show_default=True, metavar="DIR", help="Folder for results.")
+@click.option("--jobs", type=click.IntRange(1, 1024), metavar="N", help="Workers on this machine. Default: one per core.")
+@click.option("--on", "address", default="", metavar="tcp://SCHEDULER", help="A Dask scheduler instead.")
+@click.option("--expect", type=PATH, metavar="DIR", help="Compare replays and quality with the references in this folder.")
+@click.option("--update", is_flag=True, help="Write the references of --expect instead.")
+@click.option("--junit", type=PATH, metavar="FILE", help="Default: junit.xml in DIR.")
+def run(plan: Path, out: Path, jobs: int | None, address: str, expect: Path | None, update: bool, junit: Path | None) -> int:
+    """Run a plan; exit code 0: all as expected, 1: a cell failed or differs, 2: bad input."""
+    try:
+        from lfpipe.sweep.run import References, sweep
+    except ImportError as error:
+        raise UserError(f"sweeps need the package {error.name}", "pip install 'lfpipe[sweep]'") from None
+    from lfpipe.cli.progress import progress
+    from lfpipe.host.processes import usable_cores
+    from lfpipe.sweep.cell import DIFFERS, FAILED
+    from lfpipe.sweep.plan import read_plan
+    from lfpipe.sweep.results import verdict, write
+
+    if update and expect is None:
+        raise UserError("--update: which references?", "name their folder with --expect DIR")
+    if jobs and address:
+        raise UserError("--jobs and --on: both given", "the scheduler's workers are its own; leave --jobs out")
+    references = References(expect, update) if expect is not None else None
+    try:
+        with progress() as bar:
+            outcomes = sweep(read_plan(plan), out, address, jobs or len(usable_cores()), references, bar)
+    except KeyboardInterrupt:
+        click.echo(f"interrupted; finished cells are in {out}, the same command continues", err=True)
+        return 130
+    page = write(outcomes, out, junit)
+    for one in outcomes:
+        if one.state in (FAILED, DIFFERS):
+            click.echo(f"{one.state}: {one.name}: {one.reason}")
+    click.echo(verdict(outcomes))
+    click.echo(page)
+    return 1 if any(one.state in (FAILED, DIFFERS) for one in outcomes) else 0
+
+
+@sweep.command()
+@click.argument("folder", type=PATH, metavar="DIR")
+def show(folder: Path) -> None:
+    """Print the table of a sweep, finished or not."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from lfpipe.sweep.results import ABOUT, Store, about, shown, verdict
+
+    outcomes = list(Store(folder, read_only=True).outcomes.values())
+    console = Console()
+    if not console.is_terminal:
+        console.width = 240
+    for subject in dict.fromkeys(one.subject for one in outcomes):
+        some = [one for one in outcomes if one.subject == subject]
+        body = [[*about(one), ", ".join(f"{name} {shown(value)}" for name, value in one.figures.items())] for one in some]
+        head = (*ABOUT, "figures")
+        kept = [k for k, name in enumerate(head) if name != "subject" and any(row[k] for row in body)]
+        table = Table(*(head[k] for k in kept), title=subject, title_justify="left")
+        for row in body:
+            table.add_row(*(row[k] for k in kept))
+        console.print(table)
+    console.print(verdict(outcomes))

@@ -1,0 +1,88 @@
+"""A cell of a sweep: one subject, on one sequence and one scene, with one configuration."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+QUALITY, TABLE, REPLAY, TRUTH = "quality", "table", "replay", "truth"
+BENCH = ("tracker", "filters", "synthesis", "anaglyph", "stability", "plan")  # as `lfpipe bench` names them
+SUBJECTS = (REPLAY, TRUTH, QUALITY, TABLE, *BENCH)
+NEEDS_SEQUENCE, NEEDS_SCENE = (REPLAY, TRUTH), (QUALITY, TABLE)
+TIMED = (TABLE, *BENCH)  # have a host to themselves
+
+OK, DIFFERS, FAILED, LEFT_OUT = "ok", "differs", "failed", "left out"
+DONE = (OK, DIFFERS, LEFT_OUT)  # not measured again
+
+
+@attrs.frozen
+class Cell:
+    """sequence, scene: paths, "" for none. sets: KEY=VALUE texts of the configuration. options: of the subject, by name.
+
+    key: hash of everything that the outcome depends on. why_not: why it cannot be measured, "" if it can.
+    """
+
+    subject: str
+    sequence: str
+    scene: str
+    sets: tuple[str, ...]
+    options: tuple[tuple[str, str], ...] = ()
+    key: str = ""
+    why_not: str = ""
+
+    @property
+    def timed(self) -> bool:
+        return self.subject in TIMED
+
+    @property
+    def name(self) -> str:
+        """Equal for equal cells of two versions: files are named, not hashed."""
+        parts = [self.subject, *(Path(path).name for path in (self.sequence, self.scene) if path), *self.sets]
+        return " ".join([*parts, *(f"{name}={value}" for name, value in self.options)])
+
+    @property
+    def folder(self) -> str:
+        """Name of its reference: readable, and unique by a hash of the name."""
+        return re.sub(r"[^\w.=-]+", "_", self.name)[:80] + "-" + hashlib.blake2b(self.name.encode(), digest_size=4).hexdigest()
+
+
+@attrs.frozen
+class Outcome:
+    """What came of a cell. figures: numbers and digests by name. seconds: its own work. overhead_s: what the sweep added."""
+
+    key: str
+    name: str
+    subject: str
+    sequence: str
+    scene: str
+    sets: tuple[str, ...]
+    options: tuple[tuple[str, str], ...]
+    state: str
+    reason: str = ""
+    figures: dict[str, float | str] = attrs.Factory(dict)
+    seconds: float = 0.0
+    host: str = ""
+    began_s: float = 0.0  # Unix time
+
+    def line(self) -> bytes:
+        """As a line of results.jsonl."""
+        return json.dumps(attrs.asdict(self)).encode() + b"\n"
+
+
+def outcome(cell: Cell, state: str, reason: str = "", **more: Any) -> Outcome:
+    same = {name: getattr(cell, name) for name in ("key", "name", "subject", "sequence", "scene", "sets", "options")}
+    return Outcome(**same, state=state, reason=reason, **more)
+
+
+def parsed(values: dict[str, Any]) -> Outcome:
+    """An outcome from its line. Raises TypeError or ValueError if it is none."""
+    found = Outcome(**values)
+    if not isinstance(found.key, str) or found.state not in (*DONE, FAILED) or not isinstance(found.figures, dict):
+        raise ValueError("not an outcome")
+    pairs = tuple((str(name), str(value)) for name, value in found.options)
+    return attrs.evolve(found, sets=tuple(map(str, found.sets)), options=pairs)

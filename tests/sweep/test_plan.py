@@ -1,0 +1,83 @@
+"""What a plan becomes: cells, their keys, and refusals that name the key."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from lfpipe.errors import UserError
+from lfpipe.sweep.cell import Cell
+from lfpipe.sweep.plan import cells, read_plan, scene_id, sequence_id
+from tests.sweep.conftest import write_plan
+
+FULL = """
+sequences = ["CORPUS/recordings/*"]
+scenes = ["CORPUS/scenes/s[0-2]", "CORPUS/scenes/nowhere"]
+subjects = ["quality", "truth", "table"]
+[config]
+"render.method" = ["warp", "warp2"]
+track.filter = "mean"
+[table]
+keep = [2, 3]
+border = [4]
+"""
+
+
+def test_every_combination_is_a_cell_with_a_key_of_its_own(tmp_path: Path, corpus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    plan = read_plan(write_plan(tmp_path, corpus, FULL))
+    found = list(cells(plan, "v1"))
+    assert len(found) == 2 * 4 * 2 + 2 * 4 + 2 * 4 * 2
+    assert (
+        len({cell.key for cell in found})
+        == len({cell.name for cell in found})
+        == len({cell.folder for cell in found})
+        == len(found)
+    )
+    assert {cell.why_not != "" for cell in found if "nowhere" in cell.scene} == {True}
+    assert all("track.filter=mean" in cell.sets for cell in found)
+    assert {cell.sequence != "" for cell in found if cell.subject == "truth"} == {True}
+    again = list(cells(plan, "v1"))
+    assert again == found and not {cell.key for cell in cells(plan, "v2")} & {cell.key for cell in found}
+
+
+def test_a_key_follows_contents_not_the_place(tmp_path: Path, corpus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    for folder in ("recordings/walk", "scenes/s0"):
+        shutil.copytree(corpus / folder, tmp_path / folder)
+    assert sequence_id(str(tmp_path / "recordings" / "walk")) == sequence_id(str(corpus / "recordings" / "walk"))
+    assert scene_id(str(tmp_path / "scenes" / "s0"), ()) == scene_id(str(corpus / "scenes" / "s0"), ())
+    assert scene_id(str(corpus / "scenes" / "s1"), ()) != scene_id(str(corpus / "scenes" / "s0"), ())
+    gamma = scene_id(str(corpus / "scenes" / "s0"), ("scene.gamma=2", "render.method=warp"))
+    assert gamma == scene_id(str(corpus / "scenes" / "s0"), ("scene.gamma=2",)) != scene_id(str(corpus / "scenes" / "s0"), ())
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("subjects = [", "not valid TOML"),
+        ('subjects = ["qualty"]', "did you mean 'quality'"),
+        ("subjects = []", "none named"),
+        ('subject = ["quality"]', "did you mean 'subjects'"),
+        ('subjects = ["quality"]', "needs scenes"),
+        ('subjects = ["replay"]\nscenes = ["a"]', "needs sequences"),
+        ('subjects = "quality"', "a list of texts"),
+        ('subjects = ["plan"]\n[config]\n"render.methd" = ["warp"]', "render.method"),
+        ('subjects = ["plan"]\n[config]\n"render.method" = ["wrap"]', "wrap"),
+        ('subjects = ["plan"]\n[config]\n"render.method" = []', "empty"),
+        ('subjects = ["plan"]\n[table]\nkeep = [4]', "table.keep: 4"),
+        ('subjects = ["plan"]\n[table]\nkep = [2]', "did you mean 'keep'"),
+        ('subjects = ["plan"]\nconfig = 3', "a table"),
+    ],
+)
+def test_mistakes_are_named_before_anything_runs(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(UserError, match=r"plan\.toml|configuration") as caught:
+        read_plan(write_plan(tmp_path, tmp_path, text))
+    assert said in str(caught.value)
+
+
+def test_names_of_references_are_plain_file_names() -> None:
+    cell = Cell("replay", "/a/../é/%$ walk", "/x/" + "s" * 300, ("render.method=warp2", 'screen.x="/"'))
+    assert "/" not in cell.folder and len(cell.folder) < 100 and not cell.folder.startswith(".")

@@ -1,0 +1,229 @@
+"""Sweeps as a person starts them, with everything that can die on the way."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import psutil
+import pytest
+
+from tests.sweep.conftest import SCENES, write_plan, write_wall
+from tests.world import World
+
+FORTY = """
+scenes = ["CORPUS/scenes/*"]
+subjects = ["quality"]
+[config]
+"render.method" = ["warp", "warp2"]
+[table]
+border = [4, 6]
+"""
+MIXED = """
+sequences = ["CORPUS/recordings/*", "CORPUS/broken/cut"]
+scenes = ["CORPUS/scenes/s0", "CORPUS/scenes/nowhere"]
+subjects = ["quality", "replay", "truth"]
+[table]
+border = [4]
+"""
+CELLS, FEWER = 4 * SCENES, 20
+TWENTY = FORTY.replace("scenes/*", "scenes/s[0-4]")
+
+
+def lines(world: World) -> list[dict[str, Any]]:
+    file = world.root / "out" / "results.jsonl"
+    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+
+def wait_for(what: Callable[[], bool], seconds: float = 60) -> None:
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end, "in vain"
+        time.sleep(0.02)
+
+
+def workers(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    """Processes in which a local cluster does its work."""
+    return [child for child in psutil.Process(process.pid).children() if "spawn_main" in " ".join(child.cmdline())]
+
+
+def quiet_worker(path: Path, scheduler: str) -> list[str]:
+    return [sys.executable, "-m", "distributed.cli.dask_worker", scheduler, "--nthreads", "1", "--resources", "quiet=1",
+            "--no-dashboard", "--local-directory", str(path)]  # fmt: skip
+
+
+@pytest.fixture
+def scheduler(world: World) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
+    """A scheduler and two workers, as somebody else started them."""
+    file = world.root / "scheduler.json"
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+    quiet: dict[str, Any] = {"env": world.env, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": world.root}
+    started = [subprocess.Popen([*command, "--scheduler-file", str(file)], **quiet)]
+    wait_for(lambda: file.exists() and file.stat().st_size > 0)
+    address = json.loads(file.read_text())["address"]
+    started += [subprocess.Popen(quiet_worker(world.root / f"w{k}", address), **quiet) for k in range(2)]
+    yield started[0], address
+    for process in started:
+        process.terminate()
+    for process in started:
+        try:
+            process.wait(20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+
+
+def test_forty_cells_although_a_worker_is_killed(world: World, corpus: Path) -> None:
+    plan = write_plan(world.root, corpus, FORTY)
+    running = world.start("sweep", plan, "--out", "out", "--jobs", "2")
+    wait_for(lambda: len(lines(world)) >= 3)
+    workers(running)[0].send_signal(signal.SIGKILL)
+    out, err = running.communicate(timeout=100)
+    assert running.returncode == 0, out + err
+    assert f"{CELLS} cells: {CELLS} ok" in out and "Traceback" not in err
+    assert len({line["key"] for line in lines(world)}) == CELLS == len(lines(world))
+    again = world.run("sweep", plan, "--out", "out")
+    assert again.returncode == 0 and len(lines(world)) == CELLS, "nothing was left to do"
+    table = list(csv.reader((world.root / "out" / "table.csv").open()))
+    assert len(table) == CELLS + 1 and "warp2.psnr_db" in table[0]
+    shown = world.run("sweep", "show", "out")
+    assert f"{CELLS} cells: {CELLS} ok" in shown.stdout and "warp2.psnr_db" in shown.stdout
+    by_hand = world.run("bench", "table", corpus / "scenes" / "s0", "--border", "4", "--out", "hand")
+    assert by_hand.returncode == 0, by_hand.stderr
+    hand = {one["method"]: one for one in map(json.loads, (world.root / "hand" / "table.jsonl").read_text().splitlines())}
+    of_sweep = next(one for one in lines(world) if one["scene"].endswith("s0") and ["border", "4"] in one["options"])
+    for method, one in hand.items():
+        assert [of_sweep["figures"][f"{method}.{name}"] for name in ("psnr_db", "ssim")] == [one["psnr_db"], one["ssim"]]
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_what_is_done_is_kept_when_the_sweep_ends_early(world: World, corpus: Path, how: signal.Signals) -> None:
+    plan = write_plan(world.root, corpus, TWENTY)
+    running = world.start("sweep", plan, "--out", "out", "--jobs", "2")
+    wait_for(lambda: len(lines(world)) >= 3)
+    left = workers(running)
+    running.send_signal(how)
+    _, err = running.communicate(timeout=60)
+    assert running.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130), err
+    assert "Traceback" not in err and (how == signal.SIGKILL or "the same command continues" in err)
+    wait_for(lambda: not any(each.is_running() and each.status() != psutil.STATUS_ZOMBIE for each in left), 30)
+    kept = lines(world)
+    assert 3 <= len(kept) < FEWER
+    done = world.run("sweep", plan, "--out", "out", timeout_s=100)
+    assert done.returncode == 0 and lines(world)[: len(kept)] == kept and len(lines(world)) == FEWER, done.stderr
+
+
+def test_the_death_of_a_scheduler_is_a_clear_end(
+    world: World, corpus: Path, scheduler: tuple[subprocess.Popen[bytes], str]
+) -> None:
+    process, address = scheduler
+    plan = write_plan(world.root, corpus, TWENTY)
+    running = world.start("sweep", plan, "--out", "out", "--on", address)
+    wait_for(lambda: len(lines(world)) >= 3)
+    process.kill()
+    _, err = running.communicate(timeout=90)
+    assert running.returncode == 2 and f"the scheduler at {address} is gone" in err and "Traceback" not in err, err
+    kept = lines(world)
+    assert 3 <= len(kept) < FEWER
+    assert world.run("sweep", plan, "--out", "out", timeout_s=100).returncode == 0
+    assert lines(world)[: len(kept)] == kept and len(lines(world)) == FEWER
+    nobody = world.run("sweep", plan, "--out", "new", "--on", "tcp://127.0.0.1:9")
+    assert nobody.returncode == 2 and "--on tcp://127.0.0.1:9" in nobody.stderr and "Traceback" not in nobody.stderr
+
+
+def test_a_cluster_does_what_this_machine_does(
+    world: World, corpus: Path, scheduler: tuple[subprocess.Popen[bytes], str]
+) -> None:
+    text = FORTY.replace("scenes/*", "scenes/s[0-1]").replace('["quality"]', '["quality", "table"]')
+    plan = write_plan(world.root, corpus, text)
+    far = world.run("sweep", plan, "--out", "out", "--on", scheduler[1], timeout_s=100)
+    assert far.returncode == 0, far.stderr
+    there = lines(world)
+    assert list((world.root / "cache" / "lfpipe" / "sent").iterdir()), "small scenes travel"
+    near = world.run("sweep", plan, "--out", "near", timeout_s=100)
+    assert near.returncode == 0, near.stderr
+    here = [json.loads(line) for line in (world.root / "near" / "results.jsonl").read_text().splitlines()]
+
+    def judged(found: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
+        return {one["key"]: {k: v for k, v in one["figures"].items() if "psnr" in k or "ssim" in k} for one in found}
+
+    assert judged(there) == judged(here)
+    timed = sorted((one["began_s"], one["began_s"] + one["seconds"]) for one in there if one["subject"] == "table")
+    assert len(timed) == 8 and all(a[1] <= b[0] for a, b in itertools.pairwise(timed)), "one at a time on a host"
+    shared_end = max(one["began_s"] + one["seconds"] for one in there if one["subject"] == "quality")
+    assert timed[0][0] >= shared_end, "nothing else beside them"
+
+
+def test_a_full_disk_ends_it_and_keeps_whole_lines(world: World, corpus: Path) -> None:
+    plan = write_plan(world.root, corpus, FORTY.replace("scenes/*", "scenes/s[0-3]"))
+    assert world.run("sweep", plan, "--out", "warm", timeout_s=100).returncode == 0  # packs are made
+    size = (world.root / "warm" / "results.jsonl").stat().st_size // 3
+    running = world.start(
+        "sweep", plan, "--out", "out", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+    )
+    _, err = running.communicate(timeout=100)
+    assert running.returncode == 2 and "finished cells are kept" in err and "Traceback" not in err, err
+    kept = lines(world)  # each line is whole
+    assert kept
+    assert world.run("sweep", plan, "--out", "out", timeout_s=100).returncode == 0
+    assert lines(world)[: len(kept)] == kept and len(lines(world)) == 16
+
+
+def test_what_is_missing_or_corrupt_stays_in_the_table_with_its_reason(world: World, corpus: Path) -> None:
+    plan = write_plan(world.root, corpus, MIXED)
+    done = world.run("sweep", plan, "--out", "out", timeout_s=120)
+    assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
+    found = {(one["subject"], Path(one["sequence"]).name, Path(one["scene"]).name): one for one in lines(world)}
+    assert len(found) == 2 + 4 + 4
+    states = {place: one["state"] for place, one in found.items()}
+    assert all(state == "failed" for place, state in states.items() if "nowhere" in place or "cut" in place), states
+    assert all(one["reason"] for one in found.values() if one["state"] == "failed")
+    assert states["quality", "", "s0"] == states["replay", "walk", "s0"] == states["truth", "walk", "s0"] == "ok"
+    assert found["truth", "walk", "s0"]["figures"]["truth.used.rms_px"] > 0
+    suite = ElementTree.parse(world.root / "out" / "junit.xml").getroot()
+    assert suite.get("tests") == "10" and suite.get("errors") == str(sum(state == "failed" for state in states.values()))
+    by_hand = world.run("replay", corpus / "recordings" / "walk", "--scene", corpus / "scenes" / "s0", "--out", "hand")
+    assert by_hand.returncode == 0
+    digests = json.loads((world.root / "hand" / "report.json").read_text())["digests"]
+    figures = found["replay", "walk", "s0"]["figures"]
+    assert {name: figures[f"digest.{name}"] for name in digests} == digests
+
+
+def test_references_of_a_corpus(world: World, corpus: Path) -> None:
+    write_wall(world.root / "wall", 0)
+    text = MIXED.replace(', "CORPUS/broken/cut"', "").replace('"CORPUS/scenes/s0", "CORPUS/scenes/nowhere"', '"wall"')
+    plan = write_plan(world.root, corpus, text.replace('"quality", "replay", "truth"', '"quality", "replay"'))
+    bare = world.run("sweep", plan, "--out", "out", "--expect", "ref", timeout_s=100)
+    assert bare.returncode == 1 and "write it with --update" in bare.stdout
+    assert world.run("sweep", plan, "--out", "out", "--expect", "ref", "--update", timeout_s=100).returncode == 0
+    assert len(list((world.root / "ref").iterdir())) == 2
+    met = world.run("sweep", plan, "--out", "out", "--expect", "ref", timeout_s=100)
+    assert met.returncode == 0 and "2 cells: 2 ok" in met.stdout, met.stdout
+    plan.write_text(plan.read_text() + 'keep = [2]\n[config]\n"track.filter" = ["mean"]\n')
+    other = world.run("sweep", plan, "--out", "out", "--expect", "ref", timeout_s=100)
+    assert other.returncode == 1 and "no reference" in other.stdout, "another configuration is another cell"
+    for path in (world.root / "ref").glob("quality*/figures.json"):
+        path.write_text(json.dumps({name: value * 1.1 for name, value in json.loads(path.read_text()).items()}))
+    plan.write_text(plan.read_text().partition("keep")[0])
+    changed = world.run("sweep", plan, "--out", "out", "--expect", "ref", timeout_s=100)
+    assert changed.returncode == 1 and "differs: quality" in changed.stdout and "2 cells: 1 ok, 1 differs" in changed.stdout
+
+
+def test_words_that_do_not_go_together(world: World) -> None:
+    for words, said in (
+        (("sweep", "plan.toml"), "plan.toml"),
+        (("sweep", "plan.toml", "--update"), "--expect"),
+        (("sweep", "plan.toml", "--jobs", "2", "--on", "tcp://a:1"), "--jobs"),
+        (("sweep", "show", "nowhere"), "nowhere"),
+    ):
+        done = world.run(*words)
+        assert done.returncode == 2 and said in done.stderr and "Traceback" not in done.stderr, done.stderr
