@@ -71,7 +71,13 @@ class SessionCollector(Collector):
         age.add_metric(session, *buckets(watch.rows[SHOWN_BY]["age"]))
         ahead = HistogramMetricFamily("lfpipe_horizon_seconds", "how far ahead the eyes are predicted", labels=["session"])
         ahead.add_metric(session, *buckets(watch.rows[SHOWN_BY]["horizon"]))
-        yield from (rate, drops, left_out, restarts, cpu, nice, cores, memory, spent, age, ahead)
+        refreshes = CounterMetricFamily("lfpipe_refreshes", "refreshes of a screen that reports its blanks", labels=["session"])
+        refreshes.add_metric(session, int(watch.rows[SHOWN_BY]["planned"]))
+        judder = CounterMetricFamily(
+            "lfpipe_refreshes_juddered", "those that showed another picture than planned", labels=["session"]
+        )
+        judder.add_metric(session, int(watch.rows[SHOWN_BY]["juddered"]))
+        yield from (rate, drops, left_out, restarts, cpu, nice, cores, memory, spent, age, ahead, refreshes, judder)
 
 
 def _one(family: Any, labels: list[str], value: float) -> Metric:

@@ -99,6 +99,7 @@ class Presenter:
         self._pending = False
         seen_ns = target_ns + int(self._viewer.config.render.display_ms * 1e6) + refresh_ns // 2
         t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
+        self._viewer.video_lead_ns = refresh_ns // 2 if self.clock is not None else 0
         viewpoints = self._viewer.viewpoints(self._record, t_sensor_ns, seen_ns)
         key = self._viewer.key(viewpoints)
         composed = key != self._key or not refresh_ns  # the paper's way draws for every camera frame

@@ -58,6 +58,9 @@ class Viewer:
         self._size_px = (0, 0)  # of the camera picture
         self._tracked_ns = -1  # stamp of the last record that presence has taken
         self._start_ns = 0
+        # How long before the first picture's moment a video began. Half a refresh of a screen: then the moments lie well within
+        # the frames of a video whose rate divides that of the screen, and a jitter of the clock never repeats or skips one.
+        self.video_lead_ns = 0
         self._easing = EyeEasing()
         self._shown_mm: float | None = None
         self.shown: Viewpoints | None = None  # the last viewpoints
@@ -144,7 +147,7 @@ class Viewer:
     def _frame(self, t_ns: int) -> int:
         if self.field.frames == 1:
             return 0
-        self._start_ns = self._start_ns or t_ns
+        self._start_ns = self._start_ns or t_ns - self.video_lead_ns
         return int((t_ns - self._start_ns) * self.field.frame_rate_hz / 1e9)
 
     @staticmethod

@@ -145,6 +145,20 @@ def test_a_video_runs_from_when_it_was_first_shown() -> None:
     assert viewer().viewpoints(None, 0, 7 * S).frame == 0
 
 
+@pytest.mark.parametrize("screen_hz", [60.0, 144.0])
+@pytest.mark.parametrize("film_hz", [24.0, 25.0, 30.0])
+def test_a_video_keeps_its_cadence_on_a_screen_whose_clock_jitters(film_hz: float, screen_hz: float) -> None:
+    """Every frame is shown for as many refreshes as its rate asks for, to one refresh, and those of 30 on 60 Hz for two each."""
+    film = attrs.evolve(rendered.field(1, 2, 8, 8), frame_rate_hz=film_hz)
+    film = attrs.evolve(film, views=np.repeat(film.views, 500, axis=0))
+    subject, random = Viewer(film, Config()), np.random.default_rng(2)
+    subject.video_lead_ns = round(S / screen_hz / 2)
+    moments = [round(7 * S + k * S / screen_hz + random.uniform(-3e5, 3e5)) for k in range(1200)]
+    shown = np.bincount([subject.viewpoints(None, 0, t_ns).frame for t_ns in moments])[1:-1]
+    ratio = screen_hz / film_hz
+    assert set(shown.tolist()) <= ({int(ratio)} if ratio == int(ratio) else {math.floor(ratio), math.ceil(ratio)})
+
+
 def watch(subject: Viewer, seconds: float, start_s: float = 0.0, **where: Any) -> Viewpoints:
     """Looks at a viewer who stays there, 30 times a second."""
     for k in range(round(seconds * 30)):
