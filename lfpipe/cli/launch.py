@@ -43,13 +43,15 @@ class UpArguments:
 
 @attrs.frozen
 class SessionPlan:
-    """A session that can start. files: what it will write, to be listed at its end. hold: keeps the pack in the cache."""
+    """A session that can start. files: what it will write, to be listed at its end; video: the one that grows with every picture.
+    hold: keeps the pack in the cache."""
 
     config: Config
     options: SessionOptions
     duration_s: float | None
     files: tuple[Path, ...]
     hold: object
+    video: Path | None = None
 
 
 def say(text: str) -> None:
@@ -59,6 +61,7 @@ def say(text: str) -> None:
 
 def up(arguments: UpArguments) -> int:
     """Runs a session; returns the exit code. Raises UserError before any process starts."""
+    from lfpipe.cli.progress import growing_file
     from lfpipe.observe.latency_table import latency_table
     from lfpipe.supervisor.supervisor import Supervisor
 
@@ -66,7 +69,8 @@ def up(arguments: UpArguments) -> int:
     if session.name in rundir.running():
         rundir.release(session, rundir.acquire(session))  # raises the error that says what to do
     plan = prepare(arguments)
-    outcome = Supervisor(session, plan.config, plan.options, say).run(plan.duration_s)
+    with growing_file(plan.video):
+        outcome = Supervisor(session, plan.config, plan.options, say).run(plan.duration_s)
     latency_table(outcome.final)
     for path in plan.files:
         if path.exists():
@@ -119,7 +123,7 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
 def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     """Checks all arguments, packs the scene unless it is packed, and prints the settings in force."""
     from lfpipe.cli.scene_opening import open_with_progress
-    from lfpipe.cli.startup_summary import sharing_lines, startup_lines
+    from lfpipe.cli.startup_summary import sharing_lines, size_line, startup_lines
     from lfpipe.render.geometry import check_geometry
     from lfpipe.render.open_display import has_display
     from lfpipe.render.plan import make_plan
@@ -162,7 +166,10 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     duration_s = arguments.duration_s or (DEMO_S if no_screen else None)
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
     files = tuple(path for path in (video, still, arguments.trace) if path is not None)
-    return SessionPlan(config, options, duration_s, files, field.hold)
+    if video is not None:
+        camera_hz = camera.rate_hz if config.render.clock == "camera" else None
+        say(size_line(video, scene.width_px * scene.height_px, camera_hz or config.render.nominal_hz, duration_s))
+    return SessionPlan(config, options, duration_s, files, field.hold, video)
 
 
 def _with_engine(config: Config) -> Config:
@@ -201,7 +208,7 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[Chec
         single = rows * cols == 1
     elif not arguments.demo and not arguments.no_picture:
         errors.append(UserError("no SCENE given", "a folder of views, or --demo for the built-in scene"))
-    found = CheckedSource("", 0.0) if single else attempt(lambda: check_source(camera, config.camera))
+    found = CheckedSource("", 0.0) if single else attempt(lambda: check_source(_once(camera, display), config.camera))
     attempt(lambda: check_display(display, str(config.screen.monitor)))
     share = attempt(lambda: check_targets(arguments.share))
     if single and arguments.share:
@@ -216,6 +223,15 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[Chec
         raise errors[0]
     assert isinstance(found, CheckedSource)
     return found, share
+
+
+def _once(camera: str, display: str) -> str:
+    """The source; a file that is not told to loop ends, and the session with it, where the pictures go to a file, too."""
+    from lfpipe.capture.spec import FileSpec, parse_source
+
+    if not display.startswith("file:") or not camera or not isinstance(parse_source(camera), FileSpec) or "loop=" in camera:
+        return camera
+    return f"{camera}{'&' if '?' in camera else '?'}loop=0"
 
 
 def _with_measured_focal(config: Config, camera: CheckedSource) -> Config:

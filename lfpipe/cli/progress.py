@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import shutil
+import sys
 import textwrap
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 Progress = Callable[[str, int, int], None]  # (what is done, so many, of how many)
 
@@ -33,3 +37,28 @@ def progress() -> Iterator[Progress]:
             bars.update(tasks[what], completed=done, total=total)  # type: ignore[arg-type]
 
         yield report
+
+
+@contextmanager
+def growing_file(path: Path | None) -> Iterator[None]:
+    """Shows on a terminal how large the file at path is, and since when it grows."""
+    if path is None or not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    ended, began = threading.Event(), time.monotonic()
+
+    def watch() -> None:
+        with Console(stderr=True).status("", refresh_per_second=2) as status:
+            while not ended.wait(0.5):
+                size_mb = path.stat().st_size / 1e6 if path.exists() else 0.0
+                status.update(f"{path.name}: {size_mb:.1f} MB after {time.monotonic() - began:.0f} s; Ctrl-C ends it")
+
+    watcher = threading.Thread(target=watch, name="growing-file", daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        watcher.join()
