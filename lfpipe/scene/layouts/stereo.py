@@ -110,7 +110,7 @@ def _arrangement(path: Path) -> tuple[bool, bool, bool] | None:
 
 def detect(listing: Listing) -> int | None:
     if _pair(listing) is not None:
-        return 85
+        return 85 if len(listing.pictures()) == 2 else 58  # pictures beside the pair: another layout may use all of them
     path = _alone(listing)
     if path is None:
         return None
