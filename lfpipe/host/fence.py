@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import ctypes.util
 import functools
 import platform
 from collections.abc import Callable
@@ -15,18 +16,24 @@ SEQ_CST = 5  # memory_order_seq_cst of <stdatomic.h>
 
 
 @functools.cache
-def _library() -> ctypes.CDLL:
-    """The library that has the fence. It is loaded when it is first needed: most machines need none."""
-    for name in LIBRARIES:
+def _full_fence() -> Callable[[], object]:
+    """libatomic's fence, or the C library's own where it has one (macOS). Raises UserError where neither is there."""
+    for name in (*LIBRARIES, ctypes.util.find_library("atomic")):
         try:
-            return ctypes.CDLL(name)
-        except OSError:
+            if name:
+                return functools.partial(ctypes.CDLL(name).atomic_thread_fence, SEQ_CST)
+        except (OSError, AttributeError):
             continue
-    raise UserError(f"{platform.machine()}: no memory fence: libatomic is not installed", "apt-get install libatomic1")
+    try:
+        own: Callable[[], object] = ctypes.CDLL(None).OSMemoryBarrier
+    except (OSError, TypeError, AttributeError):
+        message = f"{platform.machine()}: no memory fence: the library libatomic is not installed"
+        raise UserError(message, "apt-get install libatomic1, dnf install libatomic, or apk add libatomic") from None
+    return own
 
 
 def _fence() -> None:
-    _library().atomic_thread_fence(SEQ_CST)
+    _full_fence()()
 
 
 def _nothing() -> None:

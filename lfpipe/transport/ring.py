@@ -13,14 +13,13 @@
     slot.seq = s         holds the s-th slot ever published, s = 1, 2, ...
 
 Write
-  1. seq = 0, in slot p % N
-  2. payload, then stamps
-  3. seq = p + 1
-  4. published = p + 1
+  1. seq = 0, in slot p % N; fence
+  2. payload, stamps, seq = p + 1; fence
+  3. published = p + 1
 
 Read
-  1. Note p = published.
-  2. Copy slot (p-1) % N, which holds number p.
+  1. Note p = published; fence.
+  2. Copy slot (p-1) % N, which holds number p; fence.
   3. Note q = published again. The writer may now be filling slot q % N, which held number q - N + 1.
   4. The copy is valid if q - p <= N - 2. Otherwise it may be torn: start again.
 
@@ -91,6 +90,7 @@ def create(name: str, spec: RingSpec, run_dir: Path | None = None) -> Segment:
     description = json.dumps({"shape": spec.shape, "dtype": np.lib.format.dtype_to_descr(spec.dtype)}).encode()
     if spec.slots < 3 or DESCRIPTION + len(description) > PAGE:
         raise ValueError(f"ring {name}: {spec.slots} slots (3 or more), {len(description)} bytes of description (a page or less)")
+    fence()  # a machine that has none is refused here, before the first process starts
     memory = segment.create(name, spec.size_bytes, run_dir)
     buffer = segment.buffer(memory)
     head = np.frombuffer(buffer, "<i8", 5)
@@ -173,8 +173,7 @@ class Writer(_Ring):
         p = self.published
         head = self._heads[p % self.slots]
         head[1:7] = source_seq, self.epoch if epoch is None else epoch, t_sensor_ns, t_read_ns, now_ns(), kind
-        fence()  # SYNC: payload and stamps are out before the slot says that it holds them
-        head[0] = p + 1
+        head[0] = p + 1  # in any order with the stamps and the payload: nobody looks before the counter says so
         fence()  # SYNC: the slot is whole before the counter leads readers to it
         self._published[0] = p + 1
         return p + 1
