@@ -213,7 +213,8 @@ class Presenter:
         if not self._display.blanks_by:
             return
         answers = self._display.presented()
-        if self.clock is not None:
+        if self.clock is not None and answers:
+            self.clock.claim(self._display.nominal_hz())
             for answer in answers:
                 if answer.t_ns:
                     self.clock.blank(answer.t_ns, answer.period_ns)

@@ -27,7 +27,7 @@ class ScreenClock:
     """The grid of blanks: its period and phase. nominal_hz: the rate the screen claims."""
 
     def __init__(self, nominal_hz: float, t0_ns: int) -> None:
-        self._nominal_ns = 1e9 / nominal_hz
+        self._claimed_ns = self._nominal_ns = 1e9 / nominal_hz
         self._period_ns = self._nominal_ns
         self._t_ns = float(t0_ns)
         self._off = 0
@@ -40,6 +40,12 @@ class ScreenClock:
     @property
     def rate_hz(self) -> float:
         return SECOND_NS / self._period_ns
+
+    def claim(self, nominal_hz: float) -> None:
+        """The screen claims this rate: where it is another one than before, the window has moved, and the grid is found again."""
+        if abs(1e9 / nominal_hz - self._claimed_ns) > 1:
+            self._claimed_ns = self._nominal_ns = self._period_ns = 1e9 / nominal_hz
+            self.measured = False
 
     def blank(self, t_ns: int, period_ns: int = 0) -> None:
         """A blank was at t_ns. period_ns: as reported with it, 0 where it is not."""

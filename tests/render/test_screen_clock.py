@@ -44,6 +44,20 @@ def test_a_window_on_another_monitor_follows_that_ones_rate() -> None:
     assert abs(clock.nearest(other[-1]) - other[-1]) < MS // 10
 
 
+def test_a_monitor_that_reports_no_period_is_followed_by_the_rate_it_claims() -> None:
+    clock = ScreenClock(60, T0_NS)
+    for t_ns in grid(60.0, 200, 0.5 * MS):
+        clock.blank(t_ns)
+        clock.claim(60)
+    assert clock.measured
+    clock.claim(75)
+    assert not clock.measured and clock.rate_hz == pytest.approx(75)
+    for t_ns in grid(71.4, 600, 0.5 * MS):
+        clock.blank(t_ns + 10**10)
+        clock.claim(75)
+    assert clock.rate_hz == pytest.approx(71.4, rel=2e-3)
+
+
 def test_blanks_that_are_on_no_grid_change_nothing_but_another_phase_is_followed() -> None:
     clock = ScreenClock(60, T0_NS)
     for t_ns in grid(60.0, 100, 0):
