@@ -54,6 +54,7 @@ class Supervisor:
         self._nice = placement.niceness(config.governor.nice, NAMES)
         self._store = SessionStore(session, SessionState.first(config, options))
         self._rollback = ConfigRollback()
+        self._parallax: list[str] = []  # as reported last
         self._quality = QualityControl(lambda name: self._cpus.get(name, ()))
         self._memory: SessionMemory | None = None
         self._server: ControlServer | None = None
@@ -250,8 +251,14 @@ class Supervisor:
         if message.get("topic") in ("source", "notice", "parallax"):
             notes = message.get("notes")
             for text in notes if isinstance(notes, list) and notes else [message.get("text")]:
-                if isinstance(text, str):
+                if isinstance(text, str) and (text := self._new_lines(text) if message["topic"] == "parallax" else text):
                     self._log(text)
+
+    def _new_lines(self, parallax: str) -> str:
+        """What is new in it: a key that moves alpha changes one line of six."""
+        lines, before = parallax.splitlines(), self._parallax
+        self._parallax = lines
+        return "\n".join(line for line in lines if line not in before)
 
     def _snapshot(self) -> dict[str, Any]:
         assert self._memory is not None
