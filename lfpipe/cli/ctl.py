@@ -88,14 +88,19 @@ def set_keys(target: Target, sets: tuple[str, ...]) -> None:
 
 
 @ctl.command()
-@click.argument("scene", type=click.Path(path_type=Path), shell_complete=completions.scenes)
+@click.argument("scene", required=False, type=click.Path(path_type=Path), shell_complete=completions.scenes)
+@click.option("--next", "step", flag_value=1, type=int, help="The next scene of the playlist.")
+@click.option("--previous", "step", flag_value=-1, type=int, help="The scene before it.")
 @click.option("--layout", help="Name of its layout on disk, where it is not found.")
 @click.option("--grid", metavar="ROWSxCOLS", help="Its grid, where the files do not tell it.")
 @click.pass_obj
-def load(target: Target, scene: Path, layout: str | None, grid: str | None) -> None:
-    """Show another light field. It is packed first, unless it is packed already."""
+def load(target: Target, scene: Path | None, step: int | None, layout: str | None, grid: str | None) -> None:
+    """Show another light field. It is packed first, unless it is packed already; the old one stays meanwhile."""
+    if (scene is None) == (step is None):
+        raise click.UsageError("one of SCENE, --next and --previous is needed")
     how = {key: value for key, value in (("layout", layout), ("grid", grid)) if value is not None}
-    _send(target, {"cmd": "load", "scene": str(scene.resolve()), **how}, LOAD_S)
+    which = {"step": step} if scene is None else {"scene": str(scene.resolve())}
+    _send(target, {"cmd": "load", **which, **how}, LOAD_S)
 
 
 def _plain(word: str, text: str) -> None:

@@ -26,7 +26,7 @@ DEMO_S = 10.0  # length of the demo without a screen
 
 @attrs.frozen
 class UpArguments:
-    """The arguments of `lfpipe up`."""
+    """The arguments of `lfpipe up`. scenes: all of them; scene: the first."""
 
     scene: Path | None
     camera: str | None
@@ -39,6 +39,7 @@ class UpArguments:
     session_name: str | None
     sets: tuple[str, ...]
     config_file: str | None
+    scenes: tuple[Path, ...] = ()
 
 
 @attrs.frozen
@@ -127,6 +128,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     from lfpipe.render.geometry import check_geometry
     from lfpipe.render.open_display import has_display
     from lfpipe.render.plan import make_plan
+    from lfpipe.scene.playlist import playlist
     from lfpipe.scene.summary import summarize
 
     no_screen = arguments.demo and arguments.display is None and not has_display()
@@ -141,6 +143,8 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
             remedy = "run the demo in a directory that you may write to, or with --display none"
             raise UserError(f"{out}/: {error.strerror}", remedy) from None
         say(f"no screen here: the demo runs {arguments.duration_s or DEMO_S:g} s into {out}/")
+    scenes = playlist(arguments.scenes, config.scene) if arguments.scenes else []
+    arguments = attrs.evolve(arguments, scene=scenes[0] if scenes else arguments.scene, scenes=tuple(scenes))
     camera, share = _checked(arguments, config, display)
     config = _with_measured_focal(config, camera)
     field = open_with_progress(arguments.scene, config.scene)
@@ -156,6 +160,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         jpeg_px=camera.jpeg_px,
         tracking=scene.needs_tracking,
         display=display,
+        playlist=tuple(str(each.resolve()) for each in scenes) if len(scenes) > 1 else (),
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
         still=str(still.resolve()) if still else "",
         share=share,
@@ -166,6 +171,8 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     duration_s = arguments.duration_s or (DEMO_S if no_screen else None)
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
     files = tuple(path for path in (video, still, arguments.trace) if path is not None)
+    if len(scenes) > 1:
+        say(f"scenes  {len(scenes)}: Page Up and Page Down, or `lfpipe ctl load --next`, show the others")
     if video is not None:
         camera_hz = camera.rate_hz if config.render.clock == "camera" else None
         say(size_line(video, scene.width_px * scene.height_px, camera_hz or config.render.nominal_hz, duration_s))
@@ -205,7 +212,7 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[Chec
     if arguments.scene is not None:
         scene = arguments.scene
         rows, cols = attempt(lambda: _grid(scene, config)) or (0, 0)
-        single = rows * cols == 1
+        single = rows * cols == 1 and len(arguments.scenes) < 2
     elif not arguments.demo and not arguments.no_picture:
         errors.append(UserError("no SCENE given", "a folder of views, or --demo for the built-in scene"))
     found = CheckedSource("", 0.0) if single else attempt(lambda: check_source(_once(camera, display), config.camera))

@@ -12,6 +12,7 @@ from lfpipe.cli.options import with_config, with_session
 EXAMPLES = """\b
 Examples:
   lfpipe up --demo
+  lfpipe up boxes/ flowers/ dino.h5
   lfpipe up boxes/ --display fullscreen --set screen.monitor=1
   lfpipe up --no-picture --share opentrack:127.0.0.1:4242
   lfpipe up boxes/ --camera 'file:me.mp4?loop=1' --display none --duration 20 --trace t.jsonl
@@ -19,7 +20,7 @@ Examples:
 
 
 @click.command(epilog=EXAMPLES)
-@click.argument("scene", required=False, type=click.Path(path_type=Path), shell_complete=completions.scenes)
+@click.argument("scenes", nargs=-1, metavar="[SCENE]...", type=click.Path(path_type=Path), shell_complete=completions.scenes)
 @click.option(
     "--camera",
     "camera",
@@ -46,7 +47,7 @@ Examples:
 @with_session
 @with_config
 def up(
-    scene: Path | None,
+    scenes: tuple[Path, ...],
     camera: str | None,
     display: str | None,
     duration_s: float | None,
@@ -60,11 +61,13 @@ def up(
 ) -> int:
     """Show SCENE, a folder or file that holds a light field, from where the viewer's eyes are.
 
+    Several of them, or a folder of them, are a playlist: Page Up and Page Down, `lfpipe ctl load --next`, or the page choose.
     Camera, layout, method and alpha are detected and printed in five lines. In the window, h shows the keys.
     """
     from lfpipe.cli import launch
 
+    scene = scenes[0] if scenes else None
     arguments = launch.UpArguments(
-        scene, camera, display, duration_s, trace, demo, share, no_picture, session_name, sets, config_file
+        scene, camera, display, duration_s, trace, demo, share, no_picture, session_name, sets, config_file, scenes
     )
     return launch.up(arguments)

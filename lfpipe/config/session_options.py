@@ -78,6 +78,7 @@ class SessionOptions:
     pictures, packets: names of rings that exist only on demand. lossless: no frame may be dropped, writers wait for readers.
     lock_step: besides, a frame passes every stage before the next one starts. share: where eyes are sent to, as
     `lfpipe.share.target` writes it. level: the quality in force, None for full.
+    playlist, playlist_at: the scenes to step through, and the place of the one shown.
     """
 
     scene: SceneSummary | None = None
@@ -98,6 +99,8 @@ class SessionOptions:
     lock_step: bool = False
     replay: ReplayOutput | None = None
     share: tuple[str, ...] = ()
+    playlist: tuple[str, ...] = ()
+    playlist_at: int = 0
     level: QualityLevel | None = None
 
     @property
@@ -124,5 +127,6 @@ class SessionOptions:
             "level": QualityLevel(**level) if level else None,
             "jpeg_px": tuple(jpeg_px) if jpeg_px else None,
             "share": tuple(plain["share"]),
+            "playlist": tuple(plain["playlist"]),
         }
         return cls(**{**plain, **nested})

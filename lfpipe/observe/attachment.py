@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -83,11 +84,13 @@ class Attachment:
         return reading
 
     def settings(self) -> dict[str, Any]:
-        """`config` and `paused` as the session has them, and `depth_px`: least and largest zero plane to offer, and a step; empty
-        where it did not answer."""
+        """`config` and `paused` as the session has them, `depth_px`: least and largest zero plane to offer, and a step,
+        `playlist`: names of scenes, and `playlist_at`; empty where it did not answer."""
         found: dict[str, Any] = {key: self._hello[key] for key in ("config", "paused") if key in self._hello}
         if scene := self._hello.get("options", {}).get("scene"):
             low_px, high_px = scene["disparity_min_px"], scene["disparity_max_px"]
+            names = [Path(path).name for path in self._hello["options"]["playlist"]]
+            found["playlist"], found["playlist_at"] = names, self._hello["options"]["playlist_at"]
             found["depth_px"] = [*depth_range_px(low_px, high_px), depth_step_px(low_px, high_px)]
         return found
 

@@ -21,6 +21,7 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 
 PERIOD_S = 0.25
+COMMAND_S, LOAD_S = 2.0, 20.0  # an answer takes; a scene that is packed first goes on beyond
 IDLE_S = 3.0
 PICTURES = ("camera", "picture")
 PICTURE_S = 0.2  # less than PERIOD_S: each sample has a new one
@@ -136,7 +137,7 @@ class Feed:
 
     async def command(self, message: dict[str, Any]) -> dict[str, Any]:
         """The session's answer. Raises UserError as ctl does."""
-        return await self._remote.ask(message)
+        return await self._remote.ask(message, LOAD_S if message["cmd"] == "load" else COMMAND_S)
 
     def reset(self) -> None:
         """Histograms count from now on."""

@@ -22,7 +22,7 @@ from lfpipe.observe.server import Handler, Missing, listen, run
 
 STATIC = Path(__file__).parent / "static"
 KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
-COMMANDS = ("set", "pause", "resume", "recentre", "reset")
+COMMANDS = ("set", "pause", "resume", "recentre", "load", "reset")
 MAX_COMMAND_BYTES = 4096
 MAX_STREAMS = 32
 REFUSED = (
@@ -148,6 +148,8 @@ class Commands(Guarded):
         message = dict(json_fields(self.request.body, "the command", expected).values)
         if message.get("cmd") not in COMMANDS:
             raise UserError("no command of the page", expected)
+        if message["cmd"] == "load" and set(message) != {"cmd", "at"}:
+            raise UserError("the page loads scenes of the playlist", "`lfpipe ctl load SCENE` loads any other")
         if message["cmd"] == "reset":
             self.site.feed.reset()
             return {"ok": True}

@@ -26,6 +26,8 @@ KEYS = {
     "p": ("freeze", "hold the picture, and go on (space)"),
     "o": ("overlay", "rate, latency and the grid of views on and off"),
     "s": ("screenshot", "save the picture"),
+    "PgDn": ("next", "the next scene of the list"),
+    "PgUp": ("previous", "the previous scene"),
     "h": ("help", "this help on and off (?)"),
     "q": ("quit", "quit"),
 }
@@ -55,7 +57,8 @@ class Display(Protocol):
         ...
 
     def events(self) -> list[str]:
-        """What the viewer pressed since the last call: names from KEYS. Call it often: it keeps a window alive."""
+        """What the viewer pressed since the last call: names from KEYS, and "drop PATH" for what was dropped. Call it often: it
+        keeps a window alive."""
         ...
 
     def notices(self) -> list[str]:

@@ -92,6 +92,12 @@ class KeyBindings:
             self._set(alpha_px=round(self._viewer.parallax.alpha_px * step, 3))
         elif event == "automatic":
             self._set(alpha_px="auto", zero_plane_px=0.0)
+        elif event in ("next", "previous"):
+            self._load_listed(1 if event == "next" else -1)
+        elif event.startswith("drop "):
+            scene = Path(event.removeprefix("drop ")).absolute()
+            self._context.request("load", scene=str(scene))
+            self._notices.say("scene", f"loading {scene.name}", now_ns())
         elif event == "swap":
             self._set(swap_eyes=not render.swap_eyes)
         elif event == "glasses":
@@ -118,6 +124,16 @@ class KeyBindings:
                 if changed:
                     self._notices.say("kept", f"kept for the next time: {', '.join(changed)}", now_ns())
         self._presenter.pattern = self._glasses
+
+    def _load_listed(self, step: int) -> None:
+        """Another scene of the playlist; the old one stays until it is packed."""
+        options = self._context.options
+        if len(options.playlist) < 2:
+            self._notices.say("scene", "there is no other scene", now_ns())
+            return
+        at = (options.playlist_at + step) % len(options.playlist)
+        self._context.request("load", at=at)
+        self._notices.say("scene", f"loading {Path(options.playlist[at]).name}: {at + 1} of {len(options.playlist)}", now_ns())
 
     def _set(self, **values: object) -> None:
         self._context.request("set", set={f"render.{name}": value for name, value in values.items()})

@@ -26,6 +26,7 @@ SCREEN_SHARE = 0.85  # at most, of the monitor
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: on a fine one, text of TEXT_PX is too small
 NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", " ": "freeze", "?": "help"}
 KEY_CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_LEFT: "less", pygame.K_RIGHT: "more"}
+KEY_CODES |= {pygame.K_PAGEDOWN: "next", pygame.K_PAGEUP: "previous"}
 ICON_PX = 64
 
 
@@ -210,6 +211,8 @@ class Window:
                     name = "help" if self._help else "fullscreen" if self._fullscreen else None
                 if name:
                     pressed.append(name)
+            elif event.type == pygame.DROPFILE:
+                pressed.append(f"drop {event.file}")
             elif event.type == pygame.WINDOWEXPOSED:
                 again = True
             elif event.type in (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED):

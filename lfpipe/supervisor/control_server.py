@@ -162,6 +162,8 @@ class ControlServer:
         else:
             return
         if client is not None:
+            if client.decode(errors="replace") in NAMES:  # a stage waits for no answer: the person at the window presses a key
+                self._log(f"{answer['error']}{' (' + str(answer['remedy']) + ')' if answer.get('remedy') else ''}")
             self._answer(client, answer)
 
     def _take(self, client: bytes, parts: list[bytes]) -> None:

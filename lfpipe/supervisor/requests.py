@@ -96,14 +96,34 @@ def _pictures(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
 
 
 def _load(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
-    scene = message.get("scene")
+    at = _place(state, message)
+    scene = message.get("scene") if at is None or "scene" in message else state.options.playlist[at]
     if not isinstance(scene, str) or not _absolute(scene):
-        raise BadMessage("load needs the absolute path of a scene")
+        raise BadMessage("load needs the absolute path of a scene, or a place `at` or a `step` in the playlist")
     if not state.options.show:
         raise UserError("the session shows no pictures", "`lfpipe up SCENE` starts one that does")
     how: dict[str, Any] = {key: message[key] for key in ("layout", "grid") if key in message}
     config_module.updated(state.config, {f"scene.{key}": value for key, value in how.items()})  # for its refusals
     return Reply(check={"check": "scene", "path": scene, **how})
+
+
+def _place(state: SessionState, message: dict[str, Any]) -> int | None:
+    """The place in the playlist of the scene that `load` asks for: by path, `at` a place, or a `step` from the one shown; None
+    for a scene that is not in it."""
+    scenes, scene = state.options.playlist, message.get("scene")
+    if scene is not None:
+        return scenes.index(scene) if scene in scenes else None
+    at, step = message.get("at"), message.get("step")
+    number = at if step is None else step
+    if isinstance(number, bool) or not isinstance(number, int) or (at is None) == (step is None):
+        return None
+    if not scenes:
+        raise UserError("the session has no playlist", "`lfpipe up SCENE SCENE ...`, or a folder of scenes, starts one that has")
+    if step is not None:
+        return (state.options.playlist_at + number) % len(scenes)
+    if not 0 <= number < len(scenes):
+        raise UserError(f"no scene {number} in the playlist", f"0 to {len(scenes) - 1}")
+    return number
 
 
 def _trace(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
@@ -165,7 +185,11 @@ def respond_checked(state: SessionState, message: dict[str, Any], result: dict[s
     if message["cmd"] == "load":
         scene = SceneSummary(**result)
         check_geometry(state.config, scene)
-        return Reply({"pack": scene.pack}, state.loaded(scene))
+        at = _place(state, message)
+        new = state.loaded(scene)
+        if at is not None:
+            new = attrs.evolve(new, options=attrs.evolve(new.options, playlist_at=at))
+        return Reply({"pack": scene.pack}, new)
     respond(state, message, t_ns)  # another client may have started one
     if message["cmd"] == "share":
         share = tuple(dict.fromkeys((*state.options.share, *result["targets"])))

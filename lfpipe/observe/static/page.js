@@ -103,6 +103,10 @@ function show(told) {
   if (told.depth_px && free("zero")) [$("zero").min, $("zero").max, $("zero").step] = [told.depth_px[0], told.depth_px[1], told.depth_px[2] / 5];
   if (free("zero")) { $("zero").value = render.zero_plane_px; $("zero_out").textContent = `${render.zero_plane_px.toFixed(2)} px/view`; }
   if (free("ghost")) { $("ghost").value = render.ghost_compensation; $("ghost_out").textContent = `${render.ghost_compensation.toFixed(0)} %`; }
+  const scenes = told.playlist || [];
+  $("scenes").hidden = scenes.length < 2;
+  if ($("scene").options.length !== scenes.length) $("scene").replaceChildren(...scenes.map((name) => new Option(name)));
+  if (free("scene")) $("scene").selectedIndex = told.playlist_at;
   const auto = typeof render.alpha_px === "string";
   if (free("alpha")) {
     $("alpha_auto").checked = auto;
@@ -121,6 +125,7 @@ range("zero", "render.zero_plane_px", (v) => `${v.toFixed(2)} px/view`);
 range("ghost", "render.ghost_compensation", (v) => `${v.toFixed(0)} %`);
 range("alpha", "render.alpha_px", (v) => `${v.toFixed(1)} px/view`, alphaOf);
 for (const key of ["anaglyph", "method"]) $(key).addEventListener("change", () => { hold(key); set(`render.${key}`, $(key).value); });
+$("scene").addEventListener("change", () => { hold("scene"); command({ cmd: "load", at: $("scene").selectedIndex }); });
 $("alpha_auto").addEventListener("change", () => {
   hold("alpha");
   set("render.alpha_px", $("alpha_auto").checked ? "auto" : alphaOf($("alpha").value));

@@ -1,0 +1,92 @@
+"""Several scenes in one session: chosen by command, by the page and by keys, with the old one on the screen meanwhile."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from lfpipe import config
+from lfpipe.host import shared_memory
+from lfpipe.scene.playlist import playlist
+from lfpipe.transport import control
+from tests.web.server import served
+from tests.world import World, write_scene
+from tests.xvfb_screen import Screen
+
+
+def write_scenes(folder: Path) -> Path:
+    """Three light fields of 2, 3 and 4 rows, and what is none."""
+    for rows, name in enumerate(("amber", "birch", "cedar"), 2):
+        write_scene(folder / name, rows, 3)
+    (folder / "notes.txt").write_text("nothing to see")
+    (folder / "empty").mkdir()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def listed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+    """A session with a folder of scenes."""
+    made = World(tmp_path_factory.mktemp("listed"))
+    made.up(write_scenes(made.root / "scenes"))
+    made.pictures(3)
+    yield made
+    made.end()
+    for name in made.segments():
+        shared_memory.unlink(name)
+
+
+def shown(world: World) -> tuple[int, int]:
+    """The place in the list that the session shows, and the rows of its scene."""
+    options = control.request(next(world.run_dir.glob("lfpipe-*")), {"cmd": "hello"}, 5.0)["options"]
+    assert len(options["playlist"]) == 3
+    return options["playlist_at"], options["scene"]["rows"]
+
+
+def test_a_folder_of_scenes_is_a_list_and_a_scene_stays_one(tmp_path: Path) -> None:
+    folder = write_scenes(tmp_path / "scenes")
+    settings = config.Scene(cache_dir=str(tmp_path / "cache"))
+    names = [folder / name for name in ("amber", "birch", "cedar")]
+    assert playlist([folder], settings) == names
+    assert playlist([names[1], folder, names[0]], settings) == [names[1], *names, names[0]]
+    for other in (tmp_path / "nowhere", folder / "empty", folder / "notes.txt"):
+        assert playlist([other], settings) == [other]  # for whoever opens it to say what is wrong
+
+
+def test_the_next_and_the_previous_scene_come_by_command(listed: World) -> None:
+    def load(*words: str) -> subprocess.CompletedProcess[str]:
+        return listed.run("ctl", "--session", listed.name, "load", *words)
+
+    assert shown(listed) == (0, 2)
+    for word, wanted in (("--next", (1, 3)), ("--next", (2, 4)), ("--next", (0, 2)), ("--previous", (2, 4))):
+        done = load(word)
+        assert done.returncode == 0 and shown(listed) == wanted, done.stderr
+    assert load(str(listed.root / "scenes" / "amber")).returncode == 0 and shown(listed) == (0, 2)  # which is in the list
+    for words in ((), ("--next", "amber")):
+        assert load(*words).returncode == 2
+
+
+def test_the_page_has_the_list_and_loads_nothing_else(listed: World) -> None:
+    with served(listed) as server:
+        for at, rows in ((2, 4), (0, 2)):
+            status, answer = server.ask("POST", "/ctl", {"cmd": "load", "at": at})
+            assert status == 200 and json.loads(answer)["ok"] and shown(listed) == (at, rows)
+        for wrong in ({"at": 3}, {"at": -1}, {"at": True}, {"scene": "/etc"}, {"at": 1, "scene": "/etc"}, {}):
+            assert server.ask("POST", "/ctl", {"cmd": "load", **wrong})[0] == 400, wrong
+        assert shown(listed) == (0, 2)
+
+
+@pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
+def test_page_up_and_down_choose_in_the_window(world: World, screen: Screen) -> None:
+    world.env["DISPLAY"] = screen.name
+    scenes = write_scenes(world.root / "scenes")
+    fixed = ("--camera", "demo", "--trace", world.trace, "--session", world.name)
+    world.start("up", *(scenes / name for name in ("amber", "birch", "cedar")), *fixed)
+    world.pictures(3)
+    for key, wanted in (("Page_Down", (1, 3)), ("Page_Up", (0, 2)), ("Page_Up", (2, 4))):
+        subprocess.run(["xdotool", "key", key], check=True, env=world.env)
+        world.wait_for(lambda wanted=wanted: shown(world) == wanted, f"scene {wanted}")
