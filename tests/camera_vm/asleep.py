@@ -8,6 +8,7 @@ Everything is mapped and locked before; the result goes to the console.
 from __future__ import annotations
 
 import ctypes
+import itertools
 import json
 import os
 import time
@@ -49,13 +50,13 @@ def measure() -> dict[str, object]:
     first, lost = driver.read(camera, out)
     first_s = time.monotonic() - awake_s
     later = [driver.read(camera, out)[0] for _ in range(10)]
-    steps = np.diff([frame.t_sensor_ns for frame in later]) / 1e6
+    steps = sorted(b.t_sensor_ns - a.t_sensor_ns for a, b in itertools.pairwise(later))
     return {
         "away_s": awake_s - began_s,
         "seconds": first_s,
         "lost": lost,
         "frames": first.source_seq - last.source_seq - 1,
-        "step_ms": float(np.median(steps)),
+        "step_ms": steps[len(steps) // 2] / 1e6,
     }
 
 
@@ -69,5 +70,5 @@ if __name__ == "__main__":
         say(measure())
     except BaseException as error:  # a traceback would read files, which are gone after the sleep
         say({"error": repr(error)})
-        os._exit(1)
-    os._exit(0)
+    Path("/proc/sysrq-trigger").write_text("o")  # nor can the script that started this be read on
+    time.sleep(60)

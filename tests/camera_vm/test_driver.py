@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 from pathlib import Path
@@ -89,12 +90,12 @@ def test_jpegs_arrive_as_sent_and_may_change_their_size() -> None:
 
 def test_rounded_sizes_and_rates_are_noted(vivid: Path) -> None:
     wanted = config.Camera(width_px=700, height_px=500, rate_hz=33.0)
-    source = open_camera(vivid, wanted)
-    info, said = source.info, " ".join(source.info.notes)
-    assert (info.width_px, info.height_px) != (700, 500) and "scaled to 700x500" in said and "33 Hz requested" in said
     out = np.zeros((500, 700, 3), np.uint8)
-    assert source.read(out) is not None and out.any()
-    source.close()
+    with contextlib.closing(open_camera(vivid, wanted)) as source:
+        info = source.info
+        assert source.read(out) is not None and out.any()
+    said = " ".join(info.notes)
+    assert (info.width_px, info.height_px) != (700, 500) and "scaled to" in said and "33 Hz requested" in said
     assert check_camera(vivid, wanted).rate_hz == info.rate_hz
 
 
