@@ -14,6 +14,7 @@ from lfpipe.capture.v4l2_device import V4L2Device
 
 SYS, DEV = Path("/sys/class/video4linux"), Path("/dev")
 ANSWER_S = 3.0  # drivers answer in microseconds; one that is stuck never does
+BUSY_S = 60.0  # thousands of questions on an emulated machine
 
 T = TypeVar("T")
 
@@ -29,7 +30,7 @@ class CameraDevice:
 
 def _limited(call: Callable[[], T]) -> T:
     try:
-        return with_time_limit(ANSWER_S, call)
+        return with_time_limit(ANSWER_S, call, BUSY_S)
     except TimeoutError as error:
         if error.errno is not None:  # the driver's own
             raise

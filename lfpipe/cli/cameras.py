@@ -31,7 +31,7 @@ def cameras(everything: bool, as_json: bool) -> None:
         about |= {"formats": [], "controls": [], "trouble": ""}
         lines: list[str] = []
         try:
-            modes, about["controls"] = camera_list.asking(device.path, _about)
+            modes, about["controls"] = camera_list.asking(device.path, lambda opened: _about(opened, everything or as_json))
             about["formats"] = [_every(fourcc, sizes) for fourcc, sizes in modes.items()]
             lines = about["formats"] if everything else _folded(modes)
             lines = [*(lines or ["reports no formats"]), *about["controls"]]
@@ -49,10 +49,13 @@ def cameras(everything: bool, as_json: bool) -> None:
         click.echo("no camera found; --demo and --camera file:PATH work without one")
 
 
-def _about(device: V4L2Device) -> tuple[dict[str, list[FrameSizes]], list[str]]:
+def _about(device: V4L2Device, everything: bool) -> tuple[dict[str, list[FrameSizes]], list[str]]:
+    """Pixel formats with their sizes, of those that cannot be decoded only if everything is wanted, and controls."""
     from lfpipe.capture.camera_controls import control_states
+    from lfpipe.capture.pixel_formats import DECODED
 
-    return {fourcc: device.sizes(fourcc) for fourcc in device.fourccs()}, [state.text for state in control_states(device)]
+    modes = {fourcc: device.sizes(fourcc) if everything or fourcc in DECODED else [] for fourcc in device.fourccs()}
+    return modes, [state.text for state in control_states(device)]
 
 
 def _every(fourcc: str, sizes: list[FrameSizes]) -> str:

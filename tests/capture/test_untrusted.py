@@ -259,6 +259,22 @@ def test_nobody_waits_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
         open_source("camera:/dev/video7", CAMERA)
 
 
+def test_a_call_that_computes_is_slow_and_not_stuck() -> None:
+    def computes() -> int:
+        end = time.thread_time() + 0.6
+        while time.thread_time() < end:
+            pass
+        return 7
+
+    assert with_time_limit(0.25, computes, busy_limit_s=60) == 7
+    with pytest.raises(TimeoutError):
+        with_time_limit(0.1, computes)
+    with pytest.raises(TimeoutError):
+        with_time_limit(0.1, computes, busy_limit_s=0.2)
+    with pytest.raises(TimeoutError):
+        with_time_limit(0.1, lambda: time.sleep(2), busy_limit_s=60)
+
+
 def test_within_returns_and_raises_as_its_call() -> None:
     assert with_time_limit(10, lambda: 7) == 7
     with pytest.raises(ZeroDivisionError):
