@@ -159,7 +159,7 @@ def test_pictures_that_a_person_could_tell_apart_are_caught(run: Path) -> None:
         (lambda f: (f / "trace.jsonl").write_bytes((f / "trace.jsonl").read_bytes()[:-9]), "299 lines"),
         (lambda f: (f / "trace.jsonl").unlink(), "No such file"),
         (lambda f: (f / "report.json").write_text('{"format": 2}'), "version 2, this lfpipe reads 1"),
-        (lambda f: (f / "report.json").write_text("{"), "not JSON"),
+        (lambda f: (f / "report.json").write_text("{"), "not valid JSON"),
         (lambda f: (f / "pictures" / "frames.bin").write_bytes(b""), "ends after 0 bytes"),
     ],
 )
