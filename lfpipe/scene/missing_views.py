@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from lfpipe.scene.grid_geometry import nearest_present
 from lfpipe.scene.pack_files import PlaneFile
 
 FloatMap = NDArray[np.float32]
+_HIDDEN_PX = 1.0  # parallax that separates a surface from the one behind it
 
 
 def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMap:
@@ -38,6 +41,35 @@ def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMa
     return np.maximum(out, cracks)
 
 
+def warped_view(picture: NDArray[Any], disparity: FloatMap, made: FloatMap, down: float, across: float) -> NDArray[Any]:
+    """A view as the one `down` rows and `across` columns on sees it, (h, w) or (h, w, 3). made: `warped_disparity` of disparity.
+
+    Where the place that a pixel comes from shows something nearer, the pixel was hidden: the nearest one as far away fills it.
+    """
+    xx, yy = grid_xy(*made.shape)
+    at = xx + made * np.float32(across), yy + made * np.float32(down)
+    out = cv2.remap(picture, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    there = cv2.remap(disparity, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    step = max(abs(down), abs(across))
+    hidden = (there - made) * step > _HIDDEN_PX
+    if not hidden.any():
+        return np.asarray(out)
+    hidden = cv2.dilate(hidden.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    reach = 2 * int(step * float(np.ptp(disparity))) + 3
+    behind = made - cv2.erode(made, np.ones((reach, reach), np.uint8), borderType=cv2.BORDER_REPLICATE) < max(
+        _HIDDEN_PX / max(step, 1e-9), 1e-6
+    )
+    usable = behind & ~hidden
+    if not usable.any():
+        return np.asarray(out)
+    _, labels = cv2.distanceTransformWithLabels((~usable).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    index = np.zeros(int(labels.max()) + 1, np.intp)
+    index[labels[usable]] = np.flatnonzero(usable)
+    flat = np.asarray(out).reshape(out.shape[0] * out.shape[1], -1).copy()
+    flat[hidden.ravel()] = flat[index[labels[hidden]]]
+    return flat.reshape(out.shape)
+
+
 def fill_missing(present: NDArray[np.bool_], frame: int, views: PlaneFile, disparity: PlaneFile, scale_px: float) -> None:
     """Writes each missing view and its disparity into the open files of a pack. disparity: int8 at half size, in scale_px."""
     for row, col in zip(*(index.tolist() for index in np.nonzero(~present)), strict=True):
@@ -48,10 +80,7 @@ def fill_missing(present: NDArray[np.bool_], frame: int, views: PlaneFile, dispa
         half = disparity.read((frame, *near)).astype(np.float32) * np.float32(scale_px)
         full = np.asarray(cv2.resize(half, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
         made = warped_disparity(full, *steps)
-        xx, yy = grid_xy(height, width)
-        at = xx + made * np.float32(steps[1]), yy + made * np.float32(steps[0])
-        seen = [cv2.remap(plane, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for plane in planes]
-        views.write((frame, row, col), np.stack(seen))
+        views.write((frame, row, col), np.stack([warped_view(plane, full, made, *steps) for plane in planes]))
         small = cv2.resize(made, half.shape[::-1], interpolation=cv2.INTER_AREA)
         steps_8 = np.clip(np.rint(small / np.float32(scale_px)), -127, 127).astype(np.int8)
         disparity.write((frame, row, col), steps_8)

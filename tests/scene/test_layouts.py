@@ -311,7 +311,7 @@ def test_every_layout_offers_the_protocol() -> None:
         assert name == layout.NAME
         assert callable(layout.detect)
         assert callable(layout.describe)
-    assert len(layouts.layouts()) == 14
+    assert len(layouts.layouts()) == 15
 
 
 @pytest.mark.parametrize("counts", [(2, 9), (9, 2), (8, 8), (17, 1)])
@@ -323,3 +323,13 @@ def test_tiling_covers_every_tile_once(counts: tuple[int, int]) -> None:
         tiles = [cut.cut(picture, r, c) for r in range(cut.grid[0]) for c in range(cut.grid[1])]
         assert np.array_equal(np.sort(np.concatenate([t.ravel() for t in tiles])), picture.ravel())
         assert json.dumps(attrs.asdict(cut))
+
+
+def test_a_quilt_whose_tiles_do_not_divide_it(tmp_path: Path) -> None:
+    line = made.views(1, 45, 91, 102, 0.5, -0.3)[0]
+    tiles = np.array([[cv2.resize(line[9 * 5 - 5 * (r + 1) + c], (819, 455)) for c in range(5)] for r in range(9)])
+    picture = np.zeros((4096, 4096, 3), np.uint8)
+    picture[:4095, :4095] = made.mosaic(tiles)
+    made.write(tmp_path / "45_01.jpg", picture)
+    source = found(tmp_path / "45_01.jpg", "mosaic")
+    assert (source.rows, source.cols, source.height_px, source.width_px) == (1, 45, 455, 819)

@@ -20,6 +20,8 @@ from lfpipe.scene.files import Listing, picture_header, read_picture
 from lfpipe.scene.layouts._grid import parse_grid
 
 MOST_TILES = 64  # along one side
+# Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the rest is at the right and the bottom.
+UNEVEN = {(4096, 4096): (5, 9), (8192, 8192): (5, 9)}
 _SMALLEST_TILE_PX = 24
 _LARGE_BYTES = 64_000_000  # of a picture
 _GLANCE_PX = 1024  # the longer side of the picture that is searched for tiles
@@ -105,6 +107,10 @@ def find_tiles(picture: NDArray[Any], name: str) -> tuple[int, int] | None:
     name: of the file or folder; a grid named in it (9x9) is used unless the picture contradicts it.
     """
     height, width = picture.shape[:2]
+    if (width, height) in UNEVEN:
+        preset = UNEVEN[width, height]
+        if find_tiles(picture[: height - height % preset[1], : width - width % preset[0]], name) == preset[::-1]:
+            return preset[1], preset[0]
     scale = min(1.0, _GLANCE_PX / max(height, width))
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)  # of one plane it would be a copy of that
     plane = (small if small.ndim == 2 else small[..., 1]).astype(np.float32)
@@ -155,7 +161,7 @@ def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling:
     grid = parse_grid(scene.grid) or find_tiles(picture, f"{path.parent.name}/{path.stem}")
     if grid is None:
         raise UserError(f"{path}: no tiles recognised in {width}x{height} px", "give them with --set scene.grid=ROWSxCOLS")
-    if height % grid[0] or width % grid[1]:
+    if (height % grid[0] or width % grid[1]) and UNEVEN.get((width, height)) != grid[::-1]:
         raise UserError(
             f"{path}: {width}x{height} px do not divide into {grid[0]} rows and {grid[1]} columns of tiles",
             "give the grid that was rendered with --set scene.grid=ROWSxCOLS",

@@ -37,7 +37,7 @@ _READINGS = tuple(
 _HALVES = len(_READINGS) - 1  # the reading in which a number is row and column without a separator: 0307
 _FRAME_WORDS = ("f", "fr", "frame", "frames", "time")
 _ROW_WORDS, _COL_WORDS = ("row", "rows", "r", "y", "v", "t"), ("col", "cols", "column", "c", "x", "u", "s")
-_MAPS = re.compile(r"depth|disp|mask|label|seg|normal|flow|conf|thumb|error|diff|gt", re.IGNORECASE)
+MAPS = re.compile(r"depth|disp|mask|label|seg|normal|flow|conf|thumb|error|diff|gt", re.IGNORECASE)
 _MIN_COVERAGE = 0.15  # of a lattice by files: less is no grid. A cross in a 13x13 grid has 0.148
 _MAX_FIELDS = 12
 
@@ -225,7 +225,7 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
                 key, numbered = read
                 if rank == _HALVES and (numbered.runs or key[2] < 1 or _contiguous(numbered)):
                     continue
-                views = not any(_MAPS.search(text) for text in texts)
+                views = not any(MAPS.search(text) for text in texts)
                 if key[:3] == (len(names), 1.0, 1.0):
                     return numbered
                 found.append(((key[0] * (1.0 if views else 0.5), *key[1:], views, -rank), numbered))

@@ -11,13 +11,11 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, read_picture
 from lfpipe.scene.layouts._grid import parse_grid
-from lfpipe.scene.layouts._mosaic import Tiling, picture_loader, single_picture
+from lfpipe.scene.layouts._mosaic import UNEVEN, Tiling, picture_loader, single_picture
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "quilt"
 _NAME = re.compile(r"_qs(\d{1,2})x(\d{1,2})(?:a[\d.]+)?", re.IGNORECASE)
-# Presets of the displays whose tiles do not divide the picture; the remainder is left over at the right and the bottom.
-_CROPPED = {(4096, 4096, 5, 9), (8192, 8192, 5, 9)}
 
 
 def detect(listing: Listing) -> int | None:
@@ -37,7 +35,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     picture, full = read_picture(path)
     height, width = picture.shape[:2]
     rows, cols = grid
-    if rows * cols == 0 or ((height % rows or width % cols) and (width, height, cols, rows) not in _CROPPED):
+    if rows * cols == 0 or ((height % rows or width % cols) and UNEVEN.get((width, height)) != (cols, rows)):
         raise UserError(
             f"{path}: {width}x{height} px do not divide into {cols} columns and {rows} rows of tiles",
             "the name says _qsCOLSxROWS; give the tiles that were rendered with --set scene.grid=ROWSxCOLS",

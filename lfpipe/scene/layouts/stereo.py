@@ -22,6 +22,7 @@ from lfpipe.scene.files import Listing, read_bytes, read_picture
 from lfpipe.scene.flow_check import confirmed, textured
 from lfpipe.scene.layouts._grid import files_source
 from lfpipe.scene.layouts._mosaic import single_picture
+from lfpipe.scene.layouts._names import MAPS
 from lfpipe.scene.layouts._views import some
 from lfpipe.scene.source import SceneSource, Turn
 
@@ -109,8 +110,9 @@ def _arrangement(path: Path) -> tuple[bool, bool, bool] | None:
 
 
 def detect(listing: Listing) -> int | None:
-    if _pair(listing) is not None:
-        return 85 if len(listing.pictures()) == 2 else 58  # pictures beside the pair: another layout may use all of them
+    if (pair := _pair(listing)) is not None:
+        others = [name for name in listing.pictures() if name not in pair and not MAPS.search(name)]
+        return 85 if not others or Path(pair[0]).stem.lower() in _NUMBERED else 45
     path = _alone(listing)
     if path is None:
         return None
