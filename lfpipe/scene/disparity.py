@@ -26,6 +26,7 @@ REFINED_OVER_PX = 2.0  # sigma of the window that one value of the refinement is
 STEADY = 4.0  # squared grey levels per px: where the neighbours show less contrast than this, a value stays
 OUTLIER = 6.0  # grey levels from which a pixel counts less
 LARGEST_STEP_PX = 0.5
+MEDIAN_PX = 5  # side of the last filter
 SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still have a say
 OUTSIDE = 64.0  # grey levels a match outside of the neighbour's picture counts for
 _BOX = (5, 5)
@@ -87,7 +88,7 @@ def view_disparity(here: Grey, neighbours: list[tuple[Grey, float, float]]) -> F
         joint /= sum(shares)
     for _ in range(ROUNDS):
         joint = refined(here, neighbours, joint)
-    return joint
+    return np.asarray(cv2.medianBlur(joint, MEDIAN_PX), np.float32)
 
 
 def _shares(errors: list[FloatMap]) -> list[FloatMap]:
