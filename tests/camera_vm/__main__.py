@@ -6,6 +6,7 @@ import argparse
 import json
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -32,6 +33,7 @@ def main() -> int:
     parser.add_argument("--limit", type=float, default=0, help="seconds")
     parser.add_argument("--cache", type=Path, default=platformdirs.user_cache_path("lfpipe-vm"))
     arguments = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the machine is ended, too
     out = Path(tempfile.mkdtemp(prefix="lfpipe-vm-"))
     try:
         machine.install_tools()
