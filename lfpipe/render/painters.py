@@ -77,11 +77,11 @@ class SurfacePainter:
 
 
 class RendererPainter:
-    """Uploads pictures of their own size to a streaming texture; SDL's renderer scales them and swaps with vertical sync."""
+    """Uploads pictures of their own size to a streaming texture; SDL's renderer scales them and swaps."""
 
-    def __init__(self, window: pygame.Window) -> None:
-        """Raises pygame.error where there is no accelerated renderer."""
-        self._renderer = video.Renderer(window, -1, 1, True)
+    def __init__(self, window: pygame.Window, wait: bool) -> None:
+        """wait: `swap` keeps step with the screen by waiting. Raises pygame.error where there is no accelerated renderer."""
+        self._renderer = video.Renderer(window, -1, 1, wait)
         self._texture: video.Texture | None = None
         self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
         self._upload: pygame.Surface | None = None
@@ -113,11 +113,11 @@ class RendererPainter:
         self._renderer.present()
 
 
-def open_painter(window: pygame.Window, renderer: bool) -> Painter:
+def open_painter(window: pygame.Window, renderer: bool, wait: bool) -> Painter:
     """The renderer where it is wanted and there is one, else the surface. Raises UserError as `SurfacePainter` does."""
     if renderer:
         try:
-            return RendererPainter(window)
+            return RendererPainter(window, wait)
         except pygame.error:
             pass
     return SurfacePainter(window)

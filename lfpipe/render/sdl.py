@@ -39,7 +39,7 @@ def drawn_by(driver: str) -> str:
     """How pictures get to the screen, for people."""
     if not uses_renderer(driver):
         return "drawn by the CPU into a surface in shared memory" + ("" if has_gpu() else " (no GPU)")
-    return "renderer with vertical sync, " + ("by the GPU" if has_gpu() else "OpenGL in software (no GPU)")
+    return "renderer in step with the screen, " + ("by the GPU" if has_gpu() else "OpenGL in software (no GPU)")
 
 
 def version() -> str:

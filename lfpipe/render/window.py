@@ -63,6 +63,9 @@ class Window:
         try:
             driver = sdl.start()
             self._renderer = sdl.uses_renderer(driver) if renderer is None else renderer
+            # A compositor of Wayland takes the newest whole picture at each blank. To wait for the one before to be shown would only
+            # make the next one older.
+            self._wait = driver != "wayland"
             self._monitors = monitors()
             on = find_monitor(monitor, self._monitors) if monitor else self._monitors[0]
             largest = min(SCREEN_SHARE * on.width / size_px[0], SCREEN_SHARE * on.height / size_px[1])
@@ -104,7 +107,7 @@ class Window:
             window = pygame.Window(self._title, self._windowed, at, resizable=True, allow_high_dpi=True)
         pygame.mouse.set_visible(not self._fullscreen)
         window.set_icon(_icon())
-        self._painter: Painter = open_painter(window, self._renderer)
+        self._painter: Painter = open_painter(window, self._renderer, self._wait)
         self._presentation: Presentation | None = open_presentation(window)
         self._numbers.clear()
         return window
