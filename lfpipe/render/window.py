@@ -63,8 +63,8 @@ class Window:
         try:
             driver = sdl.start()
             self._renderer = sdl.uses_renderer(driver) if renderer is None else renderer
-            # A compositor of Wayland takes the newest whole picture at each blank: waiting until the one before was shown would only
-            # make the next one older.
+            # A compositor of Wayland takes the newest whole picture at each blank: waiting until the one before was shown would
+            # only make the next one older.
             self._wait = driver != "wayland"
             self._monitors = monitors()
             on = find_monitor(monitor, self._monitors) if monitor else self._monitors[0]
