@@ -26,7 +26,7 @@ _POOR_DB = 20.0  # of views between two others: below this they do not fit
 _EXPLAINED = 0.3  # share of textured pixels that one disparity explains: below this the flow is none of a light field
 _UNEXPLAINED = 0.1  # below this share a few dB more do not help
 _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # what the flow may be off
-_STILL_PX = 0.3  # flow between neighbours of a focal stack
+_STILL_PX, _STILL_FAR_PX = 0.3, 1.0  # flow between neighbours of a focal stack, and between its middle and its ends
 _REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
 _BLOCKS = 8
 
@@ -83,6 +83,14 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> tuple[float, float, floa
     return _psnr(predicted[inner], middle[inner].astype(np.float32)), explained, motion
 
 
+def _stand_still(views: list[Grey]) -> bool:
+    """Whether nothing moves between views far apart: steps that are too small to see add up to parallax."""
+    middle = views[len(views) // 2]
+    detail = textured(middle)
+    moved = [float(np.median(np.hypot(*np.moveaxis(flow(middle, end)[detail], 1, 0)))) for end in (views[0], views[-1])]
+    return max(moved) < _STILL_FAR_PX
+
+
 def _refocused(views: list[Grey]) -> float:
     """Median over textured blocks of the sharpest over the least sharp picture; 1 where all blocks are sharpest at once."""
     side = max(8, min(views[0].shape) // _BLOCKS)
@@ -116,7 +124,8 @@ def examine(source: SceneSource) -> Evidence | None:
             found.append(_triple(*(grey(*line[k]) for k in (middle - 1, middle, middle + 1))))
     held_out, explained, motion = (float(np.median(values)) for values in zip(*found, strict=True))
     every = [(r, c) for r in range(source.rows) for c in range(source.cols) if (r, c) not in source.missing]
-    refocused = _refocused([grey(*index) for index in _spread(every, 9)]) if motion < _STILL_PX else 1.0
+    some = [grey(*index) for index in _spread(every, 9)] if motion < _STILL_PX else []
+    refocused = _refocused(some) if some and _stand_still(some) else 1.0
     return Evidence(held_out, explained, refocused)
 
 

@@ -96,6 +96,8 @@ def noisy(grid: np.ndarray, sigma: float) -> np.ndarray:
 LIGHT_FIELDS = {
     "plain": made.views(5, 5),
     "line": made.views(1, 9),
+    "line of small steps": made.views(1, 45, 150, 200, 0.5, -0.3),
+    "line of smaller steps": made.views(1, 45, 150, 200, 0.25, -0.15),
     "wide baseline": made.views(3, 5, 96, 128, 16.0, -8.0),
     "converging": made.views(5, 5, 96, 128, -2.0, -6.0),
     "reflection": reflecting(5, 5),

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
+from lfpipe.files.picture_header import header_of
 from lfpipe.scene.disparity import flow
 from lfpipe.scene.files import Listing, read_bytes, read_picture
 from lfpipe.scene.flow_check import confirmed, textured
@@ -37,7 +38,7 @@ _HALF = re.compile(r"(?<![a-z])(h|half[-_ ]?)(sbs|ou|tb|width|over|top|side)")
 _VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape holds halves at half their width
 _GLANCE_PX = 384  # the longer side of a half that is compared
 _ALIKE, _AGREED = 0.5, 0.5  # correlation of two halves; share of their detail that flow finds again
-_MAX_MPO_BYTES = 100_000_000
+_MAX_MPO_BYTES, _MAX_MPO_DECODED_BYTES = 40_000_000, 60_000_000  # of the file, and of each picture
 
 
 def _pair(listing: Listing) -> tuple[str, str] | None:
@@ -171,13 +172,16 @@ def _divided(path: Path) -> tuple[list[NDArray[Any]], int, Turn | None, str]:
 
 def _mpo(path: Path) -> tuple[list[NDArray[Any]], int, Turn | None, str]:
     """The first two pictures of an .mpo file, as `_divided`. Raises UserError."""
-    data = np.frombuffer(read_bytes(path, _MAX_MPO_BYTES), np.uint8)
+    whole = read_bytes(path, _MAX_MPO_BYTES)
+    data = np.frombuffer(whole, np.uint8)
     views: list[NDArray[Any]] = []
-    for start in (0, _second_jpeg(data.tobytes())):
-        found = picture_of(data[start:]) if start is not None else None
+    for start in (0, _second_jpeg(whole)):
+        header = header_of(data[start:].data) if start is not None else None
+        small = header is not None and header.decoded_bytes <= _MAX_MPO_DECODED_BYTES
+        found = picture_of(data[start:]) if small else None
         if found is None:
             raise UserError(f"{path}: no two JPEGs in this .mpo file", "copy it from the camera again")
-        views.append(np.asarray(cv2.cvtColor(found, cv2.COLOR_BGR2RGB)))
+        views.append(np.asarray(cv2.cvtColor(found, cv2.COLOR_BGR2RGB, dst=found)))
     if views[0].shape != views[1].shape:
         sizes = " and ".join(f"{view.shape[1]}x{view.shape[0]}" for view in views)
         raise UserError(f"{path}: pictures of {sizes} px are no stereo pair", "give a file of two equal pictures")
