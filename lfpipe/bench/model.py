@@ -74,10 +74,15 @@ class Candidate:
 
 @attrs.frozen
 class Skipped:
-    """A measurement that does not apply to the inputs, and why."""
+    """A measurement that was left out, and why: it does not apply to the inputs, or --quick saves its time."""
 
     what: str
     why: str
+
+    @property
+    def for_speed(self) -> bool:
+        """Whether a run without --quick has it."""
+        return self.why.startswith("--quick")
 
 
 @attrs.frozen

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from lfpipe.bench.conclusion import conclusion
 from lfpipe.bench.diagrams import draw, points, short, write
 from lfpipe.bench.model import Diagram, Figure, Subject, Table
 from lfpipe.bench.results import Measured, Results, SubjectResults, empty_diagrams
@@ -46,13 +47,22 @@ def write_report(results: Results, out: Path) -> Path:
     links = " ".join(f'<a href="#{name}">{html.escape(SUBJECTS[name].title)}</a>' for name in results.subjects)
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f"<title>lfpipe bench</title><style>{STYLE}</style></head><body><h1>Error against run time</h1>{_about(results)}"
-        f"<nav>{links}</nav>{''.join(sections)}</body></html>"
+        f"<title>lfpipe bench</title><style>{STYLE}</style></head><body><h1>Error against run time</h1>{_conclusions(results)}"
+        f"<nav>{links}</nav>{''.join(sections)}<h2>How it was measured</h2>{_about(results)}</body></html>"
     )
     path = out / "report.html"
     path.write_text(page)
     (out / "summary.md").write_text(summary(results))
     return path
+
+
+def _conclusions(results: Results) -> str:
+    """The findings, before all figures."""
+    lines = [
+        f'<li><a href="#{name}">{html.escape(SUBJECTS[name].title)}</a>: {html.escape(conclusion(SUBJECTS[name], found))}</li>'
+        for name, found in results.subjects.items()
+    ]
+    return f"<ul>{''.join(lines)}</ul>"
 
 
 def _about(results: Results) -> str:
@@ -107,8 +117,10 @@ def _picture(light: str, dark: str, title: str) -> str:
 def _omitted(found: SubjectResults, empty: dict[str, str]) -> Iterator[str]:
     failed = [f"{name}: {reason}" for name, reason in found.omissions.items()]
     yield _list("Failures", failed) if failed else "<h3>Failures</h3><p>None: no method raised an exception or returned NaN.</p>"
-    if reasons := [f"{item.what}: {item.why}" for item in found.skipped] + list(empty.values()):
-        yield _list("Not applicable here", reasons)
+    if hurried := [f"{item.what}: {item.why}" for item in found.skipped if item.for_speed]:
+        yield _list("Left out for speed", hurried)
+    if reasons := [f"{item.what}: {item.why}" for item in found.skipped if not item.for_speed] + list(empty.values()):
+        yield _list("Makes no sense here", reasons)
 
 
 def _list(title: str, items: list[str]) -> str:
@@ -188,7 +200,7 @@ def summary(results: Results) -> str:
     lines += [f"{about['machine']['cores']} cores. {'; '.join(about['scenes'])}. {about['sequence']}.", ""]
     for name, found in results.subjects.items():
         subject = SUBJECTS[name]
-        lines += [f"### {subject.title}", ""]
+        lines += [f"### {subject.title}", "", f"{conclusion(subject, found)}.", ""]
         if found.measured:
             front = fronts(subject, found)
             keys = list(dict.fromkeys(key for d in subject.diagrams if isinstance(d, Diagram) for key in (d.y, d.x)))
@@ -202,7 +214,7 @@ def summary(results: Results) -> str:
             lines.append("")
         lines += [f"- {table.title}: {_counted(table) or 'see the report'}" for table in found.tables]
         lines += [f"- failed: {name}: {reason}" for name, reason in found.omissions.items()]
-        lines += [f"- not applicable: {item.what}: {item.why}" for item in found.skipped]
-        lines += [f"- not applicable: {text}" for text in empty_diagrams(subject, found).values()]
+        lines += [f"- {'for speed' if item.for_speed else 'makes no sense'}: {item.what}: {item.why}" for item in found.skipped]
+        lines += [f"- makes no sense: {text}" for text in empty_diagrams(subject, found).values()]
         lines.append("")
     return "\n".join([*lines, "★ what the paper does. The others are on a Pareto front of their subject.", ""])

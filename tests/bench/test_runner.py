@@ -152,6 +152,10 @@ def test_report_stands_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     about = {"command": "lfpipe bench", "scenes": ["s"], "sequence": "q", "machine": machine, "versions": {}, "commit": "c"}
     page = write_report(Results(about | {"started": "now"}, {"fake": found}), tmp_path).read_text()
     assert "ArithmeticError: no root" in page and "the scene is grey" in page and "&lt;p&gt;" in page
+    first, rest = page.partition("<nav>")[::2]
+    assert "2 failed" in first and "least error" in first and "the paper" in first and "<table" not in first, "the conclusion"
+    assert "Makes no sense here" in rest and "Left out for speed" not in rest
+    assert rest.index("How it was measured") > rest.index("grey")
     assert "prefers-color-scheme: dark" in page and "the paper" in (tmp_path / "summary.md").read_text().lower()
     for reference in ("http://", "https://", "<script", "<link"):
         assert reference not in page

@@ -14,10 +14,14 @@ const rows = { t: [], age: [], stages: {} };
 
 function wide(element) { return Math.max(240, element.clientWidth); }
 
+const ms = (value) => value === null || value === undefined ? "" : `${value.toFixed(1)} ms`;
+
 function makeLatency(names) {
-  const line = (label, key) => ({ label, stroke: () => inkOf(key), width: key === "age" ? 2 : 1.2, points: { show: false } });
-  const series = [{ label: "s" }, line("sensor to screen", "age"), ...names.map((name) => line(`${name} wait + busy`, name))];
-  const options = { width: wide($("latency")), height: 220, series, scales: { x: { time: false } }, axes: [{ ...axis }, { ...axis }] };
+  const newest = (plot, at, k) => ms(at === null ? plot.data[k][plot.data[k].length - 1] : at); // in the legend, without a pointer too
+  const line = (label, key) => ({ label, value: newest, stroke: () => inkOf(key), width: key === "age" ? 2 : 1.2, points: { show: false } });
+  const series = [{ label: "session time, s", value: (_, at) => at === null ? "" : at.toFixed(1) }, line("sensor to screen", "age"), ...names.map((name) => line(`${name} wait + busy`, name))];
+  const options = { width: wide($("latency")), height: 220, series, scales: { x: { time: false } }, axes: [{ ...axis, label: "session time, s", labelSize: 22, stroke: () => ink("dim") },
+    { ...axis, label: "ms", labelSize: 22 }] };
   return new uPlot(options, [[], [], ...names.map(() => [])], $("latency"));
 }
 
