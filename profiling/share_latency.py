@@ -4,7 +4,8 @@
 
 A session of the demo (display none) shares with opentrack's layout, OSC and LSL, frame by frame; each receiver is a process of
 its own and notes how old the eyes are when it has them. Then the session's pictures are measured in turns: sharing with nobody,
-with all three, and with so many LSL receivers at once. Prints Markdown.
+with all three, and with so many LSL receivers at once, which give way to the
+session. Prints Markdown.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from tests.share.receivers import free_port, lsl_environment
 from tests.world import World, private_world
 
 POLL_S = 0.0002
+IMPORTS_S = 8.0
 STREAM = f"profile{os.getpid()}"
 
 
@@ -86,12 +88,30 @@ def _lsl(_session: str, _port: int, note: Callable[[float], None], end: float) -
             note(1000 * (pylsl.local_clock() - t_s))
 
 
+def flood(count: int, seconds: float) -> None:
+    """Many receivers in one process, which gives way to all others: as if they were on other machines."""
+    import pylsl
+
+    os.nice(19)
+    end = time.monotonic() + seconds
+    (found,) = pylsl.resolve_byprop("name", f"{os.environ['STREAM']}-eyes", 1, 20)
+    inlets = [pylsl.StreamInlet(found) for _ in range(count)]
+    while time.monotonic() < end:
+        for inlet in inlets:
+            inlet.pull_chunk()
+        time.sleep(0.1)
+
+
 RECEIVERS = {"ring": _ring, "opentrack": _opentrack, "osc": _osc, "lsl": _lsl}
 
 
 def receive(kind: str, session: str, port: int, seconds: float) -> None:
     """A receiver's process: prints the ages in ms."""
     ages: list[float] = []
+    if kind.startswith("flood"):
+        flood(int(kind.removeprefix("flood")), seconds)
+        print("[]")
+        return
     RECEIVERS[kind](session, port, ages.append, time.monotonic() + seconds)
     print(json.dumps(ages))
 
@@ -115,6 +135,7 @@ class Pictures:
 
     def __init__(self, world: World) -> None:
         self._table = Table(Session(world.name).segment("status"))
+        self._began = time.monotonic()
         self._before = {name: row.copy() for name, row in self._table.rows.items()}
 
     def line(self, name: str) -> str:
@@ -123,12 +144,14 @@ class Pictures:
         age = rows["render"]["age"].copy()
         age["buckets"] -= self._before["render"]["age"]["buckets"]
         figures = summary_ms(age)
+        spent_ns = int(rows["share"]["cpu_ns"] - self._before["share"]["cpu_ns"])
+        cpu = f"{spent_ns / 1e7 / (time.monotonic() - self._began):.1f} %"
         drops = {key: int(rows[key]["drops"] - self._before[key]["drops"]) for key in ("capture", "track", "render", "share")}
         said = ", ".join(f"{key} {count}" for key, count in drops.items())
         del rows
         self._before.clear()
         self._table.close()
-        return f"| {name} | {figures['n']} | {figures['p50_ms']:.2f} | {figures['p99_ms']:.2f} | {said} |"
+        return f"| {name} | {figures['n']} | {figures['p50_ms']:.2f} | {figures['p99_ms']:.2f} | {cpu} | {said} |"
 
 
 def main(seconds: float, inlets: int) -> None:
@@ -149,24 +172,18 @@ def main(seconds: float, inlets: int) -> None:
         for kind, ages in zip(RECEIVERS, receivers(world, list(RECEIVERS), ports, seconds), strict=True):
             p50, p99 = np.percentile(ages, (50, 99))
             print(f"| {kind} | {len(ages)} | {p50:.2f} | {p99:.2f} | {max(ages):.2f} |", flush=True)
-        print("\n| shared with | pictures composed | age p50 ms | p99 ms | dropped |\n|---|---|---|---|---|")
-        for name, kinds in (("nobody", []), ("all three", list(RECEIVERS)[1:]), (f"{inlets} LSL receivers", ["lsl"] * inlets)):
+        print("\n| shared with | pictures composed | age p50 ms | p99 ms | CPU of share | dropped |\n|---|---|---|---|---|---|")
+        for name, kinds in (("nobody", []), ("all three", list(RECEIVERS)[1:]), (f"{inlets} LSL receivers", [f"flood{inlets}"])):
             ask(world, cmd="share", stop=[]) if not kinds else None
-            if kinds and name == "all three":
+            if name == "all three":
                 ask(world, cmd="share", start=targets)
-                time.sleep(2)
-            if len(kinds) > 3:
-                waiting = threading.Thread(target=receivers, args=(world, kinds, ports, seconds + 8))
-                waiting.start()
-                time.sleep(8)  # their imports are no part of it
-                measured = Pictures(world)
-                time.sleep(seconds)
-                print(measured.line(name), flush=True)
-                waiting.join()
-                continue
+            waiting = threading.Thread(target=receivers, args=(world, kinds, ports, seconds + IMPORTS_S))
+            waiting.start()
+            time.sleep(IMPORTS_S)  # the receivers' imports are no part of it
             measured = Pictures(world)
-            receivers(world, kinds, ports, seconds) if kinds else time.sleep(seconds)
+            time.sleep(seconds)
             print(measured.line(name), flush=True)
+            waiting.join()
 
 
 if __name__ == "__main__":
