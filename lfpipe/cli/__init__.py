@@ -17,6 +17,7 @@ from lfpipe.cli.cameras import cameras
 from lfpipe.cli.config import config
 from lfpipe.cli.ctl import ctl
 from lfpipe.cli.doctor import doctor
+from lfpipe.cli.kiosk import kiosk
 from lfpipe.cli.models import models
 from lfpipe.cli.monitor import monitor
 from lfpipe.cli.record import record
@@ -74,6 +75,7 @@ COMMANDS = (  # in order of use, each with its line in the list of commands
     (calibrate, "Measure the camera's focal length and store it."),
     (doctor, "Check this machine."),
     (models, "Fetch the face networks where mediapipe has no wheel."),
+    (kiosk, "Run an exhibition that starts with the desktop."),
     (config, "Write, show and check the configuration."),
     (trace, "Timelines of a running session, for Perfetto."),
     (record, "Record a camera to a new folder."),

@@ -40,6 +40,7 @@ class UpArguments:
     sets: tuple[str, ...]
     config_file: str | None
     scenes: tuple[Path, ...] = ()
+    kiosk: str | None = None
 
 
 @attrs.frozen
@@ -125,6 +126,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     """Checks all arguments, packs the scene unless it is packed, and prints the settings in force."""
     from lfpipe.cli.scene_opening import open_with_progress
     from lfpipe.cli.startup_summary import sharing_lines, size_line, startup_lines
+    from lfpipe.config.session_options import check_code
     from lfpipe.render.geometry import check_geometry
     from lfpipe.render.open_display import has_display
     from lfpipe.render.plan import make_plan
@@ -135,7 +137,11 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     halved = ("render.rate_hz=30",) if no_screen else ()  # lossless video is large
     config = config_module.load(arguments.config_file, (*halved, *arguments.sets))
     out = Path("lfpipe-demo")
-    display = arguments.display or (f"file:{out / 'demo.mkv'}" if no_screen else "window")
+    display = arguments.display or (f"file:{out / 'demo.mkv'}" if no_screen else "fullscreen" if arguments.kiosk else "window")
+    if arguments.kiosk is not None:
+        check_code(arguments.kiosk)
+        if display not in ("window", "fullscreen"):
+            raise UserError(f"--kiosk with --display {display}: an exhibition has a screen", "leave out one or the other")
     if no_screen:
         try:
             out.mkdir(exist_ok=True)
@@ -160,6 +166,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         jpeg_px=camera.jpeg_px,
         tracking=scene.needs_tracking,
         display=display,
+        kiosk=arguments.kiosk or "",
         playlist=tuple(str(each.resolve()) for each in scenes) if len(scenes) > 1 else (),
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
         still=str(still.resolve()) if still else "",

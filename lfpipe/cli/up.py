@@ -43,6 +43,7 @@ Examples:
     metavar="TARGET",
     help="Send eyes and head to opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]; ?rate=HZ behind it predicts them. Repeatable.",
 )
+@click.option("--kiosk", metavar="CODE", help="An exhibition: full screen, and no key does anything but CODE, which ends it.")
 @click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")
 @with_session
 @with_config
@@ -54,6 +55,7 @@ def up(
     trace: Path | None,
     demo: bool,
     share: tuple[str, ...],
+    kiosk: str | None,
     no_picture: bool,
     session_name: str | None,
     sets: tuple[str, ...],
@@ -68,6 +70,6 @@ def up(
 
     scene = scenes[0] if scenes else None
     arguments = launch.UpArguments(
-        scene, camera, display, duration_s, trace, demo, share, no_picture, session_name, sets, config_file, scenes
+        scene, camera, display, duration_s, trace, demo, share, no_picture, session_name, sets, config_file, scenes, kiosk
     )
     return launch.up(arguments)

@@ -10,6 +10,14 @@ from typing import Any
 
 import attrs
 
+from lfpipe.errors import UserError
+
+
+def check_code(code: str) -> None:
+    """Raises UserError for a code that nobody could type, or that a child's hand on the keyboard may."""
+    if not (4 <= len(code) <= 64 and code.isascii() and code.isprintable() and len(set(code)) > 1):
+        raise UserError("the code is not one of 4 to 64 ASCII characters that differ", "for example --kiosk leave2026")
+
 
 def needs_tracking(rows: int, cols: int) -> bool:
     """Whether the picture of a grid of views depends on the eyes: a single view looks the same from everywhere."""
@@ -78,7 +86,7 @@ class SessionOptions:
     pictures, packets: names of rings that exist only on demand. lossless: no frame may be dropped, writers wait for readers.
     lock_step: besides, a frame passes every stage before the next one starts. share: where eyes are sent to, as
     `lfpipe.share.target` writes it. level: the quality in force, None for full.
-    playlist, playlist_at: the scenes to step through, and the place of the one shown.
+    playlist, playlist_at: the scenes to step through, and the place of the one shown. kiosk: the code that ends an exhibition.
     """
 
     scene: SceneSummary | None = None
@@ -101,6 +109,7 @@ class SessionOptions:
     share: tuple[str, ...] = ()
     playlist: tuple[str, ...] = ()
     playlist_at: int = 0
+    kiosk: str = ""
     level: QualityLevel | None = None
 
     @property

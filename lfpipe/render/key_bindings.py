@@ -33,6 +33,7 @@ MODES = choices("render.anaglyph")
 SETTLED_NS = SECOND_NS // 2  # a resize is over once the width stayed the same this long
 OVERLAY_NS = SECOND_NS // 2
 FACELESS_NS = 4 * SECOND_NS  # a turned head is no reason to complain
+ALONE_NS = 60 * SECOND_NS  # after which the visitor is assumed to have left
 LOST = "camera lost, trying again"
 
 
@@ -44,7 +45,7 @@ class KeyBindings:
         self._status = StatusOverlay(context, viewer)
         self._notices, self._said = Notices(), [""]
         self._glasses: GlassesTest | None = None
-        self._overlay_due_ns = 0
+        self._overlay_due_ns = self._first_due_ns = 0
         self._width_mm, self._settled_ns = display.width_mm(), 0
         self._overlay = False
         self._known = (context.config.render, level_number(context.options), viewer.field.name)
@@ -57,6 +58,7 @@ class KeyBindings:
         self.pass_on_notices()
         self._follow_width()
         t_ns = now_ns()
+        self._return_to_first(t_ns)
         self._notice_changes(t_ns)
         if (lines := self._notices.lines(t_ns)) != self._said:
             self._said = lines
@@ -124,6 +126,13 @@ class KeyBindings:
                 if changed:
                     self._notices.say("kept", f"kept for the next time: {', '.join(changed)}", now_ns())
         self._presenter.pattern = self._glasses
+
+    def _return_to_first(self, t_ns: int) -> None:
+        """In an exhibition the next visitor begins with the first scene."""
+        options, alone_ns = self._context.options, t_ns - int(self._context.row["t_face_ns"])
+        if options.kiosk and options.playlist_at and alone_ns > ALONE_NS and t_ns > self._first_due_ns:
+            self._first_due_ns = t_ns + ALONE_NS  # it may have to be packed again
+            self._context.request("load", at=0)
 
     def _load_listed(self, step: int) -> None:
         """Another scene of the playlist; the old one stays until it is packed."""

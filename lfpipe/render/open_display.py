@@ -74,11 +74,14 @@ def part_of(path: Path, part: int) -> Path:
     return path.with_stem(f"{path.stem}.{part + 1}") if part else path
 
 
-def open_display(spec: str, size_px: tuple[int, int], title: str, rate_hz: float, monitor: str = "", part: int = 0) -> Display:
+def open_display(
+    spec: str, size_px: tuple[int, int], title: str, rate_hz: float, monitor: str = "", part: int = 0, code: str = ""
+) -> Display:
     """The display that spec names: window, fullscreen, none, file:OUT.mkv.
 
     size_px: (width, height) of the pictures; rate_hz: their highest rate, and the rate of a video; monitor:
-    `screen.monitor`; part: how often the process that writes a video was restarted.
+    `screen.monitor`; part: how often the process that writes a video was restarted; code: the only
+    keys that a window takes, to end it.
     Raises UserError as `check_display` does, and where the window cannot be opened.
     """
     check_display(spec)
@@ -90,6 +93,9 @@ def open_display(spec: str, size_px: tuple[int, int], title: str, rate_hz: float
         from lfpipe.render.file_display import FileDisplay
 
         return FileDisplay(part_of(Path(spec.removeprefix("file:")).expanduser(), part), size_px, rate_hz)
+    from lfpipe.render.key_lock import KeyLock
     from lfpipe.render.window import Window
 
+    if code:
+        return Window(size_px, title, spec == "fullscreen", monitor, lock=KeyLock(code))
     return Window(size_px, f"{title} ({HINT})", spec == "fullscreen", monitor, HINT)

@@ -54,7 +54,7 @@ def main(context: Context) -> None:
     full_hz = float(options.source_hz) if on_camera else asked.render.nominal_hz
     size_px, monitor = (field.width_px, field.height_px), str(config.screen.monitor)
     part = context.row["restarts"]
-    display = open_display(options.display, size_px, f"lfpipe: {field.name}", full_hz, monitor, part)
+    display = open_display(options.display, size_px, f"lfpipe: {field.name}", full_hz, monitor, part, options.kiosk)
     viewer.shown_as_wide(display.width_mm())
     presenter = Presenter(context, viewer, display)
     keys = KeyBindings(context, viewer, presenter, display)

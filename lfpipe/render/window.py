@@ -13,6 +13,7 @@ from lfpipe.files.decoding import fit_area
 from lfpipe.host.presentation import Presentation, Presented
 from lfpipe.render import sdl
 from lfpipe.render.display import KEYS
+from lfpipe.render.key_lock import KeyLock
 from lfpipe.render.monitors import Monitor, find_monitor, monitor_of, monitors
 from lfpipe.render.overlay import panel
 from lfpipe.render.painters import Painter, Panels, open_painter
@@ -54,11 +55,14 @@ class Window:
         monitor: str = "",
         hint: str = "",
         renderer: bool | None = None,
+        lock: KeyLock | None = None,
     ) -> None:
         """size_px: (width, height) of the pictures. monitor: a number or name, as `monitors.find_monitor` takes it; empty:
         where the desktop puts windows. hint: a line over the picture for HINT_S, or until a key is pressed.
-        renderer: draw by SDL's renderer; None: where that is cheaper, with a GPU and on Wayland.
+        renderer: draw by SDL's renderer; None: where that is cheaper, with a GPU and on Wayland. lock: no key, button or drop
+        does anything but its code, which quits.
         Raises UserError where no window can be opened, or there is no such monitor."""
+        self._lock = lock
         self._title, self._fullscreen, self._wanted = title, fullscreen, monitor
         try:
             driver = sdl.start()
@@ -205,7 +209,10 @@ class Window:
         """See `Display.events`. Carries out full screen and help itself, and draws again what was covered or resized."""
         pressed, again, resized, keyed = [], False, False, False
         for event in pygame.event.get():
-            if event.type == pygame.QUIT:
+            if self._lock and event.type in (pygame.QUIT, pygame.KEYDOWN, pygame.DROPFILE):
+                if event.type == pygame.KEYDOWN and self._lock.opens(event.unicode):
+                    pressed.append("quit")
+            elif event.type == pygame.QUIT:
                 pressed.append("quit")
             elif event.type == pygame.KEYDOWN:
                 keyed = True

@@ -1,0 +1,68 @@
+"""`lfpipe kiosk`: an exhibition that starts with the desktop."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from lfpipe.cli import completions
+
+UNIT = """\
+[Unit]
+Description=lfpipe: a light field you look into
+PartOf=graphical-session.target
+After=graphical-session.target
+StartLimitIntervalSec=0
+
+[Service]
+ExecStart={command}
+Restart=always
+RestartSec=2
+# The code ends the session in order, with exit code 0: it stays ended.
+RestartPreventExitStatus=0
+
+[Install]
+WantedBy=graphical-session.target
+"""
+
+
+@click.group()
+def kiosk() -> None:
+    """Run an exhibition: see also `lfpipe up --kiosk CODE`."""
+
+
+@kiosk.command()
+@click.argument("scenes", nargs=-1, required=True, metavar="SCENE...", type=click.Path(path_type=Path),
+                shell_complete=completions.scenes)  # fmt: skip
+@click.option("--code", required=True, metavar="CODE", help="What ends the session, typed on its keyboard.")
+@click.option("--user", is_flag=True, required=True, help="For this user, whose desktop it is.")
+def install(scenes: tuple[Path, ...], code: str, user: bool) -> None:
+    """Write a systemd unit that shows SCENE in full screen when this user's desktop starts, and again whatever ends it."""
+    import platformdirs
+
+    from lfpipe.config.session_options import check_code
+    from lfpipe.errors import UserError
+    from lfpipe.files.safe_files import reason, replaced
+
+    check_code(code)
+    if missing := [str(path) for path in scenes if not path.exists()]:
+        raise UserError(f"{', '.join(missing)}: not found", "light fields, or a folder of them")
+    words = [sys.executable, "-m", "lfpipe", "up", "--session", "kiosk", "--kiosk", code]
+    words += [str(path.resolve()) for path in scenes]
+    path = Path(platformdirs.user_config_dir("systemd")) / "user" / "lfpipe-kiosk.service"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replaced(path, 0o600) as file:  # it holds the code
+            file.write(UNIT.format(command=" ".join(map(_quoted, words))).encode(errors="surrogateescape"))
+    except OSError as error:
+        raise UserError(f"{path}: {reason(error)}", "a settings folder that you may write to") from None
+    click.echo(path)
+    click.echo("start it, now and with every desktop: systemctl --user enable --now lfpipe-kiosk", err=True)
+
+
+def _quoted(word: str) -> str:
+    """word as systemd reads it: quoted, with nothing expanded."""
+    escaped = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
+    return f'"{escaped}"'
