@@ -28,7 +28,8 @@ def test_the_code_opens_wherever_it_is_typed_and_nothing_else_does() -> None:
 def test_the_next_visitor_begins_with_the_first_scene(code: str, at: int, alone_s: int, loads: int) -> None:
     asked: list[dict[str, object]] = []
     options = SimpleNamespace(kiosk=code, playlist_at=at)
-    context = SimpleNamespace(options=options, row={"t_face_ns": SECOND_NS}, request=lambda word, **more: asked.append({word: more}))
+    row = {"t_face_ns": SECOND_NS}
+    context = SimpleNamespace(options=options, row=row, request=lambda word, **more: asked.append({word: more}))
     keys = SimpleNamespace(_context=context, _first_due_ns=0)
     for _ in range(3):  # asked for once, however often it is looked at
         KeyBindings._return_to_first(keys, (1 + alone_s) * SECOND_NS)  # type: ignore[arg-type]
