@@ -59,8 +59,7 @@ def vertical_px(folder: Path) -> float:
     return float(np.percentile(np.concatenate(found), 95))
 
 
-@pytest.mark.parametrize("degrees", [0.0, 0.6])
-@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize(("degrees", "backwards"), [(0.0, True), (0.6, False)])
 def test_a_shaken_slide_becomes_a_rectified_row(tmp_path: Path, degrees: float, backwards: bool) -> None:
     found = slide(tmp_path, shaken(SLID[::-1] if backwards else SLID, degrees))
     assert found.residual_px <= 0.5
