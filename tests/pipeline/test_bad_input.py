@@ -19,14 +19,14 @@ def view(path: Path, height: int = 48, width: int = 64) -> None:
 
 def unequal(root: Path) -> list[str | Path]:
     folder = write_scene(root / "unequal")
-    view(folder / "view_01_02.png", 50, 64)
+    for number, path in enumerate(sorted(folder.iterdir())):  # a single odd one would only be left out
+        view(path, 48 + number, 64)
     return ["up", folder, "--camera", "demo", "--display", "none"]
 
 
-def hole(root: Path) -> list[str | Path]:
-    folder = write_scene(root / "hole")
-    (folder / "view_01_01.png").unlink()
-    (folder / "view_00_02.png").unlink()
+def doubled(root: Path) -> list[str | Path]:
+    folder = write_scene(root / "doubled")
+    view(folder / "view_1_2.png")
     return ["up", folder, "--camera", "demo", "--display", "none"]
 
 
@@ -57,8 +57,8 @@ CASES: dict[str, tuple[Callable[[Path], list[str | Path]], tuple[str, ...]]] = {
     "missing scene": (lambda root: ["up", root / "nowhere", "--camera", "demo"], ("nowhere",)),
     "no scene": (lambda root: ["up"], ("SCENE", "--demo")),
     "empty folder": (empty, ("empty",)),
-    "unequal views": (unequal, ("view_01_02.png", "64x50", "64x48")),
-    "hole in the grid": (hole, ("row 1", "col", "1")),
+    "unequal views": (unequal, ("view_00_00.png", "64x48", "64x5")),
+    "two files for one view": (doubled, ("view_1_2.png", "view_01_02.png", "move")),
     "unreadable image": (truncated, ("view_02_00.png",)),
     "no video": (no_video, ("notes.mp4",)),
     "missing video": (good("--camera", "file:nowhere.mp4"), ("nowhere.mp4",)),
