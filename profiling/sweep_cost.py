@@ -1,13 +1,16 @@
-"""What a cell of a sweep costs beyond its work, and what a second worker brings: `python profiling/sweep_cost.py [CELLS]`."""
+"""What a cell of a sweep costs beyond its work, and what a second worker brings.
+
+    uv run python profiling/sweep_cost.py [--cells 40] [--most-empty 10000]
+"""
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 import psutil
+from arguments import parser_of, start
 
 from lfpipe.sweep.cell import OK, Cell, Outcome, outcome
 from lfpipe.sweep.engine import Job, Sweep, cluster
@@ -47,19 +50,20 @@ def run(count: int, workers: int, work: object) -> tuple[float, float, float]:
 
 
 def main() -> None:
+    args = parser_of(__doc__, cells=40, most_empty=10_000).parse_args()
     print("| empty cells | s | ms a cell | memory of the sweep, MB | report, s |\n|---|---|---|---|---|")
-    for count in SIDES:
+    for count in [side for side in SIDES if side <= args.most_empty]:
         seconds, _, report = run(count, 2, nothing)
         used = psutil.Process().memory_info().rss / 1e6
         print(f"| {count} | {seconds:.1f} | {seconds / count * 1000:.2f} | {used:.0f} | {report:.1f} |", flush=True)
-    cells = int(sys.argv[1]) if len(sys.argv) > 1 else 40
-    one, start, _ = run(cells, 1, busy)
+    cells = args.cells
+    one, begun, _ = run(cells, 1, busy)
     two, _, _ = run(cells, 2, busy)
     print(
-        f"\n{cells} cells of {BUSY_S} s CPU: one worker {one:.2f} s, two {two:.2f} s: {one / two:.2f} times; start {start:.1f} s"
+        f"\n{cells} cells of {BUSY_S} s CPU: one worker {one:.2f} s, two {two:.2f} s: {one / two:.2f} times; start {begun:.1f} s"
     )
     print(f"beyond its work, one worker: {(one - cells * BUSY_S) / cells * 1000:.1f} ms a cell")
 
 
 if __name__ == "__main__":
-    main()
+    start(main)

@@ -1,11 +1,11 @@
 """Draws the set-up from the side and from above: screen, camera, viewer, glasses, with the distances that matter.
 
-    uv run python tools/draw_setup.py [OUT.svg]
+    uv run python tools/draw_setup.py [--out docs/setup.svg]
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import matplotlib as mpl
@@ -78,4 +78,6 @@ def main(out: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parents[1] / "docs" / "setup.svg"))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "docs" / "setup.svg")
+    main(parser.parse_args().out)

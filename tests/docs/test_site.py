@@ -27,6 +27,6 @@ def test_links_within_the_repository_hold() -> None:
 
 
 def test_the_drawing_of_the_set_up_is_what_the_tool_draws(tmp_path: Path) -> None:
-    subprocess.run([sys.executable, ROOT / "tools" / "draw_setup.py", tmp_path / "setup.svg"], check=True)
+    subprocess.run([sys.executable, ROOT / "tools" / "draw_setup.py", "--out", tmp_path / "setup.svg"], check=True)
     drawn, kept = ((path / "setup.svg").read_text() for path in (tmp_path, ROOT / "docs"))
     assert drawn.count("<path") == kept.count("<path") and "<svg" in drawn
