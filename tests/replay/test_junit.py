@@ -52,7 +52,7 @@ def typed(monkeypatch: pytest.MonkeyPatch, *args: str | Path) -> int:
         ((".",), "manifest.json is missing"),
         (("SEQ", "--set", "render.methd=warp"), "did you mean 'render.method'"),
         (("SEQ", "--config", "nofile"), "--config nofile"),
-        (("SEQ", "--pace", "fast"), "not recorded, max or a rate"),
+        (("SEQ", "--pace", "fast"), "not step, max, recorded or a rate"),
         (("SEQ", "--update"), "name it with --expect"),
         (("SEQ", "--expect", "nowhere"), "report.json: cannot be read"),
         (("SEQ", "--expect", "REFERENCE"), "made with another sequence"),
