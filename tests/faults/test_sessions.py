@@ -116,7 +116,7 @@ def test_two_sessions_of_one_name_under_two_runtime_directories_do_not_meet(worl
     second = world.start("up", scene, *options, env={**world.env, "XDG_RUNTIME_DIR": str(other)})
     _, err = second.communicate(timeout=60)
     assert second.returncode == 0, err
-    assert len(world.segments()) == 3, "status, frames, eyes of the first"
+    assert len(world.segments()) == 4, "status, frames, eyes, shown of the first"
     stages = world.monitor()["stages"]
     assert all(stage["restarts"] == 0 and stage["state"] == "RUNNING" for stage in stages.values())
     world.pictures(len(world.lines()) + 5)

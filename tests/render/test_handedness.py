@@ -149,6 +149,19 @@ def numbered(folder: Path, grid: Grid) -> Path:
     return made.write_grid(folder, grid, "im_{n:03d}.png")
 
 
+def stereo(folder: Path, grid: Grid) -> Path:
+    made.write(folder / "shop_left.png", grid[0, 0])
+    made.write(folder / "shop_right.png", grid[0, 1])
+    return folder
+
+
+def rgbd(folder: Path, grid: Grid) -> Path:
+    made.write(folder / "shop.png", grid[0, 0])
+    near = truth() > 0
+    made.write(folder / "shop_depth.png", np.repeat(np.where(near, 230, 60).astype(np.uint8)[..., None], 3, axis=2))
+    return folder
+
+
 def picture(folder: Path, grid: Grid) -> Path:
     made.write(folder / "photo.png", grid[0, 0])
     return folder
@@ -183,8 +196,24 @@ def place(plane: NDArray[np.uint8], bright: bool) -> NDArray[np.float64]:
     return np.array([x.mean(), y.mean()])
 
 
+PHOTOGRAPHS = {"stereo": (stereo, 2), "rgbd": (rgbd, 1)}  # and how many views there are of it
+
+
 def test_every_layout_is_here() -> None:
-    assert set(WRITTEN) == set(layouts.layouts())
+    assert set(WRITTEN) | set(PHOTOGRAPHS) == set(layouts.layouts())
+
+
+@pytest.mark.parametrize("layout", PHOTOGRAPHS)
+def test_near_is_crossed_in_3d_photographs(layout: str, tmp_path: Path) -> None:
+    write, cols = PHOTOGRAPHS[layout]
+    field = open_scene(write(tmp_path, photographs(1, cols)), Scene(cache_dir=str(tmp_path / "cache")))
+    assert field.manifest["layout"] == layout
+    how = Render(method="auto", anaglyph="colour")
+    eyes = [[320 + EYES_PX / 2, 240], [320 - EYES_PX / 2, 240]]
+    solver = ViewSolver(field.rows, field.cols, how, EYES_PX, (320.0, 240.0))
+    drawn = Compositor(field, how).compose(*solver.views(eyes))
+    apart_px = [(place(drawn[..., 2], bright) - place(drawn[..., 1], bright))[0] for bright in (True, False)]
+    assert apart_px[0] > apart_px[1] + 0.5, "the near disc is crossed against the far one"
 
 
 @pytest.mark.parametrize("layout", WRITTEN)
