@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-Progress = Callable[[str, int, int], None]  # (what is done, so many, of how many)
+Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
 
 
 def filled(text: str, head: str) -> str:

@@ -2,87 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any
 
 import click
 
-from lfpipe.cli import completions
 from lfpipe.cli.options import with_config
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from lfpipe.config import Config
-    from lfpipe.scene.lightfield import LightField
-
-F = TypeVar("F", bound=Callable[..., Any])
-SCENE = click.argument("path", metavar="SCENE", type=click.Path(path_type=Path), shell_complete=completions.scenes)
-JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-
-
-def with_scene_options(command: F) -> F:
-    """--layout, --grid, --flip, --transpose, --gamma, --config, --set."""
-    options = [
-        click.option("--layout", metavar="NAME", help="Layout on disk; detected by default."),
-        click.option("--grid", metavar="ROWSxCOLS", help="Grid of views in file order, where the files do not define it."),
-        click.option("--flip", type=click.Choice(["none", "rows", "cols", "both"]), help="Reverse rows or columns of the grid."),
-        click.option("--transpose/--no-transpose", default=None, help="Exchange rows and columns of the grid, before any flip."),
-        click.option("--gamma", metavar="G", help="Convert linear light to screen values, out = in ** (1/G); 1 for none."),
-        click.option("--force", is_flag=True, help="Open pictures that do not fit together as a light field."),
-        with_config,
-    ]
-    for option in reversed(options):
-        command = option(command)
-    return command
-
-
-def _config(options: dict[str, Any]) -> Config:
-    """The configuration with the scene options applied. Raises UserError."""
-    from lfpipe.config import load, parse_set, updated
-
-    config = load(options["config_file"], options["sets"])
-    chosen: dict[str, Any] = {f"scene.{key}": options[key] for key in ("layout", "grid", "flip") if options[key] is not None}
-    if options["force"]:
-        chosen["scene.force"] = True
-    if options["transpose"] is not None:
-        chosen["scene.transpose"] = "yes" if options["transpose"] else "no"
-    if options["gamma"] is not None:
-        chosen["scene.gamma"] = parse_set(f"scene.gamma={options['gamma']}")[1]
-    return updated(config, chosen)
-
-
-def _opened(path: Path, config: Config) -> LightField:
-    """The scene, packed with a progress bar where it is not yet, with the method that suits it."""
-    from lfpipe.cli.progress import progress
-    from lfpipe.scene.pack import open_scene
-
-    def choose(field: LightField) -> tuple[str, dict[str, Any]]:
-        from lfpipe.render.scoring import choose_method
-
-        return choose_method(field)
-
-    with progress() as bar:
-        return open_scene(path, config.scene, bar, choose)
-
-
-def _write(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Writes an RGB picture. Raises UserError."""
-    import cv2
-
-    from lfpipe.errors import UserError
-    from lfpipe.files.safe_files import reason, replaced
-
-    try:
-        _, data = cv2.imencode(ascii(path.suffix).strip("'"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-        with replaced(path, 0o644) as file:
-            file.write(data.tobytes())
-    except (cv2.error, OSError) as error:
-        why = f": {reason(error)}" if isinstance(error, OSError) else ""
-        raise UserError(f"{path}: cannot be written{why}", "a PNG in a folder that exists and that you may write to") from None
-    click.echo(path)
+from lfpipe.cli.scene_options import JSON, SCENE, opened, scene_config, with_scene_options, write_picture
 
 
 @click.group()
@@ -101,8 +27,8 @@ def pack(path: Path, as_json: bool, **options: Any) -> None:
     from lfpipe.render.plan import make_plan
     from lfpipe.scene.cache import cache_dir
 
-    config = _config(options)
-    field = _opened(path, config)
+    config = scene_config(options)
+    field = opened(path, config)
     folder = cache_dir(config.scene) / "scenes" / str(field.manifest["key"])
     if as_json:
         plan = make_plan(field, config)
@@ -169,7 +95,7 @@ def check(path: Path, **options: Any) -> None:
     from lfpipe.scene.manifest import NAME
     from lfpipe.scene.pack_files import check_pack
 
-    pack = path if (path / NAME).is_file() else find_pack(path, _config(options).scene)
+    pack = path if (path / NAME).is_file() else find_pack(path, scene_config(options).scene)
     if pack is None:
         raise UserError(f"{path}: is not packed", "`lfpipe scene pack` packs it")
     click.echo(f"whole: {check_pack(pack) / 1e6:.1f} MB in {pack}")
@@ -188,8 +114,8 @@ def plan(path: Path, as_json: bool, **options: Any) -> None:
     from lfpipe.cli.progress import filled
     from lfpipe.render.plan import make_plan
 
-    config = _config(options)
-    field = _opened(path, config)
+    config = scene_config(options)
+    field = opened(path, config)
     made = make_plan(field, config, measure=True)
     if as_json:
         click.echo(json.dumps({"scene": field.name, **attrs.asdict(made)}))
@@ -213,8 +139,8 @@ def info(path: Path, as_json: bool, **options: Any) -> None:
     from lfpipe.cli.progress import filled
     from lfpipe.scene.info import describe_pack, lines
 
-    config = _config(options)
-    field = _opened(path, config)
+    config = scene_config(options)
+    field = opened(path, config)
     facts = describe_pack(field, config.scene)
     click.echo(json.dumps(facts) if as_json else "\n".join(filled(line[14:], line[:14]) for line in lines(facts)))
 
@@ -234,14 +160,14 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
     from lfpipe.render.single_view import render_view
     from lfpipe.scene.contact_sheet import require_view_index
 
-    config = _config(options)
-    field = _opened(path, config)
+    config = scene_config(options)
+    field = opened(path, config)
     require_view_index(field, row, col)
     if frame >= field.frames:
         raise UserError(f"--frame {frame}: the scene has {field.frames} frames", f"--frame 0 to {field.frames - 1}")
     if method in WARPS and field.disparity is None:
         raise UserError(f"--method {method}: {field.name} has no disparity", "--method nearest or blend")
-    _write(out, render_view(field, row, col, method, frame)[..., ::-1])
+    write_picture(out, render_view(field, row, col, method, frame)[..., ::-1])
 
 
 @scene.command()
@@ -252,7 +178,7 @@ def sheet(path: Path, out: Path, **options: Any) -> None:
     """Write a contact sheet of all views, epipolar slices, and depth: near in red, far in blue; both readings where undecided."""
     from lfpipe.scene.contact_sheet import contact_sheet
 
-    _write(out, contact_sheet(_opened(path, _config(options))))
+    write_picture(out, contact_sheet(opened(path, scene_config(options))))
 
 
 @scene.command()
@@ -275,13 +201,13 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
     seconds = seconds or (WIGGLE_S if form == "wiggle" else SWEEP_S)
     if form in ("wiggle", "sweep"):
         check_clip(out, round(seconds * RATE_HZ))
-    config = _config(options)
-    field = _opened(path, config)
+    config = scene_config(options)
+    field = opened(path, config)
     made = SceneExport(field, config)
     if form == "quilt":
-        _write(quilt_name(out, cols, rows, field.width_px / field.height_px), made.quilt(cols, rows)[..., ::-1])
+        write_picture(quilt_name(out, cols, rows, field.width_px / field.height_px), made.quilt(cols, rows)[..., ::-1])
     elif form == "pair":
-        _write(out, made.pair(apart)[..., ::-1])
+        write_picture(out, made.pair(apart)[..., ::-1])
     else:
         pictures = made.wiggle(apart, seconds) if form == "wiggle" else made.sweep(seconds)
         write_clip(out, pictures, RATE_HZ)
@@ -297,11 +223,11 @@ def make(path: Path, out: Path | None, **options: Any) -> None:
     from lfpipe.cli.progress import progress
     from lfpipe.scene.slide import make_slide
 
-    config = _config(options)
+    config = scene_config(options)
     with progress() as bar:
         made = make_slide(path, out or path.with_name(f"{path.stem}-views"), bar)
     click.echo(f"{made.views} views of {made.width_px}x{made.height_px} px, chosen from {made.frames} pictures")
     click.echo(f"  parallax    {made.spread_px:.0f} px between the outermost views, {made.residual_px:.2f} px up and down (95 %)")
     click.echo(f"  direction   {made.order} ({made.order_sure:.0%} sure; `lfpipe scene sheet` shows near and far)")
-    _opened(made.folder, config)
+    opened(made.folder, config)
     click.echo(made.folder)

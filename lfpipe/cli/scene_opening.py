@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from lfpipe import config
 from lfpipe.cli.progress import progress
-from lfpipe.render.scoring import choose_method
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import demo_scene
 from lfpipe.scene.lightfield import LightField
@@ -17,4 +17,10 @@ def open_with_progress(scene: Path | None, settings: config.Scene) -> LightField
     """The light field at scene; the demo without one. Raises UserError."""
     with progress() as bar:
         found = scene or demo_scene(cache_dir(settings), bar)
-        return open_scene(found, settings, bar, choose_method)
+        return open_scene(found, settings, bar, _choose)
+
+
+def _choose(field: LightField) -> tuple[str, dict[str, Any]]:
+    from lfpipe.render.scoring import choose_method  # only a scene that is packed now needs it
+
+    return choose_method(field)

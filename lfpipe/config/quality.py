@@ -25,7 +25,7 @@ def drawn_with(wanted: str, scene_method: str, has_disparity: bool, scores: Mapp
     """What render.method = wanted comes to in a scene: `auto` is the scene's own, and nothing is warped without disparity.
 
     scores: PSNR in dB of each method where views of the scene were left out. A scene of noisy views and little depth is met
-    best by a cross-fade, which averages the noise; a warp that does worse there is not drawn, whoever asks for it.
+    best by a cross-fade, which averages the noise; a warp that does worse there is never drawn, even on request.
     """
     method = scene_method if wanted == "auto" else wanted
     if method not in WARPS:
@@ -85,5 +85,5 @@ def level_number(options: SessionOptions) -> int:
 
 
 def tracked_every(options: SessionOptions) -> int:
-    """One frame in so many is tracked, 1 for each."""
+    """n, where one frame in n is tracked."""
     return options.level.every if options.level else 1

@@ -57,7 +57,7 @@ class SceneSummary:
 @attrs.frozen
 class QualityLevel:
     """One level of quality. number: 0 for full quality. stage: the one whose work it reduces, "" for level 0. method: how views
-    are made. rate_hz: of the display's clock. every: one frame in so many is tracked. words: for people."""
+    are made. rate_hz: of the display's clock. every: n, one frame in n is tracked. words: for people."""
 
     number: int
     stage: str

@@ -17,7 +17,7 @@ GIF_PICTURES = 300  # a GIF is held in memory
 
 
 def check_clip(path: Path, count: int) -> None:
-    """Raises UserError where no clip of so many pictures can be written to path."""
+    """Raises UserError if a clip of that many pictures cannot be written to path."""
     if path.suffix.lower() not in SUFFIXES:
         raise UserError(f"{path}: not .mp4 or .gif", "for example boxes.mp4")
     if path.suffix.lower() == ".gif" and count > GIF_PICTURES:

@@ -117,7 +117,7 @@ class Fields:
         return value
 
     def numbers(self, key: str, count: int, low: float, high: float) -> list[float]:
-        """A list of so many finite numbers."""
+        """A list of finite numbers of the given length."""
         each = Fields({f"{key}[{k}]": value for k, value in enumerate(self.items(key, count))}, self.where, self.remedy)
         return [each.number(f"{key}[{k}]", low, high) for k in range(count)]
 

@@ -134,7 +134,7 @@ class WaylandPresentation:
         return int(made)
 
     def _table(self, callbacks: list[Any]) -> Any:
-        self._listeners.append(callbacks)  # whoever calls them does not keep them alive
+        self._listeners.append(callbacks)  # the caller does not keep them alive
         table = (_Pointer * len(callbacks))(*(ctypes.cast(each, _Pointer) for each in callbacks))
         self._listeners.append(table)
         return table

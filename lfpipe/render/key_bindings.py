@@ -1,6 +1,6 @@
 """What the viewer's keys do: settings go through the supervisor, like everybody's, so that all know of them.
 
-A change is shown in the picture for a moment, whoever made it.
+A change by anybody is shown in the picture for a moment.
 """
 
 from __future__ import annotations

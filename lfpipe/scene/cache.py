@@ -1,7 +1,7 @@
 """Where packs are kept: by content, written whole or not at all, one writer at a time.
 
 CACHE/scenes/KEY/          a pack (views.npy, disparity.npy, manifest.json)
-CACHE/scenes/.KEY.PID/     one being made; whoever holds the lock of KEY may remove it
+CACHE/scenes/.KEY.PID/     one being made; the holder of KEY's lock may remove it
 CACHE/locks/KEY            flock of the one who makes it
 CACHE/index/STAMP          text: the KEY of a path whose names, sizes and times have this stamp
 """

@@ -21,7 +21,7 @@ FOCAL_MM, SENSOR_MM, FOCUS_M = 100.0, 35.0, 1.5
 NEAREST_D = 2.0
 PNG_EFFORT = 2
 
-Progress = Callable[[str, int, int], None]  # (what is done, so many, of how many)
+Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
 
 
 def parameters(grid: int, size_px: int) -> str:

@@ -16,7 +16,7 @@ MAX_ENTRIES = 1000  # of a folder, looked at
 def playlist(paths: Iterable[Path], settings: config.Scene) -> list[Path]:
     """paths, each folder that is no light field itself replaced by the light fields in it, in the order of their names.
 
-    A path that is neither stays, for whoever opens it to say what is wrong. Single pictures in a folder are no light fields.
+    A path that is neither stays: opening it reports what is wrong. Single pictures in a folder are no light fields.
     """
     return [scene for path in paths for scene in _scenes_at(path, settings)]
 

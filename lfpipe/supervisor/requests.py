@@ -150,7 +150,7 @@ def _record(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     if not path and not running:
         raise UserError("no recording is running", "`lfpipe ctl record start OUT` starts one")
     if path and not state.options.tracking:
-        raise UserError("this session has no camera: its scene is a single view", "`lfpipe record OUT` records without a scene")
+        raise UserError("there is no camera in use: the scene is a single view", "`lfpipe record OUT` records without a scene")
     if path:
         return Reply(check={"check": "record", "path": path})
     return Reply({"path": running}, state.changed(record=""))

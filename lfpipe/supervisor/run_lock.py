@@ -1,4 +1,4 @@
-"""The lock file of a run directory: whoever holds it owns the session. The kernel drops it when its process ends."""
+"""The lock file of a run directory: its holder owns the session. The kernel drops it when its process ends."""
 
 from __future__ import annotations
 

@@ -98,8 +98,8 @@ class SessionState:
         return new._with_packets()
 
     def loaded(self, scene: SceneSummary) -> SessionState:
-        """With another scene, at the zero plane that it had when this session showed it last, or at the default: a zero plane is
-        in the measure of its scene."""
+        """With another scene, at the zero plane that it had when it was last shown, or at the default: a zero plane is in
+        px of its own scene."""
         old = self.options.scene
         if old is None or old.pack == scene.pack:
             return self.changed(scene=scene, tracking=scene.needs_tracking)

@@ -67,7 +67,7 @@ class StageProcesses:
         return ended
 
     def finished(self, every: int) -> bool:
-        """Whether the source has ended and every stage has dealt with its last frame. every: one frame in so many is tracked."""
+        """Whether the source has ended and every stage has dealt with its last frame. every: n, one frame in n is tracked."""
         if not self._drain_since_ns:
             return False
         last = int(self._table.rows[SOURCE]["source_seq"]) - every + 1

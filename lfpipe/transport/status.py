@@ -66,7 +66,7 @@ ROW = np.dtype(
         ("nominal_mhz", "<i8"),  # of capture: frames per 1000 s that the camera agreed to deliver
         ("dim", "<i8"),  # of capture: the camera delivers clearly fewer, although none gets lost
         ("t_face_ns", "<i8"),  # of render: when a picture was last made for a face, or the stage began
-        ("viewer", "<i8"),  # of render: the state of whoever is before the screen, a number of its own
+        ("viewer", "<i8"),  # of render: the viewer's state, a value of ViewerState
         ("busy_since_ns", "<i8"),  # since when it has been at what busy_with says
         ("busy_with", "S32"),  # what keeps it from its loop just now, in words; empty in its loop
         ("recent_ns", "<i8", (RECENT,)),

@@ -1,4 +1,4 @@
-"""What is told as sure is right: of the orders told with 90 % or more, at least 90 % are, on sample scenes and made ones."""
+"""Reported certainty is calibrated: of orders reported as 90 % sure or more, at least 90 % are right."""
 
 from __future__ import annotations
 

@@ -1,0 +1,78 @@
+"""What the commands of `lfpipe scene` share: their options, the configuration, an opened scene, a written picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from lfpipe.cli import completions
+from lfpipe.cli.options import with_config
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from lfpipe.config import Config
+    from lfpipe.scene.lightfield import LightField
+
+F = TypeVar("F", bound=Callable[..., Any])
+SCENE = click.argument("path", metavar="SCENE", type=click.Path(path_type=Path), shell_complete=completions.scenes)
+JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+
+
+def with_scene_options(command: F) -> F:
+    """--layout, --grid, --flip, --transpose, --gamma, --config, --set."""
+    options = [
+        click.option("--layout", metavar="NAME", help="Layout on disk; detected by default."),
+        click.option("--grid", metavar="ROWSxCOLS", help="Grid of views in file order, where the files do not define it."),
+        click.option("--flip", type=click.Choice(["none", "rows", "cols", "both"]), help="Reverse rows or columns of the grid."),
+        click.option("--transpose/--no-transpose", default=None, help="Exchange rows and columns of the grid, before any flip."),
+        click.option("--gamma", metavar="G", help="Convert linear light to screen values, out = in ** (1/G); 1 for none."),
+        click.option("--force", is_flag=True, help="Open pictures that do not fit together as a light field."),
+        with_config,
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def scene_config(options: dict[str, Any]) -> Config:
+    """The configuration with the scene options applied. Raises UserError."""
+    from lfpipe.config import load, parse_set, updated
+
+    config = load(options["config_file"], options["sets"])
+    chosen: dict[str, Any] = {f"scene.{key}": options[key] for key in ("layout", "grid", "flip") if options[key] is not None}
+    if options["force"]:
+        chosen["scene.force"] = True
+    if options["transpose"] is not None:
+        chosen["scene.transpose"] = "yes" if options["transpose"] else "no"
+    if options["gamma"] is not None:
+        chosen["scene.gamma"] = parse_set(f"scene.gamma={options['gamma']}")[1]
+    return updated(config, chosen)
+
+
+def opened(path: Path, config: Config) -> LightField:
+    """The scene, packed with a progress bar first where necessary. Raises UserError."""
+    from lfpipe.cli.scene_opening import open_with_progress
+
+    return open_with_progress(path, config.scene)
+
+
+def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Writes an RGB picture. Raises UserError."""
+    import cv2
+
+    from lfpipe.errors import UserError
+    from lfpipe.files.safe_files import reason, replaced
+
+    try:
+        _, data = cv2.imencode(ascii(path.suffix).strip("'"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+        with replaced(path, 0o644) as file:
+            file.write(data.tobytes())
+    except (cv2.error, OSError) as error:
+        why = f": {reason(error)}" if isinstance(error, OSError) else ""
+        raise UserError(f"{path}: cannot be written{why}", "a PNG in a folder that exists and that you may write to") from None
+    click.echo(path)
