@@ -116,6 +116,7 @@ def _read(wheel: Path, name: str) -> bytes:
     except OSError as error:
         raise UserError(f"{wheel}: {reason(error)}", wanted) from None
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
+        # zipfile raises NotImplementedError for compression it does not know, RuntimeError for encryption
         raise UserError(f"{wheel}: not a wheel: {error}", wanted) from None
 
 
