@@ -33,11 +33,12 @@ def latency_table(state: dict[str, Any]) -> None:
     cores = ", ".join(placed(name, stage["cpus"], stage["nice"]) for name, stage in running.items())
     print(textwrap.fill(cores, COLUMNS, initial_indent="cores: ", subsequent_indent=" " * 7))
     age = state["end_to_end"]
-    print(
-        "picture's age when presented, sensor to screen:\n"
-        f"  p50 {age['p50_ms']:.2f}, p95 {age['p95_ms']:.2f}, "
-        f"p99 {age['p99_ms']:.2f}, max {age['max_ms']:.2f} ms over {age['n']} pictures"
-    )
+    if age["n"]:
+        print(
+            "picture's age when presented, sensor to screen:\n"
+            f"  p50 {age['p50_ms']:.2f}, p95 {age['p95_ms']:.2f}, "
+            f"p99 {age['p99_ms']:.2f}, max {age['max_ms']:.2f} ms over {age['n']} pictures"
+        )
     judder = state["judder"]
     if judder["planned"]:
         print(f"judder: {judder['percent']:.2f} % of {judder['planned']} refreshes showed another picture than planned")
