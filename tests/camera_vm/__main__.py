@@ -40,7 +40,7 @@ def main() -> int:
         kernel = machine.prepare(arguments.cache)
         chosen = arguments.k or (SHORT if arguments.short else "")
         words = [sys.executable, "-m", "pytest", "tests/camera_vm", "-m", "camera_vm", "-p", "no:cacheprovider", "--timeout=90"]
-        words += ["-v", "--junitxml=/guest/junit.xml", *(["-k", chosen] if chosen else [])]
+        words += ["-v", "-n0", "--junitxml=/guest/junit.xml", *(["-k", chosen] if chosen else [])]
         env = {"COVERAGE_FILE": "/guest/coverage", "COVERAGE_RCFILE": "/dev/null", "LFPIPE_GUEST": "1", "PYTHONUNBUFFERED": "1"}
         if not arguments.short:
             words[1:2] = ["-m", "coverage", "run", f"--include={COVERED}", "-m"]
