@@ -1,0 +1,304 @@
+"""The delay of the loop, from what a camera saw of a screen that flips between black and white: camera's and display's together.
+
+A frame with stamp t sees the light of the screen, averaged over its exposure, as it was presented `delay` earlier. The light of a
+flip rises and falls exponentially (pixel response). The delay runs from the present to the middle of the exposure that sees it,
+by the mean of the response, for the row in the middle of the camera's picture: rows above are read earlier, rows below later.
+
+Fitted by damped least squares (Levenberg 1944, Marquardt 1963): delay, time from row to row, exposure, response, gamma and stray
+light, with an amplitude for each band of rows. The interval is that of the delay's profile likelihood, so it is honest where the
+likelihood is flat: a short exposure in step with the screen sees black or white only, and says little of the time between.
+"""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+
+DELAYS_MS = (-20.0, 300.0)  # searched
+COARSE_STEP_MS, COARSE_EXPOSURES_MS = 2.0, (4.0, 16.0, 33.0)
+SLOW_S = 1.0  # slower changes are the room's light and the camera's automatic exposure
+LEAST_FRAMES, LEAST_FLIPS = 60, 30
+OFF_BEAT, OFF_BEAT_SHARE = 0.25, 0.1  # of a period, and of all frames
+LEAST_R, AREA_R, LEAST_R2 = 0.25, 0.5, 0.5  # correlation of a pixel, as a share of the best pixel, and of the fit
+LEAST_PIXELS = 4
+BANDS = 6
+WIDEST_MS = 3.0  # half of an interval that is still worth writing down
+MODEL_MS = 0.35  # by which pixels that respond otherwise than exponentially put the delay off, in made recordings
+SPAN = 0.12  # of the picture's height: how far from its middle the screen's may lie
+
+Float = NDArray[np.float64]
+
+
+@attrs.frozen
+class Recording:
+    """t_flip_ns: int64 (m,), when the screen presented another level; bright: bool (m,), which one. t_frame_ns: int64 (n,), the
+    camera's stamps. pictures: uint8 (n, height, width), small grey pictures. stamped: the stamps are the driver's, not times of
+    reading. refresh_ms: period of the screen."""
+
+    t_flip_ns: NDArray[np.int64]
+    bright: NDArray[np.bool_]
+    t_frame_ns: NDArray[np.int64]
+    pictures: NDArray[np.uint8]
+    stamped: bool
+    refresh_ms: float
+
+
+@attrs.frozen
+class LoopDelay:
+    """delay_ms with its 90 % interval. exposure_ms, response_ms (time constant of the pixels): as fitted. area: bool
+    (height, width), where the screen was seen."""
+
+    delay_ms: float
+    low_ms: float
+    high_ms: float
+    exposure_ms: float
+    response_ms: float
+    area: NDArray[np.bool_]
+
+    @property
+    def half_ms(self) -> float:
+        """Half of the interval."""
+        return (self.high_ms - self.low_ms) / 2
+
+
+class _Light:
+    """The screen's light over time, 0..1, integrated exactly. tau_ms: of the pixels' exponential response."""
+
+    def __init__(self, flips_ms: Float, bright: NDArray[np.bool_], tau_ms: float) -> None:
+        self._flips_ms, self._goal, self._tau_ms = flips_ms, bright.astype(float), tau_ms
+        gaps = np.diff(flips_ms)
+        decay = np.exp(-gaps / tau_ms)
+        above = np.empty(len(flips_ms))  # light above its goal at each flip
+        above[0] = 1.0 - 2.0 * self._goal[0]
+        for j in range(len(gaps)):
+            above[j + 1] = self._goal[j] + above[j] * decay[j] - self._goal[j + 1]
+        self._above = above
+        steps = self._goal[:-1] * gaps + above[:-1] * tau_ms * (1 - decay)
+        self._sum = np.concatenate([[0.0], np.cumsum(steps)])
+
+    def integral(self, t_ms: Float) -> Float:
+        at = np.clip(np.searchsorted(self._flips_ms, t_ms, "right") - 1, 0, None)
+        since = np.maximum(t_ms - self._flips_ms[at], 0.0)
+        fading = self._tau_ms * -np.expm1(-since / self._tau_ms)
+        return np.asarray(self._sum[at] + self._goal[at] * since + self._above[at] * fading)
+
+    def mean(self, t_ms: Float, width_ms: float) -> Float:
+        """Of the light within width_ms around each of t_ms."""
+        return (self.integral(t_ms + width_ms / 2) - self.integral(t_ms - width_ms / 2)) / width_ms
+
+
+def _without_slow(series: Float, frames: int) -> Float:
+    """series (n, ...) less its running mean over so many frames."""
+    n, half = len(series), frames // 2
+    sums = np.concatenate([np.zeros((1, *series.shape[1:])), np.cumsum(series, axis=0)])
+    low, high = np.maximum(np.arange(n) - half, 0), np.minimum(np.arange(n) + half + 1, n)
+    means = (sums[high] - sums[low]) / (high - low).reshape(-1, *[1] * (series.ndim - 1))
+    return np.asarray(series - means)
+
+
+def find_area(recording: Recording) -> tuple[NDArray[np.float64], float, float]:
+    """Correlation of each pixel with the pattern, float (height, width), at the best delay within half a frame; the delay, and
+    the exposure that fitted best, in ms. No judgement: where nothing is seen all correlations are small."""
+    times, flips = _times_ms(recording)
+    period = float(np.median(np.diff(times)))
+    slow = max(3, round(SLOW_S * 1e3 / period))
+    seen = _without_slow(recording.pictures.reshape(len(times), -1).astype(float), slow)
+    seen /= np.maximum(np.linalg.norm(seen, axis=0), 1e-9 + 0.3 * np.sqrt(len(times)))  # less than 0.3 levels is no signal
+    delays = np.arange(*DELAYS_MS, COARSE_STEP_MS)
+    light = _Light(flips, recording.bright, 1.0)
+    best: tuple[float, float, float, Float] | None = None
+    for width in COARSE_EXPOSURES_MS:
+        looks = _without_slow(light.mean(times[:, None] - delays, width), slow)
+        looks /= np.maximum(np.linalg.norm(looks, axis=0), 1e-9)
+        r = looks.T @ seen
+        score = np.square(np.maximum(r, 0)).sum(axis=1)
+        at = int(score.argmax())
+        if best is None or score[at] > best[0]:
+            near = np.abs(delays - delays[at]) <= max(period / 2, COARSE_STEP_MS)
+            best = float(score[at]), float(delays[at]), width, r[near].max(axis=0)
+    assert best is not None
+    return best[3].reshape(recording.pictures.shape[1:]), best[1], best[2]
+
+
+def estimate(recording: Recording) -> LoopDelay:
+    """The delay of the loop. Raises UserError with the reason where it cannot be told from this recording."""
+    recording = _checked(recording)
+    r, coarse_ms, width_ms = find_area(recording)
+    area = (r > LEAST_R) & (r > AREA_R * r.max())
+    if area.sum() < LEAST_PIXELS:
+        raise UserError(
+            "the camera does not see the pattern", "turn the camera to the screen, or hold a mirror before it, and dim the room"
+        )
+    fit = _Fit(recording, r * area)
+    start = min((fit.solved(coarse_ms + step, width_ms) for step in (-8.0, 0.0, 8.0)), key=lambda found: found[1])
+    for width in (2.0, 25.0, 80.0):
+        start = min(start, fit.solved(start[0][0], width), key=lambda found: found[1])
+    best, _ = start
+    if fit.explained(best) < LEAST_R2:
+        raise UserError(
+            "the camera sees something like the pattern, but not clearly enough",
+            "fill more of its picture with the screen, keep still, and dim the room",
+        )
+    exposure_ms, hold_ms = float(np.exp(best[2])), float(np.diff(recording.t_flip_ns).min()) / 1e6
+    if exposure_ms > hold_ms:
+        raise UserError(
+            f"the exposure of {exposure_ms:.0f} ms exceeds the pattern's hold of {hold_ms:.0f} ms",
+            "more light, or a shorter exposure: --set camera.exposure=10",
+        )
+    low, middle, high = fit.interval(best)
+    shift, doubt = fit.to_middle_row(best, recording.refresh_ms)
+    found = LoopDelay(middle + shift, low + shift - doubt, high + shift + doubt, exposure_ms, float(np.exp(best[3])), area)
+    if abs(fit.row) > SPAN:
+        side = "above" if fit.row < 0 else "below"
+        raise UserError(f"the screen is seen {side} the middle of the camera's picture", "aim the camera at the screen's middle")
+    if found.half_ms > WIDEST_MS:
+        raise UserError(
+            f"the delay is known no better than {found.low_ms:.0f} to {found.high_ms:.0f} ms: camera and screen run in step",
+            "another rate of the camera, for example --set camera.rate_hz=25, or a longer exposure",
+        )
+    return found
+
+
+def _times_ms(recording: Recording) -> tuple[Float, Float]:
+    """Stamps and flips from the first flip on."""
+    zero = recording.t_flip_ns[0]
+    return (recording.t_frame_ns - zero) / 1e6, (recording.t_flip_ns - zero) / 1e6
+
+
+def _checked(recording: Recording) -> Recording:
+    """The part of the recording that the pattern covers. Raises UserError where stamps or flips are of no use."""
+    if not recording.stamped:
+        raise UserError("the frames have no stamps of the camera's driver", "another camera: nothing can be timed without")
+    if len(recording.t_flip_ns) < LEAST_FLIPS or (np.diff(recording.t_flip_ns) <= 0).any():
+        raise UserError("the pattern was not presented", "keep the window in sight, and close what keeps the machine busy")
+    times, flips = _times_ms(recording)
+    kept = (times > DELAYS_MS[1]) & (times < flips[-1])
+    if kept.sum() < LEAST_FRAMES:
+        raise UserError(f"{kept.sum()} frames came of the camera while it should watch", "check the camera, and try again")
+    steps = np.diff(times[kept])
+    beats = steps / np.median(steps)
+    off = (steps <= 0) | (np.abs(beats - np.round(beats)) > OFF_BEAT)
+    if off.mean() > OFF_BEAT_SHARE:
+        raise UserError(
+            f"the stamps of the camera's frames are irregular: {off.mean():.0%} of them are off their beat",
+            "close what keeps the machine busy; where it stays so, another camera or another camera.format",
+        )
+    return attrs.evolve(recording, t_frame_ns=recording.t_frame_ns[kept], pictures=recording.pictures[kept])
+
+
+class _Fit:
+    """Least squares for a vector of delay (ms), time over the picture's height (ms), log exposure, log response, log gamma, log
+    stray light. row: where the screen is seen, from -0.5 at the top of the picture to 0.5."""
+
+    PRIOR = np.array([0.0, 15.0, np.log(12.0), np.log(2.0), np.log(2.1), np.log(0.05)])
+    SPREAD = np.array([np.inf, 30.0, np.inf, 0.8, 0.2, 1.5])
+    STEP = np.array([0.05, 0.2, 0.02, 0.05, 0.02, 0.05])
+    LOW = np.array([-100.0, -200.0, np.log(0.3), np.log(0.1), np.log(1.0), np.log(1e-3)])
+    HIGH = np.array([500.0, 200.0, np.log(200.0), np.log(20.0), np.log(3.5), np.log(10.0)])
+
+    def __init__(self, recording: Recording, weights: Float) -> None:
+        """weights: float (height, width), 0 outside of the screen's area."""
+        self._times, self._flips = _times_ms(recording)
+        self._bright, self._period = recording.bright, float(np.median(np.diff(self._times)))
+        self._slow = max(3, round(SLOW_S * 1e3 / self._period))
+        rows, height = np.nonzero(weights.any(axis=1))[0], len(weights)
+        series, places, masses = [], [], []
+        for part in np.array_split(rows, min(BANDS, len(rows))):
+            share = weights[part]
+            series.append(np.einsum("nhw,hw->n", recording.pictures[:, part].astype(float), share) / share.sum())
+            places.append(float((share.sum(axis=1) * (part + 0.5)).sum() / share.sum()) / height - 0.5)
+            masses.append(float(share.sum()))
+        self._seen = _without_slow(np.stack(series, axis=1), self._slow)
+        self.row = float(np.average(places, weights=masses))
+        self._extent = (rows[-1] + 1 - rows[0]) / height
+        self._places = np.array(places) - self.row
+        self._sigma = np.full(len(places), np.maximum(self._seen.std(axis=0), 1e-6))
+
+    def _model(self, vector: Float) -> Float:
+        delay, slope, width, tau, gamma, stray = vector
+        light = _Light(self._flips, self._bright, float(np.exp(tau)))
+        # the response's mean is tau after the flip, and is part of the delay
+        at = self._times[:, None] - (delay - np.exp(tau)) + slope * self._places
+        x = light.mean(at, float(np.exp(width)))
+        return _without_slow((np.clip(x, 0, 1) + np.exp(stray)) ** np.exp(-gamma), self._slow)
+
+    def _residuals(self, vector: Float) -> Float:
+        made = self._model(vector)
+        size = np.maximum((made * self._seen).sum(axis=0) / np.maximum(np.square(made).sum(axis=0), 1e-12), 0)
+        off = (self._seen - size * made) / self._sigma
+        return np.concatenate([off.ravel(), (vector - self.PRIOR) / self.SPREAD])
+
+    def explained(self, vector: Float) -> float:
+        """R squared."""
+        off = self._residuals(vector)[: self._seen.size].reshape(self._seen.shape) * self._sigma
+        return float(1 - np.square(off).sum() / np.square(self._seen).sum())
+
+    def _minimised(self, vector: Float, steps: int, held: int = 0) -> tuple[Float, float]:
+        """Marquardt's steps over the entries from `held` on; the vector and half its sum of squares."""
+        damping, off = 1e-2, self._residuals(vector)
+        free = np.arange(held, len(vector))
+        cost = float(off @ off)
+        for _ in range(steps):
+            slopes = np.stack([(self._residuals(vector + self.STEP * (free[k] == np.arange(6))) - off) / self.STEP[free[k]]
+                               for k in range(len(free))], axis=1)  # fmt: skip
+            normal, right = slopes.T @ slopes, slopes.T @ off
+            for _ in range(4):
+                move = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), right)
+                tried = vector.copy()
+                tried[free] = np.clip(vector[free] - move, self.LOW[free], self.HIGH[free])
+                tried_off = self._residuals(tried)
+                if (tried_cost := float(tried_off @ tried_off)) < cost:
+                    break
+                damping *= 6
+            else:
+                break
+            gained = cost - tried_cost
+            vector, off, cost, damping = tried, tried_off, tried_cost, damping / 4
+            if gained < 1e-4 * cost / len(off):
+                break
+        return vector, cost
+
+    def solved(self, delay_ms: float, width_ms: float) -> tuple[Float, float]:
+        """The best vector near these, and what it leaves unexplained."""
+        start = self.PRIOR.copy()
+        start[0], start[2] = delay_ms, np.log(width_ms)
+        self._sigma = np.full(len(self._places), np.maximum(self._seen.std(axis=0), 1e-6)) * 0.2
+        return self._minimised(start, 25)
+
+    def interval(self, vector: Float) -> tuple[float, float, float]:
+        """5 %, mean and 95 % of the delay, by its profile likelihood under a flat prior."""
+        off = self._residuals(vector)[: self._seen.size].reshape(self._seen.shape) * self._sigma
+        self._sigma = np.maximum(off.std(axis=0), 0.05)
+        best, least = self._minimised(vector, 10)
+        weight = len(self._times) / self._seen.size  # bands share their stamps' errors: no more independent than one
+        span = 0.1
+        while True:
+            grid = best[0] + span * np.linspace(-1, 1, 21)
+            costs = np.empty(len(grid))
+            for half in (range(10, 21), range(10, -1, -1)):
+                near = best
+                for k in half:
+                    near = near.copy()
+                    near[0] = grid[k]
+                    near, costs[k] = self._minimised(near, 3, held=1)
+            edges = weight * (min(costs[0], costs[-1]) - min(costs.min(), least)) / 2
+            if edges > 5 or span > 20:
+                break
+            span *= 2
+        chances = np.exp(-weight * (costs - costs.min()) / 2)
+        sums = np.concatenate([[0.0], np.cumsum((chances[1:] + chances[:-1]) / 2)])
+        low, high = np.interp([0.05, 0.95], sums / sums[-1], grid)
+        return float(low), float((chances * grid).sum() / chances.sum()), float(high)
+
+    def to_middle_row(self, vector: Float, refresh_ms: float) -> tuple[float, float]:
+        """What to add to the delay for the middle row of the picture, and how far that may be off.
+
+        The time from row to row is the camera's readout less the screen's own scan, which is known for neither: the screen
+        takes up to a refresh for the height at which it is seen, the camera up to a frame for its picture.
+        """
+        low = max(0.0, vector[1])
+        high = min(max(vector[1] + refresh_ms / self._extent, low), max(self._period, low))
+        return (low + high) / 2 * self.row, abs(self.row) * (high - low) / 2 + MODEL_MS

@@ -1,0 +1,32 @@
+"""The delay of the loop, from made cameras before made screens. Many more: `python -m profiling.photon`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lfpipe.observe.loop_delay import LoopDelay, estimate, find_area
+from profiling.photon import bad_recordings, outcome
+from profiling.photon_simulation import HEIGHT_PX, WIDTH_PX, Loop, drawn, geometry, recording
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_delay_is_found_within_its_interval(seed: int) -> None:
+    loop = drawn(np.random.default_rng(seed), seed)
+    found = estimate(recording(loop))
+    assert abs(found.delay_ms - loop.delay_ms) < 1 and found.low_ms <= loop.delay_ms <= found.high_ms
+
+
+def test_what_cannot_be_measured_is_refused_with_the_reason() -> None:
+    for what, word, made in bad_recordings(duration_s=8.0):
+        answer = outcome(made)
+        assert not isinstance(answer, LoopDelay) and word in answer, f"{what}: {answer}"
+
+
+def test_a_tilted_and_half_hidden_screen_is_outlined() -> None:
+    loop = Loop(roll_deg=20, hidden=0.4, size=0.6, duration_s=5.0)
+    area = find_area(recording(loop))[0] > 0.4
+    rng = np.random.default_rng(loop.seed)
+    rng.integers(3, 7, int(loop.duration_s * loop.screen_hz))  # as the pattern was drawn before
+    cover = geometry(loop, rng)[0] > 0.5
+    assert (area & cover).sum() > 0.95 * cover.sum() and (area & ~cover).sum() < 0.1 * WIDTH_PX * HEIGHT_PX
