@@ -38,7 +38,8 @@ def kiosk() -> None:
                 shell_complete=completions.scenes)  # fmt: skip
 @click.option("--code", required=True, metavar="CODE", help="What ends the session, typed on its keyboard.")
 @click.option("--user", is_flag=True, required=True, help="For this user, whose desktop it is.")
-def install(scenes: tuple[Path, ...], code: str, user: bool) -> None:
+@click.option("--visits", type=click.Path(path_type=Path), metavar="FILE", help="Count visitors by the hour, as CSV.")
+def install(scenes: tuple[Path, ...], code: str, user: bool, visits: Path | None) -> None:
     """Write a systemd unit that shows SCENE in full screen when this user's desktop starts, and again whatever ends it."""
     import platformdirs
 
@@ -50,6 +51,7 @@ def install(scenes: tuple[Path, ...], code: str, user: bool) -> None:
     if missing := [str(path) for path in scenes if not path.exists()]:
         raise UserError(f"{', '.join(missing)}: not found", "light fields, or a folder of them")
     words = [sys.executable, "-m", "lfpipe", "up", "--session", "kiosk", "--kiosk", code]
+    words += ["--visits", str(visits.resolve())] if visits else []
     words += [str(path.resolve()) for path in scenes]
     path = Path(platformdirs.user_config_dir("systemd")) / "user" / "lfpipe-kiosk.service"
     try:

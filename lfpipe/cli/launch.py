@@ -41,6 +41,7 @@ class UpArguments:
     config_file: str | None
     scenes: tuple[Path, ...] = ()
     kiosk: str | None = None
+    visits: Path | None = None
 
 
 @attrs.frozen
@@ -62,15 +63,31 @@ def say(text: str) -> None:
 
 
 def up(arguments: UpArguments) -> int:
-    """Runs a session; returns the exit code. Raises UserError before any process starts."""
+    """Runs a session; returns the exit code. Raises UserError before any process starts.
+
+    An exhibition that fails once it has run starts again, until it can: nobody is there to do it.
+    """
+    from lfpipe.cli.exhibition import until_it_ends
+
+    session = Session(arguments.session_name or default_name())
+    plan = _planned(session, arguments)
+    if arguments.kiosk is None:
+        return _run(session, plan)
+    return until_it_ends(lambda: _run(session, plan), lambda: _run(session, _planned(session, arguments)))
+
+
+def _planned(session: Session, arguments: UpArguments) -> SessionPlan:
+    if session.name in rundir.running():
+        rundir.release(session, rundir.acquire(session))  # raises the error that says what to do
+    return prepare(arguments)
+
+
+def _run(session: Session, plan: SessionPlan) -> int:
+    """One session; returns the exit code. Raises UserError where the user can fix what ended it."""
     from lfpipe.cli.progress import growing_file
     from lfpipe.observe.latency_table import latency_table
     from lfpipe.supervisor.supervisor import Supervisor
 
-    session = Session(arguments.session_name or default_name())
-    if session.name in rundir.running():
-        rundir.release(session, rundir.acquire(session))  # raises the error that says what to do
-    plan = prepare(arguments)
     with growing_file(plan.video):
         outcome = Supervisor(session, plan.config, plan.options, say).run(plan.duration_s)
     latency_table(outcome.final)
@@ -124,9 +141,9 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
 
 def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     """Checks all arguments, packs the scene unless it is packed, and prints the settings in force."""
+    from lfpipe.cli.exhibition import check_exhibition
     from lfpipe.cli.scene_opening import open_with_progress
     from lfpipe.cli.startup_summary import sharing_lines, size_line, startup_lines
-    from lfpipe.config.session_options import check_code
     from lfpipe.render.geometry import check_geometry
     from lfpipe.render.open_display import has_display
     from lfpipe.render.plan import make_plan
@@ -138,10 +155,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     config = config_module.load(arguments.config_file, (*halved, *arguments.sets))
     out = Path("lfpipe-demo")
     display = arguments.display or (f"file:{out / 'demo.mkv'}" if no_screen else "fullscreen" if arguments.kiosk else "window")
-    if arguments.kiosk is not None:
-        check_code(arguments.kiosk)
-        if display not in ("window", "fullscreen"):
-            raise UserError(f"--kiosk with --display {display}: an exhibition has a screen", "leave out one or the other")
+    check_exhibition(arguments.kiosk, arguments.visits, display)
     if no_screen:
         try:
             out.mkdir(exist_ok=True)
@@ -167,6 +181,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         tracking=scene.needs_tracking,
         display=display,
         kiosk=arguments.kiosk or "",
+        visits=str(arguments.visits.resolve()) if arguments.visits else "",
         playlist=tuple(str(each.resolve()) for each in scenes) if len(scenes) > 1 else (),
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
         still=str(still.resolve()) if still else "",

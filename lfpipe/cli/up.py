@@ -44,6 +44,7 @@ Examples:
     help="Send eyes and head to opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]; ?rate=HZ behind it predicts them. Repeatable.",
 )
 @click.option("--kiosk", metavar="CODE", help="An exhibition: full screen, and no key does anything but CODE, which ends it.")
+@click.option("--visits", type=click.Path(path_type=Path), metavar="FILE", help="With --kiosk: count visitors by the hour.")
 @click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")
 @with_session
 @with_config
@@ -56,6 +57,7 @@ def up(
     demo: bool,
     share: tuple[str, ...],
     kiosk: str | None,
+    visits: Path | None,
     no_picture: bool,
     session_name: str | None,
     sets: tuple[str, ...],
@@ -70,6 +72,6 @@ def up(
 
     scene = scenes[0] if scenes else None
     arguments = launch.UpArguments(
-        scene, camera, display, duration_s, trace, demo, share, no_picture, session_name, sets, config_file, scenes, kiosk
+        scene, camera, display, duration_s, trace, demo, share, no_picture, session_name, sets, config_file, scenes, kiosk, visits
     )
     return launch.up(arguments)

@@ -21,6 +21,7 @@ from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.notices import Notices
 from lfpipe.render.picture_file import picture_folder, save
 from lfpipe.render.presenter import Presenter
+from lfpipe.render.scene_loader import SceneLoader
 from lfpipe.render.status_overlay import StatusOverlay
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -33,19 +34,20 @@ MODES = choices("render.anaglyph")
 SETTLED_NS = SECOND_NS // 2  # a resize is over once the width stayed the same this long
 OVERLAY_NS = SECOND_NS // 2
 FACELESS_NS = 4 * SECOND_NS  # a turned head is no reason to complain
-ALONE_NS = 60 * SECOND_NS  # after which the visitor is assumed to have left
+INVITATION = "put the glasses on and come before the screen"
 LOST = "camera lost, trying again"
 
 
 class KeyBindings:
-    """Serves a display's events, its notices and its overlay."""
+    """Serves a display's events, its notices and its overlay. scenes: loads other ones."""
 
     def __init__(self, context: Context, viewer: Viewer, presenter: Presenter, display: Display) -> None:
         self._context, self._viewer, self._presenter, self._display = context, viewer, presenter, display
         self._status = StatusOverlay(context, viewer)
         self._notices, self._said = Notices(), [""]
+        self.scenes = SceneLoader(context, self._notices)
         self._glasses: GlassesTest | None = None
-        self._overlay_due_ns = self._first_due_ns = 0
+        self._overlay_due_ns = 0
         self._width_mm, self._settled_ns = display.width_mm(), 0
         self._overlay = False
         self._known = (context.config.render, level_number(context.options), viewer.field.name)
@@ -58,7 +60,7 @@ class KeyBindings:
         self.pass_on_notices()
         self._follow_width()
         t_ns = now_ns()
-        self._return_to_first(t_ns)
+        self.scenes.serve(t_ns)
         self._notice_changes(t_ns)
         if (lines := self._notices.lines(t_ns)) != self._said:
             self._said = lines
@@ -95,11 +97,9 @@ class KeyBindings:
         elif event == "automatic":
             self._set(alpha_px="auto", zero_plane_px=0.0)
         elif event in ("next", "previous"):
-            self._load_listed(1 if event == "next" else -1)
+            self.scenes.step(1 if event == "next" else -1)
         elif event.startswith("drop "):
-            scene = Path(event.removeprefix("drop ")).absolute()
-            self._context.request("load", scene=str(scene))
-            self._notices.say("scene", f"loading {scene.name}", now_ns())
+            self.scenes.load(Path(event.removeprefix("drop ")).absolute())
         elif event == "swap":
             self._set(swap_eyes=not render.swap_eyes)
         elif event == "glasses":
@@ -127,23 +127,6 @@ class KeyBindings:
                     self._notices.say("kept", f"kept for the next time: {', '.join(changed)}", now_ns())
         self._presenter.pattern = self._glasses
 
-    def _return_to_first(self, t_ns: int) -> None:
-        """In an exhibition the next visitor begins with the first scene."""
-        options, alone_ns = self._context.options, t_ns - int(self._context.row["t_face_ns"])
-        if options.kiosk and options.playlist_at and alone_ns > ALONE_NS and t_ns > self._first_due_ns:
-            self._first_due_ns = t_ns + ALONE_NS  # it may have to be packed again
-            self._context.request("load", at=0)
-
-    def _load_listed(self, step: int) -> None:
-        """Another scene of the playlist; the old one stays until it is packed."""
-        options = self._context.options
-        if len(options.playlist) < 2:
-            self._notices.say("scene", "there is no other scene", now_ns())
-            return
-        at = (options.playlist_at + step) % len(options.playlist)
-        self._context.request("load", at=at)
-        self._notices.say("scene", f"loading {Path(options.playlist[at]).name}: {at + 1} of {len(options.playlist)}", now_ns())
-
     def _set(self, **values: object) -> None:
         self._context.request("set", set={f"render.{name}": value for name, value in values.items()})
 
@@ -167,7 +150,8 @@ class KeyBindings:
         self._notices.state("camera", LOST if lost else "")
         away_ns = t_ns - row["t_face_ns"]
         faceless = context.options.tracking and not lost and not context.paused and row["t_face_ns"] and away_ns > FACELESS_NS
-        self._notices.state("face", f"no face for {away_ns // SECOND_NS} s: come into the camera's view" if faceless else "")
+        words = INVITATION if context.options.kiosk else f"no face for {away_ns // SECOND_NS} s: come into the camera's view"
+        self._notices.state("face", words if faceless else "")
         self._notices.state("glasses", self._glasses.words(render) if self._glasses else "")
 
     def _follow_width(self) -> None:

@@ -14,10 +14,10 @@ class Notices:
         self._passing: dict[str, tuple[str, int]] = {}  # subject -> (text, end)
         self._states: dict[str, str] = {}
 
-    def say(self, subject: str, text: str, t_ns: int) -> None:
-        """Shows text for SHOWN_NS."""
+    def say(self, subject: str, text: str, t_ns: int, shown_ns: int = SHOWN_NS) -> None:
+        """Shows text for shown_ns."""
         self._passing.pop(subject, None)  # the newest comes last
-        self._passing[subject] = (text, t_ns + SHOWN_NS)
+        self._passing[subject] = (text, t_ns + shown_ns)
 
     def state(self, subject: str, text: str) -> None:
         """Shows text until it is empty."""

@@ -15,14 +15,17 @@ from lfpipe.config import SessionOptions
 from lfpipe.config.quality import level_number
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES
+from lfpipe.files.safe_files import reason
 from lfpipe.files.trace import TraceFile
 from lfpipe.render.display import Display
 from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.optional_outputs import OptionalOutputs
 from lfpipe.render.pair_layout import Pair
+from lfpipe.render.presence import ViewerState
 from lfpipe.render.screen_clock import LeadTime, ScreenClock
 from lfpipe.render.shown_pictures import HANDOVER, REPLACED, ShownPictures
 from lfpipe.render.viewer import Viewer, Viewpoints
+from lfpipe.render.visit_log import VisitLog
 from lfpipe.transport.clock import now_ns, sleep_until
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
@@ -50,6 +53,7 @@ class Presenter:
         self._parallax_reported = ""
         self._trace = TraceFile(Path(context.options.trace) if context.options.trace else None, self._lost)
         self._outputs = OptionalOutputs(context, viewer)
+        self._visits = VisitLog(Path(context.options.visits)) if context.options.visits else None
         self._replay: ReplayWriter | None = None
         if replay := context.options.replay:
             from lfpipe.render.replay_writer import ReplayWriter
@@ -254,9 +258,16 @@ class Presenter:
 
     def _report_state(self) -> None:
         state = self._viewer.presence.state
-        if state != self._context.row["viewer"]:
-            self._context.row["viewer"] = int(state)
-            self._context.emit("viewer", state=state.word)
+        before = ViewerState(int(self._context.row["viewer"]))
+        if state == before:
+            return
+        self._context.row["viewer"] = int(state)
+        self._context.emit("viewer", state=state.word)
+        if self._visits is not None:
+            try:
+                self._visits.follow(before, state)
+            except OSError as error:
+                self._context.emit("notice", text=f"{self._context.options.visits}: visits are not written: {reason(error)}")
 
     def _report_parallax(self) -> None:
         chosen = self._viewer.parallax

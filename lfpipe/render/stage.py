@@ -48,7 +48,7 @@ def main(context: Context) -> None:
     config = lowered(asked, options)
     with context.setting_up("opening the scene"):
         field = open_pack(Path(options.pack))
-        viewer = Viewer(field, config)
+        viewer = Viewer(field, config, bool(options.kiosk))
     lossless = options.lossless  # then pictures are a function of the frames and of nothing else, no clock either
     on_camera = (lossless or config.render.clock == "camera") and options.tracking
     full_hz = float(options.source_hz) if on_camera else asked.render.nominal_hz
@@ -81,9 +81,12 @@ def main(context: Context) -> None:
                 presenter.redraw()
             presenter.follow(context.options)
             context.ack_config()
-            if any(word == "recentre" for word, _ in context.commands()):
-                viewer.recentre()
-                presenter.redraw()
+            for word, message in context.commands():
+                if word == "recentre":
+                    viewer.recentre()
+                    presenter.redraw()
+                elif not word:
+                    keys.scenes.answered(message)
             fresh = presenter.take()
             if fresh is not None and isinstance(refresh, Refresh):
                 refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns(), lead_ns(refresh, presenter))

@@ -15,7 +15,8 @@ from lfpipe.eyes import extrapolated
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.easing import EyeEasing
 from lfpipe.render.geometry import Parallax, alpha_is_automatic, parallax
-from lfpipe.render.presence import Presence, Rest, ViewerState
+from lfpipe.render.idle_motion import IdleMotion
+from lfpipe.render.presence import ABSENT_S, Presence, Rest, ViewerState
 from lfpipe.render.viewpoint import Position, ViewSolver
 from lfpipe.scene.lightfield import LightField
 
@@ -43,7 +44,8 @@ class Viewer:
     screen would take (`CameraPose`).
     """
 
-    def __init__(self, field: LightField, config: Config) -> None:
+    def __init__(self, field: LightField, config: Config, exhibition: bool = False) -> None:
+        """exhibition: the picture moves while nobody is there."""
         self.parallax: Parallax | None = None
         self.presence = Presence()
         self._target_px: NDArray[np.float64] | None = None  # neutral position; None: not measured
@@ -62,6 +64,7 @@ class Viewer:
         # the frames of a video whose rate divides that of the screen, and a jitter of the clock never repeats or skips one.
         self.video_lead_ns = 0
         self._easing = EyeEasing()
+        self._idle = IdleMotion() if exhibition else None
         self._shown_mm: float | None = None
         self.shown: Viewpoints | None = None  # the last viewpoints
         self.set(field, config)
@@ -113,7 +116,7 @@ class Viewer:
         camera_px = None if record is None else self._eyes(record, t_shown_ns - t_sensor_ns)
         if record is None or (camera_px is None and not self._seen):
             row, col = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
-            self.shown = Viewpoints(self._eyes_px, (row, col), (row, col), frame)
+            self.shown = Viewpoints(self._eyes_px, *self._swayed((row, col), (row, col), t_shown_ns, t_sensor_ns), frame)
             return self.shown
         dt_s = max(t_shown_ns - self._t_ns, 0) / 1e9 if self._seen else 0.0
         self._t_ns = t_shown_ns
@@ -131,10 +134,17 @@ class Viewer:
         start_px = neutral_px if self._seen or eyes_px is None else eyes_px  # the first face is there at once
         self._seen = True
         self._eyes_px = self._easing.at(t_shown_ns, eyes_px, start_px, int(record["generation"]))
-        left, right = solver.views(self._eyes_px)
+        left, right = self._swayed(*solver.views(self._eyes_px), t_shown_ns, t_sensor_ns)
         used_px = self._eyes_px if pose is None else pose.from_camera(self._eyes_px, self._near_px)
         self.shown = Viewpoints(used_px, left, right, frame)
         return self.shown
+
+    def _swayed(self, left: Position, right: Position, t_ns: int, t_sensor_ns: int) -> tuple[Position, Position]:
+        """The viewpoints, in motion where an exhibition has no viewer, or no camera to see one."""
+        if self._idle is None:
+            return left, right
+        alone = self.presence.state is ViewerState.NOBODY or t_ns - t_sensor_ns > ABSENT_S * 1e9
+        return self._idle.moved(left, right, (self.field.rows, self.field.cols), t_ns, alone, self.method == "nearest")
 
     def key(self, viewpoints: Viewpoints) -> Hashable:
         """Equal keys mean the same picture."""

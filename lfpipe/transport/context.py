@@ -112,7 +112,7 @@ class Context:
             return
 
     def request(self, word: str, **values: Any) -> None:
-        """Sends the supervisor a command, as `lfpipe ctl` would; the answer is not waited for."""
+        """Sends the supervisor a command, as `lfpipe ctl` would; its answer is one of `commands`."""
         self._ctl.send(control.encode({"cmd": word, **values}))
 
     def ack_config(self) -> None:
@@ -120,7 +120,8 @@ class Context:
         self.row["config_rev"] = self._rev
 
     def commands(self) -> list[tuple[str, dict[str, Any]]]:
-        """Commands since the last call, as (command, message). A change of configuration is already in `config`."""
+        """Commands since the last call, as (command, message). A change of configuration is already in `config`. The answer to
+        a `request` comes as ("", answer)."""
         taken, self._commands = self._commands, []
         return taken
 
@@ -180,7 +181,7 @@ class Context:
                 self.options = SessionOptions.from_dict(message["options"])
                 self.paused = message["paused"]
                 self._rev = message["rev"]
-            elif word:
+            else:
                 self._commands.append((word, message))
 
     def close(self) -> None:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import subprocess
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
+import numpy as np
 import pytest
 
-from lfpipe.render.key_bindings import KeyBindings
+from lfpipe.cli import exhibition
+from lfpipe.errors import UserError
 from lfpipe.render.key_lock import KeyLock
+from lfpipe.render.notices import Notices
+from lfpipe.render.presence import ViewerState
+from lfpipe.render.scene_loader import SceneLoader
+from lfpipe.render.visit_log import VisitLog
 from lfpipe.transport.clock import SECOND_NS
 from tests.world import World
 from tests.xvfb_screen import Screen
@@ -30,20 +38,55 @@ def test_the_next_visitor_begins_with_the_first_scene(code: str, at: int, alone_
     options = SimpleNamespace(kiosk=code, playlist_at=at)
     row = {"t_face_ns": SECOND_NS}
     context = SimpleNamespace(options=options, row=row, request=lambda word, **more: asked.append({word: more}))
-    keys = SimpleNamespace(_context=context, _first_due_ns=0)
+    scenes = SceneLoader(context, Notices())  # type: ignore[arg-type]
     for _ in range(3):  # asked for once, however often it is looked at
-        KeyBindings._return_to_first(keys, (1 + alone_s) * SECOND_NS)  # type: ignore[arg-type]
+        scenes.serve((1 + alone_s) * SECOND_NS)
     assert asked == [{"load": {"at": 0}}] * loads
 
 
+def test_visitors_are_counted_by_the_hour_once_they_rest_and_over_restarts(tmp_path: Path) -> None:
+    nobody, arriving, seated, lost, exchanged = ViewerState
+    states = [nobody, arriving, lost, arriving, seated, lost, seated, exchanged, seated, lost, nobody, arriving, nobody]
+    for total in (2, 4):
+        log = VisitLog(tmp_path / "visits.csv")
+        for before, now in itertools.pairwise(states):
+            log.follow(before, now)
+        first, *lines = (tmp_path / "visits.csv").read_text().splitlines()
+        assert first == "hour,visits" and sum(int(line.split(",")[1]) for line in lines) == total  # 2 lines at the full hour
+
+
+def test_an_exhibition_starts_again_until_it_ends_well(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(exhibition, "AGAIN_S", 0.0)
+    codes = iter([None, 1, 0])
+
+    def again() -> int:
+        if (code := next(codes)) is None:
+            raise UserError("no camera found", "plug one in")
+        return code
+
+    assert exhibition.until_it_ends(lambda: 1, again) == 0
+    assert capsys.readouterr().err.count("starts again") == 3
+
+
 @pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
-def test_keys_do_nothing_until_the_code_is_typed(world: World, scene: Path, screen: Screen) -> None:
+def test_the_picture_moves_with_nobody_there_and_keys_do_nothing_until_the_code_is_typed(
+    world: World, scene: Path, screen: Screen
+) -> None:
     world.env["DISPLAY"] = screen.name
-    process = world.start("up", scene, "--camera", "demo", "--trace", world.trace, "--session", world.name, "--kiosk", "bye42")
-    world.pictures(3)
+    writer = cv2.VideoWriter(str(world.root / "empty.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
+    for _ in range(10):
+        writer.write(np.full((480, 640, 3), 90, np.uint8))
+    writer.release()
+    fixed = ("--trace", world.trace, "--session", world.name, "--visits", world.root / "visits.csv")
+    process = world.start("up", scene, "--camera", f"file:{world.root}/empty.avi", *fixed, "--kiosk", "bye42")
+    world.wait_for(lambda: len({line["view"]["left"][1] for line in world.lines()}) > 20, "views in motion")
+    first = screen.shown()[: len(screen.shown()) // 2]
+    world.wait_for(lambda: not np.array_equal(first, screen.shown()[: len(screen.shown()) // 2]), "another picture on the screen")
     subprocess.run(["xdotool", "key", "q", "Escape", "m", "p", "F11", "plus"], check=True, env=world.env)
     before = len(world.lines())
-    world.pictures(before + 30)
+    world.pictures(before + 10)
     assert process.poll() is None and '"dubois"' in world.run("ctl", "--session", world.name, "--json", "status").stdout
     subprocess.run(["xdotool", "type", "--delay", "30", "bye42"], check=True, env=world.env)
     assert process.wait(20) == 0
@@ -65,3 +108,4 @@ def test_the_unit_starts_it_again_and_quotes_what_systemd_would_expand(world: Wo
     for words in (("--code", "1111", scene_there), ("--code", "bye42", "nowhere")):
         assert world.run("kiosk", "install", "--user", *words).returncode == 2
     assert world.run("up", scene, "--kiosk", "bye42", "--display", "none").returncode == 2
+    assert world.run("up", scene, "--visits", "visits.csv").returncode == 2

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.world import World
-from tests.xvfb_screen import Screen
+from tests.world import World, write_scene
+from tests.xdnd import drop
+from tests.xvfb_screen import Screen, outline
 
 PLAIN = ("render.method=nearest", "render.alpha_px=20", "render.anaglyph=colour", "render.light=gamma", "render.clock=camera")
 
@@ -60,6 +61,7 @@ def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene:
     press("g")
     kept = world.root / "settings" / "lfpipe" / "config.toml"
     world.wait_for(lambda: kept.exists() and tomllib.loads(kept.read_text()) == {"render": {"swap_eyes": True}}, "settings kept")
+    _drop(world, screen)
     subprocess.run(["xdotool", "key", "q"], check=True, env=world.env)
     out, err = process.communicate(timeout=20)
     assert process.returncode == 0 and "render" in out, err
@@ -73,6 +75,19 @@ def _steady(world: World, screen: Screen) -> list[int] | None:
     shown = shown[: 3 * len(shown) // 4]
     same = (shown == shown[0, 0]).all()
     return np.asarray(shown[0, 0]).tolist() if same and len(world.lines()) == before else None
+
+
+def _drop(world: World, screen: Screen) -> None:
+    """What is no scene is refused in the picture, and the session goes on; a scene is shown, and named in the title."""
+    (world.root / "letters").mkdir()
+    (world.root / "letters" / "letter.txt").write_text("Dear ...")
+    titles = ("lfpipe: grid", "lfpipe: grid (h shows the keys, g tests your glasses)")
+    title = next(each for each in titles if outline(each, screen.name))
+    drop(world.root / "letters", title, screen.name)
+    world.wait_for(lambda: (screen.shown()[-60:] == 255).all(axis=-1).any(), "the refusal below the picture")
+    other = write_scene(world.root / "my other scene", 2, 2)
+    drop(other, title, screen.name)
+    world.wait_for(lambda: outline("lfpipe: my other scene", screen.name), "the title of the scene that was dropped")
 
 
 def _press(world: World, key: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -53,6 +54,20 @@ def test_by_hand_the_grid_lies_on_the_cameras_middle_and_else_on_where_the_viewe
     assert middle(by_hand) == (3.0, 2.0)
     assert by_hand.right[1] - by_hand.left[1] == pytest.approx(24 / 12)
     assert middle(auto) == (4.0, 4.0)
+
+
+def test_an_exhibition_moves_without_a_viewer_and_is_exactly_the_same_with_one() -> None:
+    field, config = rendered.field(9, 9, 16, 16), Config(render=Render(method="warp2"))
+    plain, shown = Viewer(field, config), Viewer(field, config, exhibition=True)
+    empty = [shown.viewpoints(None, 0, t * S // 10) for t in range(300)]
+    cols = [look.left[1] for look in empty]
+    assert max(cols) - min(cols) > 4 and max(np.abs(np.diff(cols))) < 0.2
+    assert all(0 <= look.left[1] <= look.right[1] <= 8 and look.left[0] == look.right[0] for look in empty)
+    here = [(record(300 + t % 7, generation=1), 30 * S + t * S // 30) for t in range(90)]
+    both = [(plain.viewpoints(seen, t, t), shown.viewpoints(seen, t, t)) for seen, t in here]
+    leap = max(abs(b.left[1] - a.left[1]) for a, b in itertools.pairwise([empty[-1], *(look for _, look in both)]))
+    assert leap < 1.5  # the distance between the eyes comes at once, as ever; the way back to them does not
+    assert both[-1][0].left == both[-1][1].left and both[-1][0].right == both[-1][1].right
 
 
 @pytest.mark.parametrize("alpha_px", [12.0, "auto"])
