@@ -50,6 +50,7 @@ def portrait(name: str) -> tuple[Picture, NDArray[np.float64]]:
     return np.asarray(image, np.uint8), _truth()["imm", name, "contour8_mean"]
 
 
+@lru_cache(maxsize=4)
 def backdrop(seed: int = 1) -> Picture:
     """A room out of focus."""
     rng = np.random.default_rng(seed)
@@ -63,34 +64,50 @@ def eyes_apart_px(name: str) -> float:
     return float(np.hypot(*(eyes[0] - eyes[1])))
 
 
+@lru_cache(maxsize=8)
+def _cut_out(name: str, apart_px: float) -> tuple[Picture, NDArray[np.float32]]:
+    """A portrait, blurred so that a warp to apart_px does not alias, and the soft mask (H, W) of its head."""
+    head, eyes = portrait(name)
+    middle, wide = eyes.mean(axis=0), float(np.hypot(*(eyes[0] - eyes[1])))
+    mask = np.zeros(head.shape[:2], np.float32)
+    oval = (int(middle[0]), int(middle[1] + 0.45 * wide)), (int(1.35 * wide), int(1.95 * wide))
+    cv2.ellipse(mask, *oval, 0, 0, 360, 1.0, -1)
+    mask = np.asarray(cv2.GaussianBlur(mask, (0, 0), 0.06 * wide), np.float32)
+    if apart_px < wide:
+        head = np.asarray(cv2.GaussianBlur(head, (0, 0), 0.4 * wide / apart_px), np.uint8)
+    return head, mask
+
+
 def placed(picture: Picture, name: str, x: float, y: float, apart_px: float, roll_deg: float = 0.0) -> Picture:
     """picture with the head of a portrait before it: eyes apart_px apart, their middle at (x, y), turned clockwise."""
-    head, eyes = portrait(name)
+    eyes = portrait(name)[1]
     between = eyes[0] - eyes[1]
     middle, wide = eyes.mean(axis=0), float(np.hypot(*between))
     turn = np.deg2rad(roll_deg) - np.arctan2(between[1], between[0])
     c, s = np.cos(turn) * apart_px / wide, np.sin(turn) * apart_px / wide
     matrix = np.array([[c, -s, x - c * middle[0] + s * middle[1]], [s, c, y - s * middle[0] - c * middle[1]]])
-    mask = np.zeros(head.shape[:2], np.float32)
-    oval = (int(middle[0]), int(middle[1] + 0.45 * wide)), (int(1.35 * wide), int(1.95 * wide))
-    cv2.ellipse(mask, *oval, 0, 0, 360, 1.0, -1)
-    mask = cv2.GaussianBlur(mask, (0, 0), 0.06 * wide)
-    if apart_px < wide:  # with proper averaging: a warp alone would alias
-        head = np.asarray(cv2.GaussianBlur(head, (0, 0), 0.4 * wide / apart_px), np.uint8)
-    share = np.asarray(cv2.warpAffine(mask, matrix, SIZE, flags=cv2.INTER_LINEAR), np.float32)[..., None]
-    drawn = cv2.warpAffine(head, matrix, SIZE, flags=cv2.INTER_LINEAR)
-    return np.asarray(np.rint(share * drawn + (1 - share) * picture), np.uint8)
+    head, mask = _cut_out(name, apart_px)
+    share = np.asarray(cv2.warpAffine(mask, matrix, SIZE, flags=cv2.INTER_LINEAR), np.float32)
+    drawn = np.asarray(cv2.warpAffine(head, matrix, SIZE, flags=cv2.INTER_LINEAR), np.uint8)
+    return np.asarray(cv2.blendLinear(drawn, picture, share, 1 - share), np.uint8)
+
+
+@lru_cache(maxsize=1)
+def _noise(shape: tuple[int, ...]) -> list[NDArray[np.int16]]:
+    """A little sensor noise for a few frames; drawing it anew for each takes longer than all else."""
+    rng = np.random.default_rng(7)
+    return [np.asarray(np.rint(rng.normal(0, 2, shape)), np.int16) for _ in range(7)]
 
 
 def write_video(path: Path, frames: Iterable[Picture]) -> Path:
     """frames as Motion JPEG of high quality, with a little sensor noise."""
-    rng, writer = np.random.default_rng(7), None
-    for frame in frames:
+    writer = None
+    for k, frame in enumerate(frames):
         if writer is None:
             writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), RATE_HZ, (frame.shape[1], frame.shape[0]))
             writer.set(cv2.VIDEOWRITER_PROP_QUALITY, 95)
-        noisy = np.clip(frame + rng.normal(0, 2, frame.shape), 0, 255)
-        writer.write(noisy.astype(np.uint8))
+        noise = _noise(frame.shape)
+        writer.write(np.asarray(cv2.add(frame, noise[k % len(noise)], dtype=cv2.CV_8U), np.uint8))
     assert writer is not None
     writer.release()
     return path
