@@ -27,11 +27,12 @@ QUIET = "quiet"
 TRIES = 3  # deaths of workers that a cell survives
 IN_FLIGHT = 32  # cells per worker that the scheduler knows of: its memory stays the same for any number of cells
 AGAIN = "start it again, then run the same command"
-WAIT_S = 30.0  # for a scheduler, and for a worker
+SCHEDULER_WAIT_S = 8.0
+WORKER_WAIT_S = 30.0
 SETTINGS = {
     "distributed.scheduler.allowed-failures": TRIES,
     "distributed.worker.daemon": False,  # replays start processes of their own
-    "distributed.comm.timeouts.connect": "10s",
+    "distributed.comm.timeouts.connect": f"{SCHEDULER_WAIT_S:g}s",
     "distributed.scheduler.worker-ttl": "5 minutes",
     "distributed.admin.large-graph-warning-threshold": "1GB",
 }
@@ -55,8 +56,8 @@ def cluster(address: str, jobs: int) -> Iterator[Client]:
     with dask.config.set(SETTINGS), contextlib.ExitStack() as stack:
         if address:
             try:
-                client = stack.enter_context(Client(address, timeout=WAIT_S, set_as_default=False))
-                client.wait_for_workers(1, timeout=WAIT_S)
+                client = stack.enter_context(Client(address, timeout=SCHEDULER_WAIT_S, set_as_default=False))
+                client.wait_for_workers(1, timeout=WORKER_WAIT_S)
             except (OSError, ValueError, TimeoutError) as error:
                 why = str(error).splitlines()[0] if str(error) else type(error).__name__
                 remedy = "start `dask scheduler` and, on each host, `dask worker ADDRESS --nthreads 1 --resources quiet=1`"
@@ -145,7 +146,7 @@ class Sweep:
             except queue.Empty:
                 if self._client.status not in ("running", "connecting"):
                     raise self._gone() from None
-                if time.monotonic() - began > WAIT_S and self._client.status == "running" and not self._workers():
+                if time.monotonic() - began > WORKER_WAIT_S and self._client.status == "running" and not self._workers():
                     raise UserError("all workers are gone; finished cells are kept", AGAIN) from None
         job, _, tries = self._open.pop(future.key)
         if future.status == "finished":

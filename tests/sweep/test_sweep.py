@@ -202,19 +202,19 @@ def test_references_of_a_corpus(world: World, corpus: Path) -> None:
     write_wall(world.root / "wall", 0)
     text = MIXED.replace(', "CORPUS/broken/cut"', "").replace('"CORPUS/scenes/s0", "CORPUS/scenes/nowhere"', '"wall"')
     plan = write_plan(world.root, corpus, text.replace('"quality", "replay", "truth"', '"quality", "replay"'))
-    bare = world.run("sweep", plan, "--out", "out", "--expect", "ref", timeout_s=100)
+    bare = world.run("sweep", plan, "--out", "out", "--jobs", "1", "--expect", "ref", timeout_s=100)
     assert bare.returncode == 1 and "write it with --update" in bare.stdout
-    assert world.run("sweep", plan, "--out", "out", "--expect", "ref", "--update", timeout_s=100).returncode == 0
+    assert world.run("sweep", plan, "--out", "out", "--jobs", "1", "--expect", "ref", "--update", timeout_s=100).returncode == 0
     assert len(list((world.root / "ref").iterdir())) == 2
-    met = world.run("sweep", plan, "--out", "out", "--expect", "ref", timeout_s=100)
+    met = world.run("sweep", plan, "--out", "out", "--jobs", "1", "--expect", "ref", timeout_s=100)
     assert met.returncode == 0 and "2 cells: 2 ok" in met.stdout, met.stdout
     plan.write_text(plan.read_text() + 'keep = [2]\n[config]\n"track.filter" = ["mean"]\n')
-    other = world.run("sweep", plan, "--out", "out", "--expect", "ref", timeout_s=100)
+    other = world.run("sweep", plan, "--out", "out", "--jobs", "1", "--expect", "ref", timeout_s=100)
     assert other.returncode == 1 and "no reference" in other.stdout, "another configuration is another cell"
     for path in (world.root / "ref").glob("quality*/figures.json"):
         path.write_text(json.dumps({name: value * 1.1 for name, value in json.loads(path.read_text()).items()}))
     plan.write_text(plan.read_text().partition("keep")[0])
-    changed = world.run("sweep", plan, "--out", "out", "--expect", "ref", timeout_s=100)
+    changed = world.run("sweep", plan, "--out", "out", "--jobs", "1", "--expect", "ref", timeout_s=100)
     assert changed.returncode == 1 and "differs: quality" in changed.stdout and "2 cells: 1 ok, 1 differs" in changed.stdout
 
 
