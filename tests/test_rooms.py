@@ -1,4 +1,4 @@
-"""Every import between the rooms of the house points down: nobody knows what stands above, and stages do not know each other."""
+"""Every import between the rooms of the package points down: no room knows those above it, and stages do not know each other."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 
 import lfpipe
 
-HOUSE = Path(lfpipe.__file__).parent
-# From the ground up; rooms on one floor do not know each other. Loose modules (`errors`, `eyes`) are the ground itself.
-FLOORS = (
+PACKAGE = Path(lfpipe.__file__).parent
+# From the bottom up; rooms of one layer do not know each other. Loose modules (`errors`, `eyes`) are below them all.
+LAYERS = (
     {"host"},
     {"files"},
     {"config"},
@@ -23,7 +23,7 @@ FLOORS = (
     {"sweep"},
     {"cli"},
 )
-FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
+LAYER = {room: layer for layer, rooms in enumerate(LAYERS) for room in rooms}
 
 
 def imported(path: Path) -> Iterator[str]:
@@ -36,32 +36,32 @@ def imported(path: Path) -> Iterator[str]:
 
 
 def room(path: Path) -> str:
-    return path.relative_to(HOUSE).with_suffix("").parts[0]
+    return path.relative_to(PACKAGE).with_suffix("").parts[0]
 
 
-def test_every_folder_is_a_room_with_its_floor() -> None:
-    folders = {entry.name for entry in HOUSE.iterdir() if entry.is_dir() and any(entry.glob("*.py"))}
-    assert folders == set(FLOOR)
+def test_every_folder_is_a_room_with_its_layer() -> None:
+    folders = {entry.name for entry in PACKAGE.iterdir() if entry.is_dir() and any(entry.glob("*.py"))}
+    assert folders == set(LAYER)
 
 
 def test_imports_point_down() -> None:
     wrong = []
-    for path in HOUSE.rglob("*.py"):
+    for path in PACKAGE.rglob("*.py"):
         here = room(path)
         if here in ("__init__", "__main__"):
             continue
         for name in imported(path):
             words = name.split(".")
             there = words[1] if words[0] == "lfpipe" and len(words) > 1 else here
-            if there == here or there not in FLOOR:
+            if there == here or there not in LAYER:
                 continue
-            if here not in FLOOR or FLOOR[there] >= FLOOR[here]:
-                wrong.append(f"{path.relative_to(HOUSE)}: {name}")
+            if here not in LAYER or LAYER[there] >= LAYER[here]:
+                wrong.append(f"{path.relative_to(PACKAGE)}: {name}")
     assert not wrong, "\n".join(wrong)
 
 
 def test_few_modules_stand_loose() -> None:
-    loose = {path.stem for path in HOUSE.glob("*.py")} - {"__init__", "__main__"}
+    loose = {path.stem for path in PACKAGE.glob("*.py")} - {"__init__", "__main__"}
     assert len(loose) <= 4, loose
 
 
@@ -106,8 +106,8 @@ def _has_docstring(node: ast.AST) -> bool:
 
 def test_only_host_names_an_operating_system() -> None:
     wrong = []
-    for path in HOUSE.rglob("*.py"):
-        name = f"lfpipe/{path.relative_to(HOUSE)}"
+    for path in PACKAGE.rglob("*.py"):
+        name = f"lfpipe/{path.relative_to(PACKAGE)}"
         if room(path) != "host" and name not in ALLOWED:
             wrong += [f"{name}: {found}" for found in system_names(path)]
     assert not wrong, "\n".join(wrong)

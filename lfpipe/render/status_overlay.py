@@ -22,11 +22,12 @@ class StatusOverlay:
 
     def lines(self) -> list[str]:
         rows = self._context.table.rows
-        age, horizon = (summary_ms(rows["render"][name]) for name in ("age", "horizon"))
+        own = rows[self._context.spec.name]
+        age, horizon = (summary_ms(own[name]) for name in ("age", "horizon"))
         alpha = self._viewer.parallax
         busy = {name: (summary_ms(row["busy"])["p50_ms"], int(row["drops"])) for name, row in rows.items() if row["state"]}
         return [
-            f"camera {rate_hz(rows['capture']):5.1f} Hz   pictures {rate_hz(rows['render']):5.1f} Hz",
+            f"camera {rate_hz(rows[self._context.spec.source]):5.1f} Hz   pictures {rate_hz(own):5.1f} Hz",
             f"sensor to screen p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
             f"eyes predicted by p50 {horizon['p50_ms']:.1f} ms",
             *([f"judder {judder:.2f} %"] if (judder := self._judder()) is not None else []),

@@ -23,7 +23,7 @@ from lfpipe.supervisor import child, placement, rundir
 from lfpipe.supervisor.config_rollback import ConfigRollback
 from lfpipe.supervisor.control_server import ControlServer
 from lfpipe.supervisor.outcome import SOURCE_ENDED, Outcome
-from lfpipe.supervisor.process_table import NAMES, STAGES, Stage, consumers
+from lfpipe.supervisor.process_table import NAMES, SOURCE, STAGES, Stage, consumers
 from lfpipe.supervisor.quality_control import QualityControl, reason
 from lfpipe.supervisor.session_memory import SessionMemory
 from lfpipe.supervisor.session_state import SessionState
@@ -138,6 +138,7 @@ class Supervisor:
             options=state.options,
             consumers=consumers(),
             others=tuple(other.name for other in STAGES if other is not stage and other.needed(state.options)),
+            source=SOURCE,
             cpus=self._cpus.get(stage.name, ()),
             nice=self._nice.get(stage.name),
         )

@@ -12,7 +12,8 @@ from lfpipe.transport.session import Session
 class StageSpec:
     """Everything that a stage's process gets at its start, pickled.
 
-    consumers: ring -> stages that read it. others: the other stages of the session. cpus: cores to run on, none for all.
+    consumers: ring -> stages that read it. others: the other stages of the session. source: the stage that
+    makes frames. cpus: cores to run on, none for all.
     nice: niceness, None for the supervisor's.
     """
 
@@ -24,6 +25,7 @@ class StageSpec:
     options: SessionOptions
     consumers: dict[str, list[str]]
     others: tuple[str, ...]
+    source: str
     cpus: tuple[int, ...] = ()
     nice: int | None = None
 

@@ -20,7 +20,7 @@ from lfpipe.host import activity
 from lfpipe.host.activity import Sample, Thread
 from lfpipe.supervisor import health_check
 from lfpipe.supervisor.health_check import HealthCheck
-from lfpipe.supervisor.process_table import Stage, consumers
+from lfpipe.supervisor.process_table import SOURCE, Stage, consumers
 from lfpipe.supervisor.session_memory import SessionMemory
 from lfpipe.supervisor.shutdown import wait_for_end
 from lfpipe.supervisor.stage_process import StageProcess
@@ -50,7 +50,7 @@ class Bench:
 
     def start(self, does: str, for_s: float = 0.0) -> StageProcess:
         options = SessionOptions(source=does, source_hz=for_s, still=str(self.folder))
-        spec = StageSpec("render", STAGE.module, self.session, Config(), 1, options, consumers(), ())
+        spec = StageSpec("render", STAGE.module, self.session, Config(), 1, options, consumers(), (), SOURCE)
         self.process.start(spec)
         return self.process
 

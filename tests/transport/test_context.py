@@ -10,7 +10,7 @@ import pytest
 
 from lfpipe.config import Config, SessionOptions
 from lfpipe.host.wake import Wake
-from lfpipe.supervisor.process_table import consumers
+from lfpipe.supervisor.process_table import SOURCE, consumers
 from lfpipe.supervisor.session_memory import SessionMemory
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context
@@ -40,7 +40,7 @@ def make(session: Session) -> Iterator[Make]:
     made = []
 
     def context(name: str, lossless: bool) -> Context:
-        spec = StageSpec(name, "", session, Config(), 1, SessionOptions(lossless=lossless), consumers(), ())
+        spec = StageSpec(name, "", session, Config(), 1, SessionOptions(lossless=lossless), consumers(), (), SOURCE)
         made.append(Context(spec))
         return made[-1]
 
