@@ -21,7 +21,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area, opencv_name
 from lfpipe.files.h264 import H264Writer, encoder_name
 from lfpipe.host import opencv_log
-from lfpipe.host.presentation import Presented
+from lfpipe.render.null_display import NullDisplay
 from lfpipe.render.pair_layout import Pair
 from lfpipe.render.scaling import scale_into
 
@@ -59,8 +59,10 @@ def check_file(path: Path) -> None:
         path.unlink()
 
 
-class FileDisplay:
+class FileDisplay(NullDisplay):
     """Writes pictures at a constant rate in a thread of its own: a picture stays until the next one, as on a screen.
+
+    A recording holds what the viewer sees and nothing else: there are no overlays, no title and no size in mm.
 
     `show` never waits: where the encoder lags, pictures are dropped and counted in `dropped`. A full disk or a lost
     file ends the video with a notice; the session goes on.
@@ -101,34 +103,11 @@ class FileDisplay:
                 self.dropped += 1
         return t_ns
 
-    blanks_by = ""
-
-    def presented(self) -> list[Presented]:
-        return []
-
-    def nominal_hz(self) -> float:
-        return 0.0
-
-    def events(self) -> list[str]:
-        return []
-
     def notices(self) -> list[str]:
         said = []
         while not self._notices.empty():
             said.append(self._notices.get())
         return said
-
-    def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
-        """A recording holds what the viewer sees and nothing else."""
-
-    def say(self, lines: list[str]) -> None:
-        """Nobody reads it."""
-
-    def title(self, name: str) -> None:
-        """There is no title."""
-
-    def width_mm(self) -> None:
-        """None: a file has pixels of no size."""
 
     def close(self) -> None:
         """Writes what waits and ends the file, so that any player opens it."""
