@@ -44,7 +44,7 @@ def world(tmp_path: Path) -> Iterator[World]:
 def live(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[World]:
     """A world with a session that runs, for all tests of a module that leave it as it was. Pictures reach light after 100 ms."""
     made = World(tmp_path_factory.mktemp("live"))
-    shown = ("render.anaglyph=colour", "render.method=nearest", "render.alpha_px=12", "render.display_ms=100")
+    shown = ("render.anaglyph=colour", "render.method=nearest", "render.alpha_px=12", "render.loop_ms=100")
     made.up(scene, *(f"--set={text}" for text in shown))
     made.pictures(5)
     yield made

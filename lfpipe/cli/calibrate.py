@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from lfpipe.cli.options import with_camera, with_config
+
+if TYPE_CHECKING:
+    from lfpipe.config import Config
 
 USUAL_DEG = (30, 130)  # of webcams, from those for meetings to wide ones
 
@@ -18,18 +22,30 @@ USUAL_DEG = (30, 130)  # of webcams, from those for meetings to wide ones
               help="From the camera to your eyes, or to the card.")  # fmt: skip
 @click.option("--by", type=click.Choice(["eyes", "card", "leaning"]), default="eyes", show_default=True,
               help="Measure your eyes, or a bank card whose short edges you click, or where the camera stands.")  # fmt: skip
+@click.option(
+    "--latency", is_flag=True, help="Measure the delay of camera and display together, which pictures are predicted by."
+)
 @click.option("--eyes-mm", type=click.FloatRange(40, 80), metavar="MM", help="Distance between your pupils; 63 is the mean.")
 @with_config
 def calibrate(
-    camera: str | None, distance_mm: float, by: str, eyes_mm: float | None, sets: tuple[str, ...], config_file: str | None
+    camera: str | None,
+    distance_mm: float,
+    by: str,
+    latency: bool,
+    eyes_mm: float | None,
+    sets: tuple[str, ...],
+    config_file: str | None,
 ) -> None:
-    """Measure the camera's focal length and store it under the camera's name.
+    """Measure the camera: its focal length, stored under its name, where it stands, or the delay of the loop.
 
     Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there, flat to the camera) and follow
     the window. Without a screen, the eyes are measured as soon as they are detected.
 
     --by leaning measures where the camera stands, once its focal length is known: look straight at the middle of the screen,
     with your eyes level with it, and lean slowly in and out.
+
+    --latency measures what camera and display add to the age of a picture: a window flickers for 10 to 20 s while the camera,
+    turned to the screen or seeing it in a hand mirror, watches it.
     """
     import math
 
@@ -43,6 +59,9 @@ def calibrate(
 
     config = load(config_file, sets)
     name = camera_name(camera or config.camera.source)
+    if latency:
+        _latency(config, camera, name)
+        return
     if by == "leaning":
         above_mm, tilt_deg = by_leaning(with_measured_focal(config, name), camera, eyes_mm or EYES_MM)
         pose = {"above_mm": round(above_mm, 1), "tilt_deg": round(tilt_deg, 1)}
@@ -72,7 +91,24 @@ def calibrate(
         click.echo(f"camera.focal_px removed from {user_file()}: it would replace what was measured")
 
 
-def _store(path: Path, section: str, values: Mapping[str, float | None]) -> None:
+def _latency(config: Config, camera: str | None, name: str) -> None:
+    """Measures and stores render.loop_ms."""
+    import datetime
+
+    from lfpipe.config import user_file
+    from lfpipe.observe.loop_calibration import measure_loop
+    from lfpipe.render.loop_conditions import LoopConditions
+
+    found, monitor = measure_loop(config, camera)
+    loop_ms = round(max(found.delay_ms, 0.0), 1)
+    click.echo(f"camera and display together: {loop_ms} ms (90 %: {found.low_ms:.1f} to {found.high_ms:.1f} ms)")
+    click.echo(f"exposure {found.exposure_ms:.0f} ms, on monitor {monitor.name} at {monitor.rate_hz:g} Hz")
+    here = LoopConditions.of(datetime.date.today().isoformat(), name, config.camera, monitor)
+    _store(user_file(), "render", {"loop_ms": loop_ms, "loop_measured": str(here)})
+    click.echo(f"render.loop_ms written to {user_file()}: the next session predicts by it")
+
+
+def _store(path: Path, section: str, values: Mapping[str, float | str | None]) -> None:
     """Writes the values under [section] of path. Raises UserError."""
     from lfpipe.config.user_settings import write_key
     from lfpipe.errors import UserError

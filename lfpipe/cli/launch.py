@@ -143,7 +143,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     """Checks all arguments, packs the scene unless it is packed, and prints the settings in force."""
     from lfpipe.cli.exhibition import check_exhibition
     from lfpipe.cli.scene_opening import open_with_progress
-    from lfpipe.cli.startup_summary import sharing_lines, size_line, startup_lines
+    from lfpipe.cli.startup_summary import loop_lines, sharing_lines, size_line, startup_lines
     from lfpipe.render.geometry import check_geometry
     from lfpipe.render.open_display import has_display
     from lfpipe.render.plan import make_plan
@@ -188,7 +188,8 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         share=share,
         lossless="pace=max" in camera.text,
     )
-    for line in (*startup_lines(config, field, plan, camera.text, display), *sharing_lines(share)):
+    loop = loop_lines(config, camera.text, display)
+    for line in (*startup_lines(config, field, plan, camera.text, display), *loop, *sharing_lines(share)):
         say(line)
     duration_s = arguments.duration_s or (DEMO_S if no_screen else None)
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None

@@ -44,6 +44,20 @@ def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, di
     ]
 
 
+def loop_lines(config: Config, camera: str, display: str) -> list[str]:
+    """The delay of the loop where pictures go to a screen, and whether it is to be trusted. camera: the source."""
+    render = config.render
+    if not render.loop_ms or display not in ("window", "fullscreen"):
+        return []
+    from lfpipe.capture.open_source import camera_name
+    from lfpipe.render.loop_conditions import loop_doubt
+    from lfpipe.render.monitors import detect_monitors
+
+    doubt = loop_doubt(config, camera_name(camera) if camera else "", detect_monitors()[1])
+    why = f"; do not trust it: {doubt}; `lfpipe calibrate --latency` measures it" if doubt else ""
+    return [f"loop    {render.loop_ms:g} ms of camera and display together{why}"]
+
+
 def size_line(video: Path, pixels: int, rate_hz: float, duration_s: float | None) -> str:
     """How large a video will be, before it is written. pixels: of a picture."""
     second_mb = pixels * rate_hz * PIXEL_BYTES.get(video.suffix.lower(), LOSSLESS_BYTES) / 1e6

@@ -19,6 +19,7 @@ from lfpipe.errors import UserError, shown
 TEXT_CHARS = 4096  # of any text; the longest path
 WRONG_SHOWN = 10
 UNKNOWN_SHOWN = 5
+REPLACED = {"render.display_ms": "render.loop_ms"}  # former keys
 
 
 def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
@@ -65,6 +66,8 @@ def _unknown(key: object) -> str:
     """What to say of a key that there is not."""
     if not isinstance(key, str):
         return f"{shown(key)}: unknown key"
+    if key in REPLACED:
+        return f"{key}: write {REPLACED[key]} instead: {options()[REPLACED[key]][1].doc}"
     section = key.partition(".")[0]
     if section not in sections():
         key = section
@@ -80,7 +83,7 @@ def _close(value: object, texts: Iterable[str], cutoff: float) -> str:
 
 def corrected(key: str, value: object) -> str:
     """KEY=VALUE without the slip in it, as `--set` takes it, "" where none is likely."""
-    meant = key if key in options() else _close(key, options(), 0.6)
+    meant = key if key in options() else REPLACED.get(key) or _close(key, options(), 0.6)
     if not meant:
         return ""
     kind, opt, _ = options()[meant]

@@ -70,7 +70,13 @@ class Camera:
     tilt_deg: Annotated[float, Opt("how far the camera looks down", "deg", -60, 60, live=True)] = 0.0
     focal_px: Annotated[
         float | Literal["auto"],
-        Opt("focal length at width_px; auto: as `lfpipe calibrate` measured this camera, else from fov_deg", "px", 1, 100000, live=True),
+        Opt(
+            "focal length at width_px; auto: as `lfpipe calibrate` measured this camera, else from fov_deg",
+            "px",
+            1,
+            100000,
+            live=True,
+        ),
     ] = "auto"
     fov_deg: Annotated[float, Opt("horizontal field of view, used while focal_px is auto", "deg", 5, 175, live=True)] = 56.0
 
@@ -153,9 +159,17 @@ class Render:
     )
     extrapolate_views: Annotated[float, Opt("how far beyond the grid the viewpoint may go", "views", 0, 16, live=True)] = 2.0
     swap_eyes: Annotated[bool, Opt("exchange the eyes, for glasses worn or printed the other way round", live=True)] = False
-    display_ms: Annotated[
-        float, Opt("time from handing a picture to the display to light, added to the prediction", "ms", 0, 1000, live=True)
+    loop_ms: Annotated[
+        float,
+        Opt(
+            "the camera's delay before its stamp and the display's after the present, added to the prediction; `lfpipe calibrate --latency` measures it",
+            "ms",
+            0,
+            1000,
+            live=True,
+        ),
     ] = 0.0
+    loop_measured: Annotated[str, Opt("date, camera and monitor with which loop_ms was measured; empty: it was not")] = ""
 
     @property
     def nominal_hz(self) -> float:

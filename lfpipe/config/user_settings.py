@@ -8,7 +8,7 @@ from pathlib import Path
 import tomlkit
 
 
-def write_key(path: Path, section: str, name: str, value: float | bool | None) -> None:
+def write_key(path: Path, section: str, name: str, value: float | bool | str | None) -> None:
     """Sets [section] name = value in the TOML file at path, removes it where value is None, and keeps everything else; the file
     changes whole or not at all.
 

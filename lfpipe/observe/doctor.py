@@ -14,6 +14,7 @@ import attrs
 
 from lfpipe import config
 from lfpipe.capture.camera_list import CameraDevice, asking, cameras
+from lfpipe.capture.open_source import camera_name
 from lfpipe.errors import UserError
 from lfpipe.host.processes import usable_cores
 from lfpipe.host.shared_memory import SHM_DIR
@@ -122,6 +123,23 @@ def sdl() -> Check:
     return Check("display", True, f"SDL {sdl.version()}, driver {driver}, {how}; {listed}")
 
 
+def loop(own: config.Config, source: str) -> Check:
+    """render.loop_ms, and whether camera and monitor are those with which it was measured. source: of the frames."""
+    measure = "`lfpipe calibrate --latency` measures it, with the camera turned to the screen"
+    render = own.render
+    if not render.loop_ms and not render.loop_measured:
+        return Check("loop", True, "the delay of camera and display was not measured: taken as 0", measure)
+    from lfpipe.render.loop_conditions import loop_doubt
+    from lfpipe.render.monitors import detect_monitors
+
+    try:
+        doubt = loop_doubt(own, camera_name(source), detect_monitors()[1])
+    except Exception as error:  # no camera, no screen: others of these checks say more
+        doubt = str(error)
+    measured = f"{render.loop_ms:g} ms of camera and display ({render.loop_measured or 'typed in'})"
+    return Check("loop", True, f"{measured}; not trusted: {doubt}" if doubt else measured, measure if doubt else "")
+
+
 def settings() -> Check:
     """The user's own settings, which every command reads."""
     path = config.user_file()
@@ -187,7 +205,8 @@ def leftovers() -> Check:
 def checks() -> list[Check]:
     """All of them, in the order in which a person would fix things."""
     own = settings()
-    source = config.load().camera.source if own.ok else ""
+    loaded = config.load() if own.ok else config.Config()
+    source = loaded.camera.source
     return [
         python(),
         own,
@@ -197,6 +216,7 @@ def checks() -> list[Check]:
         litert(),
         sdl(),
         *camera_checks(source, cameras()),
+        loop(loaded, source),
         shared_memory(),
         cores(),
         leftovers(),

@@ -18,7 +18,7 @@ SQUARE = 0.1  # pixels further from square than that are a size that was made up
 @attrs.frozen
 class Monitor:
     """x, y, width, height: its place on the desktop, in the units in which windows are placed. pixel_mm: the pitch of its real
-    pixels, None where it reports no size, or an impossible one."""
+    pixels, None where it reports no size, or an impossible one. rate_hz: the refresh rate that it claims."""
 
     number: int
     name: str
@@ -27,6 +27,7 @@ class Monitor:
     width: int
     height: int
     pixel_mm: float | None
+    rate_hz: float = window_system.NOMINAL_HZ
 
     def __str__(self) -> str:
         size = f", {self.pixel_mm:.3f} mm a pixel" if self.pixel_mm else ""
@@ -53,7 +54,7 @@ def monitors() -> list[Monitor]:
         name, place, dots_per_inch = window_system.monitor_facts(number)
         pitch = pixel_mm(dots_per_inch, width_px) if dots_per_inch else None
         x, y, width, height = place
-        found.append(Monitor(number, name, x, y, width, height, pitch))
+        found.append(Monitor(number, name, x, y, width, height, pitch, window_system.nominal_hz(number)))
     return found
 
 

@@ -101,7 +101,7 @@ class Presenter:
         """
         t_start_ns = now_ns()
         self._pending = False
-        seen_ns = target_ns + int(self._viewer.config.render.display_ms * 1e6) + refresh_ns // 2
+        seen_ns = target_ns + int(self._viewer.config.render.loop_ms * 1e6) + refresh_ns // 2
         t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
         self._viewer.video_lead_ns = refresh_ns // 2 if self.clock is not None else 0
         viewpoints = self._viewer.viewpoints(self._record, t_sensor_ns, seen_ns)

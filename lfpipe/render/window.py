@@ -161,6 +161,11 @@ class Window:
         number = monitor_of(self._window)
         return next((each for each in self._monitors if each.number == number), self._monitors[0])
 
+    @property
+    def monitor(self) -> Monitor:
+        """The monitor on which the window is."""
+        return self._on
+
     def width_mm(self) -> float | None:
         """See `Display.width_mm`."""
         return self._shown_px * self._on.pixel_mm if self._on.pixel_mm and self._shown_px else None

@@ -49,6 +49,7 @@ OF_NO_EFFECT = (
     "scene.cache_dir",
     "render.clock",
     "render.rate_hz",
+    "render.loop_measured",
     "governor.",
     "observe.",
     "screen.monitor",

@@ -29,6 +29,7 @@ def no_user_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         ("render.methd:warp", "did you mean render.method=warp?"),
         ("render.alpha_px", "which value? for example render.alpha_px=auto"),
         ("nonsense", "'nonsense' is not KEY=VALUE"),
+        ("render.display_ms=30", "--set render.loop_ms=30"),
     ],
 )
 def test_a_slip_inside_set_is_answered_with_what_was_meant(typed: str, said: str) -> None:
@@ -65,6 +66,13 @@ def test_every_error_is_named_at_once() -> None:
         "remedy:",
     ):
         assert part in text, text
+
+
+def test_a_former_key_is_answered_with_the_one_that_took_its_place(tmp_path: Path) -> None:
+    old = tmp_path / "old.toml"
+    old.write_text("[render]\ndisplay_ms = 30\n")
+    with pytest.raises(UserError, match=r"render\.display_ms: write render\.loop_ms instead.*calibrate --latency"):
+        config.load(old)
 
 
 def test_a_range_holds_its_ends() -> None:

@@ -1,6 +1,6 @@
 """`lfpipe` with a render stage that cannot work by some settings, and one that dies again and again.
 
-render.display_ms = 7: it ends with a UserError once it has said that it works by it; 8: with an error of its own; 9: always, from
+render.loop_ms = 7: it ends with a UserError once it has said that it works by it; 8: with an error of its own; 9: always, from
 its first picture on.
 """
 
@@ -19,11 +19,11 @@ _show = presenter.Presenter.show
 
 
 def show(self: presenter.Presenter, *args: Any, **more: Any) -> None:
-    display_ms = self._context.config.render.display_ms
-    if display_ms == 7:
-        raise UserError("render.display_ms = 7: not for me", "another number")
-    if display_ms in (8, 9):
-        raise ZeroDivisionError(f"show at {display_ms:g}")
+    loop_ms = self._context.config.render.loop_ms
+    if loop_ms == 7:
+        raise UserError("render.loop_ms = 7: not for me", "another number")
+    if loop_ms in (8, 9):
+        raise ZeroDivisionError(f"show at {loop_ms:g}")
     _show(self, *args, **more)
 
 

@@ -22,7 +22,7 @@ def _ask(world: World, **message: Any) -> dict[str, Any]:
 
 def test_five_failures_end_the_session_with_stage_phase_frame_and_stack(world: World, scene: Path) -> None:
     world.module = "tests.faults.picky_render"
-    process = world.up(scene, *CAMERA, "--set", "render.display_ms=9")
+    process = world.up(scene, *CAMERA, "--set", "render.loop_ms=9")
     _, err = process.communicate(timeout=60)
     assert process.returncode == 1, err
     last = err[err.index("error: ") :]
@@ -45,16 +45,16 @@ def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(world:
     for path in (tmp_path / "nowhere", Path(__file__)):
         assert path.name in _ask(world, cmd="load", scene=str(path))["error"]
     assert _ask(world, cmd="status")["config"] == before
-    for display_ms in (7, 8):  # said to be applied, and then it was not to be worked by
+    for loop_ms in (7, 8):  # said to be applied, and then it was not to be worked by
         for _ in range(3):  # more failures in all than end a session that nobody drives
-            _ask(world, cmd="set", set={"render.swap_eyes": True, "render.display_ms": display_ms})
+            _ask(world, cmd="set", set={"render.swap_eyes": True, "render.loop_ms": loop_ms})
             world.wait_for(lambda: _ask(world, cmd="status").get("config") == before, "configuration as it was")
     world.pictures(len(world.lines()) + 3)
-    assert _ask(world, cmd="set", set={"render.swap_eyes": True, "render.display_ms": 6})["applied"] is True
+    assert _ask(world, cmd="set", set={"render.swap_eyes": True, "render.loop_ms": 6})["applied"] is True
     assert "error" not in _ask(world, cmd="load", scene=str(write_scene(tmp_path / "other", 1, 5)))
     assert world.pictures(len(world.lines()) + 3)[-1]["view"]["left"][0] == 0
     _ask(world, cmd="stop")
     _, err = process.communicate(timeout=20)
     assert process.returncode == 0, err
-    assert err.count("the last change is rolled back: render.display_ms = 7: not for me") == 3
+    assert err.count("the last change is rolled back: render.loop_ms = 7: not for me") == 3
     assert err.count("the last change is rolled back: render does not work with it") == 3

@@ -1,0 +1,61 @@
+"""Reads a camera beside the window: small grey pictures with their stamps, and the newest one for people."""
+
+from __future__ import annotations
+
+import threading
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.capture.frame_source import BrokenFrame, FrameSource
+from lfpipe.errors import UserError
+from lfpipe.transport.stamp_kind import StampKind
+
+SMALL_PX, INSET_PX = 64, 240  # widths
+
+
+class CameraWatch(threading.Thread):
+    """A thread of its own. stamped: whether all stamps are the driver's. inset: the newest picture. failure: why it ended."""
+
+    def __init__(self, source: FrameSource, frame_px: tuple[int, int]) -> None:
+        super().__init__(daemon=True)
+        self._source, self._lock, self._ended = source, threading.Lock(), threading.Event()
+        self._frame = np.empty((frame_px[1], frame_px[0], 3), np.uint8)
+        self._frames: list[tuple[int, NDArray[np.uint8]]] = []
+        self.inset: NDArray[np.uint8] | None = None
+        self.stamped = True
+        self.failure: UserError | None = None
+
+    def run(self) -> None:
+        height, width = self._frame.shape[:2]
+        small_px, inset_px = (SMALL_PX, SMALL_PX * height // width), (INSET_PX, INSET_PX * height // width)
+        while not self._ended.is_set():
+            try:
+                frame = self._source.read(self._frame)
+            except (TimeoutError, BrokenFrame):
+                continue
+            except UserError as error:
+                self.failure = error
+                return
+            if frame is None:
+                self.failure = UserError("the source ended", "a camera: a recording sees no screen")
+                return
+            small = cv2.cvtColor(cv2.resize(self._frame, small_px, interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2GRAY)
+            self.stamped &= frame.stamp not in (StampKind.SCHEDULED, StampKind.READ)
+            inset = cv2.resize(self._frame, inset_px, interpolation=cv2.INTER_AREA)
+            with self._lock:
+                self._frames.append((frame.t_sensor_ns, np.asarray(small, np.uint8)))
+                self.inset = np.asarray(inset, np.uint8)
+
+    def frames(self, since_ns: int) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+        """Stamps (n,) and pictures (n, height, width) from since_ns on."""
+        with self._lock:
+            kept = [each for each in self._frames if each[0] >= since_ns]
+        pictures = np.stack([picture for _, picture in kept]) if kept else np.empty((0, 1, 1), np.uint8)
+        return np.array([t_ns for t_ns, _ in kept], np.int64), pictures
+
+    def close(self) -> None:
+        self._ended.set()
+        self.join()
+        self._source.close()

@@ -1,0 +1,167 @@
+"""Measuring the delay of the loop: the window flips between black and white, the camera watches it, `loop_delay` compares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.capture.open_source import open_source
+from lfpipe.config import Config
+from lfpipe.errors import UserError
+from lfpipe.observe.camera_watch import CameraWatch
+from lfpipe.observe.loop_delay import AREA_R, LEAST_FRAMES, LEAST_PIXELS, LoopDelay, Recording, estimate, find_area
+from lfpipe.render.monitors import Monitor
+from lfpipe.render.open_display import has_display
+from lfpipe.render.screen_clock import ScreenClock
+from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns, sleep_until
+
+WINDOW_PX = (1600, 900)  # as large as the screen allows
+HOLDS = (3, 6)  # of a level, in refreshes of about STEP_HZ; its ends included
+STEP_HZ = 60.0
+AIM_S = 60.0  # until the camera sees the window
+LOOK_S, LOOK_EVERY_S = 3.0, 1.5
+CLEAR_R = 0.4  # of the best pixel within LOOK_S: 0.3 is seen in pure noise
+MEASURE_S, MORE_S, MOST_S, GOOD_MS = 10.0, 3.0, 20.0, 0.7  # goes on until half the interval is that small
+EVENTS_NS = 4 * MS_NS
+ASK = "Turn the camera to this screen, or hold a mirror so that it sees it; the screen in the middle of its picture."
+AGAIN = UserError("nothing was measured", "start again when you are ready")
+
+
+def holds(rate_hz: float, seed: int = 1) -> Iterator[int]:
+    """How many refreshes each level is held, without end: 50 to 100 ms."""
+    rng, step = np.random.default_rng(seed), max(1, round(rate_hz / STEP_HZ))
+    while True:
+        yield int(rng.integers(HOLDS[0], HOLDS[1] + 1)) * step
+
+
+def outlined(inset: NDArray[np.uint8], area: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
+    """The camera's picture with a line round area."""
+    drawn = inset.copy()
+    if area is not None:
+        mask = cv2.resize(area.astype(np.uint8), (inset.shape[1], inset.shape[0]), interpolation=cv2.INTER_NEAREST)
+        outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
+        cv2.drawContours(drawn, outlines, -1, (0, 220, 0), 2)
+    return drawn
+
+
+def measure_loop(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor]:
+    """The delay of the loop, and the monitor on which it was measured: 10 to 20 s once the camera sees the window.
+
+    Raises UserError without a screen, where `estimate` refuses, the camera fails, or the person ends it.
+    """
+    if not has_display():
+        raise UserError("--latency: no screen here, and the camera must see a window", "run it in a desktop")
+    watch = CameraWatch(open_source(camera or config.camera.source, config.camera), config.camera.frame_px)
+    watch.start()
+    try:
+        guide = _Guide(config, watch)
+        try:
+            return guide.measured(), guide.monitor
+        finally:
+            guide.close()
+    finally:
+        watch.close()
+
+
+class _Guide:
+    """The window that flips. Odd pictures are white."""
+
+    def __init__(self, config: Config, watch: CameraWatch) -> None:
+        from lfpipe.render.window import Window
+
+        self._watch, self._window = watch, Window(WINDOW_PX, "lfpipe calibrate", monitor=str(config.screen.monitor))
+        self._levels = [np.full((9, 16, 3), 255 * white, np.uint8) for white in (0, 1)]
+        self._clock, self._holds = ScreenClock(self._window.nominal_hz(), now_ns()), holds(self._window.nominal_hz())
+        self._number, self._due_ns = 0, now_ns()
+        self._presented_ns: dict[int, int] = {}
+
+    @property
+    def monitor(self) -> Monitor:
+        return self._window.monitor
+
+    def close(self) -> None:
+        self._window.close()
+
+    def measured(self) -> LoopDelay:
+        """Waits until the camera sees the window, then measures."""
+        began_ns = look_ns = now_ns()
+        found_ns, next_ns = 0, 0  # since when it is seen, and when to estimate
+        while True:
+            t_ns = self._flip()
+            if self._watch.failure is not None:
+                raise self._watch.failure
+            if not self._watch.stamped:
+                return estimate(self._recording(began_ns))
+            if t_ns > look_ns:
+                look_ns = t_ns + int(LOOK_EVERY_S * SECOND_NS)
+                since_ns = t_ns - int(LOOK_S * SECOND_NS)
+                area = self._area(since_ns) if since_ns > began_ns else None
+                if area is None:
+                    found_ns = 0
+                elif not found_ns:
+                    found_ns, next_ns = since_ns, since_ns + int(MEASURE_S * SECOND_NS)
+                self._say(area, (t_ns - found_ns) / 1e9 if found_ns else 0.0)
+            if not found_ns and t_ns - began_ns > AIM_S * SECOND_NS:
+                return estimate(self._recording(t_ns - int(MOST_S * SECOND_NS)))
+            if found_ns and t_ns > next_ns:
+                last = t_ns - found_ns > MOST_S * SECOND_NS
+                try:
+                    found = estimate(self._recording(found_ns))
+                    if last or found.half_ms <= GOOD_MS:
+                        return found
+                except UserError:
+                    if last:
+                        raise
+                next_ns += int(MORE_S * SECOND_NS)
+
+    def _flip(self) -> int:
+        """Shows the other level when its hold is over; returns when it was handed over."""
+        window, clock = self._window, self._clock
+        reported = bool(window.blanks_by)
+        hold_ns = next(self._holds) * clock.period_ns
+        self._due_ns = max(self._due_ns, now_ns() - round(clock.period_ns)) + round(hold_ns)
+        if reported:
+            self._due_ns = clock.nearest(self._due_ns)
+        begin_ns = self._due_ns - round(clock.period_ns / 2) * reported
+        while now_ns() < begin_ns:
+            if "quit" in window.events():
+                raise AGAIN
+            sleep_until(min(begin_ns, now_ns() + EVENTS_NS))
+        t_ns = now_ns()
+        self._number += 1
+        window.show(self._levels[self._number % 2])
+        if not reported:
+            self._presented_ns[self._number] = t_ns  # as a session plans it where nobody reports blanks
+        for answer in window.presented():
+            if answer.t_ns:
+                clock.blank(answer.t_ns, answer.period_ns)
+                self._presented_ns.setdefault(answer.serial, answer.t_ns)
+        return t_ns
+
+    def _recording(self, since_ns: int) -> Recording:
+        """What was presented and seen from since_ns on."""
+        t_frame_ns, pictures = self._watch.frames(since_ns)
+        flips = sorted((t_ns, number) for number, t_ns in self._presented_ns.items() if t_ns >= since_ns)
+        times, numbers = (np.array([each[k] for each in flips], np.int64) for k in (0, 1))
+        return Recording(times, numbers % 2 == 1, t_frame_ns, pictures, self._watch.stamped, self._clock.period_ns / 1e6)
+
+    def _area(self, since_ns: int) -> NDArray[np.bool_] | None:
+        """Where the camera sees the window, None where it does not."""
+        recording = self._recording(since_ns)
+        if len(recording.t_frame_ns) < LEAST_FRAMES / 2 or len(recording.t_flip_ns) < LEAST_FRAMES / 4:
+            return None
+        r = find_area(recording)[0]
+        area = r > max(CLEAR_R, AREA_R * r.max())
+        return area if area.sum() >= LEAST_PIXELS else None
+
+    def _say(self, area: NDArray[np.bool_] | None, since_s: float) -> None:
+        state = (
+            f"The screen is seen: measuring, {since_s:.0f} s of {MEASURE_S:.0f} to {MOST_S:.0f}. Keep still."
+            if area is not None
+            else ASK
+        )
+        inset = self._watch.inset
+        self._window.overlay([state, "f full screen, q ends"], None if inset is None else outlined(inset, area))

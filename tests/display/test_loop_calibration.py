@@ -1,0 +1,47 @@
+"""The closed loop: the real window on an X server, a camera that looks at that screen, and what is written at the end."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+from tests.world import World
+from tests.xvfb_screen import Screen
+
+SMALL = ("--set", "camera.width_px=160", "--set", "camera.height_px=120")
+
+
+def calibrated(world: World, screen: Screen, node: Path, **optics: object) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of a calibration with that camera."""
+    node.write_text(json.dumps({"buffer": str(screen.buffer), **optics}))
+    world.module, world.env["DISPLAY"] = "tests.display.screen_camera", screen.name
+    process = world.start("calibrate", "--latency", "--camera", f"camera:{node}", *SMALL)
+    out, err = process.communicate(timeout=60)
+    return process.returncode, out, err
+
+
+def test_a_made_delay_is_found_through_the_real_window(world: World, screen: Screen, tmp_path: Path) -> None:
+    node = tmp_path / "video0"
+    optics = {"screen_ms": 25.0, "camera_ms": 30.0, "exposure_ms": 12.0}
+    code, out, err = calibrated(world, screen, node, **optics)
+    assert code == 0, err
+    # a camera that does not tell its exposure is stamped a quarter of a period before the end
+    stamps_ms = optics["camera_ms"] - 1e3 / 28.7 / 4 + optics["exposure_ms"] / 2
+    truth_ms = optics["screen_ms"] + stamps_ms + json.loads(Path(f"{node}.truth").read_text())
+    written = tomllib.loads((world.root / "settings" / "lfpipe" / "config.toml").read_text())["render"]
+    assert abs(written["loop_ms"] - truth_ms) < 1.5, (written, truth_ms)
+    assert str(node) in written["loop_measured"] and "160x120" in written["loop_measured"]
+    assert "90 %" in out and "next session" in out
+    doctor = world.run("doctor").stdout
+    assert f"{written['loop_ms']} ms" in doctor and "not trusted: no camera" in doctor
+
+
+def test_a_source_without_stamps_is_refused_and_nothing_is_written(world: World, screen: Screen) -> None:
+    world.env["DISPLAY"] = screen.name
+    done = world.run("calibrate", "--latency", "--camera", "demo")
+    assert done.returncode == 2 and "no stamps" in done.stderr and "remedy" in done.stderr
+    del world.env["DISPLAY"]
+    blind = world.run("calibrate", "--latency", "--camera", "demo")
+    assert blind.returncode == 2 and "no screen" in blind.stderr
+    assert not (world.root / "settings" / "lfpipe").exists()
