@@ -1,4 +1,4 @@
-"""`lfpipe up --kiosk`: what is checked before an exhibition, and how it goes on without a person."""
+"""`lfpipe up --kiosk`: what is checked before an exhibition, and how it runs without a person."""
 
 from __future__ import annotations
 

@@ -96,6 +96,6 @@ def name_of(pid: int) -> str:
 
 
 def resume(pid: int) -> None:
-    """Lets a stopped process go on; nothing where it is gone."""
+    """Lets a stopped process continue; nothing where it is gone."""
     with contextlib.suppress(OSError):
         os.kill(pid, signal.SIGCONT)

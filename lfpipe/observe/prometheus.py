@@ -94,7 +94,7 @@ class Metrics(Handler):
         self._registry, self._host = registry, host
 
     def refusal(self) -> str:
-        """Why this request may not go on, or nothing."""
+        """Why this request is refused; empty if it is not."""
         return "" if self._host != LOOPBACK or named(self.request.headers.get("Host", ""), self._host) else NOT_OURS
 
     async def get(self) -> None:

@@ -29,10 +29,10 @@ class SessionCommands:
         return control.request(find(self.name).run_dir, message, timeout_s)
 
     def pause(self) -> str:
-        """Freezes the picture, or lets it go on."""
+        """Freezes the picture, or resumes."""
         paused = bool(self.ask({"cmd": "hello"})["paused"])
         self.ask({"cmd": "resume" if paused else "pause"})
-        return "goes on" if paused else "paused: p goes on"
+        return "resumed" if paused else "paused: p resumes"
 
     def warp(self) -> str:
         """Warped views off and on: nearest, or what suits the scene."""

@@ -98,7 +98,7 @@ def finish_trace(ask: Callable[[dict[str, Any]], dict[str, Any]], out: Path | No
     """Ends the timeline that a session writes, converts it and removes the raw lines; returns where it is.
 
     ask: sends the session a command. out: where to, None for where `start` said. Raises UserError where none runs, or out cannot
-    be written: the timeline then goes on, or its raw lines stay.
+    be written: the timeline then continues, or its raw lines stay.
     """
     if out is not None:
         check_out(out)

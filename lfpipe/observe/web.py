@@ -57,7 +57,7 @@ class Guarded(Handler):
         return site
 
     def refusal(self) -> str:
-        """Why this request may not go on, or nothing."""
+        """Why this request is refused; empty if it is not."""
         headers, host = self.request.headers, self.request.headers.get("Host", "")
         if not named(host, self.site.host) or not same_origin(headers.get("Origin"), host):
             return NOT_OURS

@@ -118,7 +118,7 @@ class Store:
                     self._write(work)
             except OSError as error:
                 self.failure = str(error.strerror or error)
-            except Exception as error:  # whatever it is, the session goes on without the recording
+            except Exception as error:  # whatever it is, the session continues without the recording
                 self.failure = f"{type(error).__name__}: {error}".rstrip(": ")
             self._busy_ns = 0
             if isinstance(work, tuple):

@@ -23,7 +23,7 @@ KEYS = {
     "m": ("mode", "another way to give each eye its view"),
     "g": ("glasses", "glasses test: does each eye see its own?"),
     "x": ("swap", "swap the eyes"),
-    "p": ("freeze", "hold the picture, and go on (space)"),
+    "p": ("freeze", "pause or resume (space)"),
     "o": ("overlay", "rate, latency and the grid of views on and off"),
     "s": ("screenshot", "save the picture"),
     "PgDn": ("next", "the next scene of the list"),

@@ -65,7 +65,7 @@ class FileDisplay(NullDisplay):
     A recording holds what the viewer sees and nothing else: there are no overlays, no title and no size in mm.
 
     `show` never waits: where the encoder lags, pictures are dropped and counted in `dropped`. A full disk or a lost
-    file ends the video with a notice; the session goes on.
+    file ends the video with a notice; the session continues.
     """
 
     def __init__(self, path: Path, size_px: tuple[int, int], rate_hz: float, reserve_bytes: int = RESERVE_BYTES) -> None:

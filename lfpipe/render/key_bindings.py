@@ -145,7 +145,7 @@ class KeyBindings:
             self._display.title(scene)
             self._notices.say("scene", scene, t_ns)
         self._known = (render, level, scene)
-        self._notices.state("paused", "paused: p or space goes on" if context.paused else "")
+        self._notices.state("paused", "paused: p or space resumes" if context.paused else "")
         lost = int(context.table.rows[context.spec.source]["state"]) == State.READY  # it has no camera to take frames from
         self._notices.state("camera", LOST if lost else "")
         away_ns = t_ns - row["t_face_ns"]

@@ -1,7 +1,7 @@
 """The supervisor's sockets: takes requests over ctl, answers them, passes telemetry from bus on to tap. Nothing here waits.
 
-Whatever a request or a message does, the session goes on: an exception that no handler expects is answered as an internal error,
-and its stack goes to the log.
+Whatever a request or a message does, the session continues: an unexpected exception is answered as an internal error, and its
+stack goes to the log.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from lfpipe.transport.session import Session
 APPLY_NS = SECOND_NS  # how long an answer waits for the stages to apply a change
 APPLY_POLL_MS = 4  # how often it looks
 MAX_ERROR_CHARS = 2000
-INTERNAL = {"ok": False, "error": "internal error", "remedy": "the session goes on; its log has the stack, please report it"}
+INTERNAL = {"ok": False, "error": "internal error", "remedy": "the session continues; its log has the stack, please report it"}
 
 
 @attrs.define
@@ -157,7 +157,7 @@ class ControlServer:
         except UserError as error:
             answer = {"ok": False, "error": error.message, "remedy": error.remedy}
         except Exception:
-            self._log(f"internal error while a message was handled; the session goes on\n{traceback.format_exc()}")
+            self._log(f"internal error while a message was handled; the session continues\n{traceback.format_exc()}")
             answer = INTERNAL
         else:
             return

@@ -1,4 +1,4 @@
-"""The child process that looks at files, and looks up hosts, for the supervisor: whatever they do to it, the session goes on.
+"""The child process that looks at files, and looks up hosts, for the supervisor: whatever they do to it, the session continues.
 
 Run as `python -m lfpipe.supervisor.file_check` with the request as JSON in the argument. Prints empty lines as a sign of
 progress, then one line of JSON, {"ok": true, "result": {...}} or {"ok": false, "error": ..., "remedy": ...}. Ends when its

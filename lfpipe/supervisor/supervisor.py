@@ -208,7 +208,7 @@ class Supervisor:
             return
         first = not row["ready_ns"] and not row["restarts"]
         if died_of and (first or state.options.lossless):  # later in a live session: what it misses may come back
-            self._end(Outcome(f"{name} could not {'start' if first else 'go on'}", died_of[0], died_of[1], user_error=True))
+            self._end(Outcome(f"{name} could not {'start' if first else 'continue'}", died_of[0], died_of[1], user_error=True))
             return
         phase = "RUNNING" if row["ready_ns"] else "STARTING"
         how = f"signal {-code}" if code < 0 else f"exit code {code}"

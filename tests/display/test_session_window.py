@@ -78,7 +78,7 @@ def _steady(world: World, screen: Screen) -> list[int] | None:
 
 
 def _drop(world: World, screen: Screen) -> None:
-    """What is no scene is refused in the picture, and the session goes on; a scene is shown, and named in the title."""
+    """What is no scene is refused in the picture, and the session continues; a scene is shown, and named in the title."""
     (world.root / "letters").mkdir()
     (world.root / "letters" / "letter.txt").write_text("Dear ...")
     titles = ("lfpipe: grid", "lfpipe: grid (h shows the keys, g tests your glasses)")

@@ -89,7 +89,7 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
     terminal.press("p")
     terminal.until("PAUSED")
     terminal.press("p")
-    terminal.until("goes on")
+    terminal.until("resumed")
     terminal.press("r")
     terminal.until("counts from now on")
     terminal.press("t")

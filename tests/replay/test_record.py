@@ -38,7 +38,7 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
     ctl("stop")
     world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
     stopped = world.monitor()
-    world.pictures(len(world.lines()) + 5)  # the session goes on
+    world.pictures(len(world.lines()) + 5)  # the session continues
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=10)
     assert process.returncode == 0 and f"recorded {len(open_sequence(out).packets)} frames" in err

@@ -1,4 +1,4 @@
-"""Disks that are slow, full or gone, and ends that nobody planned: the session goes on, and what was recorded can be read."""
+"""Disks that are slow, full or gone, and ends that nobody planned: the session continues, and what was recorded can be read."""
 
 from __future__ import annotations
 

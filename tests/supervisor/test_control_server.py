@@ -1,4 +1,4 @@
-"""The control sockets of a real session: whatever is sent there, the session goes on."""
+"""The control sockets of a real session: whatever is sent there, the session continues."""
 
 from __future__ import annotations
 
