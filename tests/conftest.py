@@ -31,6 +31,12 @@ def face_networks() -> None:
         models.fetch_models(print)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _no_recent_scenes(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A person's list of recent scenes stays as it is."""
+    os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
+
+
 @pytest.fixture
 def world(tmp_path: Path) -> Iterator[World]:
     made = World(tmp_path)

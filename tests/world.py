@@ -41,7 +41,7 @@ class World:
         self.run_dir = root / "run"
         self.run_dir.mkdir(mode=0o700)
         clean = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "LFPIPE_SESSION")}
-        names = {"XDG_RUNTIME_DIR": "run", "XDG_CACHE_HOME": "cache", "XDG_CONFIG_HOME": "settings"}
+        names = {"XDG_RUNTIME_DIR": "run", "XDG_CACHE_HOME": "cache", "XDG_CONFIG_HOME": "settings", "XDG_STATE_HOME": "state"}
         own = {key: str(root / name) for key, name in names.items()} | {"PYTHONPATH": str(Path(__file__).parents[1])}
         self.env = {**clean, **own}
         self.name = f"t{secrets.token_hex(4)}"

@@ -46,13 +46,27 @@ class Suggesting(click.Group):
             raise click.UsageError(error.message + hint, ctx) from None
 
 
-@click.group(cls=Suggesting, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    cls=Suggesting,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(__version__, prog_name="lfpipe")
-def cli() -> None:
+@click.pass_context
+def cli(context: click.Context) -> int | None:
     """A light field you look into: a webcam follows your eyes, red/cyan glasses give each its view.
 
-    Start with: lfpipe up --demo
+    Start with: lfpipe up --demo. On a desktop, lfpipe alone shows the demo and recent scenes to choose from.
     """
+    if context.invoked_subcommand is not None:
+        return None
+    from lfpipe.render.open_display import has_display
+
+    if not has_display():
+        raise click.exceptions.NoArgsIsHelpError(context)
+    from lfpipe.cli.start import start
+
+    return start()
 
 
 @click.command()

@@ -26,22 +26,23 @@ DEMO_S = 10.0  # length of the demo without a screen
 
 @attrs.frozen
 class UpArguments:
-    """The arguments of `lfpipe up`. scenes: all of them; scene: the first."""
+    """The arguments of `lfpipe up`. scenes: all of them; scene: the first. start: begin with their thumbnails."""
 
-    scene: Path | None
-    camera: str | None
-    display: str | None
-    duration_s: float | None
-    trace: Path | None
-    demo: bool
-    share: tuple[str, ...]
-    no_picture: bool
-    session_name: str | None
-    sets: tuple[str, ...]
-    config_file: str | None
+    scene: Path | None = None
+    camera: str | None = None
+    display: str | None = None
+    duration_s: float | None = None
+    trace: Path | None = None
+    demo: bool = False
+    share: tuple[str, ...] = ()
+    no_picture: bool = False
+    session_name: str | None = None
+    sets: tuple[str, ...] = ()
+    config_file: str | None = None
     scenes: tuple[Path, ...] = ()
     kiosk: str | None = None
     visits: Path | None = None
+    start: bool = False
 
 
 @attrs.frozen
@@ -148,6 +149,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     from lfpipe.render.open_display import has_display
     from lfpipe.render.plan import make_plan
     from lfpipe.scene.playlist import playlist
+    from lfpipe.scene.recent_scenes import remember_scene
     from lfpipe.scene.summary import summarize
 
     no_screen = arguments.demo and arguments.display is None and not has_display()
@@ -171,6 +173,8 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     scene = summarize(field, config.scene)
     config = _with_engine(config) if scene.needs_tracking else config
     check_geometry(config, scene)
+    if arguments.scene is not None and arguments.kiosk is None and not arguments.start:
+        remember_scene(arguments.scene)
     plan = make_plan(field, config)
     still = out / "demo.png" if no_screen else None
     options = SessionOptions(
@@ -182,7 +186,8 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         display=display,
         kiosk=arguments.kiosk or "",
         visits=str(arguments.visits.resolve()) if arguments.visits else "",
-        playlist=tuple(str(each.resolve()) for each in scenes) if len(scenes) > 1 else (),
+        playlist=tuple(str(each.resolve()) for each in scenes) if len(scenes) > 1 or arguments.start else (),
+        start=arguments.start,
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
         still=str(still.resolve()) if still else "",
         share=share,
@@ -195,7 +200,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
     files = tuple(path for path in (video, still, arguments.trace) if path is not None)
     if len(scenes) > 1:
-        say(f"scenes  {len(scenes)}: Page Up and Page Down, or `lfpipe ctl load --next`, show the others")
+        say(f"scenes  {len(scenes)}: Tab, Page Up and Page Down show the others, as does `lfpipe ctl load --next`")
     if video is not None:
         camera_hz = camera.rate_hz if config.render.clock == "camera" else None
         say(size_line(video, scene.width_px * scene.height_px, camera_hz or config.render.nominal_hz, duration_s))

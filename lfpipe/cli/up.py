@@ -65,7 +65,7 @@ def up(
 ) -> int:
     """Show SCENE, a folder or file that holds a light field, from where the viewer's eyes are.
 
-    Several of them, or a folder of them, are a playlist: Page Up and Page Down, `lfpipe ctl load --next`, or the page choose.
+    Several of them, or a folder of them, are a playlist: key Tab, Page Up and Page Down choose, or `lfpipe ctl load --next`.
     Camera, layout, method and alpha are detected and printed in five lines. In the window, h shows the keys.
     """
     from lfpipe.cli import launch

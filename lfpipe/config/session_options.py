@@ -87,7 +87,7 @@ class SessionOptions:
     lock_step: besides, a frame passes every stage before the next one starts. share: where eyes are sent to, as
     `lfpipe.share.target` writes it. level: the quality in force, None for full.
     playlist, playlist_at: the scenes to step through, and the place of the one shown. kiosk: the code that ends an exhibition.
-    visits: file of its visitors by the hour.
+    visits: file of its visitors by the hour. start: begin with the thumbnails of the playlist.
     """
 
     scene: SceneSummary | None = None
@@ -112,6 +112,7 @@ class SessionOptions:
     playlist_at: int = 0
     kiosk: str = ""
     visits: str = ""
+    start: bool = False
     level: QualityLevel | None = None
 
     @property

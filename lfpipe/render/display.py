@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.presentation import Presented
 from lfpipe.render.pair_layout import Pair
+
+if TYPE_CHECKING:
+    from lfpipe.render.sdl import pygame
 
 # What a viewer may press: key -> (name that `events` reports, what the help says). The window itself carries out
 # "fullscreen" and "help"; the others are for the stage.
@@ -26,6 +30,7 @@ KEYS = {
     "p": ("freeze", "pause or resume (space)"),
     "o": ("overlay", "rate, latency and the grid of views on and off"),
     "s": ("screenshot", "save the picture"),
+    "Tab": ("choose", "choose a scene by its picture"),
     "PgDn": ("next", "the next scene of the list"),
     "PgUp": ("previous", "the previous scene"),
     "h": ("help", "this help on and off (?)"),
@@ -57,8 +62,8 @@ class Display(Protocol):
         ...
 
     def events(self) -> list[str]:
-        """What the viewer pressed since the last call: names from KEYS, and "drop PATH" for what was dropped. Call it often: it
-        keeps a window alive."""
+        """What the viewer pressed since the last call: names from KEYS, of arrows and Enter, "drop PATH", "click X Y". Call it
+        often: it keeps a window alive."""
         ...
 
     def notices(self) -> list[str]:
@@ -71,6 +76,10 @@ class Display(Protocol):
 
     def say(self, lines: list[str]) -> None:
         """Short lines at the bottom of the following pictures, until others are given."""
+        ...
+
+    def menu(self, draw: Callable[[tuple[int, int]], pygame.Surface] | None) -> None:
+        """Lays over the pictures what draw makes for a room of (width, height) px, until None. A click on it is "click X Y"."""
         ...
 
     def title(self, name: str) -> None:

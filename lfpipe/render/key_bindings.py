@@ -21,7 +21,8 @@ from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.notices import Notices
 from lfpipe.render.picture_file import picture_folder, save
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.scene_loader import SceneLoader
+from lfpipe.render.scene_loader import NO_OTHER, SceneLoader
+from lfpipe.render.scene_menu import SceneMenu
 from lfpipe.render.status_overlay import StatusOverlay
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -39,13 +40,14 @@ LOST = "camera lost, trying again"
 
 
 class KeyBindings:
-    """Serves a display's events, its notices and its overlay. scenes: loads other ones."""
+    """Serves a display's events, its notices and its overlay. scenes, menu: other scenes."""
 
     def __init__(self, context: Context, viewer: Viewer, presenter: Presenter, display: Display) -> None:
         self._context, self._viewer, self._presenter, self._display = context, viewer, presenter, display
         self._status = StatusOverlay(context, viewer)
         self._notices, self._said = Notices(), [""]
         self.scenes = SceneLoader(context, self._notices)
+        self.menu = SceneMenu(context, display, self.scenes)
         self._glasses: GlassesTest | None = None
         self._overlay_due_ns = 0
         self._width_mm, self._settled_ns = display.width_mm(), 0
@@ -56,11 +58,13 @@ class KeyBindings:
         """Carries out what was pressed since the last call, and keeps notices and overlay fresh."""
         for event in self._display.events():
             self._presenter.redraw()
-            self._carry_out(event)
+            if not self.menu.takes(event):
+                self._carry_out(event)
         self.pass_on_notices()
         self._follow_width()
         t_ns = now_ns()
         self.scenes.serve(t_ns)
+        self.menu.serve(t_ns)
         self._notice_changes(t_ns)
         if (lines := self._notices.lines(t_ns)) != self._said:
             self._said = lines
@@ -96,6 +100,8 @@ class KeyBindings:
             self._set(alpha_px=round(self._viewer.parallax.alpha_px * step, 3))
         elif event == "automatic":
             self._set(alpha_px="auto", zero_plane_px=0.0)
+        elif event == "choose":
+            self._notices.say("scene", NO_OTHER, now_ns())
         elif event in ("next", "previous"):
             self.scenes.step(1 if event == "next" else -1)
         elif event.startswith("drop "):

@@ -37,6 +37,9 @@ class NullDisplay:
     def say(self, lines: list[str]) -> None:
         """Nobody reads it."""
 
+    def menu(self, draw: object) -> None:
+        """Nobody chooses."""
+
     def title(self, name: str) -> None:
         """There is no title."""
 

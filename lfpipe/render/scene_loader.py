@@ -16,6 +16,7 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 
 ALONE_NS = 60 * SECOND_NS  # after which the visitor is assumed to have left
+NO_OTHER = "there is no other scene: `lfpipe up` takes several"
 REFUSED_NS, LINE_CHARS, MAX_LINES = 6 * SECOND_NS, 60, 5
 
 
@@ -41,7 +42,7 @@ class SceneLoader:
         """Another scene of the playlist, as far from the one that was asked for last."""
         scenes, asked = self._context.options.playlist, self._next or (self._loading.scene if self._loading else "")
         if len(scenes) < 2:
-            self._notices.say("scene", "there is no other scene", now_ns())
+            self._notices.say("scene", NO_OTHER, now_ns())
             return
         at = scenes.index(asked) if asked in scenes else self._context.options.playlist_at
         self.load(Path(scenes[(at + step) % len(scenes)]))

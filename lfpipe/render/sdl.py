@@ -12,6 +12,7 @@ import pygame as pygame
 
 from lfpipe.host.graphics import has_gpu
 
+ICON_PX = 64
 UNSEEN = ("dummy", "offscreen")  # drivers that show nothing, for tests
 
 
@@ -45,3 +46,13 @@ def drawn_by(driver: str) -> str:
 def version() -> str:
     """Of SDL itself."""
     return ".".join(str(part) for part in pygame.version.SDL)
+
+
+def icon() -> pygame.Surface:
+    """Two overlapping discs, red and cyan: what the two eyes see of one thing."""
+    icon = pygame.Surface((ICON_PX, ICON_PX), pygame.SRCALPHA)
+    for x, colour in ((0.38, (255, 40, 40)), (0.62, (0, 215, 215))):
+        disc = pygame.Surface((ICON_PX, ICON_PX), pygame.SRCALPHA)
+        pygame.draw.circle(disc, (*colour, 255), (round(x * ICON_PX), ICON_PX // 2), round(0.36 * ICON_PX))
+        icon.blit(disc, (0, 0), special_flags=pygame.BLEND_RGBA_ADD)
+    return icon

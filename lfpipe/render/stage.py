@@ -58,6 +58,8 @@ def main(context: Context) -> None:
     viewer.shown_as_wide(display.width_mm())
     presenter = Presenter(context, viewer, display)
     keys = KeyBindings(context, viewer, presenter, display)
+    if options.start and not part:
+        keys.menu.open()
     refresh = None if on_camera else new_refresh(config, display, presenter)
     middle = ((field.rows - 1) / 2, (field.cols - 1) / 2)
     viewer.compositor.compose(middle, middle)  # tables are built and pages touched before somebody waits for it

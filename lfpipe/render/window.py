@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,18 +28,9 @@ SCREEN_SHARE = 0.85  # at most, of the monitor
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: on a fine one, text of TEXT_PX is too small
 NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", " ": "freeze", "?": "help"}
 KEY_CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_LEFT: "less", pygame.K_RIGHT: "more"}
-KEY_CODES |= {pygame.K_PAGEDOWN: "next", pygame.K_PAGEUP: "previous"}
-ICON_PX = 64
-
-
-def _icon() -> pygame.Surface:
-    """Two overlapping discs, red and cyan: what the two eyes see of one thing."""
-    icon = pygame.Surface((ICON_PX, ICON_PX), pygame.SRCALPHA)
-    for x, colour in ((0.38, (255, 40, 40)), (0.62, (0, 215, 215))):
-        disc = pygame.Surface((ICON_PX, ICON_PX), pygame.SRCALPHA)
-        pygame.draw.circle(disc, (*colour, 255), (round(x * ICON_PX), ICON_PX // 2), round(0.36 * ICON_PX))
-        icon.blit(disc, (0, 0), special_flags=pygame.BLEND_RGBA_ADD)
-    return icon
+KEY_CODES |= {pygame.K_PAGEDOWN: "next", pygame.K_PAGEUP: "previous", pygame.K_TAB: "choose"}
+KEY_CODES |= {pygame.K_UP: "up", pygame.K_DOWN: "down", pygame.K_RETURN: "enter", pygame.K_KP_ENTER: "enter"}
+MENU_SHARE = 0.9  # of the window
 
 
 class Window:
@@ -97,6 +89,8 @@ class Window:
         self._panel: pygame.Surface | None = None
         self._said: list[str] = []
         self._words: pygame.Surface | None = None  # what is said, at the bottom
+        self._menu_of: Callable[[tuple[int, int]], pygame.Surface] | None = None
+        self._menu: pygame.Surface | None = None
         self._pair: Pair | None = None
         self._how = ""
         self._laid: NDArray[np.uint8] | None = None
@@ -110,7 +104,7 @@ class Window:
             at = self._at or pygame.WINDOWPOS_UNDEFINED
             window = pygame.Window(self._title, self._windowed, at, resizable=True, allow_high_dpi=True)
         pygame.mouse.set_visible(not self._fullscreen)
-        window.set_icon(_icon())
+        window.set_icon(sdl.icon())
         self._painter: Painter = open_painter(window, self._renderer, self._wait)
         self._presentation: Presentation | None = open_presentation(window)
         self._numbers.clear()
@@ -190,7 +184,9 @@ class Window:
     def _draw(self) -> None:
         if self._picture is None:
             return
-        panels: Panels = [] if self._panel is None else [(self._panel, (12, 12))]
+        panels: Panels = [] if self._menu is None else [(self._menu, self._menu_at())]
+        if self._panel is not None:
+            panels.append((self._panel, (12, 12)))
         size_px = self._painter.size_px()
         if self._words is not None:
             wide, high = self._words.get_size()
@@ -223,9 +219,12 @@ class Window:
                 keyed = True
                 name = KEY_CODES.get(event.key) or NAMES.get(event.unicode.lower())
                 if name == "escape":
-                    name = "help" if self._help else "fullscreen" if self._fullscreen else None
+                    name = "help" if self._help else "choose" if self._menu_of else "fullscreen" if self._fullscreen else None
                 if name:
                     pressed.append(name)
+            elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._menu is not None:
+                (x, y), scale = self._menu_at(), self._painter.size_px()[0] / self._window.size[0]
+                pressed.append(f"click {round(event.pos[0] * scale) - x} {round(event.pos[1] * scale) - y}")
             elif event.type == pygame.DROPFILE:
                 pressed.append(f"drop {event.file}")
             elif event.type == pygame.WINDOWEXPOSED:
@@ -252,6 +251,18 @@ class Window:
 
     def notices(self) -> list[str]:
         return []
+
+    def menu(self, draw: Callable[[tuple[int, int]], pygame.Surface] | None) -> None:
+        """See `Display.menu`."""
+        self._menu_of = draw
+        pygame.mouse.set_visible(draw is not None or not self._fullscreen)
+        self._make_panel()
+        self._draw()
+
+    def _menu_at(self) -> tuple[int, int]:
+        """Where the menu is in the window."""
+        (width, height), (wide, high) = self._painter.size_px(), self._menu.get_size() if self._menu else (0, 0)
+        return (width - wide) // 2, (height - high) // 2
 
     def title(self, name: str) -> None:
         """See `Display.title`."""
@@ -285,6 +296,8 @@ class Window:
         text_px = round(max(TEXT_PX, TEXT_SHARE * self._on.height) * scaled)
         room = width_px - 24, height_px - 24
         self._panel = panel(lines, self._inset, text_px, room) if lines else None
+        size_px = round(MENU_SHARE * width_px), round(MENU_SHARE * height_px)
+        self._menu = self._menu_of(size_px) if self._menu_of else None
         self._words = panel(self._said, None, text_px, room) if self._said else None
 
     def close(self) -> None:

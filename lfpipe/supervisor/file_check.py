@@ -42,12 +42,17 @@ def check(request: dict[str, Any]) -> dict[str, Any]:
 
         return {"targets": list(check_targets(request["targets"], request["running"]))}
     from lfpipe.render.scoring import choose_method
+    from lfpipe.scene.cache import cache_dir
     from lfpipe.scene.pack import open_scene
+    from lfpipe.scene.recent_scenes import remember_scene
     from lfpipe.scene.summary import summarize
 
     how = {key: request[key] for key in ("layout", "grid") if key in request}
     settings = attrs.evolve(config_module.trusted(request["config"]).scene, **how)
-    return attrs.asdict(summarize(open_scene(path, settings, lambda *_: print(flush=True), choose_method), settings))
+    found = attrs.asdict(summarize(open_scene(path, settings, lambda *_: print(flush=True), choose_method), settings))
+    if not path.is_relative_to(cache_dir(settings)):  # the demo is always there
+        remember_scene(path)
+    return found
 
 
 def _end_with_parent() -> None:

@@ -1,0 +1,26 @@
+"""`lfpipe` alone on a desktop: a session that begins with thumbnails of the demo and of the scenes shown before."""
+
+from __future__ import annotations
+
+
+def start() -> int:
+    """Runs it, with the demo's face where there is no camera; returns the exit code."""
+    from lfpipe import config as config_module
+    from lfpipe.capture.open_source import check_source
+    from lfpipe.cli.launch import UpArguments, say, up
+    from lfpipe.cli.progress import progress
+    from lfpipe.errors import UserError
+    from lfpipe.scene.cache import cache_dir
+    from lfpipe.scene.demo import demo_scene
+    from lfpipe.scene.recent_scenes import recent_scenes
+
+    config = config_module.load(None, ())
+    camera = None
+    try:
+        check_source(config.camera.source, config.camera)
+    except UserError as error:
+        say(f"the demo's face stands in for a camera: {error.message}")
+        camera = "demo"
+    with progress() as bar:
+        demo = demo_scene(cache_dir(config.scene), bar)
+    return up(UpArguments(camera=camera, scenes=(demo, *recent_scenes()), start=True))

@@ -1,0 +1,150 @@
+"""Scenes to choose from, drawn as a grid of thumbnails over the picture, with what the camera sees beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.files.decoding import fit_area
+from lfpipe.render.sdl import pygame
+from lfpipe.scene.cache import find_pack
+from lfpipe.scene.contact_sheet import stored_view
+from lfpipe.scene.pack_files import open_pack
+
+KEPT_PX = (480, 360)  # of a thumbnail, at most
+COLS, CELL_LINES = 4, 9  # cells across a window of this many lines of text and more; the height of a cell in lines
+CELL_SHAPE = 0.75  # height of a picture's room for its width, at most
+TEXT_PX, TEXT_SHARE = 18, 1 / 32
+HEAD = "arrows and Enter, or a click, show a scene; Tab goes back"
+HINTS = "g tests the glasses, h shows all keys; drop a folder of views onto the window"
+WHITE, GREY, BACK = (255, 255, 255), (150, 150, 150), (0, 0, 0, 215)
+STEPS = {"less": (0, -1), "more": (0, 1), "up": (-1, 0), "down": (1, 0)}
+
+
+def thumbnail(scene: str, settings: config.Scene) -> NDArray[np.uint8] | None:
+    """The middle view of a packed scene, uint8 (height, width, 3) RGB of KEPT_PX at most; None where there is no pack."""
+    try:
+        pack = find_pack(scene, settings)
+        if pack is None:
+            return None
+        field = open_pack(pack)
+    except UserError:
+        return None
+    return _small(stored_view(field, field.rows // 2, field.cols // 2))
+
+
+def _small(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    _, _, width, height = fit_area((picture.shape[1], picture.shape[0]), KEPT_PX)
+    return np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+class Thumbnails:
+    """The grid. scenes: paths. at: the one selected. settings: of the packs."""
+
+    def __init__(self, scenes: Sequence[str], at: int, settings: config.Scene) -> None:
+        self.scenes, self.at = list(scenes), at
+        self._settings = settings
+        self._pictures: dict[int, NDArray[np.uint8] | None] = {}
+        self._camera: NDArray[np.uint8] | None = None
+        self._caption = ""
+        self._grid = (1, 1)  # rows, cols of a page
+        self._cell_px, self._head_px = (1, 1), 0
+
+    def load_one(self) -> bool:
+        """Reads the next thumbnail; whether there was one to read."""
+        missing = next((k for k in range(len(self.scenes)) if k not in self._pictures), None)
+        if missing is None:
+            return False
+        self._pictures[missing] = thumbnail(self.scenes[missing], self._settings)
+        return True
+
+    def camera(self, frame: NDArray[np.uint8], caption: str) -> None:
+        """What the camera sees, uint8 (height, width, 3) BGR, as in a mirror."""
+        self._camera, self._caption = _small(frame)[:, ::-1, ::-1], caption
+
+    def move(self, key: str) -> bool:
+        """Selects another scene by the name of a key; whether it is one that does."""
+        rows, cols = self._grid
+        if key in STEPS:
+            down, across = STEPS[key]
+            self.at = min(max(self.at + down * cols + across, 0), len(self.scenes) - 1)
+        elif key in ("next", "previous"):
+            self.at = min(max(self.at + rows * cols * (1 if key == "next" else -1), 0), len(self.scenes) - 1)
+        else:
+            return False
+        return True
+
+    def scene_at(self, x: int, y: int) -> int | None:
+        """The number of the scene whose cell is at (x, y) of what was drawn last."""
+        rows, cols = self._grid
+        row, col = (y - self._head_px) // self._cell_px[1], x // self._cell_px[0]
+        number = self.at // (rows * cols) * rows * cols + row * cols + col
+        return number if 0 <= row < rows and 0 <= col < cols and number < len(self.scenes) else None
+
+    def draw(self, room_px: tuple[int, int]) -> pygame.Surface:
+        """The page with the selected scene on it, for a room of (width, height)."""
+        width, height = room_px
+        font = pygame.font.Font(None, max(TEXT_PX, round(TEXT_SHARE * height)))
+        line = font.get_linesize()
+        cells = len(self.scenes) + (self._camera is not None)
+        cols = max(1, min(COLS, width // (CELL_LINES * line), cells))
+        self._head_px = 3 * line
+        rows = max(1, min((height - self._head_px) // (CELL_LINES * line), -(-cells // cols)))
+        high_px = min((height - self._head_px) // rows, round(CELL_SHAPE * width / cols) + 2 * line)
+        self._grid, self._cell_px = (rows, cols), (width // cols, high_px)
+        made = pygame.Surface(room_px, pygame.SRCALPHA)
+        made.fill(BACK)
+        pages, first = -(-len(self.scenes) // (rows * cols)), self.at // (rows * cols) * rows * cols
+        page = f"   {self.at + 1} of {len(self.scenes)}" if pages > 1 else ""
+        made.blit(font.render(_cut(font, HEAD + page, width - line), True, WHITE), (line // 2, line // 2))
+        made.blit(font.render(_cut(font, HINTS, width - line), True, GREY), (line // 2, 3 * line // 2))
+        for number in range(first, min(first + rows * cols, len(self.scenes))):
+            name = Path(self.scenes[number]).name
+            unread = "" if number not in self._pictures else "not packed yet"
+            self._cell(made, font, number - first, self._pictures.get(number), name, unread, number == self.at)
+        last = min(len(self.scenes) - first, rows * cols - 1)  # the camera's place is on every page
+        if self._camera is not None:
+            self._cell(made, font, last, self._camera, self._caption, "", False)
+        return made
+
+    def _cell(
+        self,
+        made: pygame.Surface,
+        font: pygame.font.Font,
+        place: int,
+        picture: NDArray[np.uint8] | None,
+        name: str,
+        instead: str,
+        selected: bool,
+    ) -> None:
+        """Draws a cell: the picture above its name."""
+        line, (wide, high) = font.get_linesize(), self._cell_px
+        row, col = divmod(place, self._grid[1])
+        x, y = col * wide, self._head_px + row * high
+        made.fill(BACK, (x, y, wide, high))
+        room = max(wide - line, 1), max(high - 2 * line, 1)
+        if picture is not None:
+            left, top, width, height = fit_area((picture.shape[1], picture.shape[0]), room)
+            small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+            made.blit(
+                pygame.image.frombuffer(small.tobytes(), (width, height), "RGB"), (x + line // 2 + left, y + line // 4 + top)
+            )
+        elif instead:
+            made.blit(font.render(_cut(font, instead, room[0]), True, GREY), (x + line // 2, y + room[1] // 2))
+        made.blit(font.render(_cut(font, name, room[0]), True, WHITE), (x + line // 2, y + high - 3 * line // 2))
+        if selected:
+            pygame.draw.rect(made, WHITE, (x + 2, y, wide - 4, high - line // 4), max(2, line // 8))
+
+
+def _cut(font: pygame.font.Font, text: str, width_px: int) -> str:
+    """text, shortened to fit; NUL is no character of a font."""
+    text = text.replace("\0", "")
+    while len(text) > 1 and font.size(text)[0] > width_px:
+        text = text[:-2].rstrip() + "…"
+    return text

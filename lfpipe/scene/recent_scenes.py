@@ -1,0 +1,36 @@
+"""The scenes that a person has shown, newest first, in the user's state folder."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from pathlib import Path
+
+import platformdirs
+
+from lfpipe.files.safe_files import read_bytes, replaced
+
+COUNT, MAX_BYTES = 40, 1 << 18
+
+
+def _file() -> Path:
+    return Path(platformdirs.user_state_dir("lfpipe")) / "recent_scenes.json"
+
+
+def recent_scenes() -> list[Path]:
+    """Those that are still there."""
+    try:
+        paths = json.loads(read_bytes(_file(), MAX_BYTES))
+    except (OSError, ValueError):
+        return []
+    texts = [text for text in paths if isinstance(text, str) and "\0" not in text] if isinstance(paths, list) else []
+    return [path for path in map(Path, texts) if path.exists()]
+
+
+def remember_scene(path: Path) -> None:
+    """Puts a scene in front. A folder that cannot be written is no reason to show no picture: then nothing is remembered."""
+    paths = list(dict.fromkeys([path.resolve(), *recent_scenes()]))[:COUNT]
+    with contextlib.suppress(OSError):
+        _file().parent.mkdir(parents=True, exist_ok=True)
+        with replaced(_file()) as file:
+            file.write(json.dumps([str(each) for each in paths]).encode())
