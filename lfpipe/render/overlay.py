@@ -10,7 +10,7 @@ from lfpipe.render.sdl import pygame
 LEAST_PX, MOST_SHARE = 13, 0.94  # of the text, and of the window that all of it may take
 
 
-COLUMN = "MM"  # as wide as the keys of the help
+COLUMN = "PgDnM"  # as wide as the keys of the help
 
 
 def _width_px(font: pygame.font.Font, line: str) -> int:

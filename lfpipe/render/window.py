@@ -289,7 +289,7 @@ class Window:
 
     def _make_panel(self) -> None:
         lines = [*self._lines, *([f"{key}\t{text}" for key, (_, text) in KEYS.items()] if self._help else [])]
-        if self._hint and not lines:
+        if self._hint and not lines and self._menu_of is None:
             lines = [self._hint]
         width_px, height_px = self._painter.size_px()
         scaled = width_px / self._window.size[0]

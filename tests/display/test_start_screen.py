@@ -1,0 +1,45 @@
+"""`lfpipe` alone: on a desktop the demo and recent scenes to choose from, elsewhere the help."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from lfpipe.scene.demo import NAME
+from tests.world import World, write_scene
+from tests.xvfb_screen import Screen, outline
+
+
+def test_without_a_screen_it_is_the_help(world: World) -> None:
+    done = world.run()
+    assert done.returncode == 2 and "Usage: lfpipe" in done.stderr
+
+
+@pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
+def test_scenes_shown_before_are_there_to_choose_from(world: World, screen: Screen) -> None:
+    world.env |= {"DISPLAY": screen.name, "LFPIPE_SESSION": world.name}
+    write_scene(world.root / "cache" / "lfpipe" / "demo" / NAME, 2, 2)  # the real one takes half a minute to make
+    recent = [write_scene(world.root / f"shown before {k}", 2, 2 + k) for k in (1, 2)]
+    kept = world.root / "state" / "lfpipe" / "recent_scenes.json"
+    kept.parent.mkdir(parents=True)
+    kept.write_text(json.dumps([*map(str, recent), str(world.root / "gone")]))
+    process = world.start()
+    world.wait_for(lambda: outline(f"lfpipe: {NAME} (h shows the keys, g tests your glasses)", screen.name), "window")
+    face = world.wait_for(lambda: _skin(screen), "what the camera sees")
+    assert face > 200
+    subprocess.run(["xdotool", "key", "Right", "Right", "Return"], check=True, env=world.env)
+    world.wait_for(lambda: outline("lfpipe: shown before 2", screen.name), "the scene that was chosen")
+    assert json.loads(kept.read_text())[:2] == [str(recent[1]), str(recent[0])]
+    subprocess.run(["xdotool", "key", "q"], check=True, env=world.env)
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 0 and "stands in for a camera: no camera found" in err
+
+
+def _skin(screen: Screen) -> int:
+    """How many pixels of the screen are as red as skin: the scenes of this test are dark."""
+    blue, green, red = np.moveaxis(screen.picture().astype(int), -1, 0)
+    return int(((red > 150) & (red > green + 20) & (green > blue)).sum())
