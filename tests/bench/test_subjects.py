@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 import pytest
 
-from lfpipe.bench import anaglyph, filters, paper_loop, pipeline, plan, stability, synthesis, tracker
+from lfpipe.bench import anaglyph, filters, paper_loop, photon, pipeline, plan, stability, synthesis, tracker
 from lfpipe.bench.eye_path import EyePath
 from lfpipe.bench.inputs import FrameSequence, demo_sequence, read_sequence
 from lfpipe.bench.model import Candidate, Skipped
@@ -80,6 +80,27 @@ def test_filters_know_their_motion() -> None:
     assert rms(raw["error_0ms_30hz"]) == pytest.approx(filters.NOISE_PX * 2**0.5, rel=0.05)  # its own noise, both axes
     assert rms(five["error_0ms_30hz"]) > 20 * rms(raw["error_0ms_30hz"])  # lags
     assert rms(raw["jitter_30hz"]) > 1.5 * rms(five["jitter_30hz"])  # but rests
+
+
+class Late:
+    """Shows the eyes as they were before."""
+
+    def __init__(self, late_ms: int) -> None:
+        self._late_ms = late_ms
+
+    def update(self, t_ns: int, measurement: np.ndarray) -> None:
+        pass
+
+    def predict(self, t_ns: int) -> np.ndarray:
+        return filters.known_motion()[0][max(t_ns // 1_000_000 - self._late_ms, 0)]
+
+
+@pytest.mark.parametrize("late_ms", [0, 25, 60])
+def test_latencies_of_pictures_that_are_late_by_a_known_time(late_ms: int) -> None:
+    pictures = photon.displayed(Late(late_ms), (80,))[0]  # type: ignore[arg-type]
+    refresh_ms = 1e3 / photon.REFRESH_HZ
+    assert np.median(photon.steady_ms(pictures)) == pytest.approx(late_ms, abs=1.5)
+    assert late_ms <= np.mean(photon.onset_ms(pictures)) <= late_ms + refresh_ms + 1
 
 
 def test_synthesis_of_a_wall(tmp_path: Path) -> None:
