@@ -32,7 +32,7 @@ from lfpipe.host.streams import protect
 
 
 class Suggesting(click.Group):
-    """A group that asks "did you mean" for its commands, as click does for options, and lists them in order of use."""
+    """A group that suggests the closest command for an unknown one and lists its commands in order of use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
@@ -54,9 +54,9 @@ class Suggesting(click.Group):
 @click.version_option(__version__, prog_name="lfpipe")
 @click.pass_context
 def cli(context: click.Context) -> int | None:
-    """A light field you look into: a webcam follows your eyes, red/cyan glasses give each its view.
+    """Look into a light field: a webcam follows your eyes, and red/cyan glasses show each eye its own view.
 
-    Start with: lfpipe up --demo. On a desktop, lfpipe alone shows the demo and recent scenes to choose from.
+    Start with: lfpipe up --demo. On a desktop, plain lfpipe offers the demo and recent scenes.
     """
     if context.invoked_subcommand is not None:
         return None
@@ -82,21 +82,21 @@ def completion(shell: str) -> None:
 
 COMMANDS = (  # in order of use, each with its line in the list of commands
     (up, "Show a light field from where your eyes are."),
-    (monitor, "Latency, rate, drops and load of a running session."),
+    (monitor, "Show latency, rate, drops and load of a running session."),
     (ctl, "Query and control a running session."),
     (scene, "Pack, list and inspect light fields."),
     (cameras, "List cameras with formats, sizes and rates."),
     (calibrate, "Measure the camera's focal length and store it."),
     (doctor, "Check this machine."),
-    (models, "Fetch the face networks where mediapipe has no wheel."),
+    (models, "Fetch the face networks if mediapipe has no wheel here."),
     (kiosk, "Run an exhibition that starts with the desktop."),
     (config, "Write, show and check the configuration."),
-    (trace, "Timelines of a running session, for Perfetto."),
+    (trace, "Record timelines of a running session for Perfetto."),
     (record, "Record a camera to a new folder."),
     (replay, "Run a recorded sequence; compare with a reference."),
     (sequence, "Inspect, cut, import and export recordings."),
     (bench, "Measure error against run time."),
-    (sweep, "Replays, quality and benchmarks over a whole corpus."),
+    (sweep, "Run replays, quality and benchmarks over a whole corpus."),
     (completion, "Print the completion script of a shell."),
 )
 for command, line in COMMANDS:
@@ -105,7 +105,7 @@ for command, line in COMMANDS:
 
 
 def _path_bytes(error: UnicodeError) -> tuple[str | bytes, int]:
-    """For what stdout cannot encode: a path as the bytes that it is, anything else escaped."""
+    """Encoding error handler for stdout: writes a path as its original bytes and escapes anything else."""
     try:
         return codecs.lookup_error("surrogateescape")(error)
     except UnicodeError:
@@ -113,7 +113,7 @@ def _path_bytes(error: UnicodeError) -> tuple[str | bytes, int]:
 
 
 def run() -> None:
-    """Runs the command line; a user's mistake gives one message and exit code 2."""
+    """Runs the command line. A user's mistake prints one message and ends with exit code 2."""
     protect("stderr")
     codecs.register_error("path", _path_bytes)
     if isinstance(sys.stdout, io.TextIOWrapper):

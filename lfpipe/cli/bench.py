@@ -13,7 +13,7 @@ NAMES = ("tracker", "filters", "photon", "synthesis", "anaglyph", "pipeline", "s
 
 
 class AllByDefault(click.Group):
-    """A group that runs its command `all` if there are options only, and shows its help if there is nothing at all."""
+    """A group that runs its command `all` when given options only, and shows its help when given nothing."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0].startswith("-") and args[0] not in ("-h", "--help"):
@@ -54,7 +54,7 @@ def _measure(names: tuple[str, ...], given: dict[str, Any]) -> None:
 
 def _command(name: str, names: tuple[str, ...], about: str) -> click.Command:
     @click.option("--scene", multiple=True, type=click.Path(path_type=Path), metavar="SCENE",
-                  help="Light field; repeat it to plan several. Default: the demo's.")  # fmt: skip
+                  help="Light field; repeatable, for the subject plan. Default: the demo's.")  # fmt: skip
     @click.option(
         "--sequence",
         type=click.Path(path_type=Path),
@@ -88,9 +88,9 @@ for _name in NAMES:
 def compare(a: Path, b: Path, subjects: tuple[str, ...], on: tuple[Path, Path] | None, as_json: bool) -> int:
     """Report what B does better or worse than A, beyond noise.
 
-    A and B are two source checkouts of lfpipe, or two folders written by --out. Checkouts are run in turns for up to a minute,
-    until every difference is settled. Of folders only times that differ by more than 10 % are reported. The exit code is 1 if B
-    is worse in any figure.
+    A and B are two source checkouts of lfpipe, or two folders written by --out. Checkouts run in turns for up to a minute,
+    until every difference is decided. For folders, only times that differ by more than 10 % are reported. The exit code is 1 if
+    B is worse in any figure.
     """
     import json
 
@@ -122,7 +122,7 @@ def compare(a: Path, b: Path, subjects: tuple[str, ...], on: tuple[Path, Path] |
 @click.option("--keep", type=click.Choice(["2", "3"]), default="2", show_default=True, help="Views kept per side.")
 @click.option("--crop", type=click.Choice(["central", "top-left"]), default="central", show_default=True,
               help="Which 7x7 views of a larger grid: central (DistgASR) or top-left (LFASR-geo, ELFR).")  # fmt: skip
-@click.option("--border", type=click.IntRange(0, 1000), default=22, show_default=True, metavar="PX", help="Shaved off each side.")
+@click.option("--border", type=click.IntRange(0, 1000), default=22, show_default=True, metavar="PX", help="Crop per side.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("lfpipe-table"), show_default=True, metavar="DIR",
               help="Folder for results; an interrupted run continues there.")  # fmt: skip
 @with_config
@@ -131,8 +131,8 @@ def table(
 ) -> int:
     """Measure every method by the protocol of angular super-resolution, 2x2 -> 7x7 views.
 
-    FOLDER is a light field of any layout. The table shows PSNR and SSIM beside the time and memory of a picture; results that
-    papers have printed are shown beside it, and were not run here. The exit code is 1 if a scene was left out.
+    FOLDER is a light field of any layout. The table shows PSNR, SSIM, and the time and memory per picture. It also quotes results
+    published in papers; those were not run here. The exit code is 1 if a scene was left out.
     """
     from functools import partial
 
@@ -149,7 +149,7 @@ def table(
     settings = load(config_file, sets)
     protocol = Protocol(int(keep), crop, border)
     identity = f"{source_digest()} {sorted(versions().items())}"
-    cv2.setNumThreads(1)  # as in a session, and what the table says
+    cv2.setNumThreads(1)  # as in a session; the table's heading says one thread
     with progress() as bar:
         lines = measure([(path, partial(open_scene, path, settings.scene, bar)) for path in scenes], protocol, identity, out, bar)
     page = write(lines, protocol, out)

@@ -1,4 +1,4 @@
-"""`lfpipe calibrate`: measures the camera's focal length, which true depth rests on."""
+"""`lfpipe calibrate`: measures the camera's focal length, on which true depth depends."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from lfpipe.cli.options import with_camera, with_config
 if TYPE_CHECKING:
     from lfpipe.config import Config
 
-USUAL_DEG = (30, 130)  # of webcams, from those for meetings to wide ones
+USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
 
 
 @click.command()
 @with_camera
 @click.option("--distance", "distance_mm", type=click.FloatRange(100, 5000), default=600.0, show_default=True, metavar="MM",
-              help="From the camera to your eyes, or to the card.")  # fmt: skip
+              help="Distance from the camera to your eyes, or to the card.")  # fmt: skip
 @click.option("--by", type=click.Choice(["eyes", "card", "leaning"]), default="eyes", show_default=True,
-              help="Measure your eyes, or a bank card whose short edges you click, or where the camera stands.")  # fmt: skip
+              help="eyes, card: by your eyes or a bank card. leaning: find the camera's position.")  # fmt: skip
 @click.option(
-    "--latency", is_flag=True, help="Measure the delay of camera and display together, which pictures are predicted by."
+    "--latency", is_flag=True, help="Measure the total delay of camera and display, which prediction uses."
 )
 @click.option("--eyes-mm", type=click.FloatRange(40, 80), metavar="MM", help="Distance between your pupils; 63 is the mean.")
 @with_config
@@ -36,16 +36,16 @@ def calibrate(
     sets: tuple[str, ...],
     config_file: str | None,
 ) -> None:
-    """Measure the camera: its focal length, stored under its name, where it stands, or the delay of the loop.
+    """Measure the camera's focal length (stored under its name), its position, or the delay of the loop.
 
     Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there, flat to the camera) and follow
     the window. Without a screen, the eyes are measured as soon as they are detected.
 
-    --by leaning measures where the camera stands, once its focal length is known: look straight at the middle of the screen,
+    --by leaning measures the camera's position, once its focal length is known: look straight at the middle of the screen,
     with your eyes level with it, and lean slowly in and out.
 
-    --latency measures what camera and display add to the age of a picture: a window flickers for 10 to 20 s while the camera,
-    turned to the screen or seeing it in a hand mirror, watches it.
+    --latency measures what camera and display add to the age of a picture: a window flickers for 10 to 20 s
+    while the camera watches it. Turn the camera to the screen, or show it the screen in a hand mirror.
     """
     import math
 
@@ -73,22 +73,22 @@ def calibrate(
     size_mm = BANK_CARD_MM if by == "card" else eyes_mm or EYES_MM
     focal_px, width_px = round(focal_px_from(size_px, size_mm, distance_mm), 1), config.camera.frame_px[0]
     fov_deg = math.degrees(2 * math.atan(width_px / 2 / focal_px))
-    click.echo(f"{size_mm:g} mm at {distance_mm:g} mm are {size_px:.1f} px")
+    click.echo(f"{size_mm:g} mm at a distance of {distance_mm:g} mm measure {size_px:.1f} px")
     click.echo(f"focal length {focal_px} px, field of view {fov_deg:.1f} degrees")
     if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
         raise UserError(
-            f"{fov_deg:.1f} degrees are not stored: webcams see {USUAL_DEG[0]} to {USUAL_DEG[1]} degrees",
-            f"measure again at {distance_mm:g} mm; for a lens that sees that much, set focal_px = {focal_px}"
+            f"a field of view of {fov_deg:.1f} degrees is not stored: webcams have {USUAL_DEG[0]} to {USUAL_DEG[1]} degrees",
+            f"measure again at {distance_mm:g} mm; if the lens really has this field of view, set focal_px = {focal_px}"
             f" under [camera] in {user_file()}",
         )
     if by == "eyes" and eyes_mm is None:
-        click.echo(f"assuming {EYES_MM:g} mm between your eyes (8 % off at most, for most people)")
+        click.echo(f"assuming {EYES_MM:g} mm between your eyes (for most people at most 8 % off)")
         click.echo("--eyes-mm MM or --by card is more accurate")
     _store(camera_file(), name, {"focal_px": focal_px, "width_px": width_px})
     click.echo(f"stored for {name} in {camera_file()}")
     if load().camera.focal_px != "auto":
         _store(user_file(), "camera", {"focal_px": None})
-        click.echo(f"camera.focal_px removed from {user_file()}: it would replace what was measured")
+        click.echo(f"camera.focal_px removed from {user_file()}: it would override the measured value")
 
 
 def _latency(config: Config, camera: str | None, name: str) -> None:
@@ -101,7 +101,7 @@ def _latency(config: Config, camera: str | None, name: str) -> None:
 
     found, monitor = measure_loop(config, camera)
     loop_ms = round(max(found.delay_ms, 0.0), 1)
-    click.echo(f"camera and display together: {loop_ms} ms (90 %: {found.low_ms:.1f} to {found.high_ms:.1f} ms)")
+    click.echo(f"total delay of camera and display: {loop_ms} ms (90 %: {found.low_ms:.1f} to {found.high_ms:.1f} ms)")
     click.echo(f"exposure {found.exposure_ms:.0f} ms, on monitor {monitor.name} at {monitor.rate_hz:g} Hz")
     here = LoopConditions.of(datetime.date.today().isoformat(), name, config.camera, monitor)
     _store(user_file(), "render", {"loop_ms": loop_ms, "loop_measured": str(here)})

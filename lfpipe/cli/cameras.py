@@ -34,7 +34,7 @@ def cameras(everything: bool, as_json: bool) -> None:
             modes, about["controls"] = camera_list.asking(device.path, lambda opened: _about(opened, everything or as_json))
             about["formats"] = [_every(fourcc, sizes) for fourcc, sizes in modes.items()]
             lines = about["formats"] if everything else _folded(modes)
-            lines = [*(lines or ["reports no formats"]), *about["controls"]]
+            lines = [*(lines or ["formats unknown"]), *about["controls"]]
         except OSError as error:
             about["trouble"] = os.strerror(error.errno or 0)
             lines = [about["trouble"]]
@@ -50,7 +50,7 @@ def cameras(everything: bool, as_json: bool) -> None:
 
 
 def _about(device: V4L2Device, everything: bool) -> tuple[dict[str, list[FrameSizes]], list[str]]:
-    """Pixel formats with their sizes, of those that cannot be decoded only if everything is wanted, and controls."""
+    """Pixel formats with their sizes, and controls. Formats that cannot be decoded are included only if everything is set."""
     from lfpipe.capture.camera_controls import control_states
     from lfpipe.capture.pixel_formats import DECODED
 
@@ -64,7 +64,7 @@ def _every(fourcc: str, sizes: list[FrameSizes]) -> str:
 
 
 def _folded(modes: dict[str, list[FrameSizes]]) -> list[str]:
-    """A line for all formats with equal sizes and rates, with the highest rate per size, and one for those of no use."""
+    """One line per group of formats with equal sizes and rates (highest rate per size), and one for undecodable formats."""
     from lfpipe.capture.pixel_formats import DECODED
 
     groups: dict[str, list[str]] = {}

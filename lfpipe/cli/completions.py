@@ -1,4 +1,4 @@
-"""What the shell offers for the values of options and arguments, once `lfpipe completion SHELL` is in force."""
+"""Shell completions for the values of options and arguments; `lfpipe completion SHELL` enables them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from click.shell_completion import BashComplete, CompletionItem, add_completion_class, split_arg_string
 
-BREAKS = "=:"  # bash completes what stands behind them, as a word of its own
+BREAKS = "=:"  # bash treats the text after one of these as a separate word
 
 
 def _items(words: Iterable[str], incomplete: str) -> list[CompletionItem]:
@@ -17,7 +17,7 @@ def _items(words: Iterable[str], incomplete: str) -> list[CompletionItem]:
 
 
 def _paths(incomplete: str, suffixes: tuple[str, ...] = ()) -> list[str]:
-    """Folders, and files with one of suffixes, or any, that begin with incomplete."""
+    """Folders and files that begin with incomplete; files with one of suffixes only, if any are given."""
     folder, _, start = incomplete.rpartition("/")
     root = Path(f"{folder}/" if folder or incomplete.startswith("/") else ".").expanduser()
     found = []
@@ -36,7 +36,7 @@ def _paths(incomplete: str, suffixes: tuple[str, ...] = ()) -> list[str]:
 
 
 def settings(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """KEY=VALUE: the keys, then the words that the key may be."""
+    """KEY=VALUE: the keys, then the words that a key accepts."""
     from lfpipe.config import choices, options
 
     key, sign, _ = incomplete.partition("=")
@@ -62,20 +62,20 @@ def config_files(_context: click.Context, _parameter: click.Parameter, incomplet
 
 
 def sessions(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """The sessions that run."""
+    """The running sessions."""
     from lfpipe.supervisor.rundir import running
 
     return _items(running(), incomplete)
 
 
 def displays(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Where pictures can go."""
+    """The displays."""
     files = [f"file:{path}" for path in _paths(incomplete.removeprefix("file:"), (".mkv", ".mp4"))]
     return _items(["window", "fullscreen", "none", *(files if incomplete.startswith("file:") else ["file:"])], incomplete)
 
 
 def sources(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Where frames can come from."""
+    """The sources of frames."""
     from lfpipe.capture.camera_list import nodes
 
     if incomplete.startswith("file:"):
@@ -97,7 +97,7 @@ def scenes(_context: click.Context, _parameter: click.Parameter, incomplete: str
 
 
 class WholeWordBash(BashComplete):
-    """Completes words with `=` and `:` in them, at which bash breaks them: it is offered the part behind the last break."""
+    """Completes words that contain `=` or `:`. Bash breaks words there, so it gets only the part after the last break."""
 
     def get_completion_args(self) -> tuple[list[str], str]:
         line = os.environ.get("COMP_LINE", "")[: int(os.environ.get("COMP_POINT", "0") or 0)]
@@ -110,7 +110,7 @@ class WholeWordBash(BashComplete):
         return f"{item.type},{item.value[at:]}"
 
     def source(self) -> str:
-        """Hands over the whole line, and puts no space behind what goes on."""
+        """Passes the whole line on, and appends no space to an unfinished word."""
         given, end = "COMP_CWORD=$COMP_CWORD", "    return 0\n"
         line = f'{given} COMP_LINE="$COMP_LINE" COMP_POINT=$COMP_POINT'
         goes_on = "    [[ ${#COMPREPLY[@]} == 1 && ${COMPREPLY[0]} == *[=:/] ]] && compopt -o nospace\n"

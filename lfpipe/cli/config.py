@@ -1,4 +1,4 @@
-"""`lfpipe config`: the configuration, written, shown and checked."""
+"""`lfpipe config`: writes, shows and checks the configuration."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def init(path: Path | None) -> None:
         with replaced(path, 0o644) as file:
             file.write(commented().encode())
     except OSError as error:
-        raise UserError(f"{path}: {reason(error)}", "a PATH that you may write to") from None
+        raise UserError(f"{path}: {reason(error)}", "name a PATH that you may write to") from None
     click.echo(path)
 
 
@@ -49,7 +49,7 @@ def show(config_file: str | None, sets: tuple[str, ...]) -> None:
 @config.command()
 @click.argument("path", required=False)
 def check(path: str | None) -> None:
-    """Check PATH, or your own settings; names every wrong key."""
+    """Check PATH, or your own settings, and report every wrong key."""
     from lfpipe.config import load, user_file
 
     load(path)

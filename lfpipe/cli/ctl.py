@@ -1,4 +1,4 @@
-"""`lfpipe ctl`: drive a running session."""
+"""`lfpipe ctl`: queries and controls a running session."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ VALUED = ("--session",)
 
 @attrs.frozen
 class Target:
-    """Which session, and how to print its answer."""
+    """The session to talk to, and how to print its answers."""
 
     session_name: str | None
     as_json: bool
 
 
 class Leading(click.Group):
-    """A group whose own options may also stand behind the command: `ctl status --json`."""
+    """A group whose own options may also follow the command: `ctl status --json`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         end = args.index("--") if "--" in args else len(args)
@@ -48,7 +48,7 @@ class Leading(click.Group):
 @click.option("--json", "as_json", is_flag=True, help="Print answers as JSON.")
 @click.pass_context
 def ctl(context: click.Context, session_name: str | None, as_json: bool) -> None:
-    """Query and control a running session; a change shows in the next picture.
+    """Query and control a running session. A change shows in the next picture.
 
     For a session on another machine: ssh HOST lfpipe ctl ...
     """
@@ -81,7 +81,7 @@ def _send(target: Target, message: dict[str, Any], timeout_s: float = 3.0) -> No
 @click.argument("sets", nargs=-1, required=True, metavar="KEY=VALUE...", shell_complete=completions.settings)
 @click.pass_obj
 def set_keys(target: Target, sets: tuple[str, ...]) -> None:
-    """Change keys of the configuration, all or none."""
+    """Change keys of the configuration: all of them, or none if one is refused."""
     from lfpipe.config import parse_set
 
     _send(target, {"cmd": "set", "set": dict(parse_set(text) for text in sets)})
@@ -90,14 +90,14 @@ def set_keys(target: Target, sets: tuple[str, ...]) -> None:
 @ctl.command()
 @click.argument("scene", required=False, type=click.Path(path_type=Path), shell_complete=completions.scenes)
 @click.option("--next", "step", flag_value=1, type=int, help="The next scene of the playlist.")
-@click.option("--previous", "step", flag_value=-1, type=int, help="The scene before it.")
-@click.option("--layout", help="Name of its layout on disk, where it is not found.")
-@click.option("--grid", metavar="ROWSxCOLS", help="Its grid, where the files do not tell it.")
+@click.option("--previous", "step", flag_value=-1, type=int, help="The previous scene of the playlist.")
+@click.option("--layout", help="Its layout on disk, if it is not detected.")
+@click.option("--grid", metavar="ROWSxCOLS", help="Its grid, if the files do not define it.")
 @click.pass_obj
 def load(target: Target, scene: Path | None, step: int | None, layout: str | None, grid: str | None) -> None:
-    """Show another light field. It is packed first, unless it is packed already; the old one stays meanwhile."""
+    """Show another light field. It is packed first if necessary; the old one stays visible meanwhile."""
     if (scene is None) == (step is None):
-        raise click.UsageError("one of SCENE, --next and --previous is needed")
+        raise click.UsageError("give one of SCENE, --next and --previous")
     how = {key: value for key, value in (("layout", layout), ("grid", grid)) if value is not None}
     which = {"step": step} if scene is None else {"scene": str(scene.resolve())}
     _send(target, {"cmd": "load", **which, **how}, LOAD_S)
@@ -124,7 +124,7 @@ def record() -> None:
 
 @record.command()
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--with-eyes", is_flag=True, help="Store the tracked eyes beside the frames.")
+@click.option("--with-eyes", is_flag=True, help="Store the tracked eyes with the frames.")
 @click.pass_obj
 def start(target: Target, out: Path, with_eyes: bool) -> None:
     """Record to the new folder OUT, until `stop` or the end of the session."""
@@ -149,7 +149,7 @@ def share() -> None:
 @click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
 @click.pass_obj
 def start_share(target: Target, targets: tuple[str, ...]) -> None:
-    """Share with each TARGET: opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME], each with ?rate=HZ for predicted eyes."""
+    """Start sharing with each TARGET: opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]. Append ?rate=HZ for predicted eyes."""
     from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 
     _send(target, {"cmd": "share", "start": list(targets)}, FILE_CHECK_TIMEOUT_S)
@@ -159,5 +159,5 @@ def start_share(target: Target, targets: tuple[str, ...]) -> None:
 @click.argument("targets", nargs=-1, metavar="[TARGET]...")
 @click.pass_obj
 def stop_share(target: Target, targets: tuple[str, ...]) -> None:
-    """Share no longer with each TARGET, as `start` printed it; with none at all where no TARGET is given."""
+    """Stop sharing with each TARGET, written as `start` printed it. Without TARGET, stop all sharing."""
     _send(target, {"cmd": "share", "stop": list(targets)})

@@ -7,7 +7,7 @@ import click
 
 @click.command()
 def doctor() -> int:
-    """Check this machine, a line per check, with remedies. Exit code 1 if something would stop `lfpipe up SCENE`."""
+    """Check this machine: one line per check, with remedies. Exit code 1 if `lfpipe up SCENE` would fail."""
     from lfpipe.cli.progress import filled
     from lfpipe.observe.doctor import checks
 

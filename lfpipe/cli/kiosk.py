@@ -20,7 +20,7 @@ StartLimitIntervalSec=0
 ExecStart={command}
 Restart=always
 RestartSec=2
-# The code ends the session in order, with exit code 0: it stays ended.
+# Typing the code ends the session with exit code 0; systemd must not restart it then.
 RestartPreventExitStatus=0
 
 [Install]
@@ -36,11 +36,11 @@ def kiosk() -> None:
 @kiosk.command()
 @click.argument("scenes", nargs=-1, required=True, metavar="SCENE...", type=click.Path(path_type=Path),
                 shell_complete=completions.scenes)  # fmt: skip
-@click.option("--code", required=True, metavar="CODE", help="What ends the session, typed on its keyboard.")
-@click.option("--user", is_flag=True, required=True, help="For this user, whose desktop it is.")
+@click.option("--code", required=True, metavar="CODE", help="Typing CODE on its keyboard ends the session.")
+@click.option("--user", is_flag=True, required=True, help="Install the unit for this user's desktop.")
 @click.option("--visits", type=click.Path(path_type=Path), metavar="FILE", help="Count visitors by the hour, as CSV.")
 def install(scenes: tuple[Path, ...], code: str, user: bool, visits: Path | None) -> None:
-    """Write a systemd unit that shows SCENE in full screen when this user's desktop starts, and again whatever ends it."""
+    """Write a systemd unit that shows SCENE in full screen when this user's desktop starts, and restarts it after any failure."""
     import platformdirs
 
     from lfpipe.config.session_options import check_code
@@ -49,7 +49,7 @@ def install(scenes: tuple[Path, ...], code: str, user: bool, visits: Path | None
 
     check_code(code)
     if missing := [str(path) for path in scenes if not path.exists()]:
-        raise UserError(f"{', '.join(missing)}: not found", "light fields, or a folder of them")
+        raise UserError(f"{', '.join(missing)}: not found", "name light fields, or a folder of them")
     words = [sys.executable, "-m", "lfpipe", "up", "--session", "kiosk", "--kiosk", code]
     words += ["--visits", str(visits.resolve())] if visits else []
     words += [str(path.resolve()) for path in scenes]
@@ -59,12 +59,12 @@ def install(scenes: tuple[Path, ...], code: str, user: bool, visits: Path | None
         with replaced(path, 0o600) as file:  # it holds the code
             file.write(UNIT.format(command=" ".join(map(_quoted, words))).encode(errors="surrogateescape"))
     except OSError as error:
-        raise UserError(f"{path}: {reason(error)}", "a settings folder that you may write to") from None
+        raise UserError(f"{path}: {reason(error)}", "make that folder writable") from None
     click.echo(path)
     click.echo("start it, now and with every desktop: systemctl --user enable --now lfpipe-kiosk", err=True)
 
 
 def _quoted(word: str) -> str:
-    """word as systemd reads it: quoted, with nothing expanded."""
+    """Quotes word for a systemd unit, so that systemd expands nothing in it."""
     escaped = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
     return f'"{escaped}"'

@@ -1,4 +1,4 @@
-"""`lfpipe up`, from its arguments to a running session: everything is checked before the first process starts."""
+"""`lfpipe up`, from its arguments to a running session. All checks run before the first process starts."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class UpArguments:
 
 @attrs.frozen
 class SessionPlan:
-    """A session that can start. files: what it will write, to be listed at its end; video: the one that grows with every picture.
+    """A session that can start. files: its outputs, listed at its end; video: the output that grows with every picture.
     hold: keeps the pack in the cache."""
 
     config: Config
@@ -66,7 +66,7 @@ def say(text: str) -> None:
 def up(arguments: UpArguments) -> int:
     """Runs a session; returns the exit code. Raises UserError before any process starts.
 
-    An exhibition that fails once it has run starts again, until it can: nobody is there to do it.
+    An exhibition that fails after it has run restarts until it succeeds: it has no operator.
     """
     from lfpipe.cli.exhibition import until_it_ends
 
@@ -79,12 +79,12 @@ def up(arguments: UpArguments) -> int:
 
 def _planned(session: Session, arguments: UpArguments) -> SessionPlan:
     if session.name in rundir.running():
-        rundir.release(session, rundir.acquire(session))  # raises the error that says what to do
+        rundir.release(session, rundir.acquire(session))  # raises the error with the remedy
     return prepare(arguments)
 
 
 def _run(session: Session, plan: SessionPlan) -> int:
-    """One session; returns the exit code. Raises UserError where the user can fix what ended it."""
+    """Runs one session; returns the exit code. Raises UserError if the user can fix what ended it."""
     from lfpipe.cli.progress import growing_file
     from lfpipe.observe.latency_table import latency_table
     from lfpipe.supervisor.supervisor import Supervisor
@@ -101,7 +101,7 @@ def _run(session: Session, plan: SessionPlan) -> int:
 
 
 def exit_code(outcome: Outcome) -> int:
-    """0, or 1 after printing what failed. Raises UserError where the user can fix it."""
+    """Returns 0, or 1 after printing what failed. Raises UserError if the user can fix it."""
     if outcome.failure is None:
         return 0
     if outcome.user_error:
@@ -111,7 +111,7 @@ def exit_code(outcome: Outcome) -> int:
 
 
 def prepare(arguments: UpArguments) -> SessionPlan:
-    """See `_prepare_pictures`; without a picture it is the camera and the targets alone. Raises UserError."""
+    """See `_prepare_pictures`; without a picture only camera and targets are prepared. Raises UserError."""
     return _prepare_tracking(arguments) if arguments.no_picture else _prepare_pictures(arguments)
 
 
@@ -164,7 +164,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         except OSError as error:
             remedy = "run the demo in a directory that you may write to, or with --display none"
             raise UserError(f"{out}/: {error.strerror}", remedy) from None
-        say(f"no screen here: the demo runs {arguments.duration_s or DEMO_S:g} s into {out}/")
+        say(f"no screen here: the demo runs for {arguments.duration_s or DEMO_S:g} s and writes to {out}/")
     scenes = playlist(arguments.scenes, config.scene) if arguments.scenes else []
     arguments = attrs.evolve(arguments, scene=scenes[0] if scenes else arguments.scene, scenes=tuple(scenes))
     camera, share = _checked(arguments, config, display)
@@ -208,11 +208,11 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
 
 
 def _with_engine(config: Config) -> Config:
-    """config with an engine that this machine has; its networks are fetched where they are missing. Raises UserError."""
+    """Returns config with an engine that this machine has. Fetches its networks if they are missing. Raises UserError."""
     from lfpipe.track import models
 
     if config.track.engine == "mediapipe" and models.package_folder() is None:
-        say("engine  mediapipe is not installed here: track.engine is litert, the same landmark network without its graph")
+        say("engine  mediapipe is not installed here: using track.engine=litert, which runs the same landmark network")
         config = attrs.evolve(config, track=attrs.evolve(config.track, engine="litert"))
     if config.track.engine == "litert" and models.missing_models():
         models.fetch_models(say)
@@ -242,7 +242,7 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[Chec
         rows, cols = attempt(lambda: _grid(scene, config)) or (0, 0)
         single = rows * cols == 1 and len(arguments.scenes) < 2
     elif not arguments.demo and not arguments.no_picture:
-        errors.append(UserError("no SCENE given", "a folder of views, or --demo for the built-in scene"))
+        errors.append(UserError("no SCENE given", "name a folder of views, or use --demo for the built-in scene"))
     found = CheckedSource("", 0.0) if single else attempt(lambda: check_source(_once(camera, display), config.camera))
     attempt(lambda: check_display(display, str(config.screen.monitor)))
     share = attempt(lambda: check_targets(arguments.share))
@@ -261,7 +261,7 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[Chec
 
 
 def _once(camera: str, display: str) -> str:
-    """The source; a file that is not told to loop ends, and the session with it, where the pictures go to a file, too."""
+    """The source. If pictures go to a file, a source file without ?loop= plays once and then ends the session."""
     from lfpipe.capture.spec import FileSpec, parse_source
 
     if not display.startswith("file:") or not camera or not isinstance(parse_source(camera), FileSpec) or "loop=" in camera:
@@ -270,7 +270,7 @@ def _once(camera: str, display: str) -> str:
 
 
 def _with_measured_focal(config: Config, camera: CheckedSource) -> Config:
-    """config with the focal length that `lfpipe calibrate` measured of this camera."""
+    """Returns config with the focal length that `lfpipe calibrate` measured for this camera."""
     from lfpipe.capture.open_source import camera_name
     from lfpipe.config.camera_file import with_measured_focal
 
@@ -278,7 +278,7 @@ def _with_measured_focal(config: Config, camera: CheckedSource) -> Config:
 
 
 def _grid(scene: Path, config: Config) -> tuple[int, int]:
-    """Rows and columns of the scene, from its pack where there is one."""
+    """Rows and columns of the scene, from its pack if it has one."""
     from lfpipe.scene.cache import find_pack
     from lfpipe.scene.manifest import DamagedPackError, read_manifest
 
@@ -293,4 +293,4 @@ def _grid(scene: Path, config: Config) -> tuple[int, int]:
 
 
 if sys.platform != "linux":  # FIFOs, PDEATHSIG, posix_fallocate, V4L2
-    raise UserError(f"lfpipe runs on Linux, this is {sys.platform}", "a Linux machine or virtual machine")
+    raise UserError(f"lfpipe runs on Linux, this is {sys.platform}", "use a Linux machine or virtual machine")

@@ -9,15 +9,15 @@ import click
 
 @click.group()
 def models() -> None:
-    """The face networks that tracking needs."""
+    """Manage the face networks that tracking needs."""
 
 
 @models.command()
-@click.option("--from", "wheel", type=click.Path(path_type=Path), metavar="WHEEL", help="Take them out of this file: no network.")
+@click.option("--from", "wheel", type=click.Path(path_type=Path), metavar="WHEEL", help="Take them from this file; no network.")
 def get(wheel: Path | None) -> None:
-    """Fetch the face networks where the package mediapipe does not bring them, with uv or pip.
+    """Fetch the face networks with uv or pip if the package mediapipe is not installed.
 
-    Their contents are checked. They are kept in your data folder; the first `lfpipe up` does the same.
+    Their checksums are verified, and they are kept in your data folder. The first `lfpipe up` does the same.
     """
     from lfpipe.track.models import SHA256, fetch_models, find_model, install_models, missing_models
 

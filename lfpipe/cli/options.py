@@ -43,7 +43,7 @@ def with_session(command: F) -> F:
 
 
 def with_camera(command: F) -> F:
-    """--camera, for commands beside `up`."""
+    """--camera, for commands other than `up`."""
     return click.option(
         "--camera", metavar="SRC", shell_complete=completions.sources, help="As for `lfpipe up`.  [default: the first camera]"
     )(command)

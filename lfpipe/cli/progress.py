@@ -1,4 +1,4 @@
-"""Output for people: lines that fit the terminal, and a progress bar on stderr, silent where nobody watches."""
+"""Output for people: lines that fit the terminal, and a progress bar on stderr (silent unless stderr is a terminal)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
 
 
 def filled(text: str, head: str) -> str:
-    """head and text, broken between words to the terminal's width, 80 columns without one; a word stays whole, to be copied."""
+    """head and text, wrapped to the terminal's width, or 80 columns without a terminal. Words stay whole, for copying."""
     width = max(shutil.get_terminal_size((80, 24)).columns, len(head) + 20)
     return textwrap.fill(
         text, width, initial_indent=head, subsequent_indent=" " * len(head), break_long_words=False, break_on_hyphens=False
@@ -24,7 +24,7 @@ def filled(text: str, head: str) -> str:
 
 @contextmanager
 def progress() -> Iterator[Progress]:
-    """A callback that draws one bar per kind of work."""
+    """Yields a callback that draws one bar per task."""
     from rich.console import Console
     from rich.progress import Progress as Bars
 
@@ -41,7 +41,7 @@ def progress() -> Iterator[Progress]:
 
 @contextmanager
 def growing_file(path: Path | None) -> Iterator[None]:
-    """Shows on a terminal how large the file at path is, and since when it grows."""
+    """Shows on a terminal the size of the file at path and the time elapsed."""
     if path is None or not sys.stderr.isatty():
         yield
         return

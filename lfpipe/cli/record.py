@@ -14,7 +14,7 @@ from lfpipe.cli.options import with_camera, with_config
 @click.argument("out", type=click.Path(path_type=Path))
 @with_camera
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S seconds.")
-@click.option("--with-eyes", is_flag=True, help="Track the eyes and store them beside the frames.")
+@click.option("--with-eyes", is_flag=True, help="Track the eyes and store them with the frames.")
 @with_config
 def record(
     out: Path, camera: str | None, duration_s: float | None, with_eyes: bool, sets: tuple[str, ...], config_file: str | None

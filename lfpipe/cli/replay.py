@@ -1,4 +1,4 @@
-"""`lfpipe replay`: a recorded sequence through the real stages, and the comparison with a reference."""
+"""`lfpipe replay`: runs a recorded sequence through the real stages and compares the results with a reference."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ PACES = ("step", "max", "recorded")
 
 
 def say(text: str) -> None:
-    """A line for the person, on stderr: stdout is for results."""
+    """Prints a line for people on stderr: stdout is for results."""
     click.echo(text, err=True)
 
 
 class JUnitCommand(click.Command):
-    """A command whose --junit file says failure or error whenever the exit code is not 0, whichever way it comes to that."""
+    """A command whose --junit file reports a failure or an error whenever the exit code is not 0."""
 
     def make_context(self, info_name: str | None, args: list[str], *more: Any, **extra: Any) -> click.Context:
-        words = list(args)  # which are used up
+        words = list(args)  # parsing consumes the list
         try:
             return super().make_context(info_name, args, *more, **extra)
         except click.ClickException as error:
@@ -45,7 +45,7 @@ class JUnitCommand(click.Command):
         from lfpipe.replay.run import ReplayFailed
 
         junit, name, began = ctx.params["junit"], ctx.params["path"].name, time.monotonic()
-        _write(junit, name, "it did not come to its end")  # now, and not after the run, which may be killed
+        _write(junit, name, "it did not finish")  # before the run, because the run may be killed
         try:
             return super().invoke(ctx)
         except BaseException as error:
@@ -59,7 +59,7 @@ class JUnitCommand(click.Command):
 
 
 def _junit_of(words: list[str]) -> Path | None:
-    """What --junit is where the rest makes no sense."""
+    """The value of --junit, even if the other arguments are invalid."""
     for word, following in itertools.zip_longest(words, words[1:], fillvalue=""):
         if word == "--junit" or word.startswith("--junit="):
             found = following if word == "--junit" else word.partition("=")[2]
@@ -76,14 +76,14 @@ def _write(junit: Path | None, name: str, error: str, seconds: float = 0.0) -> N
 
 @click.command(cls=JUnitCommand)
 @click.argument("path", type=PATH, metavar="SEQ")
-@click.option("--scene", type=PATH, metavar="S", help="The light field; the demo's without it.")
-@click.option("--pace", default="step", show_default=True, metavar="step|max|recorded|HZ", help="How frames follow each other.",
+@click.option("--scene", type=PATH, metavar="S", help="The light field.  [default: the demo's]")
+@click.option("--pace", default="step", show_default=True, metavar="step|max|recorded|HZ", help="When frames are played.",
               shell_complete=lambda *_: [CompletionItem(pace) for pace in PACES])  # fmt: skip
-@click.option("--out", type=PATH, metavar="DIR", help="Where report.json, trace.jsonl and pictures go.")
-@click.option("--expect", type=PATH, metavar="REF", help="Compare with this folder, which --out or --update wrote.")
+@click.option("--out", type=PATH, metavar="DIR", help="Folder for report.json, trace.jsonl and pictures.")
+@click.option("--expect", type=PATH, metavar="REF", help="Compare with this folder, written by --out or --update.")
 @click.option("--update", is_flag=True, help="Write the reference of --expect instead of comparing with it.")
-@click.option("--budget", "budget_file", type=PATH, metavar="FILE", help="Fail where a figure leaves its budget.")
-@click.option("--junit", type=PATH, metavar="FILE", help="The outcome as JUnit XML.")
+@click.option("--budget", "budget_file", type=PATH, metavar="FILE", help="Fail if a figure exceeds its budget.")
+@click.option("--junit", type=PATH, metavar="FILE", help="Write the outcome as JUnit XML.")
 @with_config
 def replay(
     path: Path,
@@ -110,7 +110,7 @@ def replay(
     _check(pace, out, expect, update)
     sequence = open_sequence(path)
     if not sequence.complete:
-        say(f"{path} was cut off while it was recorded: {len(sequence.packets)} whole frames are replayed")
+        say(f"{path} was cut off during recording: replaying its {len(sequence.packets)} whole frames")
     config = run.replay_config(sequence, config_file, sets)
     budgets = read_budgets(budget_file) if budget_file else None
     if expect is not None:
@@ -141,15 +141,15 @@ def replay(
         click.echo(f"over budget: {line}")
     against = expect is not None and not update
     if against and not compared.differences:
-        click.echo(f"as in {expect}")
-    sys.stdout.flush()  # a reader that went away is a failure, too
+        click.echo(f"matches {expect}")
+    sys.stdout.flush()  # detects a closed pipe here, while it still counts as a failure
     if junit is not None:
         write_junit(junit, path.name, cases_of(against, compared.differences, over), "", time.monotonic() - began)
     return 1 if compared.differences or over else 0
 
 
 def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> None:
-    """What of the options does not go together."""
+    """Raises UserError for options that exclude each other."""
     from lfpipe.capture.spec import parse_source
     from lfpipe.replay.report import STEADY
 
@@ -162,11 +162,11 @@ def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> No
             remedy = "step is the fastest that gives the same results every time; max plays without waiting, 30 plays at 30 Hz"
             raise UserError(f"--pace {pace}: not {', '.join(PACES)} or a rate in Hz{hint}", remedy) from None
     if update and expect is None:
-        raise UserError("--update: which reference?", "name it with --expect REF")
+        raise UserError("--update needs a reference", "name it with --expect REF")
     if expect is not None and out is not None and os.path.realpath(expect) == os.path.realpath(out):
-        raise UserError(f"--out and --expect are both {out}", "two folders; --update writes the reference")
+        raise UserError(f"--out and --expect are both {out}", "use two folders; --update writes the reference")
     if expect is not None and pace not in STEADY:
-        raise UserError(f"--expect with --pace {pace}: results then depend on the clock", "compare with --pace step or max")
+        raise UserError(f"--expect with --pace {pace}: results depend on the clock", "compare with --pace step or max")
 
 
 @contextlib.contextmanager
@@ -177,19 +177,19 @@ def _folder(out: Path | None) -> Iterator[Path]:
     try:
         made = tempfile.TemporaryDirectory(prefix="lfpipe-replay-", ignore_cleanup_errors=True)
     except OSError as error:
-        raise UserError(f"{tempfile.gettempdir()}: {error.strerror}", "a folder for the results: --out DIR") from None
+        raise UserError(f"{tempfile.gettempdir()}: {error.strerror}", "name a folder for the results: --out DIR") from None
     with made as folder:
         yield Path(folder)
 
 
 def _keep_difference(folder: Path) -> None:
-    """Without --out the pictures that show a difference go to the current directory."""
+    """Without --out, saves the pictures that show a difference in the current directory."""
     if (folder / "difference").is_dir():
         try:
             shutil.copytree(folder / "difference", Path("difference"), dirs_exist_ok=True)
             say("pictures of the difference are in difference/")
         except OSError as error:
-            say(f"pictures of the difference cannot be kept in difference/: {error.strerror or 'no room'}; --out keeps them")
+            say(f"pictures of the difference cannot be saved in difference/: {error.strerror or 'disk full'}; use --out DIR")
 
 
 def _summary(report: dict[str, Any]) -> None:
@@ -200,7 +200,7 @@ def _summary(report: dict[str, Any]) -> None:
     click.echo(f"{report['rate_hz']:.1f} frames/s, {dropped} dropped, read to shown p50 {latency.get('p50_ms', 0):.2f} ms")
     for name, error in (report["truth_error"] or {}).items():
         if error:
-            click.echo(f"eyes {name}: {error['rms_px']:.2f} px rms from the truth, {error['max_px']:.2f} at most")
+            click.echo(f"eyes {name}: {error['rms_px']:.2f} px rms error, {error['max_px']:.2f} px at most")
     for name, digest in (report["digests"] or {}).items():
         click.echo(f"{name:<8} {digest}")
     sys.stdout.flush()

@@ -66,7 +66,7 @@ def list_packs(config_file: str | None, sets: tuple[str, ...], as_json: bool) ->
 @click.option("--all", "everything", is_flag=True, help="Remove every pack.")
 @with_config
 def clean(keys: tuple[str, ...], everything: bool, config_file: str | None, sets: tuple[str, ...]) -> None:
-    """Remove packs by key or name; without any, only what killed runs left. A pack that a session shows stays."""
+    """Remove packs by key or name. Without KEY, remove only leftovers of killed runs. Packs that a session shows are kept."""
     from lfpipe.config import load
     from lfpipe.errors import UserError
     from lfpipe.scene.cache import packs, remove, sweep
@@ -89,7 +89,7 @@ def clean(keys: tuple[str, ...], everything: bool, config_file: str | None, sets
 @SCENE
 @with_scene_options
 def check(path: Path, **options: Any) -> None:
-    """Read the pack of SCENE whole and compare it with its checksums. SCENE may be the folder of a pack, too."""
+    """Read the whole pack of SCENE and verify its checksums. SCENE may also be the folder of a pack."""
     from lfpipe.errors import UserError
     from lfpipe.scene.cache import find_pack
     from lfpipe.scene.manifest import NAME
@@ -97,8 +97,8 @@ def check(path: Path, **options: Any) -> None:
 
     pack = path if (path / NAME).is_file() else find_pack(path, scene_config(options).scene)
     if pack is None:
-        raise UserError(f"{path}: is not packed", "`lfpipe scene pack` packs it")
-    click.echo(f"whole: {check_pack(pack) / 1e6:.1f} MB in {pack}")
+        raise UserError(f"{path}: not packed", "`lfpipe scene pack` packs it")
+    click.echo(f"intact: {check_pack(pack) / 1e6:.1f} MB in {pack}")
 
 
 @scene.command()
@@ -106,7 +106,7 @@ def check(path: Path, **options: Any) -> None:
 @with_scene_options
 @JSON
 def plan(path: Path, as_json: bool, **options: Any) -> None:
-    """Show what SCENE does not need, why, and what leaving it out saves."""
+    """Show which work SCENE does not need, why, and what leaving it out saves."""
     import json
 
     import attrs
@@ -133,7 +133,7 @@ def plan(path: Path, as_json: bool, **options: Any) -> None:
 @with_scene_options
 @JSON
 def info(path: Path, as_json: bool, **options: Any) -> None:
-    """Show what SCENE is: layout, grid, order of its views, disparity, geometry."""
+    """Show SCENE's layout, grid, order of views, disparity and geometry."""
     import json
 
     from lfpipe.cli.progress import filled
@@ -151,10 +151,10 @@ def info(path: Path, as_json: bool, **options: Any) -> None:
 @click.option("--col", type=float, required=True, help="Column of the view, 0 at the left; fractions allowed.")
 @click.option("--frame", type=click.IntRange(0), default=0, show_default=True, help="Frame of a light-field video.")
 @click.option("--method", type=click.Choice(["auto", "nearest", "blend", "warp", "warp2"]), default="auto", show_default=True)
-@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="Where to write the picture.")
+@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="File for the picture.")
 @with_scene_options
 def view(path: Path, row: float, col: float, frame: int, method: str, out: Path, **options: Any) -> None:
-    """Write the picture that a camera at ROW, COL of the grid sees."""
+    """Write the picture that a camera at ROW, COL of the grid would see."""
     from lfpipe.config.quality import WARPS
     from lfpipe.errors import UserError
     from lfpipe.render.single_view import render_view
@@ -164,18 +164,19 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
     field = opened(path, config)
     require_view_index(field, row, col)
     if frame >= field.frames:
-        raise UserError(f"--frame {frame}: the scene has {field.frames} frames", f"--frame 0 to {field.frames - 1}")
+        raise UserError(f"--frame {frame}: the scene has {field.frames} frames", f"use --frame 0 to {field.frames - 1}")
     if method in WARPS and field.disparity is None:
-        raise UserError(f"--method {method}: {field.name} has no disparity", "--method nearest or blend")
+        raise UserError(f"--method {method}: {field.name} has no disparity", "use --method nearest or blend")
     write_picture(out, render_view(field, row, col, method, frame)[..., ::-1])
 
 
 @scene.command()
 @SCENE
-@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="Where to write the picture.")
+@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="File for the picture.")
 @with_scene_options
 def sheet(path: Path, out: Path, **options: Any) -> None:
-    """Write a contact sheet of all views, epipolar slices, and depth: near in red, far in blue; both readings where undecided."""
+    """Write a contact sheet of all views, epipolar slices, and depth: near in red, far in blue. If the order is undecided,
+    show depth for both orders."""
     from lfpipe.scene.contact_sheet import contact_sheet
 
     write_picture(out, contact_sheet(opened(path, scene_config(options))))
@@ -184,15 +185,15 @@ def sheet(path: Path, out: Path, **options: Any) -> None:
 @scene.command()
 @SCENE
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--as", "form", type=click.Choice(["quilt", "pair", "wiggle", "sweep"]), required=True, help="What OUT will be.")
-@click.option("--tiles", default="8x6", show_default=True, metavar="COLSxROWS", help="Of a quilt.")
-@click.option("--apart", type=float, metavar="VIEWS", help="Between the eyes of a pair or wiggle.  [default: comfortable]")
-@click.option("--seconds", type=click.FloatRange(0.1, 600), metavar="S", help="Of a wiggle or sweep.  [default: 0.8 and 6]")
+@click.option("--as", "form", type=click.Choice(["quilt", "pair", "wiggle", "sweep"]), required=True, help="Format of OUT.")
+@click.option("--tiles", default="8x6", show_default=True, metavar="COLSxROWS", help="Tiles of a quilt.")
+@click.option("--apart", type=float, metavar="VIEWS", help="Views between the eyes of a pair or wiggle.  [default: comfortable]")
+@click.option("--seconds", type=click.FloatRange(0.1, 600), metavar="S", help="Length of a wiggle or sweep. [default: 0.8 and 6]")
 @with_scene_options
 def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, seconds: float | None, **options: Any) -> None:
     """Write SCENE for other programs: a quilt for Looking Glass displays, a side-by-side pair, a wiggle (.mp4, .gif), or a sweep.
 
-    A quilt's name gets the tiles, _qs8x6a1.00. MP4 needs lfpipe[media].
+    The tiles are appended to a quilt's name: _qs8x6a1.00. MP4 needs lfpipe[media].
     """
     from lfpipe.export.clip import check_clip, write_clip
     from lfpipe.export.scene_pictures import RATE_HZ, SWEEP_S, WIGGLE_S, SceneExport, parse_tiles, quilt_name
@@ -216,10 +217,10 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
 
 @scene.command()
 @click.argument("path", metavar="CLIP", type=click.Path(path_type=Path))
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="New folder for the views; default: CLIP-views beside CLIP.")
+@click.option("-o", "--out", type=click.Path(path_type=Path), help="New folder for the views.  [default: CLIP-views beside CLIP]")
 @with_scene_options
 def make(path: Path, out: Path | None, **options: Any) -> None:
-    """Make a light field of one row from CLIP: a video, or a folder of pictures, of a camera that was slid sideways."""
+    """Make a light field of one row from CLIP, a video or a folder of pictures taken while sliding the camera sideways."""
     from lfpipe.cli.progress import progress
     from lfpipe.scene.slide import make_slide
 
@@ -227,7 +228,7 @@ def make(path: Path, out: Path | None, **options: Any) -> None:
     with progress() as bar:
         made = make_slide(path, out or path.with_name(f"{path.stem}-views"), bar)
     click.echo(f"{made.views} views of {made.width_px}x{made.height_px} px, chosen from {made.frames} pictures")
-    click.echo(f"  parallax    {made.spread_px:.0f} px between the outermost views, {made.residual_px:.2f} px up and down (95 %)")
+    click.echo(f"  parallax    {made.spread_px:.0f} px between outermost views, {made.residual_px:.2f} px vertical error (95 %)")
     click.echo(f"  direction   {made.order} ({made.order_sure:.0%} sure; `lfpipe scene sheet` shows near and far)")
     opened(made.folder, config)
     click.echo(made.folder)

@@ -1,4 +1,4 @@
-"""Opens the scene of a command; packs it first where necessary, with a progress bar."""
+"""Opens the scene of a command. Packs it first if necessary, with a progress bar."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from lfpipe.scene.pack import open_scene
 
 
 def open_with_progress(scene: Path | None, settings: config.Scene) -> LightField:
-    """The light field at scene; the demo without one. Raises UserError."""
+    """The light field at scene, or the demo. Raises UserError."""
     with progress() as bar:
         found = scene or demo_scene(cache_dir(settings), bar)
         return open_scene(found, settings, bar, _choose)
 
 
 def _choose(field: LightField) -> tuple[str, dict[str, Any]]:
-    from lfpipe.render.scoring import choose_method  # only a scene that is packed now needs it
+    from lfpipe.render.scoring import choose_method  # slow import, needed only if the scene is packed now
 
     return choose_method(field)

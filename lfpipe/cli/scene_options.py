@@ -1,4 +1,4 @@
-"""What the commands of `lfpipe scene` share: their options, the configuration, an opened scene, a written picture."""
+"""Options and helpers of the commands of `lfpipe scene`."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def with_scene_options(command: F) -> F:
     """--layout, --grid, --flip, --transpose, --gamma, --config, --set."""
     options = [
         click.option("--layout", metavar="NAME", help="Layout on disk; detected by default."),
-        click.option("--grid", metavar="ROWSxCOLS", help="Grid of views in file order, where the files do not define it."),
+        click.option("--grid", metavar="ROWSxCOLS", help="Grid of views in file order, if the files do not define it."),
         click.option("--flip", type=click.Choice(["none", "rows", "cols", "both"]), help="Reverse rows or columns of the grid."),
         click.option("--transpose/--no-transpose", default=None, help="Exchange rows and columns of the grid, before any flip."),
         click.option("--gamma", metavar="G", help="Convert linear light to screen values, out = in ** (1/G); 1 for none."),
-        click.option("--force", is_flag=True, help="Open pictures that do not fit together as a light field."),
+        click.option("--force", is_flag=True, help="Open pictures even if they do not look like one light field."),
         with_config,
     ]
     for option in reversed(options):
@@ -55,7 +55,7 @@ def scene_config(options: dict[str, Any]) -> Config:
 
 
 def opened(path: Path, config: Config) -> LightField:
-    """The scene, packed with a progress bar first where necessary. Raises UserError."""
+    """Opens the scene; packs it first if necessary, with a progress bar. Raises UserError."""
     from lfpipe.cli.scene_opening import open_with_progress
 
     return open_with_progress(path, config.scene)
@@ -74,5 +74,5 @@ def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
             file.write(data.tobytes())
     except (cv2.error, OSError) as error:
         why = f": {reason(error)}" if isinstance(error, OSError) else ""
-        raise UserError(f"{path}: cannot be written{why}", "a PNG in a folder that exists and that you may write to") from None
+        raise UserError(f"{path}: cannot be written{why}", "name a .png in an existing folder that you may write to") from None
     click.echo(path)

@@ -1,4 +1,4 @@
-"""`lfpipe sequence`: look at recorded sequences, cut them, turn videos into them and them into videos."""
+"""`lfpipe sequence`: inspects, cuts, imports and exports recorded sequences."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import click
 
 from lfpipe.errors import UserError, plain
 
-MOST_WRONG = 5  # parts of one sequence that are named
+MOST_WRONG = 5  # damaged parts listed per sequence, at most
 PATH = click.Path(path_type=Path)
 
 
 @click.group()
 def sequence() -> None:
-    """Look at recorded sequences, cut, import and export them."""
+    """Inspect, cut, import and export recorded sequences."""
 
 
 def _each(paths: tuple[Path, ...], look: Callable[[Path], None]) -> int:
-    """Looks at all of paths, whatever is wrong with one of them; the exit code."""
+    """Runs look on each path, even after an error; returns the exit code."""
     wrong = []
     for path in paths:
         try:
@@ -38,7 +38,7 @@ def _each(paths: tuple[Path, ...], look: Callable[[Path], None]) -> int:
 
 @sequence.command()
 @click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, required=True)
-@click.option("--json", "as_json", is_flag=True, help="As JSON, a line for each.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line.")
 def info(paths: tuple[Path, ...], as_json: bool) -> int:
     """Show what each SEQ holds."""
     return _each(paths, lambda path: _info(path, as_json))
@@ -72,15 +72,15 @@ def _info(path: Path, as_json: bool) -> None:
     source, created = (plain(str(about[name]), 200) for name in ("source", "created"))
     click.echo(f"  {about['bytes'] / 1e6:.1f} MB as {', '.join(about['codecs'])}, from {source}, {created}")
     beside = [name for name in ("eyes", "truth") if about[name]]
-    click.echo(f"  beside the frames: {', '.join(beside) or 'nothing'}")
+    click.echo(f"  stored with the frames: {', '.join(beside) or 'nothing'}")
     if not found.complete:
-        click.echo("  cut off while it was recorded: it ends with the last whole frame")
+        click.echo("  cut off during recording: it ends with the last whole frame")
 
 
 @sequence.command()
 @click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, required=True)
 def check(paths: tuple[Path, ...]) -> int:
-    """Read all of each SEQ: every checksum, every frame, every stamp, every line beside them."""
+    """Read all of each SEQ and check every checksum, frame, stamp and line stored with them."""
     return _each(paths, _check)
 
 
@@ -101,7 +101,7 @@ def _check(path: Path) -> None:
     if wrong:
         more = [f"and {len(wrong) - MOST_WRONG} more"] * (len(wrong) > MOST_WRONG)
         raise UserError("\n  ".join([error.message for error in wrong[:MOST_WRONG]] + more), wrong[0].remedy)
-    state = "complete" if found.complete else "cut off while it was recorded, readable to its last whole frame"
+    state = "complete" if found.complete else "cut off during recording, readable to its last whole frame"
     click.echo(f"{path}: {len(found.packets)} frames, all readable; {state}")
 
 
@@ -109,9 +109,9 @@ def _check(path: Path) -> None:
 @click.argument("path", type=PATH, metavar="SEQ")
 @click.argument("out", type=PATH)
 @click.option("--from", "begin_s", type=click.FloatRange(min=0), default=0.0, metavar="S", help="Seconds after the first frame.")
-@click.option("--to", "end_s", type=click.FloatRange(min=0), default=float("inf"), metavar="S", help="Up to, not including.")
+@click.option("--to", "end_s", type=click.FloatRange(min=0), default=float("inf"), metavar="S", help="Exclusive end, in seconds.")
 def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
-    """Copy a part of SEQ to the new sequence OUT; its frames stay byte for byte what they are."""
+    """Copy a part of SEQ to the new sequence OUT. Frames are copied byte for byte."""
     from lfpipe.sequence import edit
     from lfpipe.sequence.folder import open_sequence
 
@@ -121,15 +121,14 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
 @sequence.command("import")
 @click.argument("video", type=PATH)
 @click.argument("out", type=PATH)
-@click.option("--truth", type=PATH, metavar="CSV", help="Where the eyes really are, as tools/make_sequence.py writes it.")
+@click.option("--truth", type=PATH, metavar="CSV", help="True eye positions, as tools/make_sequence.py writes them.")
 def import_(video: Path, out: Path, truth: Path | None) -> None:
-    """Make the sequence OUT from VIDEO; the frames of Motion JPEG are taken over unchanged. An MCAP file of `export` gives its
-    sequence back."""
+    """Make the sequence OUT from VIDEO, or from an MCAP file of `export`. Motion JPEG frames are copied unchanged."""
     if video.suffix.lower() == ".mcap":
         from lfpipe.sequence.mcap_folder import import_mcap
 
         if truth is not None:
-            raise UserError(f"--truth with {video}: it has its own", "leave --truth out")
+            raise UserError(f"--truth with {video}: the MCAP file has its own", "leave --truth out")
         click.echo(f"{out}: {import_mcap(video, out)} frames")
         return
     from lfpipe.scene.video import examine
@@ -143,7 +142,7 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
 @click.argument("path", type=PATH, metavar="SEQ")
 @click.argument("video", type=PATH)
 def export(path: Path, video: Path) -> None:
-    """Write SEQ as VIDEO, .mkv or .avi without loss, and its stamps and eyes as a CSV beside it; or all of it as .mcap, for
+    """Write SEQ as VIDEO: .mkv or .avi without loss, with stamps and eyes in a CSV next to it, or .mcap with everything, for
     Foxglove."""
     if video.suffix.lower() == ".mcap":
         from lfpipe.sequence.folder import open_sequence

@@ -1,4 +1,4 @@
-"""The settings that `lfpipe up` starts with, in five lines."""
+"""Prints the settings that `lfpipe up` starts with, in five lines."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from lfpipe.render.geometry import parallax
 from lfpipe.render.plan import Plan
 from lfpipe.scene.lightfield import LightField
 
-PIXEL_BYTES = {".mp4": 0.02}  # of H.264 as it is written here; anaglyphs of 512x512 measured 0.013
-LOSSLESS_BYTES = 1.2  # of HuffYUV, the same pictures: 0.30 MB each
+PIXEL_BYTES = {".mp4": 0.02}  # H.264 with our encoder settings; measured 0.013 for anaglyphs of 512x512
+LOSSLESS_BYTES = 1.2  # HuffYUV, same pictures: 0.30 MB each
 
 
 def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, display: str) -> list[str]:
     """Scene, plan, camera, alpha and picture. camera: the source. display: as for `--display`."""
     render = config.render
     without = ", ".join(each.what for each in plan.left_out)
-    left_out = f"; left out: {without} (`lfpipe scene plan` says why)" if without else ""
+    left_out = f"; left out: {without} (`lfpipe scene plan` explains why)" if without else ""
     if not plan.needs_tracking:
         return [
             f"scene   {field.name}: one view of {field.width_px}x{field.height_px}",
             f"plan    the view unchanged{left_out}",
             "camera  none: a single view needs no eyes",
-            "alpha   none: there is no other view",
+            "alpha   none: the scene has one view",
             f"picture {render.anaglyph} in {render.light} light, to {display}",
         ]
     chosen = parallax(config, field, config.camera.frame_px[0], None)
@@ -45,7 +45,7 @@ def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, di
 
 
 def loop_lines(config: Config, camera: str, display: str) -> list[str]:
-    """The delay of the loop where pictures go to a screen, and whether it is to be trusted. camera: the source."""
+    """The delay of the loop if pictures go to a screen, with a warning if it is doubtful. camera: the source."""
     render = config.render
     if not render.loop_ms or display not in ("window", "fullscreen"):
         return []
@@ -54,14 +54,14 @@ def loop_lines(config: Config, camera: str, display: str) -> list[str]:
     from lfpipe.render.monitors import detect_monitors
 
     doubt = loop_doubt(config, camera_name(camera) if camera else "", detect_monitors()[1])
-    why = f"; do not trust it: {doubt}; `lfpipe calibrate --latency` measures it" if doubt else ""
-    return [f"loop    {render.loop_ms:g} ms of camera and display together{why}"]
+    why = f"; doubtful: {doubt}; `lfpipe calibrate --latency` measures it" if doubt else ""
+    return [f"loop    {render.loop_ms:g} ms delay of camera and display{why}"]
 
 
 def size_line(video: Path, pixels: int, rate_hz: float, duration_s: float | None) -> str:
-    """How large a video will be, before it is written. pixels: of a picture."""
+    """The expected size of a video. pixels: per picture."""
     second_mb = pixels * rate_hz * PIXEL_BYTES.get(video.suffix.lower(), LOSSLESS_BYTES) / 1e6
-    whole = f"{second_mb * duration_s:.0f} MB for {duration_s:g} s" if duration_s else f"{60 * second_mb:.0f} MB a minute"
+    whole = f"{second_mb * duration_s:.0f} MB for {duration_s:g} s" if duration_s else f"{60 * second_mb:.0f} MB per minute"
     small = "" if video.suffix.lower() == ".mp4" else "; .mp4 is smaller, but colours bleed"
     return f"video   {video}: about {whole}{small}"
 
@@ -73,4 +73,4 @@ def sharing_lines(share: Sequence[str]) -> list[str]:
 
 def _pace(text: str) -> str:
     rate = text.partition("?rate=")[2]
-    return f"predicted, {rate} a second" if rate else "every frame"
+    return f"predicted, {rate} per second" if rate else "every frame"

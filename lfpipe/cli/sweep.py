@@ -1,4 +1,4 @@
-"""`lfpipe sweep`: many runs over a corpus, on this machine or a cluster."""
+"""`lfpipe sweep`: runs many measurements over a corpus, on this machine or on a cluster."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def sweep() -> None:
 @click.argument("plan", type=PATH, metavar="PLAN.toml")
 @click.option("--out", type=PATH, default=Path("lfpipe-sweep"), show_default=True, metavar="DIR", help="Folder for results.")
 @click.option("--jobs", type=click.IntRange(1, 1024), metavar="N", help="Workers on this machine. Default: one per core.")
-@click.option("--on", "address", default="", metavar="tcp://SCHEDULER", help="A Dask scheduler instead.")
+@click.option("--on", "address", default="", metavar="tcp://SCHEDULER", help="Use the workers of this Dask scheduler instead.")
 @click.option("--expect", type=PATH, metavar="DIR", help="Compare replays and quality with the references in this folder.")
 @click.option("--update", is_flag=True, help="Write the references of --expect instead.")
-@click.option("--junit", type=PATH, metavar="FILE", help="Default: junit.xml in DIR.")
+@click.option("--junit", type=PATH, metavar="FILE", help="Write the outcome as JUnit XML.  [default: junit.xml in DIR]")
 def run(plan: Path, out: Path, jobs: int | None, address: str, expect: Path | None, update: bool, junit: Path | None) -> int:
     """Run a plan; exit code 0: all as expected, 1: a cell failed or differs, 2: bad input."""
     try:
@@ -59,15 +59,15 @@ def run(plan: Path, out: Path, jobs: int | None, address: str, expect: Path | No
     from lfpipe.sweep.results import verdict, write
 
     if update and expect is None:
-        raise UserError("--update: which references?", "name their folder with --expect DIR")
+        raise UserError("--update needs references", "name their folder with --expect DIR")
     if jobs and address:
-        raise UserError("--jobs and --on: both given", "the scheduler's workers are its own; leave --jobs out")
+        raise UserError("--jobs and --on exclude each other", "leave --jobs out: the scheduler has its own workers")
     references = References(expect, update) if expect is not None else None
     try:
         with progress() as bar:
             outcomes = sweep(read_plan(plan), out, address, jobs or len(usable_cores()), references, bar)
     except KeyboardInterrupt:
-        click.echo(f"interrupted; finished cells are in {out}, the same command continues", err=True)
+        click.echo(f"interrupted; finished cells are in {out}; the same command continues", err=True)
         return 130
     page = write(outcomes, out, junit)
     for one in outcomes:

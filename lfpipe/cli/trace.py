@@ -1,4 +1,4 @@
-"""`lfpipe trace`: a timeline of a running session, to be opened in Perfetto."""
+"""`lfpipe trace`: records a timeline of a running session for Perfetto."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from lfpipe.cli.options import with_session
 
 @click.group()
 def trace() -> None:
-    """Take a timeline of a running session: Chrome trace-event JSON, which Perfetto opens."""
+    """Record a timeline of a running session as Chrome trace-event JSON, which Perfetto opens."""
 
 
 @trace.command()
 @click.argument("out", metavar="[OUT.json]", required=False, type=click.Path(path_type=Path))
 @with_session
 def start(out: Path | None, session_name: str | None) -> None:
-    """Start a timeline that `lfpipe trace stop` leaves in OUT.json; by default a name made of the time, in this folder."""
+    """Start a timeline. `lfpipe trace stop` writes it to OUT.json; the default is a name made of the time, in this folder."""
     from lfpipe.observe.session_commands import SessionCommands
     from lfpipe.observe.timeline import check_out
     from lfpipe.transport import control
@@ -28,20 +28,20 @@ def start(out: Path | None, session_name: str | None) -> None:
     out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json"))).absolute()
     check_out(out)
     SessionCommands(session_name or default_name()).ask({"cmd": "trace", "path": f"{out}.part"}, control.FILE_CHECK_TIMEOUT_S)
-    click.echo(f"tracing; `lfpipe trace stop` leaves {out}")
+    click.echo(f"recording; `lfpipe trace stop` writes {out}")
 
 
 @trace.command()
 @click.argument("out", metavar="[OUT.json]", required=False, type=click.Path(path_type=Path))
 @with_session
 def stop(out: Path | None, session_name: str | None) -> None:
-    """End the timeline and write it, to OUT.json or where `start` said."""
+    """End the timeline and write it to OUT.json, or to the file given to `start`."""
     from lfpipe.observe.session_commands import SessionCommands
     from lfpipe.observe.timeline import finish_trace
     from lfpipe.transport.session import default_name
 
     done = finish_trace(SessionCommands(session_name or default_name()).ask, out)
-    click.echo(f"{done}: open it at ui.perfetto.dev, which keeps it on this machine, or in chrome://tracing")
+    click.echo(f"{done}: open it at ui.perfetto.dev, which does not upload it, or in chrome://tracing")
 
 
 @trace.command()

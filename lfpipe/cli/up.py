@@ -41,9 +41,9 @@ Examples:
     "--share",
     multiple=True,
     metavar="TARGET",
-    help="Send eyes and head to opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]; ?rate=HZ behind it predicts them. Repeatable.",
+    help="Send eyes and head to opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]; add ?rate=HZ for predicted eyes. Repeatable.",
 )
-@click.option("--kiosk", metavar="CODE", help="An exhibition: full screen, and no key does anything but CODE, which ends it.")
+@click.option("--kiosk", metavar="CODE", help="Run an exhibition: full screen, all keys ignored; typing CODE ends it.")
 @click.option("--visits", type=click.Path(path_type=Path), metavar="FILE", help="With --kiosk: count visitors by the hour.")
 @click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")
 @with_session
@@ -63,9 +63,9 @@ def up(
     sets: tuple[str, ...],
     config_file: str | None,
 ) -> int:
-    """Show SCENE, a folder or file that holds a light field, from where the viewer's eyes are.
+    """Show SCENE, a folder or file with a light field, from the position of the viewer's eyes.
 
-    Several of them, or a folder of them, are a playlist: key Tab, Page Up and Page Down choose, or `lfpipe ctl load --next`.
+Several scenes, or a folder of scenes, form a playlist. Switch with Tab, Page Up and Page Down, or `lfpipe ctl load --next`.
     Camera, layout, method and alpha are detected and printed in five lines. In the window, h shows the keys.
     """
     from lfpipe.cli import launch

@@ -33,7 +33,7 @@ def test_a_file_that_is_shown_to_a_file_plays_once_with_its_size_said(world: Wor
     reader.join(10)
     os.close(leader)
     text = said.decode()
-    assert "out.mkv: about" in text and "MB a minute" in text and ".mp4 is smaller" in text
+    assert "out.mkv: about" in text and "MB per minute" in text and ".mp4 is smaller" in text
     assert re.search(r"out\.mkv: \d+\.\d MB after \d+ s", text), "nothing said while it grew"
     assert "ended" in text or "end" in text
     frames = cv2.VideoCapture(str(world.root / "out.mkv")).get(cv2.CAP_PROP_FRAME_COUNT)

@@ -96,7 +96,7 @@ def test_a_failure_on_the_way_is_an_error(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
     def fail(*_: Any) -> None:
-        assert outcome(tmp_path / "j.xml") == (0, 1, "it did not come to its end"), "what stands there if we are killed now"
+        assert outcome(tmp_path / "j.xml") == (0, 1, "it did not finish"), "what the file holds if we are killed now"
         raise failure
 
     monkeypatch.setattr(run, "replay", fail)

@@ -93,4 +93,4 @@ def test_a_recording_cut_off_by_sigkill_is_whole_to_its_last_frame(world: World,
     assert check.returncode == 0 and "cut off" in check.stdout
     replayed = world.run("replay", out, "--scene", blocks)
     assert replayed.returncode == 0, replayed.stderr
-    assert f"{len(sequence.packets)} whole frames are replayed" in replayed.stderr
+    assert f"replaying its {len(sequence.packets)} whole frames" in replayed.stderr

@@ -133,8 +133,8 @@ def test_pack_list_clean(shell: Shell, folder: Path) -> None:
 def test_check_reads_the_pack_whole(shell: Shell, folder: Path) -> None:
     assert isinstance(shell("check", folder).exception, UserError)
     pack = Path(shell.text("pack", folder).strip())
-    assert shell.text("check", folder).startswith("whole: ")
-    assert shell.text("check", pack).startswith("whole: ")
+    assert shell.text("check", folder).startswith("intact: ")
+    assert shell.text("check", pack).startswith("intact: ")
     with (pack / "views.npy").open("r+b") as file:
         file.seek(-5, 2)
         file.write(b"12345")
