@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
-from lfpipe.supervisor.snapshot import ms, placed
+from lfpipe.supervisor.snapshot import ms, photon_words, placed
 
 COLUMNS = 80
 QUANTILES = ("p50", "p95", "p99")
@@ -45,3 +45,5 @@ def latency_table(state: dict[str, Any]) -> None:
     ahead = state["horizon"]
     if ahead["n"]:
         print(f"eyes predicted ahead of the sensor by p50 {ahead['p50_ms']:.2f}, p95 {ahead['p95_ms']:.2f} ms")
+    if words := photon_words(state["motion_to_photon"]):
+        print(f"motion to photon: {words}")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfpipe.host.processes import cpu_ns, rss_bytes, scheduling
 from lfpipe.supervisor.process_table import SHOWN_BY, SOURCE, TRACKED_BY
-from lfpipe.supervisor.snapshot import busy, judder_percent, light, quality, viewer
+from lfpipe.supervisor.snapshot import busy, judder_percent, light, motion_to_photon, photon_words, quality, viewer
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.status import State, Table, rate_hz
@@ -60,7 +60,7 @@ class StageReading:
 class Reading:
     """A session now. viewer: the word for who is before the screen. age: of the picture when presented, over the last seconds;
     worst: since the reset; age_now_ms: since the reading before, None where no picture was composed. horizon: how far ahead of
-    the sensor's stamp the eyes are predicted. judder_percent: see `snapshot`.
+    the sensor's stamp the eyes are predicted. judder_percent: see `snapshot`. motion_to_photon: its latencies in words.
     level: of quality, 0 for full, with the last there is and what it takes away in
     words. supervisor: (CPU %, RSS in MB)."""
 
@@ -78,6 +78,7 @@ class Reading:
     worst: Times
     horizon: Times
     judder_percent: float | None
+    motion_to_photon: str
     age_now_ms: float | None
     supervisor: tuple[float, float]
 
@@ -149,6 +150,7 @@ class Meter:
             worst=times(self._since_zero(now, SHOWN_BY, "age")),
             horizon=times(now.counts[SHOWN_BY, "horizon"] - then.counts[SHOWN_BY, "horizon"]),
             judder_percent=judder_percent(render),
+            motion_to_photon=photon_words(motion_to_photon(render)),
             age_now_ms=age_now.p50_ms if age_now.n else None,
             supervisor=(self._cpu(now, then, self._supervisor_pid), rss_bytes(self._supervisor_pid) / 1e6),
         )

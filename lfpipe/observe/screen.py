@@ -143,6 +143,8 @@ class Screen:
             out.append("judder            ", "bold").append(f"{reading.judder_percent:.2f} % of the refreshes so far\n")
         out.append("eyes predicted by ", "bold")
         out.append(f"p50 {ahead.p50_ms:.1f}  p95 {ahead.p95_ms:.1f} ms\n" if ahead.n else "nothing yet\n")
+        if reading.motion_to_photon:
+            out.append("motion to photon  ", "bold").append(f"{reading.motion_to_photon}\n")
         known = [value for value in self._ages if value is not None]
         ends = f" {min(known):.1f}-{max(known):.1f} ms" if known else ""
         return out.append(sparkline(list(self._ages), width - 18), "cyan").append(f"{ends}\n", "dim")

@@ -19,6 +19,7 @@ from lfpipe.files.safe_files import reason
 from lfpipe.files.trace import TraceFile
 from lfpipe.render.display import Display
 from lfpipe.render.glasses_test import GlassesTest
+from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.optional_outputs import OptionalOutputs
 from lfpipe.render.pair_layout import Pair
 from lfpipe.render.presence import ViewerState
@@ -61,6 +62,7 @@ class Presenter:
             self._replay = ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
         self.cost_ns = 0
         self._shown = ShownPictures()
+        self._latency = MotionLatency()
         self._number = 0
         self.clock: ScreenClock | None = None  # of a screen whose blanks are reported
         self.lead = LeadTime()
@@ -87,6 +89,7 @@ class Presenter:
             self.leave_out()
             self._pending = True
             self._record, self._stamp, self._t_taken_ns = self._buffer, stamp, now_ns()
+            self._latency.measured(stamp.t_sensor_ns, self._buffer["raw_px"] if self._buffer["face"] else None)
         return stamp
 
     def leave_out(self) -> None:
@@ -101,7 +104,8 @@ class Presenter:
         """
         t_start_ns = now_ns()
         self._pending = False
-        seen_ns = target_ns + int(self._viewer.config.render.loop_ms * 1e6) + refresh_ns // 2
+        loop_ns = int(self._viewer.config.render.loop_ms * 1e6)
+        seen_ns = target_ns + loop_ns + refresh_ns // 2
         t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
         self._viewer.video_lead_ns = refresh_ns // 2 if self.clock is not None else 0
         viewpoints = self._viewer.viewpoints(self._record, t_sensor_ns, seen_ns)
@@ -118,18 +122,15 @@ class Presenter:
         if refresh_ns:
             sleep_until(target_ns if self.clock is None else self.lead.earliest_ns(target_ns, self.clock.period_ns))
         t_shown_ns, cpu_ns = now_ns(), time.process_time_ns()
-        t_handed_ns = (
-            self._display.show(self.picture, pair, self._viewer.config.render.anaglyph)
-            if composed and self.picture is not None
-            else t_shown_ns
-        )
+        t_handed_ns = t_shown_ns
+        if composed and self.picture is not None:
+            t_handed_ns = self._display.show(self.picture, pair, self._viewer.config.render.anaglyph)
         row, stamp = self._context.row, self._stamp
         measured: tuple[int, int] | None = None
         if composed:
-            # a swap may wait for the screen: that is no work
-            handing_ns = (
-                min(t_handed_ns - t_shown_ns, time.process_time_ns() - cpu_ns) if self.clock else t_handed_ns - t_shown_ns
-            )
+            handing_ns = t_handed_ns - t_shown_ns
+            if self.clock is not None:  # a swap may wait for the screen: that is no work
+                handing_ns = min(handing_ns, time.process_time_ns() - cpu_ns)
             cost_ns = t_composed_ns - t_start_ns + handing_ns
             self._outputs.picture(self.picture, stamp)
             self.cost_ns += int(COST_SHARE * (cost_ns - self.cost_ns))
@@ -148,8 +149,8 @@ class Presenter:
             self._report_state()
             if row["face"]:
                 row.horizon.add_ns(seen_ns - t_sensor_ns)
-            self._outputs.emit_viewpoints(viewpoints, bool(self._record["face"]))
-            shown = partial(self._outputs.shown, viewpoints, stamp, bool(self._record["face"]), composed)
+            self._outputs.emit_viewpoints(viewpoints, bool(row["face"]))
+            shown = partial(self._was_shown, viewpoints, stamp, bool(row["face"]), composed, seen_ns - target_ns, loop_ns)
             if self._trace.wanted or self._outputs.traced:
                 line = self._line(stamp, self._record, viewpoints, composed, t_start_ns, t_composed_ns)
                 if self._replay is not None:
@@ -157,6 +158,15 @@ class Presenter:
                     line |= self._replay.keep(stamp, filtered_px, used_px, seen_ns, self.picture, composed)
         self._await_light(target_ns if refresh_ns else 0, composed, t_handed_ns, t_sensor_ns, measured, line, shown)
         self._report_parallax()
+
+    def _was_shown(
+        self, viewpoints: Viewpoints, stamp: Stamp, face: bool, composed: bool, after_ns: int, loop_ns: int, t_ns: int
+    ) -> None:
+        """A picture was presented at t_ns, for eyes as they are after_ns later."""
+        self._outputs.shown(viewpoints, stamp, face, composed, t_ns)
+        if face and composed:
+            self._latency.pictured(stamp.t_sensor_ns, t_ns, after_ns, loop_ns, viewpoints.eyes_px)
+            self._context.row["onset_ns"], self._context.row["steady_ns"] = self._latency.onset_ns, self._latency.steady_ns
 
     def _await_light(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -73,6 +73,17 @@ def judder_percent(row: NDArray[np.void]) -> float | None:
     return round(100 * int(row["juddered"]) / planned, 3) if planned else None
 
 
+def motion_to_photon(row: NDArray[np.void]) -> dict[str, float | None]:
+    """`{"onset_ms", "steady_ms"}`: latency at the onset of a motion and steady latency, as the glossary defines them; None
+    where nobody has moved yet."""
+    return {f"{name}_ms": round(int(row[f"{name}_ns"]) / 1e6, 2) or None for name in ("onset", "steady")}
+
+
+def photon_words(latency: Mapping[str, float | None]) -> str:
+    """`onset 61.2 ms, steady 4.0 ms` of `motion_to_photon`, as far as they are known."""
+    return ", ".join(f"{key.removesuffix('_ms')} {value:.1f} ms" for key, value in latency.items() if value is not None)
+
+
 def notices(table: Table) -> list[str]:
     """What a person should know of the session now, as the window shows it too."""
     found, rows = [], table.rows
@@ -89,7 +100,7 @@ def notices(table: Table) -> list[str]:
 
 def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
     """`{"session", "uptime_s", "camera_fps", "camera_light", "level", "viewer", "stages": {...}, "end_to_end": {...},
-    "judder": {...}, "horizon": {...}}`, as `lfpipe monitor --once --json` prints it.
+    "judder": {...}, "horizon": {...}, "motion_to_photon": {...}}`, as `lfpipe monitor --once --json` prints it.
 
     A stage's p50_ms.. are its busy time; wait and busy hold both in full. end_to_end: the age of a picture, from the
     sensor's stamp to its presentation. horizon: how far ahead of the sensor's stamp the eyes are predicted, over all refreshes.
@@ -134,4 +145,5 @@ def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
         "end_to_end": {"n": age["n"], **{key: age[key] for key in QUANTILES}},
         "judder": {"planned": int(shown["planned"]), "juddered": int(shown["juddered"]), "percent": judder_percent(shown)},
         "horizon": {"n": horizon["n"], **{key: horizon[key] for key in QUANTILES}},
+        "motion_to_photon": motion_to_photon(shown),
     }

@@ -59,6 +59,8 @@ ROW = np.dtype(
         ("missed", "<i8"),  # of render: refreshes of the display that passed without it
         ("planned", "<i8"),  # of render: refreshes of a screen whose blanks are reported
         ("juddered", "<i8"),  # of render: those of them that showed another picture than was planned
+        ("onset_ns", "<i8"),  # of render: latency at the onset of a motion; 0: not known
+        ("steady_ns", "<i8"),  # of render: by how much pictures lag behind a head under way; 0: not known
         ("config_rev", "<i8"),  # revision of the configuration it works by
         ("busy_ns", "<i8"),
         ("cpu_ns", "<i8"),

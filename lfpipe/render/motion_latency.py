@@ -1,0 +1,64 @@
+"""Motion to photon of a running session, by the definitions of docs/glossary.md.
+
+Onset: what a motion that nobody could foresee takes until it is seen: half a frame's period until it is exposed, then from the
+sensor's stamp to the first picture of that frame, then the loop's delay. Steady: how far pictures lag behind a head that is under
+way, with prediction: what the eyes turned out to be when a picture was seen, against those that it was made for.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.transport.clock import SECOND_NS
+
+SHARE = 0.05  # of the newest in the running mean of the onset
+KEPT = 0.995  # of the sums per picture: some 200 pictures under way
+UNDER_WAY = 0.5  # distances between the eyes per second; slower, noise is most of it
+MOST_PICTURES = 120  # waiting for the frame that tells where the eyes were
+GAP_NS = SECOND_NS // 4  # from frame to frame; beyond, nothing is known of the time between
+
+Points = NDArray[np.float64]
+
+
+class MotionLatency:
+    """onset_ns, steady_ns: 0 where not known yet."""
+
+    def __init__(self) -> None:
+        self.onset_ns = self.steady_ns = 0
+        self._pictures: deque[tuple[int, Points]] = deque(maxlen=MOST_PICTURES)
+        self._last: tuple[int, Points] | None = None
+        self._period_ns = 0
+        self._shown_ns = 0  # stamp of the frame whose first picture was seen
+        self._lag = self._power = 0.0
+
+    def measured(self, t_sensor_ns: int, eyes_px: Points | None) -> None:
+        """A frame's eyes, (2, 2) px, as measured; None without a face."""
+        last, self._last = self._last, None if eyes_px is None else (t_sensor_ns, eyes_px.copy())
+        if last is None or self._last is None or not 0 < t_sensor_ns - last[0] < GAP_NS:
+            self._pictures.clear()
+            return
+        self._period_ns = t_sensor_ns - last[0]
+        moved_px = self._last[1] - last[1]
+        apart_px = max(float(np.hypot(*(last[1][0] - last[1][1]))), 1.0)
+        speed = float(np.sqrt(np.square(moved_px).sum() / 2)) / apart_px * SECOND_NS / self._period_ns
+        while self._pictures and self._pictures[0][0] <= t_sensor_ns:
+            seen_ns, used_px = self._pictures.popleft()
+            share = (seen_ns - last[0]) / self._period_ns
+            if share < 0 or speed < UNDER_WAY:
+                continue
+            behind_px = last[1] + share * moved_px - used_px
+            self._lag = KEPT * self._lag + float((behind_px * moved_px).sum()) * self._period_ns
+            self._power = KEPT * self._power + float(np.square(moved_px).sum())
+            self.steady_ns = round(self._lag / self._power)
+
+    def pictured(self, t_sensor_ns: int, t_presented_ns: int, after_ns: int, loop_ns: int, eyes_px: Points) -> None:
+        """A picture for eyes_px, (2, 2) px, from the frame of t_sensor_ns was presented. after_ns: from there to the time for
+        which it was made; loop_ns: as far as that is camera's and display's delay."""
+        self._pictures.append((t_presented_ns + after_ns, eyes_px.copy()))
+        if t_sensor_ns != self._shown_ns:
+            self._shown_ns = t_sensor_ns
+            onset_ns = self._period_ns // 2 + t_presented_ns - t_sensor_ns + loop_ns
+            self.onset_ns += round((onset_ns - self.onset_ns) * (SHARE if self.onset_ns else 1.0))
