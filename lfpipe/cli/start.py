@@ -1,10 +1,10 @@
-"""`lfpipe` alone on a desktop: a session that begins with thumbnails of the demo and of the scenes shown before."""
+"""`lfpipe` alone on a desktop: a session that begins with thumbnails of the demo and of recent scenes."""
 
 from __future__ import annotations
 
 
 def start() -> int:
-    """Runs it, with the demo's face where there is no camera; returns the exit code."""
+    """Runs the session, with the demo's face if no camera is found; returns the exit code."""
     from lfpipe import config as config_module
     from lfpipe.capture.open_source import check_source
     from lfpipe.cli.launch import UpArguments, say, up
@@ -19,7 +19,7 @@ def start() -> int:
     try:
         check_source(config.camera.source, config.camera)
     except UserError as error:
-        say(f"the demo's face stands in for a camera: {error.message}")
+        say(f"using the demo's face instead of a camera: {error.message}")
         camera = "demo"
     with progress() as bar:
         demo = demo_scene(cache_dir(config.scene), bar)

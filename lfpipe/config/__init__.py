@@ -1,6 +1,6 @@
 """One frozen tree of typed values from TOML; every error names the key, the value and the remedy.
 
-`tree` says which keys there are, `check` what they may be, `layers` where their values come from, `text` writes them for people.
+`tree` defines the keys, `check` validates values, `layers` merges their sources, `text` writes them for people.
 """
 
 from lfpipe.config.check import from_dict, updated

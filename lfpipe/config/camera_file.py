@@ -1,4 +1,4 @@
-"""What was measured of each camera, kept beside the user's settings: `[NAME] focal_px, width_px`, one table a camera."""
+"""Measured focal lengths, in a file next to the user's settings: `[NAME] focal_px, width_px`, one table per camera."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from lfpipe.files.untrusted import toml_table
 
 
 def camera_file() -> Path:
-    """Where they are kept; need not exist."""
+    """Path of that file, which need not exist."""
     return user_file().with_name("cameras.toml")
 
 
 def with_measured_focal(config: Config, camera: str) -> Config:
-    """config with the focal length that was measured of that camera, unless camera.focal_px has a value. A camera that was never
-    measured leaves config as it is. Raises UserError where the file is damaged."""
+    """Returns config with the measured focal length of that camera, unless camera.focal_px has a value. Without a
+    measurement, config is unchanged. Raises UserError if the file is damaged."""
     path = camera_file()
     if config.camera.focal_px != "auto" or not path.exists():
         return config
@@ -32,6 +32,6 @@ def with_measured_focal(config: Config, camera: str) -> Config:
     found = [table.get(key) if isinstance(table, dict) else None for key in ("focal_px", "width_px")]
     focal_px, width_px = (float(each) if isinstance(each, int | float) and math.isfinite(each) else 0.0 for each in found)
     if focal_px < 1 or width_px < 1:
-        raise UserError(f"{path}: [{camera}]: focal_px and width_px are not both numbers of 1 and more", remedy)
+        raise UserError(f"{path}: [{camera}]: focal_px and width_px must both be numbers of at least 1", remedy)
     here_px = round(focal_px * config.camera.frame_px[0] / width_px, 1)
     return attrs.evolve(config, camera=attrs.evolve(config.camera, focal_px=here_px))

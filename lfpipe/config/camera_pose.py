@@ -1,9 +1,9 @@
-"""Where the camera stands, so that eyes in its picture become points before the screen.
+"""The camera's position, to convert eyes in its picture to points in front of the screen.
 
 The screen's axes begin in the middle of the picture on it: x along it as in the camera's picture, y down, z towards the viewer.
 The camera stands at (0, -above, 0) and looks down by tilt. Eyes e mm apart that are p px apart in its picture are f e / p mm away
-along its axis (f its focal length in px). `from_screen` gives their place in the picture that the same camera would take from the
-middle of the screen, looking straight ahead: there a viewer who leans towards the screen's middle stays where they are.
+along its axis (f its focal length in px). `from_screen` converts them to the picture that the same camera would take from the
+middle of the screen, looking straight ahead. In that picture, a viewer who leans towards the middle of the screen does not move.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from lfpipe.config.tree import Config
 from lfpipe.errors import UserError
 
 EYES_MM = 63.0  # mean distance between adult eyes (Dodgson 2004); most people 50..75
-LEAST_Z_MM = 50.0  # nobody's eyes are nearer to the screen
+LEAST_Z_MM = 50.0  # eyes are never nearer to the screen
 LEAN_MM = 100.0  # leaning by less does not determine the camera's tilt
 
 
 def camera_focal_px(config: Config, frame_width_px: int) -> float:
-    """Focal length of the webcam in px of a frame that wide, from camera.focal_px or camera.fov_deg."""
+    """Focal length of the webcam in px of a frame of width_px, from camera.focal_px or camera.fov_deg."""
     camera = config.camera
     scale = frame_width_px / camera.frame_px[0]
     if camera.focal_px != "auto":
@@ -44,8 +44,8 @@ class CameraPose:
 
     @classmethod
     def of(cls, config: Config, size_px: tuple[int, int], eyes_mm: float) -> CameraPose | None:
-        """From the configuration, for pictures of size_px (width, height); None where the camera is assumed
-        to stand in the middle of the screen."""
+        """From the configuration, for pictures of size_px (width, height); None if the camera is assumed
+        to be in the middle of the screen."""
         above_mm, tilt = config.camera.above_mm, math.radians(config.camera.tilt_deg)
         if not above_mm and not tilt:
             return None
@@ -75,16 +75,16 @@ class CameraPose:
 
 
 def pose_from_leaning(down_mm: NDArray[np.float64], depth_mm: NDArray[np.float64]) -> tuple[float, float]:
-    """(above_mm, tilt_deg) from where the eyes of a viewer were on the camera's axes (n,), down and ahead, while they leaned in
-    and out straight before a mark in the middle of the screen: on a line through the mark, at right angles to the screen.
+    """Returns (above_mm, tilt_deg). The inputs are positions (n,) of a viewer's eyes on the camera's axes, down and ahead. The
+    viewer leaned in and out on a line through a mark in the middle of the screen, at right angles to the screen.
 
-    Raises UserError where they leaned too little.
+    Raises UserError if the viewer leaned too little.
     """
     low_mm, high_mm = np.percentile(depth_mm, [5, 95])
     if not high_mm - low_mm >= LEAN_MM:
         raise UserError(
-            f"the eyes moved by {high_mm - low_mm:.0f} mm towards the screen and away",
-            f"lean in and out by {LEAN_MM:g} mm and more, with the eyes level with the mark",
+            f"the eyes moved by only {high_mm - low_mm:.0f} mm towards and away from the screen",
+            f"lean in and out by at least {LEAN_MM:g} mm, with the eyes level with the mark",
         )
     slope, down_at_camera_mm = np.polyfit(depth_mm, down_mm, 1)
     tilt = -math.atan(float(slope))

@@ -1,6 +1,6 @@
-"""What comes from outside, checked against the tree: all that is wrong is reported at once, each with its key, value and remedy.
+"""Checks values from outside against the tree. Reports all problems at once, each with its key, value and remedy.
 
-The values may be of any type and depth that TOML, msgpack or a caller can carry. Nothing here raises anything but UserError.
+Values may have any type and depth that TOML, msgpack or a caller can carry. The only exception raised is UserError.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
         return wrong_text(value)
     if isinstance(value, bool) and bool in parts:
         return None
-    wanted = {int: "a whole number", float: "a number", bool: "true or false", str: "a text"}
+    wanted = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
     names = [wanted[part] for part in parts if part in wanted]
     if words and not names:
         texts = [str(word) for word in words]
@@ -51,9 +51,9 @@ def _wrong(value: object, kind: Any, opt: Opt) -> str | None:
 def wrong_text(value: str) -> str | None:
     """Texts are paths and names: they must survive a message, a file and a system call."""
     if len(value) > TEXT_CHARS:
-        return f"{shown(value)} has {len(value)} characters, {TEXT_CHARS} at most"
+        return f"{shown(value)} has {len(value)} characters; at most {TEXT_CHARS} are allowed"
     odd = next((c for c in value if unicodedata.category(c) in ("Cc", "Cs")), "")
-    return f"{shown(value)} holds {odd!a}, which is no character of a text" if odd else None
+    return f"{shown(value)} contains {odd!a}, which is not allowed in text" if odd else None
 
 
 @functools.cache
@@ -63,7 +63,7 @@ def sections() -> tuple[str, ...]:
 
 
 def _unknown(key: object) -> str:
-    """What to say of a key that there is not."""
+    """The message for an unknown key."""
     if not isinstance(key, str):
         return f"{shown(key)}: unknown key"
     if key in REPLACED:
@@ -76,13 +76,13 @@ def _unknown(key: object) -> str:
 
 
 def _close(value: object, texts: Iterable[str], cutoff: float) -> str:
-    """The one of texts that value may be a slip of, "" without one."""
+    """The closest of texts to value, a likely typing error; "" without one."""
     close = difflib.get_close_matches(value, list(texts), 1, cutoff) if isinstance(value, str) and len(value) < 40 else []
     return close[0] if close else ""
 
 
 def corrected(key: str, value: object) -> str:
-    """KEY=VALUE without the slip in it, as `--set` takes it, "" where none is likely."""
+    """KEY=VALUE with the likely typing error corrected, for `--set`; "" without one."""
     meant = key if key in options() else REPLACED.get(key) or _close(key, options(), 0.6)
     if not meant:
         return ""
@@ -93,7 +93,7 @@ def corrected(key: str, value: object) -> str:
 
 
 def problems(values: Iterable[tuple[object, object]]) -> list[str]:
-    """Everything wrong with pairs of a dotted key and its value, `key: what` each; of very many the first, and how many more."""
+    """All problems of (dotted key, value) pairs, as `key: problem`. A long list is cut, with the number of further problems."""
     wrong, unknown = [], []
     known = options()
     for key, value in values:
@@ -102,7 +102,7 @@ def problems(values: Iterable[tuple[object, object]]) -> list[str]:
             if why := _wrong(value, kind, opt):
                 wrong.append(f"{key}: {why}")
         elif isinstance(key, str) and key in sections():
-            wrong.append(f"{key}: a section, which takes no value as {shown(value)}; its keys are {key}.{_first(key)}, ...")
+            wrong.append(f"{key}: a section, which cannot have the value {shown(value)}; its keys are {key}.{_first(key)}, ...")
         else:
             unknown.append(key)
     said = wrong[:WRONG_SHOWN] + ([f"and {len(wrong) - WRONG_SHOWN} more values"] if len(wrong) > WRONG_SHOWN else [])
@@ -115,13 +115,13 @@ def _first(section: str) -> str:
 
 
 def refusal(wrong: list[str], *remedies: str) -> UserError:
-    """All of wrong as one mistake of the user's."""
+    """All problems as one UserError."""
     listed = "`lfpipe config show` lists every key with its unit and range"
     return UserError("configuration: " + "\n  ".join(wrong), "; ".join(remedies or (listed,)))
 
 
 def flat(tree: Mapping[Any, Any]) -> list[tuple[object, object]]:
-    """(dotted key, value) of nested tables; what is no table stays under its own name."""
+    """(dotted key, value) pairs of nested tables. A value that is not a table keeps its own name."""
     found: list[tuple[object, object]] = []
     for section, table in tree.items():
         if isinstance(section, str) and section in sections() and isinstance(table, Mapping):
@@ -132,7 +132,7 @@ def flat(tree: Mapping[Any, Any]) -> list[tuple[object, object]]:
 
 
 def changed(config: Config, values: Mapping[str, Any]) -> Config:
-    """config with dotted keys changed, which `problems` found nothing wrong with."""
+    """Returns config with dotted keys changed; `problems` must have accepted them."""
     tree, known = to_dict(config), options()
     for key, value in values.items():
         section, _, name = key.partition(".")
@@ -143,9 +143,9 @@ def changed(config: Config, values: Mapping[str, Any]) -> Config:
 
 
 def updated(config: Config, sets: Mapping[str, Any], live_only: bool = False) -> Config:
-    """config with dotted keys changed, all or none.
+    """Returns config with dotted keys changed: all of them, or none if one is refused.
 
-    live_only: refuse keys that a running session cannot take. Raises UserError; config itself never changes.
+    live_only: refuse keys that cannot change while a session runs. Raises UserError; config itself never changes.
     """
     if wrong := problems(sets.items()):
         raise refusal(wrong)
@@ -157,9 +157,9 @@ def updated(config: Config, sets: Mapping[str, Any], live_only: bool = False) ->
 
 
 def from_dict(tree: Mapping[str, Any]) -> Config:
-    """A checked Config from nested dicts; missing keys take their defaults. Raises UserError that lists what is wrong."""
+    """Returns a checked Config from nested dicts; missing keys have their defaults. Raises UserError with all problems."""
     if not isinstance(tree, Mapping):
-        raise refusal([f"{shown(tree)} is no table of sections"])
+        raise refusal([f"{shown(tree)} is not a table of sections"])
     values = flat(tree)
     if wrong := problems(values):
         raise refusal(wrong)

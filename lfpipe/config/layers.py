@@ -1,4 +1,4 @@
-"""The layers a configuration is made of, later ones win: the defaults, the user's file, `--config`, `--set`."""
+"""The layers of a configuration: defaults, the user's file, `--config`, `--set`. Later layers win."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import toml_table
 
 PRESETS = Path(__file__).parent / "presets"
-FILE_BYTES = 128 << 10  # ten times the file that has every key
+FILE_BYTES = 128 << 10  # ten times the size of a file with every key
 
 
 def parse_set(text: str) -> tuple[str, bool | int | float | str]:
-    """`KEY=VALUE` as (dotted key, value): a number, a truth or a text, as TOML writes them; what is none of them is a text as it
-    stands. Whether there is such a key and what it takes, `updated` says.
+    """Parses `KEY=VALUE` to (dotted key, value). The value is a number, boolean or string in TOML syntax; anything else is
+    plain text. `updated` checks the key and its value.
 
-    Raises UserError where there is no `=`, no key, or a character that no text holds.
+    Raises UserError if `=` or the key is missing, or if a character is not allowed.
     """
     key, sign, raw = text.partition("=")
     key, raw = key.strip(), raw.strip()
@@ -34,10 +34,10 @@ def parse_set(text: str) -> tuple[str, bool | int | float | str]:
     try:
         table = tomllib.loads(f"v = {raw}")
         value = table["v"] if len(table) == 1 else raw
-    except (ValueError, RecursionError):  # a bare word, or digits and brackets without end
+    except (ValueError, RecursionError):  # a bare word, or endless digits or brackets
         pass
     if isinstance(value, int) and value.bit_length() > 63:
-        value = math.inf if value > 0 else -math.inf  # beyond every range, and beyond what a message carries
+        value = math.inf if value > 0 else -math.inf  # out of every range, and too large for a message
     word = isinstance(value, bool) and options().get(key, (bool,))[0] is not bool  # as in render.alpha_px=true
     if word or not isinstance(value, bool | int | float | str):
         value = raw
@@ -48,19 +48,19 @@ def parse_set(text: str) -> tuple[str, bool | int | float | str]:
 
 
 def user_file() -> Path:
-    """Where the user's own settings are kept; need not exist."""
+    """Path of the user's own settings, which need not exist."""
     import platformdirs
 
     return Path(platformdirs.user_config_dir("lfpipe")) / "config.toml"
 
 
 def presets() -> list[str]:
-    """Names that `--config` takes besides files."""
+    """Names of presets that `--config` accepts."""
     return sorted(path.stem for path in PRESETS.glob("*.toml"))
 
 
 def _layers(file: str | os.PathLike[str] | None) -> list[tuple[str, Path]]:
-    """(name in messages, path) of the files to read, the stronger ones last."""
+    """(name in messages, path) of the files to read; later ones win."""
     own = user_file()
     found = [(str(own), own)] if os.path.lexists(own) else []
     if file is None:
@@ -71,7 +71,7 @@ def _layers(file: str | os.PathLike[str] | None) -> list[tuple[str, Path]]:
 
 
 def _meant(text: str) -> str:
-    """What a person may have meant who wrote no KEY=VALUE: another sign, or a key without its value."""
+    """A hint for text without `=`: another separator was used, or the value is missing."""
     key, sign, value = (part.strip() for part in text.replace(":", "=", 1).replace(" ", "=", 1).partition("="))
     if key not in options():
         close = difflib.get_close_matches(key, options(), 1, 0.6) if len(key) < 40 else []
@@ -81,7 +81,7 @@ def _meant(text: str) -> str:
     return (
         f", did you mean {key}={value}?"
         if sign and value and len(value) < 40
-        else f": which value? for example {key}={_example(key)}"
+        else f": the value is missing; for example {key}={_example(key)}"
     )
 
 
@@ -93,11 +93,11 @@ def _example(key: str) -> str:
 def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -> Config:
     """The checked tree from the user's file, `--config` (a path or a preset's name) and `--set` texts.
 
-    Raises UserError that names each wrong file, key, value and remedy.
+    Raises UserError with each wrong file, key, value and remedy.
     """
     values: dict[str, Any] = {}
     wrong: list[str] = []
-    remedy = f"a TOML file (`lfpipe config init` writes a complete one), or the name of a preset: {', '.join(presets())}"
+    remedy = f"name a TOML file (`lfpipe config init` writes a complete one), or a preset: {', '.join(presets())}"
     remedies: list[str] = []
     for name, path in _layers(file):
         try:

@@ -1,8 +1,8 @@
-"""Levels of quality: what a session can leave out when the machine is too slow for it, in the order in which it does.
+"""Levels of quality: the work that a session leaves out, step by step, when the machine is too slow.
 
-Level 0 is the configuration as it stands. Each further level takes one thing away: a cheaper way of making views, then every
-second refresh of the display, then every second frame of tracking, over which the filter's prediction carries. The level in
-force is part of the session's options; the configuration itself never changes.
+Level 0 is the configuration unchanged. Each further level reduces one thing: first the method of making views, then the rate
+of the display (every second refresh), then tracking (every second frame; the filter predicts across the gap). The current
+level is part of the session's options. The configuration itself never changes.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ import attrs
 
 from lfpipe.config import Config, QualityLevel, SessionOptions
 
-METHODS = ("warp2", "warp", "blend", "nearest")  # each cheaper than the one before
+METHODS = ("warp2", "warp", "blend", "nearest")  # in order of falling cost
 WARPS = ("warp", "warp2")
 NO_SCORES: Mapping[str, float] = {}
-LEAST_HZ = 25.0  # a display refreshed more slowly flickers with every movement of the head
+LEAST_HZ = 25.0  # at lower rates the picture flickers whenever the head moves
 
 
 def drawn_with(wanted: str, scene_method: str, has_disparity: bool, scores: Mapping[str, float] = NO_SCORES) -> str:
-    """What render.method = wanted comes to in a scene: `auto` is the scene's own, and nothing is warped without disparity.
+    """The method used for render.method = wanted in a scene: `auto` is the scene's own; without disparity, nothing is warped.
 
-    scores: PSNR in dB of each method where views of the scene were left out. A scene of noisy views and little depth is met
-    best by a cross-fade, which averages the noise; a warp that does worse there is never drawn, even on request.
+    scores: PSNR in dB of each method on held-out views. For noisy views with little depth, a cross-fade scores best,
+    because it averages the noise. A warp that scores worse is never used, even on request.
     """
     method = scene_method if wanted == "auto" else wanted
     if method not in WARPS:
@@ -37,7 +37,7 @@ def drawn_with(wanted: str, scene_method: str, has_disparity: bool, scores: Mapp
 
 
 def ladder(config: Config, options: SessionOptions) -> tuple[QualityLevel, ...]:
-    """The levels of a session, from full quality down; full alone where nothing is shown.
+    """The levels of a session, from full quality down; only full quality if nothing is shown.
 
     With render.clock = "camera" there is one picture per frame, and only the method can be lowered.
     """
@@ -69,7 +69,7 @@ def _words(level: QualityLevel, full: QualityLevel) -> str:
 
 
 def lowered(config: Config, options: SessionOptions) -> Config:
-    """The configuration that render works by at the level in force."""
+    """The configuration that render uses at the current level."""
     level = options.level
     if level is None:
         return config
@@ -80,10 +80,10 @@ def lowered(config: Config, options: SessionOptions) -> Config:
 
 
 def level_number(options: SessionOptions) -> int:
-    """The level in force, 0 for full quality."""
+    """The current level, 0 for full quality."""
     return options.level.number if options.level else 0
 
 
 def tracked_every(options: SessionOptions) -> int:
-    """n, where one frame in n is tracked."""
+    """n, if one frame in n is tracked."""
     return options.level.every if options.level else 1

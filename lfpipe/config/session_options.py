@@ -1,6 +1,6 @@
-"""What a session's stages need besides the configuration: facts found by the checks of `up`, and what was asked for since.
+"""What a session's stages need besides the configuration: facts detected by `up`, and later requests.
 
-Frozen, typed and plain: a stage gets the whole of it with each change, pickled at its start and as a map in a control message.
+A stage receives all options at its start (pickled) and with each change (as a map in a control message).
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from lfpipe.errors import UserError
 
 
 def check_code(code: str) -> None:
-    """Raises UserError for a code that nobody could type, or that a child's hand on the keyboard may."""
+    """Raises UserError for a code that cannot be typed, or that a child could type by chance."""
     if not (4 <= len(code) <= 64 and code.isascii() and code.isprintable() and len(set(code)) > 1):
-        raise UserError("the code is not one of 4 to 64 ASCII characters that differ", "for example --kiosk leave2026")
+        raise UserError("the code must have 4 to 64 ASCII characters, not all the same", "for example: --kiosk leave2026")
 
 
 def needs_tracking(rows: int, cols: int) -> bool:
-    """Whether the picture of a grid of views depends on the eyes: a single view looks the same from everywhere."""
+    """Whether the picture of a grid of views depends on the eyes. A single view looks the same from everywhere."""
     return rows * cols > 1
 
 
 @attrs.frozen
 class SceneSummary:
-    """What a session must know of a packed scene without opening it.
+    """Facts about a packed scene that a session needs without opening it.
 
-    pack: the pack's folder, absolute. height_px, width_px: of a view. method: what render.method = "auto" stands for here.
+    pack: the pack's folder, absolute. height_px, width_px: of a view. method: the method used for render.method = "auto".
     scores: PSNR in dB of each method on held-out views. baseline_mm, focus_distance_mm, focal_length_px: None where unknown.
-    disparity_min_px, disparity_max_px: of its farthest and nearest things, px per view.
+    disparity_min_px, disparity_max_px: of its farthest and nearest points, px per view.
     """
 
     pack: str
@@ -69,7 +69,7 @@ class QualityLevel:
 
 @attrs.frozen
 class ReplayOutput:
-    """Where a deterministic replay writes. folder: results. sequence: the recording replayed. pictures: whether some are kept."""
+    """Where a deterministic replay writes. folder: results. sequence: the recording replayed. pictures: whether to store some."""
 
     folder: str
     sequence: str
@@ -80,13 +80,13 @@ class ReplayOutput:
 class SessionOptions:
     """Paths are absolute; "" means none.
 
-    source, source_hz: the camera or file, made definite. jpeg_px: (width, height) of the JPEGs that it delivers, None without.
+    source, source_hz: the camera or file, fully named. jpeg_px: (width, height) of the JPEGs that it delivers, None without.
     tracking: whether eyes are tracked. show: whether pictures are made. trace: file of one line per picture. still: file for the
     last picture. timeline: file of a trace that was started later. record, record_eyes: folder of a running recording.
     pictures, packets: names of rings that exist only on demand. lossless: no frame may be dropped, writers wait for readers.
     lock_step: besides, a frame passes every stage before the next one starts. share: where eyes are sent to, as
     `lfpipe.share.target` writes it. level: the quality in force, None for full.
-    playlist, playlist_at: the scenes to step through, and the place of the one shown. kiosk: the code that ends an exhibition.
+    playlist, playlist_at: the scenes to step through, and the index of the one shown. kiosk: the code that ends an exhibition.
     visits: file of its visitors by the hour. start: begin with the thumbnails of the playlist.
     """
 
@@ -122,16 +122,16 @@ class SessionOptions:
 
     @property
     def shares_pictures(self) -> bool:
-        """Whether a target has a place for the stamps of pictures."""
+        """Whether a target can carry the stamps of pictures."""
         return any(text.startswith("lsl") for text in self.share)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, as messages and files carry them."""
+        """Plain values, for messages and files."""
         return attrs.asdict(self)
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> SessionOptions:
-        """What `to_dict` made, unchecked."""
+        """The inverse of `to_dict`, unchecked."""
         scene, replay, level, jpeg_px = (plain[name] for name in ("scene", "replay", "level", "jpeg_px"))
         nested = {
             "scene": SceneSummary(**scene) if scene else None,

@@ -17,7 +17,7 @@ def _range(kind: Any, opt: Opt) -> str:
 
 
 def _toml(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False)  # TOML has no pairs of surrogates
+    return json.dumps(value, ensure_ascii=False)  # TOML allows no surrogate pairs
 
 
 def commented(config: Config | None = None) -> str:
@@ -30,7 +30,7 @@ def commented(config: Config | None = None) -> str:
         if head != section:
             lines += ([""] if section else []) + [f"[{head}]"]
             section = head
-        live = "; also while running, by `lfpipe ctl set`" if opt.live else ""
+        live = "; `lfpipe ctl set` changes it live" if opt.live else ""
         was = "" if tree[head][name] == default else f"; default {_toml(default)}"
         lines += [f"# {opt.doc}{_range(kind, opt)}{live}{was}", f"{name} = {_toml(tree[head][name])}"]
     return "\n".join(lines) + "\n"

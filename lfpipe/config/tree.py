@@ -1,5 +1,5 @@
-"""Every key with its type, default and meaning. `Opt` carries what the type cannot: unit, range, and whether a running session
-takes the change (`live`).
+"""Every key with its type, default and meaning. `Opt` adds unit, range, and whether the key can change while a session runs
+(`live`).
 """
 
 import math
@@ -9,13 +9,13 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import attrs
 
-AUTO_HZ = 60.0  # pictures a second without a screen that has a rate of its own
+AUTO_HZ = 60.0  # pictures per second without a screen
 
 
 @attrs.frozen
 class Opt:
-    """What a value means and may be. low and high: range of a number, inclusive; without them every number is valid.
-    live: `lfpipe ctl set` may change it, so the stage that uses the key must read `context.config` again."""
+    """Meaning and limits of a value. low and high: range of a number, inclusive; without them every number is valid.
+    live: `lfpipe ctl set` may change it, so the stage that uses the key must reread `context.config`."""
 
     doc: str
     unit: str = ""
@@ -35,50 +35,50 @@ class Camera:
     width_px: Annotated[
         int,
         Opt(
-            "frame width asked of the camera; frames of another size are scaled, those of another shape get black bars",
+            "frame width requested from the camera; frames of another size are scaled, frames of another aspect ratio get black bars",
             "px",
             16,
             7680,
         ),
     ] = 640
-    height_px: Annotated[int, Opt("frame height asked of the camera", "px", 16, 4320)] = 480
-    rate_hz: Annotated[float, Opt("frame rate asked of the camera, and of a file without a rate of its own", "Hz", 0.1, 1000)] = (
+    height_px: Annotated[int, Opt("frame height requested from the camera", "px", 16, 4320)] = 480
+    rate_hz: Annotated[float, Opt("frame rate requested from the camera, and used for a file without a rate of its own", "Hz", 0.1, 1000)] = (
         30.0
     )
     format: Annotated[
         Literal["auto", "MJPG", "YUYV", "UYVY", "NV12", "YU12", "BGR3", "RGB3", "GREY", "Y10"],
-        Opt("pixel format requested of the camera; auto: uncompressed up to 640x480, MJPG above, or what there is"),
+        Opt("pixel format requested from the camera; auto: uncompressed up to 640x480, MJPG above, else any available one"),
     ] = "auto"
-    exposure: Annotated[float | Literal["auto"], Opt("exposure time; auto: leave it to the camera", "ms", 0.01, 1000)] = "auto"
+    exposure: Annotated[float | Literal["auto"], Opt("exposure time; auto: the camera decides", "ms", 0.01, 1000)] = "auto"
     gain: Annotated[
-        float | Literal["auto"], Opt("gain in the camera's own units; auto: leave it to the camera", "", 0, 65535)
+        float | Literal["auto"], Opt("gain in the camera's own units; auto: the camera decides", "", 0, 65535)
     ] = "auto"
     power_line_hz: Annotated[
-        Literal["auto", 0, 50, 60], Opt("mains frequency whose flicker the exposure avoids, 0 for none; auto: leave it", "Hz")
+        Literal["auto", 0, 50, 60], Opt("mains frequency whose flicker the exposure avoids, 0 for none; auto: leave the camera's setting", "Hz")
     ] = "auto"
     dynamic_framerate: Annotated[
-        Literal["off", "on", "auto"], Opt("lets a camera lower its rate in dim light, until the session ends; auto: leave it")
+        Literal["off", "on", "auto"], Opt("let a camera lower its rate in dim light, until the session ends; auto: leave the camera's setting")
     ] = "off"
     rotate: Annotated[
-        Literal[0, 90, 180, 270], Opt("turns the picture clockwise, for a camera that is mounted upside down or sideways", "deg")
+        Literal[0, 90, 180, 270], Opt("turn the picture clockwise, for a camera mounted upside down or sideways", "deg")
     ] = 0
-    mirror: Annotated[bool, Opt("mirrors the picture, after the turn, for a driver that delivers it mirrored")] = False
+    mirror: Annotated[bool, Opt("mirror the picture, after the turn, for a driver that delivers it mirrored")] = False
     above_mm: Annotated[
         float,
-        Opt("how far the camera stands above the middle of the picture on the screen", "mm", -2000, 2000, live=True),
+        Opt("height of the camera above the middle of the picture on the screen", "mm", -2000, 2000, live=True),
     ] = 0.0
-    tilt_deg: Annotated[float, Opt("how far the camera looks down", "deg", -60, 60, live=True)] = 0.0
+    tilt_deg: Annotated[float, Opt("angle by which the camera looks down", "deg", -60, 60, live=True)] = 0.0
     focal_px: Annotated[
         float | Literal["auto"],
         Opt(
-            "focal length at width_px; auto: as `lfpipe calibrate` measured this camera, else from fov_deg",
+            "focal length at width_px; auto: measured by `lfpipe calibrate`, else from fov_deg",
             "px",
             1,
             100000,
             live=True,
         ),
     ] = "auto"
-    fov_deg: Annotated[float, Opt("horizontal field of view, used while focal_px is auto", "deg", 5, 175, live=True)] = 56.0
+    fov_deg: Annotated[float, Opt("horizontal field of view, used if focal_px is auto and was not measured", "deg", 5, 175, live=True)] = 56.0
 
     @property
     def frame_px(self) -> tuple[int, int]:
@@ -110,7 +110,7 @@ class Render:
     ] = "display"
     rate_hz: Annotated[
         float | Literal["auto"],
-        Opt("pictures a second of the display clock; auto: every refresh of the screen, 60 where there is none", "Hz", 1, 1000),
+        Opt("pictures per second of the display clock; auto: every refresh of the screen, 60 without a screen", "Hz", 1, 1000),
     ] = "auto"
     method: Annotated[
         Literal["auto", "nearest", "blend", "warp", "warp2"],
@@ -147,33 +147,33 @@ class Render:
     ghost_compensation: Annotated[
         float,
         Opt(
-            "how much of the light that leaks through the other eye's glass is taken out; nothing with dubois-amber-blue",
+            "share of the light leaking through the other eye's glass that is subtracted; no effect with dubois-amber-blue",
             "%",
             0,
             100,
             live=True,
         ),
     ] = 0.0
-    zero_plane_px: Annotated[float, Opt("disparity that lies in the plane of the screen", "px/view", -1000, 1000, live=True)] = (
+    zero_plane_px: Annotated[float, Opt("disparity of points in the plane of the screen", "px/view", -1000, 1000, live=True)] = (
         0.0
     )
     extrapolate_views: Annotated[float, Opt("how far beyond the grid the viewpoint may go", "views", 0, 16, live=True)] = 2.0
-    swap_eyes: Annotated[bool, Opt("exchange the eyes, for glasses worn or printed the other way round", live=True)] = False
+    swap_eyes: Annotated[bool, Opt("swap the eyes, for glasses worn or printed the other way round", live=True)] = False
     loop_ms: Annotated[
         float,
         Opt(
-            "the camera's delay before its stamp and the display's after the present, added to the prediction; `lfpipe calibrate --latency` measures it",
+            "delay of the camera before its stamp plus delay of the display after the present; prediction adds it; `lfpipe calibrate --latency` measures it",
             "ms",
             0,
             1000,
             live=True,
         ),
     ] = 0.0
-    loop_measured: Annotated[str, Opt("date, camera and monitor with which loop_ms was measured; empty: it was not")] = ""
+    loop_measured: Annotated[str, Opt("date, camera and monitor of the measurement of loop_ms; empty: not measured")] = ""
 
     @property
     def nominal_hz(self) -> float:
-        """rate_hz as a number, AUTO_HZ where the screen decides."""
+        """rate_hz as a number; AUTO_HZ if the screen decides."""
         return AUTO_HZ if isinstance(self.rate_hz, str) else self.rate_hz
 
 
@@ -182,7 +182,7 @@ class Screen:
     monitor: Annotated[
         int | str,
         Opt(
-            "monitor for the window and for the full screen: its number or a part of its name, as `lfpipe doctor` lists them; empty: wherever the window is",
+            "monitor for the window and for full screen: its number or part of its name, as `lfpipe doctor` lists them; empty: the window's own",
             "",
             0,
             63,
@@ -191,7 +191,7 @@ class Screen:
     width_mm: Annotated[
         float | Literal["auto"],
         Opt(
-            "width of the picture on the screen; auto: as the monitor tells its size, 530 where it does not",
+            "width of the picture on the screen; auto: from the monitor's reported size, 530 if unknown",
             "mm",
             10,
             20000,
@@ -207,7 +207,7 @@ class Screen:
 @attrs.frozen
 class Scene:
     layout: Annotated[str, Opt("layout on disk; auto: detect it (`lfpipe scene info` shows it)")] = "auto"
-    grid: Annotated[str, Opt("ROWSxCOLS where the files do not define it; empty: detect it")] = ""
+    grid: Annotated[str, Opt("ROWSxCOLS, if the files do not define it; empty: detect it")] = ""
     flip: Annotated[Literal["auto", "none", "rows", "cols", "both"], Opt("reverse the order of the views; auto: detect it")] = (
         "auto"
     )
@@ -216,8 +216,8 @@ class Scene:
         float | Literal["auto"],
         Opt("screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: detect it", "", 0.1, 10),
     ] = "auto"
-    force: Annotated[bool, Opt("open pictures that do not fit together as a light field")] = False
-    cache_dir: Annotated[str, Opt("where packed scenes are kept; empty: the user's cache directory")] = ""
+    force: Annotated[bool, Opt("open pictures even if they do not look like one light field")] = False
+    cache_dir: Annotated[str, Opt("folder for packed scenes; empty: the user's cache directory")] = ""
 
 
 @attrs.frozen
@@ -225,24 +225,24 @@ class Governor:
     quality: Annotated[
         Literal["auto", "fixed"],
         Opt(
-            "auto: where the machine is too slow, quality is lowered level by level, and raised when there is room; fixed: never",
+            "auto: lower quality level by level if the machine is too slow, and raise it when CPU is free; fixed: never",
             live=True,
         ),
     ] = "auto"
     affinity: Annotated[
         str,
         Opt(
-            "cores of each stage, as in track=1,render=0+2; auto: on two cores tracking has one for itself; none: as the system will"
+            "cores of each stage, as in track=1,render=0+2; auto: on two cores, tracking has one of its own; none: the system decides"
         ),
     ] = "auto"
-    nice: Annotated[str, Opt("niceness of each stage, as in render=0,track=5; empty: as this process's")] = ""
+    nice: Annotated[str, Opt("niceness of each stage, as in render=0,track=5; empty: same as the parent process")] = ""
 
 
 @attrs.frozen
 class Control:
     bind: Annotated[
         Literal["ipc"],
-        Opt("where commands are taken: ipc, sockets in the run directory; from another machine: `ssh HOST lfpipe ctl`"),
+        Opt("where commands are accepted: ipc, sockets in the run directory; from another machine: `ssh HOST lfpipe ctl`"),
     ] = "ipc"
 
 
@@ -251,7 +251,7 @@ class Replay:
     latency_ms: Annotated[
         float,
         Opt(
-            "sensor to light, as the prediction takes it where pictures do not depend on the clock: replay in steps, pace=max",
+            "assumed latency from sensor to light if pictures do not depend on the clock: replay in steps, pace=max",
             "ms",
             0,
             1000,
@@ -285,18 +285,18 @@ def options() -> dict[str, tuple[Any, Opt, Any]]:
 
 
 def choices(key: str) -> tuple[str, ...]:
-    """The words that key may be, in their order."""
+    """The words that a key accepts, in order."""
     kind = options()[key][0]
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     return tuple(word for part in parts if not isinstance(part, type) for word in get_args(part) if isinstance(word, str))
 
 
 def trusted(tree: Mapping[str, Any]) -> Config:
-    """The Config that `to_dict` made tree of, unchecked."""
+    """The inverse of `to_dict`, unchecked."""
     default = Config()
     return Config(**{name: type(getattr(default, name))(**values) for name, values in tree.items()})
 
 
 def to_dict(config: Config) -> dict[str, Any]:
-    """The tree as nested dicts of plain values, as messages and files carry it."""
+    """The tree as nested dicts of plain values, for messages and files."""
     return attrs.asdict(config)

@@ -1,4 +1,4 @@
-"""Single keys written into a person's settings, which keep their comments and their order."""
+"""Writes single keys to a user's settings; comments and order are kept."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import tomlkit
 
 
 def write_key(path: Path, section: str, name: str, value: float | bool | str | None) -> None:
-    """Sets [section] name = value in the TOML file at path, removes it where value is None, and keeps everything else; the file
-    changes whole or not at all.
+    """Sets [section] name = value in the TOML file at path, or removes it if value is None. Keeps everything else. The write is
+    atomic.
 
-    Raises OSError if it cannot be written, ValueError if it is no TOML or section is no table.
+    Raises OSError if it cannot be written, ValueError if it is not TOML or section is not a table.
     """
     tree = tomlkit.parse(path.read_text() if path.exists() else "")
     table = tree.setdefault(section, tomlkit.table())

@@ -27,7 +27,7 @@ def no_user_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         ("render.method:warp", "did you mean render.method=warp?"),
         ("render.method warp", "did you mean render.method=warp?"),
         ("render.methd:warp", "did you mean render.method=warp?"),
-        ("render.alpha_px", "which value? for example render.alpha_px=auto"),
+        ("render.alpha_px", "the value is missing; for example render.alpha_px=auto"),
         ("nonsense", "'nonsense' is not KEY=VALUE"),
         ("render.display_ms=30", "--set render.loop_ms=30"),
     ],

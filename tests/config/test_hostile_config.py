@@ -148,7 +148,7 @@ def test_one_broken_layer_hides_no_other(tmp_path: Path, monkeypatch: pytest.Mon
         "config.toml: camera.rate_hz: -3 is out of range",
         "config.toml: trakc: unknown key, did you mean 'track'?",
         "mine.toml: not valid TOML",
-        "'render.alpha_px' is not KEY=VALUE: which value? for example render.alpha_px=auto",
+        "'render.alpha_px' is not KEY=VALUE: the value is missing; for example render.alpha_px=auto",
         "camera.fov_deg: '[[' is not a number",
         "track.mean_k: 0 is out of range",
         "render: a section",
