@@ -33,8 +33,8 @@ def open_scene(path: str | os.PathLike[str] | None = None, settings: Mapping[str
 def render_view(field: LightField, row: float, col: float, *, method: str = "auto", frame: int = 0) -> NDArray[np.uint8]:
     """What a camera at (row, col) of the grid sees, fractions allowed: uint8 (height, width, 3) BGR.
 
-    (0, 0) is the top left camera. method: auto, nearest, blend, warp or warp2. frame: of a light-field video. A place outside the
-    grid is extrapolated as far as `render.extrapolate_views`. Raises lfpipe.UserError.
+    (0, 0) is the top left camera. method: auto, nearest, blend, warp, warp2 or best. frame: of a light-field video. A place
+    outside the grid is extrapolated as far as `render.extrapolate_views`. Raises lfpipe.UserError.
     """
     config = config_of({"render.method": method})
     _check_place(field, (row, col), config.render.extrapolate_views)

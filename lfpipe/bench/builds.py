@@ -27,7 +27,7 @@ BUDGET_S, MIN_ROUNDS, MAX_OVERRUN = 60.0, 60, 3  # on a busy machine MIN_ROUNDS 
 LOOKS = (12, 18, 27, 40, 60, 90, 135)  # rounds after which differences are judged
 Progress = Callable[[str, int, int], None]
 # Of these subjects only the first candidate of these curves is compared; of others every candidate.
-CURVES: dict[str, tuple[str, ...]] = {"tracker": ("litert",), "synthesis": ("nearest", "blend", "warp", "warp2")}
+CURVES: dict[str, tuple[str, ...]] = {"tracker": ("litert",), "synthesis": ("nearest", "blend", "warp", "warp2", "best")}
 
 
 def is_build(path: Path) -> bool:

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.synthesis import Position, Synthesiser
+from lfpipe.render.synthesis import Synthesiser
+from lfpipe.render.view_weights import Position
 from lfpipe.scene.disparity import estimate_disparity, quantised, scale_for
 from lfpipe.scene.lightfield import LightField
 

@@ -27,7 +27,7 @@ from lfpipe.scene.lightfield import Geometry, LightField
 from lfpipe.track.filters import make_filter
 
 FILTERS = ("mean", "one-euro", "kalman", "predictive")
-METHODS = ("nearest", "blend", "warp", "warp2")
+METHODS = ("nearest", "blend", "warp", "warp2", "best")
 LIGHTS = ("linear", "gamma")
 FRAME_NS = 33_333_333
 EYES = np.array([[350.0, 240.0], [290.0, 242.0]])

@@ -13,8 +13,9 @@ from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Samples, Skipped, Subject
 from lfpipe.bench.timing import time_figures, times_ms
 from lfpipe.config import Render
+from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.render.compositor import Compositor
-from lfpipe.render.scoring import METHODS, psnr_db
+from lfpipe.render.scoring import psnr_db
 from lfpipe.scene.lightfield import LightField
 
 STRIDES, COARSER = (2, 4), (1, 2, 4)
@@ -40,7 +41,7 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
         return
     if len(strides) < len(STRIDES):
         yield Skipped(f"every {STRIDES[-1]}th view kept", f"a grid of {field.rows}x{field.cols} is too small")
-    methods = [m for m in METHODS if field.disparity is not None or not m.startswith("warp")]
+    methods = [m for m in reversed(METHODS) if field.disparity is not None or m not in WARPS]
     if len(methods) < len(METHODS):
         yield Skipped("warped views", "the scene has no disparity")
     if min(field.rows, field.cols) == 1:
@@ -48,7 +49,7 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
     parts = {stride: cache(partial(_part, field, stride)) for stride in strides}  # methods share the kept views
     middle = cache(partial(_middle, field))
     for method, stride in itertools.product(methods, strides):
-        warps = method.startswith("warp")
+        warps = method in WARPS
         for factor in COARSER if warps else (1,):
             knob = f"every {stride}{'nd' if stride == 2 else 'th'} view" + (f", disparity 1/{factor}" if factor > 1 else "")
             paper = method == "nearest" and stride == strides[0]

@@ -18,8 +18,8 @@ import numpy as np
 
 from lfpipe.bench.holdout import ViewRenderer, subsample
 from lfpipe.bench.metrics import psnr_db, shaved, ssim, studio_luma
+from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
-from lfpipe.render.scoring import METHODS
 from lfpipe.scene.lightfield import LightField
 
 SIDE = 7  # views per side in the printed protocol
@@ -102,8 +102,8 @@ def measure_scene(
         yield Line(scene, "all", f"{field.rows}x{field.cols}", left_out=str(error))
         return
     grid = f"{rows}x{cols} -> {(rows - 1) * step + 1}x{(cols - 1) * step + 1}"
-    for method in METHODS:
-        warps = method not in ("nearest", "blend")
+    for method in reversed(METHODS):
+        warps = method in WARPS
         if method in done or (warps and part.disparity is None):
             continue
         tracemalloc.start()
@@ -159,7 +159,7 @@ def measure(
                     lines.append(Line(path.name, "all", "", left_out=str(error)))
                     continue
                 about = json.dumps([identity, field.manifest.get("key", ""), attrs.astuple(protocol)])
-                had = {method: known[about + method] for method in METHODS if about + method in known}
+                had = {method: known[about + method] for method in reversed(METHODS) if about + method in known}
                 for line in measure_scene(field, field.name, protocol, list(had), say):
                     if not line.left_out:
                         target.write(json.dumps({"key": about + line.method, **attrs.asdict(line)}) + "\n")

@@ -9,6 +9,7 @@ import click
 
 from lfpipe.cli.options import with_config
 from lfpipe.cli.scene_options import JSON, SCENE, opened, scene_config, with_scene_options, write_picture
+from lfpipe.config.quality import METHODS
 
 
 @click.group()
@@ -150,7 +151,7 @@ def info(path: Path, as_json: bool, **options: Any) -> None:
 @click.option("--row", type=float, required=True, help="Row of the view, 0 at the top; fractions allowed.")
 @click.option("--col", type=float, required=True, help="Column of the view, 0 at the left; fractions allowed.")
 @click.option("--frame", type=click.IntRange(0), default=0, show_default=True, help="Frame of a light-field video.")
-@click.option("--method", type=click.Choice(["auto", "nearest", "blend", "warp", "warp2"]), default="auto", show_default=True)
+@click.option("--method", type=click.Choice(["auto", *reversed(METHODS)]), default="auto", show_default=True)
 @click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="File for the picture.")
 @with_scene_options
 def view(path: Path, row: float, col: float, frame: int, method: str, out: Path, **options: Any) -> None:

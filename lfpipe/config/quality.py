@@ -15,8 +15,8 @@ import attrs
 
 from lfpipe.config import Config, QualityLevel, SessionOptions
 
-METHODS = ("warp2", "warp", "blend", "nearest")  # in order of falling cost
-WARPS = ("warp", "warp2")
+METHODS = ("best", "warp2", "warp", "blend", "nearest")  # in order of falling cost
+WARPS = ("warp", "warp2", "best")
 NO_SCORES: Mapping[str, float] = {}
 LEAST_HZ = 25.0  # at lower rates the picture flickers whenever the head moves
 
@@ -32,7 +32,8 @@ def drawn_with(wanted: str, scene_method: str, has_disparity: bool, scores: Mapp
         return method
     if not has_disparity:
         return "nearest"
-    worse = scene_method not in WARPS and scores.get(scene_method, -math.inf) > scores.get(method, math.inf)
+    tested = "warp2" if method == "best" else method
+    worse = scene_method not in WARPS and scores.get(scene_method, -math.inf) > scores.get(tested, math.inf)
     return scene_method if worse else method
 
 

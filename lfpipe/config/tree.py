@@ -113,7 +113,7 @@ class Render:
         Opt("pictures per second of the display clock; auto: every refresh of the screen, 60 without a screen", "Hz", 1, 1000),
     ] = "auto"
     method: Annotated[
-        Literal["auto", "nearest", "blend", "warp", "warp2"],
+        Literal["auto", "nearest", "blend", "warp", "warp2", "best"],
         Opt("how a view between the stored views is made; nearest is the paper's", live=True),
     ] = "auto"
     alpha_px: Annotated[

@@ -16,7 +16,8 @@ from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, Recipe, reci
 from lfpipe.render.blocks import near_array
 from lfpipe.render.pair_layout import Pair
 from lfpipe.render.planes import PlaneStore
-from lfpipe.render.synthesis import Position, Synthesiser
+from lfpipe.render.synthesis import Synthesiser
+from lfpipe.render.view_weights import Position
 from lfpipe.scene.lightfield import LightField
 
 _RGB = tuple(Plane(0, weights, False) for weights in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
@@ -53,7 +54,7 @@ def _quantum(method: str, disparity_px: float) -> float:
     finest = 1 / 1024
     if method == "nearest":
         return 1.0
-    wanted = 1 / 256 if method in ("blend", "warp2") else 1 / 16
+    wanted = 1 / 256 if method in ("blend", "warp2", "best") else 1 / 16
     if method != "blend" and disparity_px > 0:
         wanted = min(wanted, 1 / (64 * disparity_px))
     return max(finest, 2.0 ** math.floor(math.log2(wanted)))

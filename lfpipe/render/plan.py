@@ -19,8 +19,10 @@ from lfpipe.config.session_options import needs_tracking
 from lfpipe.render.compositor import extrapolation_views, method_for, planes_of_eyes
 from lfpipe.render.geometry import alpha_is_automatic
 from lfpipe.render.planes import PlaneStore, stored_channels
-from lfpipe.render.synthesis import Synthesiser, ViewWeight, Warper, view_weights
+from lfpipe.render.synthesis import Synthesiser
+from lfpipe.render.view_weights import ViewWeight, view_weights
 from lfpipe.render.viewpoint import ViewSolver
+from lfpipe.render.warper import Warper
 from lfpipe.scene.lightfield import LightField
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.addition import add
-from lfpipe.render.synthesis import Position, Synthesiser
+from lfpipe.render.synthesis import Synthesiser
+from lfpipe.render.view_weights import Position
 from lfpipe.scene.lightfield import LightField
 
 METHODS = ("nearest", "blend", "warp", "warp2")  # cheapest first

@@ -116,7 +116,7 @@ def test_synthesis_of_a_wall(tmp_path: Path) -> None:
     ("rows", "cols", "disparity", "missing", "methods"),
     [
         (5, 5, False, "warped views", {"nearest", "blend"}),
-        (1, 9, True, "viewpoints off the line", {"nearest", "blend", "warp", "warp2"}),
+        (1, 9, True, "viewpoints off the line", {"nearest", "blend", "warp", "warp2", "best"}),
         (1, 1, True, "synthesis", set()),
         (2, 2, True, "error on left-out views", set()),
     ],

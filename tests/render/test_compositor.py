@@ -22,7 +22,7 @@ from lfpipe.render.viewer import Viewer
 from lfpipe.render.viewpoint import ViewSolver
 from tests.render import rendered
 
-METHODS = ["nearest", "blend", "warp", "warp2"]
+METHODS = ["nearest", "blend", "warp", "warp2", "best"]
 OUTPUTS = [*MATRICES, "mono", "side-by-side", "row-interleaved"]
 SEATED = np.array([[350.0, 240.0], [290.0, 240.0]])  # the left eye stands at larger x of the unmirrored picture
 

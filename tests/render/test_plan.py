@@ -23,7 +23,7 @@ from lfpipe.render.viewpoint import ViewSolver
 from lfpipe.scene.lightfield import Geometry, LightField
 from tests.render import rendered
 
-METHODS = ["nearest", "blend", "warp", "warp2"]
+METHODS = ["nearest", "blend", "warp", "warp2", "best"]
 OUTPUTS = [*MATRICES, "mono", "side-by-side", "row-interleaved"]
 S = 1_000_000_000
 

@@ -1,0 +1,158 @@
+"""Where each pixel of a new picture lies in a stored view, and whether that view sees it."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.render.blocks import MARGIN, places
+from lfpipe.render.view_weights import Position, ViewWeight, cell_of
+from lfpipe.scene.lightfield import LightField
+
+CAREFUL_PX = 1.0  # parting of near and far from which hidden parts are looked after, a seventh of the cost of a warp
+# What a view still counts where it does not see the point, and the distance in px from which that is certain. A test that fails
+# along every edge is too unsure to drop a view altogether.
+UNSEEN, UNSEEN_PX = 0.35, 1.5
+OUTSIDE = 16  # a view counts this many times less where the point lies outside of it
+
+
+class Warper:
+    """Sampling maps from the disparity of a light field; owns its buffers, so a call allocates nothing."""
+
+    def __init__(self, field: LightField) -> None:
+        if field.disparity is None:
+            raise ValueError("a light field without disparity cannot be warped")
+        self._stored = np.asarray(field.disparity)
+        self._offsets = field.offsets.astype(np.float64)
+        self._unit_px = float(field.disparity_scale_px)
+        self._span_px = field.disparity_max_px - field.disparity_min_px
+        self._most_px = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
+        self._last = field.height_px + MARGIN - 2, field.width_px + MARGIN - 2  # places of the last whole block (y, x)
+        self._reach = 0  # blocks from the border that the last maps can lead outside
+        low = self._stored.shape[3:]
+        self._step = (field.height_px / low[0], field.width_px / low[1])  # px of a view per px of its disparity
+        self._low, self._landed, self._again = (np.empty(low, np.float32) for _ in range(3))
+        self._low_there = np.empty(low, np.float32), np.empty(low, np.float32)
+        self._bytes = np.empty((2, *low), np.uint8)
+        y, x = np.mgrid[0 : low[0], 0 : low[1]].astype(np.float32)
+        self._low_at = np.ascontiguousarray(x), np.ascontiguousarray(y)
+        self._at_x, self._at_y = places(field.height_px, field.width_px)
+        self._each, self._x, self._y = (np.empty(self._at_x.shape, np.float32) for _ in range(3))
+        self._weights = np.empty(self._at_x.shape, np.uint8)
+        self._found = self._at_x, self._at_y  # the last maps
+        self._move = (0.0, 0.0, 0.0, 0.0)  # of the last maps, in px of the disparity: (x, y) per stored unit, (x, y) in all
+        self._unsure = 0.0  # stored units of disparity that move a pixel by UNSEEN_PX; 0 where everything is seen
+
+    def offset(self, view: ViewWeight, position: Position) -> Position:
+        """Steps from the view's camera to position. Cameras that stand off the regular grid bend the coordinates: whole
+        numbers are always the cameras themselves, and between them the offsets are interpolated."""
+        rows, cols = self._offsets.shape[:2]
+        r, up = cell_of(position[0], rows)
+        c, right = cell_of(position[1], cols)
+        r1, c1 = min(r + 1, rows - 1), min(c + 1, cols - 1)
+        near, far = self._offsets[r], self._offsets[r1]
+        bend = (1 - up) * ((1 - right) * near[c] + right * near[c1]) + up * ((1 - right) * far[c] + right * far[c1])
+        bend -= self._offsets[view.row, view.col]
+        return position[0] - view.row + float(bend[0]), position[1] - view.col + float(bend[1])
+
+    def maps(
+        self, frame: int, view: ViewWeight, steps: Position, shift_px: Position
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Maps (x, y), float32 (rows, columns) of blocks, that sample the view as seen steps away from it, moved by
+        shift_px. steps, shift_px: (row, col). The maps are for `Blocks.sample` and valid until the next call.
+        """
+        down, right = steps
+        shift_y, shift_x = shift_px
+        np.copyto(self._low, self._stored[min(frame, len(self._stored) - 1), view.row, view.col])
+        per_x, per_y = right * self._unit_px, down * self._unit_px
+        each = self._landing(down, right, shift_px)
+        if each.shape != self._each.shape:
+            cv2.resize(each, self._each.shape[::-1], self._each, interpolation=cv2.INTER_LINEAR)
+            each = self._each
+        cv2.scaleAdd(each, per_x, self._at_x, self._x)
+        if shift_x:
+            np.add(self._x, shift_x, out=self._x)
+        self._reach = math.ceil((self._most_px * max(abs(right), abs(down)) + max(abs(shift_x), abs(shift_y))) / 2) + 1
+        if not per_y and not shift_y:
+            self._found = self._x, self._at_y
+            return self._found
+        cv2.scaleAdd(each, per_y, self._at_y, self._y)
+        if shift_y:
+            np.add(self._y, shift_y, out=self._y)
+        self._found = self._x, self._y
+        return self._found
+
+    def weights(self, share: float) -> NDArray[np.uint8]:
+        """How much the view of the last `maps` counts at each block, uint8 (rows, columns), at most 255 * share: less where it
+        does not see the point. Valid until the next call.
+
+        Where it does, the disparity found leads to a place of that same disparity; where something hides the point, to another.
+        """
+        full = 255 * share
+        if not self._unsure:
+            self._weights.fill(round(full))
+            return self._without_outside()
+        off = self._look_up(self._again, self._landed)
+        cv2.absdiff(off, self._again, off)
+        np.minimum(off, np.float32(self._unsure), out=off)
+        weights = self._weights if off.shape == self._weights.shape else self._bytes[0]
+        cv2.convertScaleAbs(off, weights, -full * (1 - UNSEEN) / self._unsure, full)
+        if weights is not self._weights:
+            cv2.resize(weights, self._weights.shape[::-1], self._weights, interpolation=cv2.INTER_LINEAR)
+        return self._without_outside()
+
+    def _without_outside(self) -> NDArray[np.uint8]:
+        """The weights, next to nothing where the place lies outside the view: what is there repeats its border."""
+        x, y = self._found
+        for at, last, weights in ((x, self._last[1], self._weights), (y.T, self._last[0], self._weights.T)):
+            middle = at.shape[1] // 2
+            strip = min(self._reach, middle)
+            for part in (np.s_[:, :strip], np.s_[:, max(at.shape[1] - self._reach, middle) :]):
+                outside = (at[part] < MARGIN) | (at[part] > last)
+                if outside.any():
+                    weights[part] = np.where(outside, np.maximum(weights[part] // OUTSIDE, 1), weights[part])
+        return self._weights
+
+    def _landing(self, down: float, right: float, shift_px: Position) -> NDArray[np.float32]:
+        """The view's disparity, in stored units, at the place where each pixel of the new picture lands: d(x + d * steps).
+
+        One round of the fixed point from d(x) does where little is hidden. Where near and far part by more than
+        CAREFUL_PX, the search starts from the nearest thing in reach, so that what is in front wins. What was hidden in the
+        view never settles but jumps between the thing in front and what is behind it: the nearer value then samples the
+        background right beside the thing.
+        """
+        per_px = self._unit_px / self._step[1], self._unit_px / self._step[0]
+        self._move = right * per_px[0], down * per_px[1], shift_px[1] / self._step[1], shift_px[0] / self._step[0]
+        apart_x, apart_y = abs(right) * self._span_px, abs(down) * self._span_px
+        if max(apart_x, apart_y) < CAREFUL_PX:
+            self._unsure = 0.0
+            return self._look_up(self._low, self._landed)
+        self._unsure = UNSEEN_PX / (max(abs(down), abs(right)) * self._unit_px)
+        reach = (math.ceil(apart_y / self._step[0]), math.ceil(apart_x / self._step[1]))
+        rows, cols = len(self._low), len(self._low[0])
+        steps, nearest = self._bytes  # four times as many bytes as floats fit into a register
+        np.add(self._low, 128.0, out=steps, casting="unsafe")
+        cv2.dilate(steps, _box(min(reach[0], rows), min(reach[1], cols)), nearest)
+        start = np.subtract(nearest, np.float32(128.0), out=self._again)
+        first = self._look_up(start, self._landed)
+        second = self._look_up(first, self._again)
+        cv2.max(first, second, second)
+        return second
+
+    def _look_up(self, at: NDArray[np.float32], out: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The stored disparity where each pixel lands if its own is `at`. The nearest value: between two is neither."""
+        for start, per_unit, shift, there in zip(self._low_at, self._move[:2], self._move[2:], self._low_there, strict=True):
+            cv2.scaleAdd(at, per_unit, start, there)
+            if shift:
+                np.add(there, shift, out=there)  # cv2.add takes 4x1 arrays for scalars
+        cv2.remap(self._low, *self._low_there, cv2.INTER_NEAREST, out, borderMode=cv2.BORDER_REPLICATE)
+        return out
+
+
+@lru_cache(maxsize=256)
+def _box(down: int, right: int) -> NDArray[np.uint8]:
+    return np.ones((2 * down + 1, 2 * right + 1), np.uint8)
