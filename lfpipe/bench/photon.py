@@ -1,4 +1,4 @@
-"""Subject: motion to photon on a known motion, by the definitions of docs/glossary.md.
+"""Subject: motion to photon on a known motion, by the definitions of docs/photon.md.
 
 Onset latency: from the moment at which a head that rested has moved by ONSET_PX to the light of the first picture made for eyes
 that have. Nothing can be predicted yet, so it holds the whole way from exposure to light, and waiting for frame and refresh.

@@ -1,4 +1,4 @@
-"""Motion to photon of a running session, by the definitions of docs/glossary.md.
+"""Motion to photon of a running session, by the definitions of docs/photon.md.
 
 Onset: what a motion that nobody could foresee takes until it is seen: half a frame's period until it is exposed, then from the
 sensor's stamp to the first picture of that frame, then the loop's delay. Steady: how far pictures lag behind a head that is under

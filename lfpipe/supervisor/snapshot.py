@@ -74,7 +74,7 @@ def judder_percent(row: NDArray[np.void]) -> float | None:
 
 
 def motion_to_photon(row: NDArray[np.void]) -> dict[str, float | None]:
-    """`{"onset_ms", "steady_ms"}`: latency at the onset of a motion and steady latency, as the glossary defines them; None
+    """`{"onset_ms", "steady_ms"}`: latency at the onset of a motion and steady latency, as docs/photon.md defines them; None
     where nobody has moved yet."""
     return {f"{name}_ms": round(int(row[f"{name}_ns"]) / 1e6, 2) or None for name in ("onset", "steady")}
 
