@@ -46,6 +46,11 @@ class Parallax:
     eyes_px: float
     reasons: tuple[str, ...]
 
+    def differs_from(self, other: Parallax) -> bool:
+        """Whether a person would want to know: another number of views between the eyes, or another distance by 15 %."""
+        views = abs(self.views_between_eyes - other.views_between_eyes) > 0.005
+        return views or abs(self.alpha_px / other.alpha_px - 1) > 0.15 or self.exceeds_comfort != other.exceeds_comfort
+
     def __str__(self) -> str:
         depth = "unknown (no baseline or focus distance)" if self.compression is None else f"{self.compression:.2f} of true depth"
         lines = [f"alpha {self.alpha_px:.2f} px/view, {self.views_between_eyes:.2f} views between the eyes, depth {depth}"]

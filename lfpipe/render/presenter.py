@@ -15,18 +15,16 @@ from lfpipe.config import SessionOptions
 from lfpipe.config.quality import level_number
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES
-from lfpipe.files.safe_files import reason
 from lfpipe.files.trace import TraceFile
 from lfpipe.render.display import Display
 from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.optional_outputs import OptionalOutputs
 from lfpipe.render.pair_layout import Pair
-from lfpipe.render.presence import ViewerState
 from lfpipe.render.screen_clock import LeadTime, ScreenClock
 from lfpipe.render.shown_pictures import HANDOVER, REPLACED, ShownPictures
 from lfpipe.render.viewer import Viewer, Viewpoints
-from lfpipe.render.visit_log import VisitLog
+from lfpipe.render.viewer_reports import ViewerReports
 from lfpipe.transport.clock import now_ns, sleep_until
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
@@ -51,10 +49,9 @@ class Presenter:
         self._t_taken_ns = 0
         self._pending = False  # no picture was made yet for the record taken last
         self._key: Hashable = None
-        self._parallax_reported = ""
         self._trace = TraceFile(Path(context.options.trace) if context.options.trace else None, self._lost)
         self._outputs = OptionalOutputs(context, viewer)
-        self._visits = VisitLog(Path(context.options.visits)) if context.options.visits else None
+        self._reports = ViewerReports(context, viewer)
         self._replay: ReplayWriter | None = None
         if replay := context.options.replay:
             from lfpipe.render.replay_writer import ReplayWriter
@@ -146,7 +143,7 @@ class Presenter:
             row["face"] = int(self._record["face"])
             if row["face"]:
                 row["t_face_ns"] = t_start_ns
-            self._report_state()
+            self._reports.follow_state()
             if row["face"]:
                 row.horizon.add_ns(seen_ns - t_sensor_ns)
             self._outputs.emit_viewpoints(viewpoints, bool(row["face"]))
@@ -157,7 +154,7 @@ class Presenter:
                     filtered_px, used_px = self._record["filtered_px"], viewpoints.eyes_px
                     line |= self._replay.keep(stamp, filtered_px, used_px, seen_ns, self.picture, composed)
         self._await_light(target_ns if refresh_ns else 0, composed, t_handed_ns, t_sensor_ns, measured, line, shown)
-        self._report_parallax()
+        self._reports.follow_parallax()
 
     def _was_shown(
         self, viewpoints: Viewpoints, stamp: Stamp, face: bool, composed: bool, after_ns: int, loop_ns: int, t_ns: int
@@ -265,25 +262,6 @@ class Presenter:
             "level": level_number(self._context.options),
             "composed": composed,
         }
-
-    def _report_state(self) -> None:
-        state = self._viewer.presence.state
-        before = ViewerState(int(self._context.row["viewer"]))
-        if state == before:
-            return
-        self._context.row["viewer"] = int(state)
-        self._context.emit("viewer", state=state.word)
-        if self._visits is not None:
-            try:
-                self._visits.follow(before, state)
-            except OSError as error:
-                self._context.emit("notice", text=f"{self._context.options.visits}: visits are not written: {reason(error)}")
-
-    def _report_parallax(self) -> None:
-        chosen = self._viewer.parallax
-        if chosen is not None and str(chosen) != self._parallax_reported:
-            self._parallax_reported = str(chosen)
-            self._context.emit("parallax", text=self._parallax_reported)
 
     def close(self) -> None:
         """Ends the trace."""

@@ -142,6 +142,13 @@ def test_depth_follows_the_seat() -> None:
     assert far.alpha_px == pytest.approx(near.alpha_px / 2)
 
 
+def test_a_step_of_the_viewer_is_no_news_and_another_seat_is() -> None:
+    at = {eyes_px: parallax(config(alpha_px="auto"), cotton(), 640, eyes_px) for eyes_px in (63.0, 68.0, 80.0)}
+    by_hand = parallax(config(alpha_px=20.0), cotton(), 640, 63.0)
+    assert not at[68.0].differs_from(at[63.0])
+    assert at[80.0].differs_from(at[63.0]) and by_hand.differs_from(at[63.0])
+
+
 def test_focal_length() -> None:
     assert camera_focal_px(from_dict({"camera": {"fov_deg": 60.0}}), 640) == pytest.approx(320.0 * math.sqrt(3))
     wide = from_dict({"camera": {"focal_px": 600.0, "width_px": 640}})
