@@ -1,7 +1,8 @@
 """`lfpipe` with a camera that does what a file says: everything above the driver is the product's own.
 
-The device's node is an ordinary file that holds a word: "frames", "stall" (the driver waits a second and has nothing) or "hang"
-(a call does not come back). No file: the camera is unplugged. Used as `python -m tests.faults.scripted_camera up ...`.
+The device's node is an ordinary file that holds a word: "frames", "empty" (frames with nobody in them), "stall" (the driver waits
+a second and has nothing) or "hang" (a call does not come back). No file: the camera is unplugged. Used as
+`python -m tests.faults.scripted_camera up ...`.
 """
 
 from __future__ import annotations
@@ -62,9 +63,12 @@ class ScriptedDevice:
             raise TimeoutError
         self._due = max(self._due + 1 / 30, time.monotonic() - 1 / 30)
         time.sleep(max(0.0, self._due - time.monotonic()))
-        if self._word() != "frames":
+        word = self._word()
+        if word not in ("frames", "empty"):
             raise OSError(errno.ENODEV, "unplugged")
         self._scene.read(self._picture)
+        if word == "empty":
+            self._picture[:] = 90
         self._count += 1
         return RawFrame(self._picture.reshape(-1), self._count, time.monotonic_ns(), False, False)
 
