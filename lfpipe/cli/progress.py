@@ -1,4 +1,4 @@
-"""Output for people: lines that fit the terminal, and a progress bar on stderr (silent unless stderr is a terminal)."""
+"""Output for people: lines that fit the terminal; progress on stderr as a bar, or in a log as a line for what takes long."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import click
+
+QUIET_S = 5.0
 Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
 
 
@@ -24,7 +27,10 @@ def filled(text: str, head: str) -> str:
 
 @contextmanager
 def progress() -> Iterator[Progress]:
-    """Yields a callback that draws one bar per task."""
+    """Yields a callback that draws one bar per task on a terminal, and writes one line for a task that takes QUIET_S elsewhere."""
+    if not sys.stderr.isatty():
+        yield _lines()
+        return
     from rich.console import Console
     from rich.progress import Progress as Bars
 
@@ -37,6 +43,19 @@ def progress() -> Iterator[Progress]:
             bars.update(tasks[what], completed=done, total=total)  # type: ignore[arg-type]
 
         yield report
+
+
+def _lines() -> Progress:
+    """A callback for a log: nobody should take a minute of silence for a hang."""
+    began: dict[str, float] = {}
+    said: set[str] = set()
+
+    def report(what: str, done: int, total: int) -> None:
+        if time.monotonic() - began.setdefault(what, time.monotonic()) > QUIET_S and what not in said:
+            said.add(what)
+            click.echo(f"{what}: {done} of {total}", err=True)
+
+    return report
 
 
 @contextmanager

@@ -87,6 +87,8 @@ def _stand_still(views: list[Grey]) -> bool:
     """Whether nothing moves between views far apart: steps that are too small to see add up to parallax."""
     middle = views[len(views) // 2]
     detail = textured(middle)
+    if not detail.any():
+        return False
     moved = [float(np.median(np.hypot(*np.moveaxis(flow(middle, end)[detail], 1, 0)))) for end in (views[0], views[-1])]
     return max(moved) < _STILL_FAR_PX
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from lfpipe.cli import progress
 from tests.world import World
 
 
@@ -39,3 +40,14 @@ def test_tables_fit_80_columns(live: World, scene: Path) -> None:
         assert done.returncode == 0, done.stderr
         wide = [line for line in done.stdout.splitlines() if len(line) > 80 and " " in line.strip()]  # a path stays whole
         assert not wide or all("/" in line for line in wide), wide
+
+
+def test_a_log_gets_a_line_for_work_that_takes_long_and_no_bar(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for quiet_s, said in ((60.0, ""), (-1.0, "rendering the demo scene: 0 of 81\n")):
+        monkeypatch.setattr(progress, "QUIET_S", quiet_s)
+        with progress.progress() as report:
+            for done in range(81):
+                report("rendering the demo scene", done, 81)
+        assert capfd.readouterr().err == said

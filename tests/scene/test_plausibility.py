@@ -135,3 +135,8 @@ def test_force_opens_what_was_refused(tmp_path: Path) -> None:
     assert (forced.rows, forced.cols) == (3, 3)
     assert forced.manifest["orientation"]["undecided"]
     assert open_scene(tmp_path / "s", scene).rows == 3  # packed once, it opens
+
+
+@pytest.mark.filterwarnings("error")
+def test_views_of_one_colour_are_opened_without_a_word() -> None:
+    assert not reason(as_source(np.full((3, 3, 96, 128, 3), 40, np.uint8)))
