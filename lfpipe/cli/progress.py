@@ -27,7 +27,7 @@ def filled(text: str, head: str) -> str:
 
 @contextmanager
 def progress() -> Iterator[Progress]:
-    """Yields a callback that draws one bar per task on a terminal, and writes one line for a task that takes QUIET_S elsewhere."""
+    """Yields a callback that draws one bar per task on a terminal; elsewhere it writes one line for a task of QUIET_S or more."""
     if not sys.stderr.isatty():
         yield _lines()
         return
