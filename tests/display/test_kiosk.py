@@ -67,7 +67,7 @@ def test_an_exhibition_starts_again_until_it_ends_well(
         return code
 
     assert exhibition.until_it_ends(lambda: 1, again) == 0
-    assert capsys.readouterr().err.count("starts again") == 3
+    assert capsys.readouterr().err.count("restarts") == 3
 
 
 @pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
