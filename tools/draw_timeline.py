@@ -1,6 +1,6 @@
 """Draws the pictures of a few camera frames as a timeline, from a trace of `lfpipe up --trace`.
 
-    uv run python tools/draw_timeline.py TRACE [--out docs/timeline.svg] [--frames 3] [--loop-ms 45]
+uv run python tools/draw_timeline.py TRACE [--out docs/timeline.svg] [--frames 3] [--loop-ms 45]
 """
 
 from __future__ import annotations

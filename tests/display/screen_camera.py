@@ -40,6 +40,12 @@ class Optics:
     noise: float = 2.0
 
 
+def stamp_offset_ms(optics: Optics) -> float:
+    """From the middle of an exposure to the stamp that the product makes of it: a quarter of a period before the end of the
+    frame, where the camera does not tell its exposure."""
+    return optics.camera_ms - 1e3 / optics.rate_hz / 4 + optics.exposure_ms / 2
+
+
 class ScreenCamera(ScriptedDevice):
     """Samples the screen on a thread; frames are averages of samples, seen at a slant, a part hidden."""
 

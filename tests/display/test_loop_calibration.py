@@ -6,6 +6,7 @@ import json
 import tomllib
 from pathlib import Path
 
+from tests.display.screen_camera import Optics, stamp_offset_ms
 from tests.world import World
 from tests.xvfb_screen import Screen
 
@@ -26,8 +27,7 @@ def test_a_made_delay_is_found_through_the_real_window(world: World, screen: Scr
     optics = {"screen_ms": 25.0, "camera_ms": 30.0, "exposure_ms": 12.0}
     code, out, err = calibrated(world, screen, node, **optics)
     assert code == 0, err
-    # a camera that does not tell its exposure is stamped a quarter of a period before the end
-    stamps_ms = optics["camera_ms"] - 1e3 / 28.7 / 4 + optics["exposure_ms"] / 2
+    stamps_ms = stamp_offset_ms(Optics("", **optics))
     truth_ms = optics["screen_ms"] + stamps_ms + json.loads(Path(f"{node}.truth").read_text())
     written = tomllib.loads((world.root / "settings" / "lfpipe" / "config.toml").read_text())["render"]
     assert abs(written["loop_ms"] - truth_ms) < 1.5, (written, truth_ms)

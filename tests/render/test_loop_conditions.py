@@ -6,6 +6,7 @@ import attrs
 import pytest
 
 from lfpipe import config
+from lfpipe.cli.startup_summary import loop_lines
 from lfpipe.render.loop_conditions import LoopConditions, loop_doubt
 from lfpipe.render.monitors import Monitor
 
@@ -38,3 +39,15 @@ def measured(**changes: object) -> config.Config:
 def test_what_changed_is_said(camera: str, changes: dict[str, object], desk: list[Monitor], said: str) -> None:
     doubt = loop_doubt(measured(**changes), camera, desk)
     assert said in doubt if said else not doubt
+
+
+def test_up_says_whether_the_delay_is_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lfpipe.render.monitors.detect_monitors", lambda: ("x11", DESK))
+    here = LoopConditions.of("2026-11-21", "demo", config.Camera(), DESK[1])
+    sets = {"render.loop_ms": 61.5, "render.loop_measured": str(here)}
+    known = config.updated(config.Config(), sets)
+    assert loop_lines(known, "demo", "window") == ["loop    61.5 ms delay of camera and display"]
+    changed = config.updated(known, {"camera.rate_hz": 60})
+    (line,) = loop_lines(changed, "demo", "window")
+    assert "doubtful: its mode is" in line and "calibrate --latency" in line
+    assert loop_lines(changed, "demo", "none") == [] and loop_lines(config.Config(), "demo", "window") == []
