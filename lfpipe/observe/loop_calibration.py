@@ -12,7 +12,7 @@ from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.observe.camera_watch import CameraWatch
-from lfpipe.observe.loop_delay import AREA_R, LEAST_FRAMES, LEAST_PIXELS, LoopDelay, Recording, estimate, find_area
+from lfpipe.observe.loop_delay import AREA_R, LEAST_FRAMES, LEAST_PIXELS, SPAN, LoopDelay, Recording, estimate, find_area
 from lfpipe.render.monitors import Monitor
 from lfpipe.render.open_display import has_display
 from lfpipe.render.screen_clock import ScreenClock
@@ -45,6 +45,12 @@ def outlined(inset: NDArray[np.uint8], area: NDArray[np.bool_] | None) -> NDArra
         outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
         cv2.drawContours(drawn, outlines, -1, (0, 220, 0), 2)
     return drawn
+
+
+def advice(area: NDArray[np.bool_]) -> str:
+    """How to move the camera so that the screen lies in the middle of its picture; empty where it does."""
+    place = float(np.nonzero(area)[0].mean() + 0.5) / len(area) - 0.5
+    return f"The screen is seen too {'high' if place < 0 else 'low'}: aim the camera at its middle." if abs(place) > SPAN else ""
 
 
 def measure_loop(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor]:
@@ -99,7 +105,7 @@ class _Guide:
                 look_ns = t_ns + int(LOOK_EVERY_S * SECOND_NS)
                 since_ns = t_ns - int(LOOK_S * SECOND_NS)
                 area = self._area(since_ns) if since_ns > began_ns else None
-                if area is None:
+                if area is None or (not found_ns and advice(area)):
                     found_ns = 0
                 elif not found_ns:
                     found_ns, next_ns = since_ns, since_ns + int(MEASURE_S * SECOND_NS)
@@ -158,10 +164,8 @@ class _Guide:
         return area if area.sum() >= LEAST_PIXELS else None
 
     def _say(self, area: NDArray[np.bool_] | None, since_s: float) -> None:
-        state = (
-            f"The screen is seen: measuring, {since_s:.0f} s of {MEASURE_S:.0f} to {MOST_S:.0f}. Keep still."
-            if area is not None
-            else ASK
-        )
+        state = ASK if area is None else advice(area)
+        if since_s:
+            state = f"The screen is seen: measuring, {since_s:.0f} s of {MEASURE_S:.0f} to {MOST_S:.0f}. Keep still."
         inset = self._watch.inset
         self._window.overlay([state, "f full screen, q ends"], None if inset is None else outlined(inset, area))

@@ -112,7 +112,7 @@ def open_screen(path: Path, settings: config.Camera) -> camera.CameraSource:
 
 
 def changed_after_ms(device: ScreenCamera, heard: dict[int, int], shown: dict[int, float]) -> float:
-    """How long after its blank a picture of the window was in the screen's memory, median. Odd pictures are white."""
+    """How long after its blank a picture of the window was in the screen's memory, mean. Odd pictures are white."""
     times = np.array([t for t, _ in device.samples])
     middle = np.array([picture[picture.shape[0] // 2, picture.shape[1] // 2] > 127 for _, picture in device.samples])
     late = []
@@ -120,7 +120,7 @@ def changed_after_ms(device: ScreenCamera, heard: dict[int, int], shown: dict[in
         after = np.nonzero((times > shown[number]) & (middle == (number % 2 == 1)))[0]
         if len(after) and after[0] > 0:
             late.append((times[after[0]] + times[after[0] - 1]) / 2 - blank_ns / 1e9)
-    return float(np.median(late)) * 1e3
+    return float(np.mean(late)) * 1e3
 
 
 def watched(window_class: Any, heard: dict[int, int], shown: dict[int, float]) -> None:

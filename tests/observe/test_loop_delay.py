@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lfpipe.observe.loop_calibration import advice
 from lfpipe.observe.loop_delay import LoopDelay, estimate, find_area
 from profiling.photon import bad_recordings, outcome
 from profiling.photon_simulation import HEIGHT_PX, WIDTH_PX, Loop, drawn, geometry, recording
@@ -30,3 +31,9 @@ def test_a_tilted_and_half_hidden_screen_is_outlined() -> None:
     rng.integers(3, 7, int(loop.duration_s * loop.screen_hz))  # as the pattern was drawn before
     cover = geometry(loop, rng)[0] > 0.5
     assert (area & cover).sum() > 0.95 * cover.sum() and (area & ~cover).sum() < 0.1 * WIDTH_PX * HEIGHT_PX
+
+
+def test_the_guide_says_where_to_aim() -> None:
+    for off, said in ((-0.3, "high"), (0.0, ""), (0.3, "low")):
+        area = find_area(recording(Loop(off=off, size=0.4, duration_s=4.0)))[0] > 0.4
+        assert said in advice(area) and bool(said) == bool(advice(area))
