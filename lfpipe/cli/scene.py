@@ -138,11 +138,13 @@ def info(path: Path, as_json: bool, **options: Any) -> None:
     import json
 
     from lfpipe.cli.progress import filled
-    from lfpipe.scene.info import describe_pack, lines
+    from lfpipe.scene.cache import find_pack
+    from lfpipe.scene.info import describe_examined, describe_pack, lines
+    from lfpipe.scene.pack import examine_scene
 
     config = scene_config(options)
-    field = opened(path, config)
-    facts = describe_pack(field, config.scene)
+    packed = find_pack(path, config.scene) is not None
+    facts = describe_pack(opened(path, config), config.scene) if packed else describe_examined(examine_scene(path, config.scene))
     click.echo(json.dumps(facts) if as_json else "\n".join(filled(line[14:], line[:14]) for line in lines(facts)))
 
 

@@ -24,11 +24,12 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_bytes
 from lfpipe.host import file_lock
-from lfpipe.scene.files import list_scene, open_file
+from lfpipe.scene.files import Listing, list_scene, open_file
 from lfpipe.scene.manifest import VERSION, DamagedPackError, read_manifest
 from lfpipe.scene.pack_lock import unused
 from lfpipe.scene.source import SceneSource
 
+_DEEPEST = 3  # levels of folders that pictures may stand below the one that was given
 MAX_KEY_BYTES = 256  # of an entry of the index
 
 
@@ -61,20 +62,23 @@ def _settings_key(scene: config.Scene) -> str:
 
 
 def stamp(path: str | os.PathLike[str], scene: config.Scene) -> str:
-    """Hash of names, sizes and times at path, one subfolder deep: equal while nothing changed. Raises UserError."""
+    """Hash of names, sizes and times at path, some subfolders deep: equal while nothing changed. Raises UserError."""
     digest = hashlib.blake2b(_settings_key(scene).encode(), digest_size=16)
     listing = list_scene(path)
     digest.update(str(listing.path.resolve()).encode(errors="surrogateescape"))
-    for name in (*listing.names, *listing.folders):
-        entries = [listing.folder / name]
-        if name in listing.folders:
-            with contextlib.suppress(UserError):
-                entries = [listing.folder / name / inner for inner in list_scene(listing.folder / name).names]
-        for entry in entries:
-            with contextlib.suppress(OSError):
-                state = entry.stat()
-                digest.update(f"{entry}\0{state.st_size}\0{state.st_mtime_ns}\0".encode(errors="surrogateescape"))
+    for entry in _entries(listing, 1 if listing.pictures() else _DEEPEST):
+        with contextlib.suppress(OSError):
+            state = entry.stat()
+            digest.update(f"{entry}\0{state.st_size}\0{state.st_mtime_ns}\0".encode(errors="surrogateescape"))
     return digest.hexdigest()
+
+
+def _entries(listing: Listing, deep: int) -> Iterator[Path]:
+    """Files of a folder, and of folders so many levels below it."""
+    yield from (listing.folder / name for name in listing.names)
+    for name in listing.folders if deep else ():
+        with contextlib.suppress(UserError):
+            yield from _entries(list_scene(listing.folder / name), deep - 1)
 
 
 def content_key(source: SceneSource, scene: config.Scene) -> str:

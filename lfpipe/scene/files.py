@@ -52,7 +52,8 @@ class Listing:
         if self.folder != self.path:  # the user named this file
             return path
         try:
-            if path.is_symlink() and not path.resolve().is_relative_to(self.folder.resolve()):
+            linked = path.is_symlink() or (path.parent != self.folder and path.parent.is_symlink())
+            if linked and not path.resolve().is_relative_to(self.folder.resolve()):
                 raise UserError(
                     f"{path}: a link that leads out of the folder, to {path.resolve()}", "copy the files (`cp -rL` follows links)"
                 )
@@ -238,6 +239,26 @@ def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], 
             strip = pixels[top : top + _STRIP_ROWS]
             cv2.cvtColor(strip, cv2.COLOR_BGR2RGB, dst=strip)
     return pixels, header.max_value
+
+
+def small_grey(path: Path, like: Header, most_px: float) -> NDArray[np.uint8]:
+    """A picture in grey, 8 bit, uint8 (h, w); a JPEG of far more than most_px is decoded at 1/2, 1/4 or 1/8 of its size,
+    as long as it keeps about that many. like: what `picture_header` has returned for the path. Raises UserError.
+    """
+    pixels = like.width_px * like.height_px
+    reduced = [k for k in (2, 4, 8) if like.format == "JPEG" and pixels >= 0.75 * most_px * k * k]
+    if not reduced:
+        picture, full = read_picture(path, like)
+        grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        return np.asarray(grey if full == 255 else cv2.convertScaleAbs(grey, alpha=255 / full), np.uint8)
+    flags = getattr(cv2, f"IMREAD_REDUCED_GRAYSCALE_{reduced[-1]}")
+    with open_file(path) as file:
+        if _examined(path, file) != like:
+            raise UserError(f"{path}: changed while it was read", "try again once the files are complete")
+        found = cv2.imread(descriptor_path(file), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+    if found is None:
+        raise _unreadable(path, "truncated, damaged or of another kind than its header says")
+    return np.asarray(found, np.uint8)
 
 
 _PFM = re.compile(rb"Pf\s+(\d{1,6})\s+(\d{1,6})\s+(-?[\d.eE+-]{1,20})\s")

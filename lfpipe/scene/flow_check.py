@@ -26,6 +26,7 @@ _ENOUGH_PX = 3.0  # spread of the flow that separates surfaces
 _OVERLAP_PX = 1.5  # two surfaces meet where one splat lands on another this much nearer
 _DIFFERENT, _SAME, _WRONG = 10, 3, 6  # grey levels
 _RETURN_PX, _RETURN_SHARE = 0.5, 0.1  # how far from its start flow may return: px, and share of the way
+_CLEAR_VOTES, _CLEAR_SHARE = 1000, 0.9  # of the middle view, with which no other is asked
 _FEWEST = 200  # reliable pixels that say anything
 
 
@@ -112,32 +113,43 @@ def _votes(here: Grey, disparity_px: FloatMap, reliable: Mask, there: Grey, step
 
 
 def examine_axis(grey: GreyAt, count: int) -> Axis | None:
-    """What the views grey(0) .. grey(count - 1) along one axis of the grid say; None where there are fewer than two."""
+    """What the views grey(0) .. grey(count - 1) along one axis of the grid say; None where there are fewer than two.
+
+    The middle view is asked first, and others only while it says too little of what hides what.
+    """
     if count < 2:
         return None
     middle: Axis | None = None
     right = wrong = 0
     bases = [count // 2] if count < 5 else [count // 2, max(1, count // 6), min(count - 2, count - 1 - count // 6)]
     for base in bases:
+        if max(right, wrong) > _CLEAR_SHARE * (right + wrong) and right + wrong > _CLEAR_VOTES:
+            break
         here, room = grey(base), max(1, min(base, count - 1 - base))
+        detail = textured(here)
+        use = detail if np.count_nonzero(detail) >= _FEWEST else np.ones_like(detail)
         step = 1
         while True:
             other = base + step if base + step < count else base - step
             sign = np.float32(1 if other > base else -1)
             shift = flow(here, grey(other)) * sign
-            spans = _motion(shift[..., 0]), _motion(shift[..., 1])
-            if max(spans) >= _ENOUGH_PX or step + 1 > room:
+            spans = _motion(shift[use, 0]), _motion(shift[use, 1])
+            if max(spans) >= _ENOUGH_PX or step >= room:
                 break
-            step += 1
-        sideways = spans[0] >= spans[1] if middle is None else middle.sideways
-        toward = (0.0, 1.0) if sideways else (1.0, 0.0)
+            # Motion grows with the step: so far as to see enough of it, as one look shows.
+            step = min(room, max(step + 1, int(step * _ENOUGH_PX / max(max(spans), 0.1))))
         sides = [s for s in (step, -step) if 0 <= base + s < count]
-        found = view_disparity(here, [(grey(base + s), toward[0] * s, toward[1] * s) for s in sides])
-        found = np.asarray(cv2.medianBlur(found, 5), np.float32)
         reliable = np.zeros(here.shape, bool)
         for s in sides:
             there = shift * sign if base + s == other else flow(here, grey(base + s))
-            reliable |= confirmed(there, flow(grey(base + s), here))
+            back = confirmed(there, flow(grey(base + s), here))
+            reliable |= back
+            if base + s == other and np.count_nonzero(back & use) >= _FEWEST:
+                spans = _motion(shift[back & use, 0]), _motion(shift[back & use, 1])
+        sideways = spans[0] >= spans[1] if middle is None else middle.sideways
+        toward = (0.0, 1.0) if sideways else (1.0, 0.0)
+        found = view_disparity(here, [(grey(base + s), toward[0] * s, toward[1] * s) for s in sides])
+        found = np.asarray(cv2.medianBlur(found, 5), np.float32)
         sharp = _sharpened(found, here)
         for far in {0, base // 2, (base + count - 1) // 2, count - 1}:
             if abs(far - base) * _spread(found) > 2:
@@ -145,7 +157,7 @@ def examine_axis(grey: GreyAt, count: int) -> Axis | None:
                 right, wrong = right + more[0], wrong + more[1]
         if middle is None:
             along, across = spans if sideways else spans[::-1]
-            middle = Axis(sideways, found, reliable & textured(here), along / step, across / step, 0, 0)
+            middle = Axis(sideways, found, reliable & detail, along / step, across / step, 0, 0)
     return attrs.evolve(middle, right=right, wrong=wrong) if middle else None
 
 

@@ -15,20 +15,26 @@ from lfpipe.scene.disparity import Grey
 from lfpipe.scene.source import SceneSource, ViewIndex
 
 _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
+LOOK_PX = 1 << 17  # of a view that shows order and fit: more tells nothing about them
 _DARK = 0.2  # mean of a view below which it is lifted
 
 
+@lru_cache(maxsize=2)
 def grey_views(source: SceneSource, most_px: float = math.inf) -> Callable[[int, int], Grey]:
     """Views by file place as the flow wants them: grey, 8 bit, and dark (linear-light) scenes lifted so that it finds texture.
 
     Those of more than most_px are made smaller.
     """
     scale = min(1.0, math.sqrt(most_px / (source.height_px * source.width_px)))
+    size = max(1, round(scale * source.width_px)), max(1, round(scale * source.height_px))
 
     def share(row: int, col: int) -> NDArray[np.float32]:
+        if scale < 1 and source.small is not None:
+            grey = cv2.resize(source.small(row, col, most_px), size, interpolation=cv2.INTER_AREA)
+            return np.asarray(grey.astype(np.float32) * np.float32(1 / 255), np.float32)
         picture = source.read(0, row, col)
         if scale < 1:
-            picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
         plane = picture if picture.ndim == 2 else cv2.transform(picture, _LUMA)
         return np.asarray(np.minimum(plane.astype(np.float32) * np.float32(1 / source.max_value), 1), np.float32)
 

@@ -1,12 +1,16 @@
-"""What a packed scene is, for people and programs."""
+"""What a scene is, for people and programs: from its pack, or from a look at it where there is none yet."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import attrs
+
 from lfpipe import config
+from lfpipe.errors import plain
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.pack import Examined
 
 _NAMES = ("layout", "rows", "cols", "height", "width", "channels", "bit_depth", "frames", "frame_rate_hz", "flips")
 
@@ -37,6 +41,27 @@ def describe_pack(field: LightField, scene: config.Scene) -> dict[str, Any]:
     }
 
 
+def describe_examined(examined: Examined) -> dict[str, Any]:
+    """The facts of a scene that is not packed, with the keys of `describe_pack`: what only packing shows is None or empty."""
+    source, orientation = examined.source, examined.orientation
+    rows, cols = orientation.turn.grid(source.rows, source.cols)
+    missing = {(r, c) for r in range(rows) for c in range(cols)
+               if orientation.turn.file_index(r, c, rows, cols) in source.missing}  # fmt: skip
+    low, high = orientation.disparity_px or (None, None)
+    path = source.path.resolve()
+    return {
+        "name": plain(path.stem if path.is_file() else path.name, 300), "source": plain(str(path), 10_000),
+        "layout": source.layout, "rows": rows, "cols": cols, "height": source.height_px, "width": source.width_px,
+        "channels": examined.channels, "bit_depth": source.bit_depth, "frames": source.frames,
+        "frame_rate_hz": source.frame_rate_hz, "flips": attrs.asdict(orientation.turn),
+        "orientation_evidence": orientation.facts,
+        "disparity": {"min": low, "max": high, "source": "unknown" if low is None else "estimated"},
+        "geometry": attrs.asdict(source.geometry), "views_missing": [list(index) for index in sorted(missing)],
+        "gamma": examined.gamma, "gamma_by": examined.gamma_by, "method": None, "scores_db": {},
+        "irregular": source.coordinates is not None, "notes": list(source.notes), "pack": None, "pack_bytes": 0,
+    }  # fmt: skip
+
+
 def lines(facts: dict[str, Any]) -> list[str]:
     """The same facts for people."""
     found = facts["orientation_evidence"]
@@ -54,19 +79,26 @@ def lines(facts: dict[str, Any]) -> list[str]:
         out.append(f"  undecided   {found['undecided']}")
     if facts["frames"] > 1:
         out.append(f"  video       {facts['frames']} frames at {facts['frame_rate_hz']:g} Hz")
-    if disparity["source"] == "none":
+    if disparity["source"] == "unknown":
+        out.append("  disparity   measured when the scene is packed")
+    elif disparity["source"] == "none":
         out.append("  disparity   none")
     else:
         check = disparity.get("median_error_px")
-        out.append(f"  disparity   {disparity['min']:+.2f} to {disparity['max']:+.2f} px per view, {disparity['source']}"
+        where = "" if facts["pack"] else " from a few views"
+        out.append(f"  disparity   {disparity['min']:+.2f} to {disparity['max']:+.2f} px per view, {disparity['source']}{where}"
                    + (f"; maps from flow, {check:.2f} px off the truth in the median" if check is not None else ""))  # fmt: skip
     parts = [(*name.rsplit("_", 1), value) for name, value in geometry.items() if value]
     known = [f"{name.replace('_', ' ')} {value:g} {unit}" for name, unit, value in parts]
     out.append(f"  geometry    {', '.join(known) or 'not known'}")
     scores = ", ".join(f"{name} {value:.1f} dB" for name, value in facts["scores_db"].items())
-    out.append(f"  method      {facts['method']}" + (f" (quality when predicting held-out views: {scores})" if scores else ""))
+    if facts["method"]:
+        out.append(
+            f"  method      {facts['method']}" + (f" (quality when predicting held-out views: {scores})" if scores else "")
+        )
     if facts["views_missing"]:
         out.append(f"  missing     {len(facts['views_missing'])} views: {facts['views_missing'][:8]}")
     out += [f"  note        {note}" for note in facts["notes"]]
-    out.append(f"  pack        {facts['pack_bytes'] / 1e6:.1f} MB in {facts['pack']}")
+    out.append(f"  pack        {facts['pack_bytes'] / 1e6:.1f} MB in {facts['pack']}" if facts["pack"] else
+               "  pack        none yet: `lfpipe scene pack` or `up` makes it")  # fmt: skip
     return out

@@ -10,11 +10,10 @@ import numpy as np
 from lfpipe import config
 from lfpipe.scene.disparity import SMALLEST_PX, mismatch
 from lfpipe.scene.flow_check import Axis, examine_axis, lower_is_nearer, same_way
-from lfpipe.scene.grey_views import grey_views, present_lines
+from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
 from lfpipe.scene.source import SceneSource, Turn
 
 _FLOW_WINS = 0.89  # certainty above which flow overrides the convention of a layout
-_FLOW_PX = 1 << 21  # of a view: more tells nothing about the order of views
 _FLAT_PX = 0.05  # per step: below this the flow is noise
 _ALONG = 2.0  # motion along an axis over motion across it
 _ALIKE = 0.4  # correlation of rows and columns of a grid in order
@@ -28,7 +27,8 @@ _HELP = "scene.flip=rows, cols or both and scene.transpose=yes turn it"
 class Orientation:
     """turn: from file order to canonical. by: "override", "coordinates", "truth", "layout", "flow" or "nothing"; sure: 0..1;
     said: sentences a person can use; undecided: what the evidence does not settle, "" for nothing;
-    detected: the turn without the user's setting, where that differs."""
+    detected: the turn without the user's setting, where that differs. disparity_px: lowest and highest that flow showed, px of
+    a view per canonical grid step, or None."""
 
     turn: Turn
     by: str
@@ -36,6 +36,12 @@ class Orientation:
     said: str
     undecided: str = ""
     detected: Turn | None = None
+    disparity_px: tuple[float, float] | None = None
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """As manifests and `lfpipe scene info` have it."""
+        return {"by": self.by, "sure": self.sure, "said": self.said, "undecided": self.undecided}
 
     @property
     def base(self) -> Turn:
@@ -47,13 +53,14 @@ def _by_flow(source: SceneSource) -> Orientation:
     """Orientation from flow between a few views."""
     if min(source.height_px, source.width_px) < SMALLEST_PX:
         return Orientation(Turn(), "nothing", 0.0, "the views are too small for optical flow", f"the whole order; {_HELP}")
-    grey = grey_views(source, _FLOW_PX)
+    grey = grey_views(source, LOOK_PX)
     by_col, by_row = (examine_axis(lambda k, line=line: grey(*line[k]), len(line)) for line in present_lines(source))  # type: ignore[misc]
     axes = [axis for axis in (by_col, by_row) if axis is not None and axis.along_px > _FLAT_PX]
     if not axes:
         return Orientation(Turn(), "nothing", 0.0, "the views hardly differ", f"the whole order; {_HELP}")
+    grown = source.width_px / grey(*present_lines(source)[0][0]).shape[1]
     if by_row is not None and by_col is not None and len(axes) == 2:
-        return _two_axes(by_row, by_col)
+        return _two_axes(by_row, by_col, grown)
     axis = axes[0]
     if axis.along_px < _ALONG * axis.across_px:
         said = "the views move across the line as much as along it"
@@ -62,7 +69,8 @@ def _by_flow(source: SceneSource) -> Orientation:
     # The line of views runs sideways (columns) or up and down (rows) once it is turned.
     turn = Turn(sign < 0 and not axis.sideways, sign < 0 and axis.sideways, axis.sideways != (axis is by_col))
     said = f"one line of views, {'side by side' if axis.sideways else 'above one another'}; {why}"
-    return Orientation(turn, "flow", sure, said, "" if sure > 0.5 else f"its direction (near and far exchanged); {_HELP}")
+    undecided = "" if sure > 0.5 else f"its direction (near and far exchanged); {_HELP}"
+    return Orientation(turn, "flow", sure, said, undecided, disparity_px=_range_px(axis, sign * grown))
 
 
 def _half_turn(axes: list[tuple[Axis, int]]) -> tuple[int, float, str]:
@@ -88,7 +96,13 @@ def _vote_certainty(share: float) -> float:
     return 0.9 + 0.3 * (share - _VOTES_SHARE)
 
 
-def _two_axes(by_row: Axis, by_col: Axis) -> Orientation:
+def _range_px(axis: Axis, grown: float) -> tuple[float, float]:
+    """Lowest and highest disparity of an axis, in px of the stored view; grown: its size over that of the look, and the sign."""
+    low, high = sorted(float(value) * grown for value in np.percentile(axis.disparity, (1, 99)))
+    return low, high
+
+
+def _two_axes(by_row: Axis, by_col: Axis, grown: float) -> Orientation:
     transpose = all(axis.along_px > _ALONG * axis.across_px for axis in (by_col, by_row))
     transpose = transpose and not by_col.sideways and by_row.sideways
     # After a transpose the file's rows are the canonical columns.
@@ -102,7 +116,8 @@ def _two_axes(by_row: Axis, by_col: Axis) -> Orientation:
     turn = Turn(rows=sign * relative < 0, cols=sign < 0, transpose=transpose)
     said = f"motion along rows and columns agrees with correlation {alike:+.2f}; {why}"
     undecided = "" if half_sure > 0.5 else f"the half-turn (near and far exchanged); {_HELP}"
-    return Orientation(turn, "flow", min(half_sure, 0.5 + abs(alike) / 2), said, undecided)
+    sure = min(half_sure, 0.5 + abs(alike) / 2)
+    return Orientation(turn, "flow", sure, said, undecided, disparity_px=_range_px(across, sign * grown))
 
 
 def _by_truth(source: SceneSource) -> tuple[Turn, float] | None:

@@ -22,7 +22,7 @@ from lfpipe.scene.files import library_errors
 from lfpipe.scene.grid_geometry import grid_offsets
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.manifest import VERSION, DamagedPackError, contents, write_manifest
-from lfpipe.scene.orientation import orient
+from lfpipe.scene.orientation import Orientation, orient
 from lfpipe.scene.pack_files import PlaneFile, open_pack
 from lfpipe.scene.plausibility import plausible
 from lfpipe.scene.source import SceneSource
@@ -70,14 +70,34 @@ def _gamma(source: SceneSource, scene: config.Scene) -> tuple[float, str]:
     return 1.0, ""
 
 
-def _make(
-    root: Path, key: str, source: SceneSource, scene: config.Scene, progress: Progress, choose: ChooseMethod | None, grey: bool
-) -> Path:
+@attrs.frozen
+class Examined:
+    """What a look at a scene says before anything is packed. gamma: the exponent for its values, and why. channels: 1 or 3."""
+
+    source: SceneSource
+    orientation: Orientation
+    gamma: float
+    gamma_by: str
+    channels: int
+
+
+def examine_scene(path: str | os.PathLike[str], scene: config.Scene) -> Examined:
+    """The scene at path by its names and a few small views. Raises UserError where it is none."""
+    with library_errors(path):
+        return _examined(without_implausible_truth(layouts.describe(path, scene)), scene)
+
+
+def _examined(source: SceneSource, scene: config.Scene) -> Examined:
+    if not source.certain:
+        source = plausible(source, scene.force)
+    return Examined(source, orient(source, scene), *_gamma(source, scene), 1 if _is_grey(source) else 3)
+
+
+def _make(root: Path, key: str, examined: Examined, progress: Progress, choose: ChooseMethod | None) -> Path:
     """Write the pack of source under its key and return its folder. The lock of key is held."""
-    _room(root, source, 1 if grey else 3)
+    source, orientation, channels = examined.source, examined.orientation, examined.channels
+    _room(root, source, channels)
     started = time.monotonic()
-    gamma, gamma_by = _gamma(source, scene)
-    orientation = orient(source, scene)
     rows, cols = orientation.turn.grid(source.rows, source.cols)
     present = np.ones((rows, cols), bool)
     for r in range(rows):
@@ -87,9 +107,9 @@ def _make(
     folder.mkdir()
     try:
         offsets = grid_offsets(source.coordinates, orientation.turn, rows, cols)
-        job = PackJob(source, orientation, folder, rows, cols, 1 if grey else 3, present, offsets, progress)
+        job = PackJob(source, orientation, folder, rows, cols, channels, present, offsets, progress)
         with PlaneFile.create(folder / "views.npy", job.shape, np.uint8, index_axes=3) as views:
-            write_views(job, views, screen_values.screen_table(source.max_value, gamma))
+            write_views(job, views, screen_values.screen_table(source.max_value, examined.gamma))
             disparity = write_disparity(job, views)
         name = source.path.resolve().stem if source.path.is_file() else source.path.resolve().name
         low, high = disparity["min_px"], disparity["max_px"]
@@ -99,9 +119,8 @@ def _make(
             "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "rows": rows, "cols": cols, "frames": source.frames,
             "height": source.height_px, "width": source.width_px, "channels": job.channels, "bit_depth": source.bit_depth,
             "frame_rate_hz": source.frame_rate_hz, "flips": attrs.asdict(orientation.turn),
-            "orientation": {"by": orientation.by, "sure": orientation.sure, "said": orientation.said,
-                            "undecided": orientation.undecided},
-            "gamma": gamma, "gamma_by": gamma_by, "geometry": attrs.asdict(source.geometry),
+            "orientation": orientation.facts,
+            "gamma": examined.gamma, "gamma_by": examined.gamma_by, "geometry": attrs.asdict(source.geometry),
             "present": present.astype(int).tolist(), "offsets": offsets.tolist() if source.coordinates is not None else None,
             "disparity": disparity, "notes": list(source.notes),
             "method": "warp" if max(abs(low), abs(high)) >= 0.5 else "nearest", "scores": {},
@@ -154,13 +173,11 @@ def _packed(
             field = open_pack(folder)
         except DamagedPackError:
             shutil.rmtree(folder, ignore_errors=True)
-            if not source.certain:
-                source = plausible(source, scene.force)
-            grey = _is_grey(source)
+            examined = _examined(source, scene)
             try:
-                folder = _make(root, key, source, scene, say, choose, grey)
+                folder = _make(root, key, examined, say, choose)
             except NotGreyError:
-                folder = _make(root, key, source, scene, say, choose, False)
+                folder = _make(root, key, attrs.evolve(examined, channels=3), say, choose)
             field = open_pack(folder)
         cache.remember(root, mark, key)
     return field

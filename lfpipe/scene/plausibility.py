@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.scene.disparity import SMALLEST_PX, Grey, flow, grid_xy
-from lfpipe.scene.flow_check import textured
-from lfpipe.scene.grey_views import grey_views, present_lines
+from lfpipe.scene.flow_check import confirmed, textured
+from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
 from lfpipe.scene.source import SceneSource, ViewIndex
 
-_LOOK_PX = 1 << 17  # of the small pictures
 _POOR_DB = 20.0  # of views between two others: below this they do not fit
 _EXPLAINED = 0.3  # share of textured pixels that one disparity explains: below this the flow is none of a light field
+_FINE_DB, _FINE_SHARE = 26.0, 0.6  # of the middle of all lines, with which no other views are asked
 _UNEXPLAINED = 0.1  # below this share a few dB more do not help
 _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # what the flow may be off
 _STILL_PX, _STILL_FAR_PX = 0.3, 1.0  # flow between neighbours of a focal stack, and between its middle and its ends
@@ -52,6 +52,15 @@ class Evidence:
                 f"the motion of {self.explained:.0%} of the detail"
             )
         return ""
+
+
+def _pair(a: Grey, b: Grey) -> tuple[float, float, float]:
+    """As `_triple`, of two views: one predicted from the other, and the share of detail that is found again in it."""
+    there, xx_yy = flow(a, b), grid_xy(*a.shape)
+    seen = cv2.remap(b, xx_yy[0] + there[..., 0], xx_yy[1] + there[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    found, detail = confirmed(there, flow(b, a)), textured(a)
+    explained = float(found[detail].mean()) if detail.any() else 1.0
+    return _psnr(seen.astype(np.float32), a.astype(np.float32)), explained, float(np.abs(there).max())
 
 
 def _psnr(a: NDArray[Any], b: NDArray[Any]) -> float:
@@ -116,14 +125,16 @@ def examine(source: SceneSource) -> Evidence | None:
     """What a few small views say; None where there are too few of them, or they are too small."""
     if min(source.height_px, source.width_px) < 2 * SMALLEST_PX:
         return None
-    grey: Callable[[int, int], Grey] = grey_views(source, _LOOK_PX)
+    grey: Callable[[int, int], Grey] = grey_views(source, LOOK_PX)
     lines = [line for line in present_lines(source) if len(line) >= 3]
     if not lines:
-        return None
-    found = []
-    for line in lines:
-        for middle in {len(line) // 2, max(1, len(line) // 5), min(len(line) - 2, len(line) - 1 - len(line) // 5)}:
-            found.append(_triple(*(grey(*line[k]) for k in (middle - 1, middle, middle + 1))))
+        pairs = [_pair(grey(*line[0]), grey(*line[1])) for line in present_lines(source) if len(line) == 2]
+        return Evidence(*(float(np.median(values)) for values in list(zip(*pairs, strict=True))[:2])) if pairs else None
+    found = [_triple(*(grey(*line[k + len(line) // 2]) for k in (-1, 0, 1))) for line in lines]
+    if any(held_out < _FINE_DB or explained < _FINE_SHARE for held_out, explained, _ in found):
+        for line in lines:
+            for middle in {max(1, len(line) // 5), min(len(line) - 2, len(line) - 1 - len(line) // 5)} - {len(line) // 2}:
+                found.append(_triple(*(grey(*line[middle + k]) for k in (-1, 0, 1))))
     held_out, explained, motion = (float(np.median(values)) for values in zip(*found, strict=True))
     every = [(r, c) for r in range(source.rows) for c in range(source.cols) if (r, c) not in source.missing]
     some = [grey(*index) for index in _spread(every, 9)] if motion < _STILL_PX else []

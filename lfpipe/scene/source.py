@@ -40,6 +40,7 @@ class SceneSource:
 
     read(frame, row, col): one view, (h, w) or (h, w, 3) RGB, uint8 or uint16 up to max_value; may be called from
         several threads; raises UserError that names the file.
+    small: one view in grey, uint8 (h, w), from (row, col, px): with at least that many px where it has them, quicker than read.
     missing: indices without a view. files: everything that read and truth read from, for the content key.
     turn: the way to canonical order where the layout or its coordinates define it, with the reason in turn_by; else None.
         turn_firm: False where scenes of this layout with another order exist, so that clear flow overrides it.
@@ -60,6 +61,7 @@ class SceneSource:
     height_px: int
     width_px: int
     max_value: int = 255
+    small: Callable[[int, int, float], NDArray[np.uint8]] | None = None
     frames: int = 1
     frame_rate_hz: float = 0.0
     missing: frozenset[tuple[int, int]] = frozenset()

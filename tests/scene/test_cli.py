@@ -14,6 +14,7 @@ from click.testing import CliRunner, Result
 
 from lfpipe.cli.scene import scene
 from lfpipe.errors import UserError
+from lfpipe.scene import files
 from lfpipe.scene.pack_files import open_pack
 from tests.scene import made
 
@@ -47,6 +48,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_info_as_json(shell: Shell, folder: Path) -> None:
+    shell.text("pack", folder)
     told = shell.json("info", folder)
     assert (told["layout"], told["rows"], told["cols"], told["height"], told["width"]) == ("rows-cols", 5, 5, 96, 128)
     assert (told["channels"], told["bit_depth"], told["frames"], told["views_missing"]) == (3, 8, 1, [])
@@ -57,6 +59,24 @@ def test_info_as_json(shell: Shell, folder: Path) -> None:
     assert told["disparity"]["max"] == pytest.approx(2, abs=0.3)
     assert set(told["geometry"]) == {"baseline_mm", "focus_distance_mm", "focal_length_px"}
     assert set(told["scores_db"]) == {"nearest", "blend", "warp", "warp2"}
+
+
+def test_info_of_many_files_reads_few_and_packs_nothing(shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made.write_grid(tmp_path / "many", made.views(16, 16, 48, 64), "v{n:03d}.jpg")
+    decoded, headers = [], []
+    imread, read_header = cv2.imread, files.read_header
+    monkeypatch.setattr(cv2, "imread", lambda *words: decoded.append(1) or imread(*words))
+    monkeypatch.setattr(files, "read_header", lambda read: headers.append(1) or read_header(read))
+    told = shell.json("info", tmp_path / "many")
+    assert (told["rows"], told["cols"], told["pack"], told["scores_db"]) == (16, 16, None, {})
+    assert told["disparity"]["max"] == pytest.approx(2, abs=0.5)
+    assert len(decoded) < 110
+    assert len(headers) - len(decoded) == 256  # each file's once, besides those that are decoded
+    assert shell.json("list")["packs"] == []
+    shell.text("pack", tmp_path / "many")
+    packed = shell.json("info", tmp_path / "many")
+    assert packed["pack"] and set(packed) == set(told)
+    assert packed["flips"] == told["flips"] and packed["orientation_evidence"] == told["orientation_evidence"]
 
 
 def test_info_for_people_names_the_override(shell: Shell, folder: Path, tmp_path: Path) -> None:

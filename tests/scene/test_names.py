@@ -99,6 +99,46 @@ def test_names_that_were_met(tmp_path: Path, scheme: str) -> None:
     assert not any("files used" in note for note in source.notes)
 
 
+PLACES = list(product(range(3), range(4)))
+FOLDERS = {
+    "rows": [f"row_{r + 1:02d}/img_{c + 1:02d}.png" for r, c in PLACES],
+    "rows by bare numbers": [f"{r}/{c}.png" for r, c in PLACES],
+    "rows of a camera": [f"Row {'ABC'[r]}/DSC{4711 + 4 * r + c:05d}.JPG" for r, c in PLACES],
+    "columns": [f"col{c}/row{r}.png" for r, c in PLACES],
+    "one inner folder": [f"images/v_{r}_{c}.png" for r, c in PLACES],
+    "two folders down": [f"scan/png/v_{r}_{c}.png" for r, c in PLACES],
+    "suffixes": [f"v_{r}_{c}." + ("jpg", "JPG", "jpeg", "Jpg")[c] for r, c in PLACES],
+    "sums": [f"{r:02d}_{c:02d}_{(97 * r + c) * 2654435761 % 2**32:08x}.png" for r, c in PLACES],
+    "copies, the first bare": ["a.png", *(f"a ({k}).png" for k in range(1, 12))],
+    "copies of a Mac": ["shot.png", *(f"shot {k}.png" for k in range(2, 13))],
+    "times": [f"WhatsApp Image 2026-07-04 at 15.{58 + k // 6}.{9 * (k % 6):02d}.jpeg" for k in range(12)][:6]
+    + [f"WhatsApp Image 2026-07-04 at 16.00.{9 * k:02d}.jpeg" for k in range(6)],
+    "times of a phone": [f"PXL_20260704_15{k // 6 + 30}{9 * (k % 6):02d}{371 * k % 1000:03d}.jpg" for k in range(12)],
+}
+
+
+@pytest.mark.parametrize("scheme", FOLDERS)
+def test_names_and_folders_of_people(tmp_path: Path, scheme: str) -> None:
+    for name, picture in zip(FOLDERS[scheme], GRID.reshape(12, *GRID.shape[2:]), strict=True):
+        made.write(tmp_path / name, picture)
+    for name in ("README.txt", "Thumbs.db", ".DS_Store", "__MACOSX/._a.jpg"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"x")
+    source = layouts.describe(tmp_path, AUTO)
+    grid = np.array([[source.read(0, r, c) for c in range(source.cols)] for r in range(source.rows)])
+    assert grid.shape == GRID.shape
+    assert np.abs(grid.astype(int) - GRID).mean() < 4
+    assert source.path == tmp_path
+
+
+def test_folders_of_two_scenes_are_named(tmp_path: Path) -> None:
+    for name in ("garden", "kitchen"):
+        made.write_grid(tmp_path / name, GRID)
+    with pytest.raises(UserError, match="2 folders: garden, kitchen") as caught:
+        layouts.describe(tmp_path, AUTO)
+    assert str(tmp_path / "garden") in caught.value.remedy
+
+
 @pytest.mark.parametrize("order", ["rows", "cols", "snake"])
 @pytest.mark.parametrize(("rows", "cols"), [(16, 16), (5, 5), (2, 8), (1, 20)])
 def test_columns_of_a_running_number(rows: int, cols: int, order: str) -> None:

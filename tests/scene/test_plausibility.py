@@ -69,6 +69,7 @@ def quilt_row(seed: int) -> np.ndarray:
 UNRELATED = np.array([made.texture(120, 160, seed)[..., 1] for seed in range(16)])
 NO_LIGHT_FIELDS = {
     "unrelated, line": UNRELATED[None],
+    "unrelated, 2x2": UNRELATED[:4].reshape(2, 2, 120, 160),
     "unrelated, grid": UNRELATED.reshape(4, 4, 120, 160),
     "turntable": turntable(8, 30),
     "focal stack": focal_stack(9),
@@ -101,6 +102,7 @@ LIGHT_FIELDS = {
     "wide baseline": made.views(3, 5, 96, 128, 16.0, -8.0),
     "converging": made.views(5, 5, 96, 128, -2.0, -6.0),
     "reflection": reflecting(5, 5),
+    "2x2": made.views(2, 2, 96, 128, 8.0, -4.0),
     "noise": noisy(made.views(5, 5), 20),
     "little texture": np.stack([[cv2.GaussianBlur(view, (0, 0), 6) for view in row] for row in made.views(5, 5)]),
     "rows reversed": made.views(5, 5)[::-1],

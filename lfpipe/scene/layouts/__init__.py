@@ -8,9 +8,12 @@ import os
 import pkgutil
 from typing import Protocol, cast
 
+import attrs
+
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, library_errors, list_scene
+from lfpipe.scene.layouts._folders import inner_listing
 from lfpipe.scene.source import SceneSource
 
 
@@ -72,10 +75,26 @@ def _require_readable(listing: Listing) -> None:
 
 
 def _described(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> SceneSource:
+    given = listing.path
+    if (inner := inner_listing(listing)) is not None and not _marks(known, listing):
+        listing = inner
     _require_readable(listing)
+    source = _chosen(known, listing, scene)
+    if listing.path != given:
+        note = f"the pictures are those of {listing.path.relative_to(given)}"
+        source = attrs.evolve(source, path=given, notes=(*source.notes, note))
+    return source
+
+
+def _marks(known: dict[str, Layout], listing: Listing) -> list[tuple[int, Layout]]:
+    return [(mark, layout) for layout in known.values() if (mark := layout.detect(listing)) is not None]
+
+
+def _chosen(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> SceneSource:
+    """The scene by the layout that was named, else by the most specific that matches. Raises UserError."""
     if scene.layout != "auto":
         return known[scene.layout].describe(listing, scene)
-    marks = [(mark, layout) for layout in known.values() if (mark := layout.detect(listing)) is not None]
+    marks = _marks(known, listing)
     if not marks:
         some = ", ".join(listing.names[:3] or listing.folders[:3])
         remedy = "give the folder of the views, or the file that holds them; unpack an archive first"

@@ -8,11 +8,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.picture_header import MAX_DECODING_BYTES
-from lfpipe.scene.files import MAX_FILES, Listing, picture_header, read_picture
+from lfpipe.scene.files import MAX_FILES, Listing, picture_header, read_picture, small_grey
 from lfpipe.scene.source import SceneSource, ViewIndex
 
 MAX_SIDE = 10_000  # views along one side of a grid
@@ -90,9 +91,11 @@ def files_source(
     layout: str, listing: Listing, files: Mapping[ViewIndex, Path], rows: int, cols: int, **more: Any
 ) -> SceneSource:
     """A SceneSource that reads one picture file per view. Size and depth are those of the middle view; a view of another
-    size or depth raises UserError when read. more: further fields of SceneSource; extra_files joins its files."""
+    size or depth raises UserError when read. more: further fields of SceneSource; extra_files joins its files; headers: of
+    files, where they are known."""
     middle = min(files, key=lambda place: (abs(place[0] - rows // 2) + abs(place[1] - cols // 2), place))
-    headers = {place: picture_header(path) for place, path in files.items()}
+    known = more.pop("headers", {})
+    headers = {place: known.get(path) or picture_header(path) for place, path in files.items()}
     first = headers[middle]
     for place, header in headers.items():
         for what, here, there in (
@@ -111,6 +114,9 @@ def files_source(
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
         return read_picture(files[row, col], headers[row, col])[0]
 
+    def small(row: int, col: int, most_px: float) -> NDArray[np.uint8]:
+        return small_grey(files[row, col], headers[row, col], most_px)
+
     extra = tuple(more.pop("extra_files", ()))
     missing = frozenset((r, c) for r in range(rows) for c in range(cols) if (r, c) not in files)
     return SceneSource(
@@ -120,6 +126,7 @@ def files_source(
         rows=rows,
         cols=cols,
         read=read,
+        small=small if full in (255, first.max_value) else None,
         height_px=first.height_px,
         width_px=first.width_px,
         max_value=full,

@@ -35,6 +35,14 @@ _READINGS = tuple(
     )
 )
 _HALVES = len(_READINGS) - 1  # the reading in which a number is row and column without a separator: 0307
+_TIMES = (  # of day, as phones and messengers write them: behind a date, or with separators
+    re.compile(r"(?<=\d{8}[-_])([01]\d|2[0-3])([0-5]\d)([0-5]\d)(?=\d{3}(?!\d)|\D|$)"),
+    re.compile(r"(?<=[ _T])([01]\d|2[0-3])[.:_-]([0-5]\d)[.:_-]([0-5]\d)(?!\d)"),
+)
+_SUM = re.compile(r"[-_. ](?=[0-9a-f]*[a-f])(?=[0-9a-f]*[0-9])[0-9a-f]{6,40}$", re.IGNORECASE)
+_SUM_OR_NUMBER = re.compile(r"[-_. ][0-9a-f]{6,40}$", re.IGNORECASE)
+_COPY = re.compile(r"(.*?)([-_ ]?\(|[-_ ])(\d{1,5})(\)?)")
+_SAME_KIND = {"jpeg": "jpg", "jpe": "jpg", "tiff": "tif"}
 _FRAME_WORDS = ("f", "fr", "frame", "frames", "time")
 _ROW_WORDS, _COL_WORDS = ("row", "rows", "r", "y", "v", "t"), ("col", "cols", "column", "c", "x", "u", "s")
 MAPS = re.compile(r"depth|disp|mask|label|seg|normal|flow|conf|thumb|error|diff|gt", re.IGNORECASE)
@@ -112,18 +120,45 @@ class _Family:
         return len(np.unique(codes))
 
 
-def _families(names: tuple[str, ...], rank: int) -> list[tuple[tuple[str, ...], dict[str, tuple[str, ...]]]]:
-    """The texts of names, and the numbers of each name that has them."""
+def _seconds(time: re.Match[str]) -> str:
+    hours, minutes, seconds = map(int, time.groups())
+    return f"{3600 * hours + 60 * minutes + seconds:05d}"
+
+
+def _stems(names: tuple[str, ...]) -> dict[str, tuple[str, str]]:
+    """The part of each name that is read, and its kind (jpg for .jpeg, too).
+
+    Times of day are in seconds, sums at the end are left out, and the first of copies gets the number that it lacks: photo.jpg,
+    photo (1).jpg, ... and shot.png, shot 2.png, ...
+    """
+    stems = {name: name.rpartition(".")[0] for name in names}
+    for time in _TIMES:
+        stems = {name: time.sub(_seconds, stem) for name, stem in stems.items()}
+    if 2 * sum(_SUM.search(stem) is not None for stem in stems.values()) > len(names):
+        stems = {name: _SUM_OR_NUMBER.sub("", stem) for name, stem in stems.items()}
+    copies: defaultdict[str, list[tuple[int, str]]] = defaultdict(list)
+    for stem in stems.values():
+        if found := _COPY.fullmatch(stem):
+            copies[found[1]].append((int(found[3]), stem))
+    for name, stem in stems.items():
+        first = min(copies.get(stem, [(0, "")]))
+        if len(copies.get(stem, [])) > 1 and first[0] in (1, 2):
+            stems[name] = _COPY.sub(rf"\g<1>\g<2>{first[0] - 1}\g<4>", first[1])
+    suffixes = {name: name.rpartition(".")[2].lower() for name in names}
+    return {name: (stem, _SAME_KIND.get(suffixes[name], suffixes[name])) for name, stem in stems.items()}
+
+
+def _families(stems: dict[str, tuple[str, str]], rank: int) -> list[tuple[tuple[str, ...], dict[str, tuple[str, ...]]]]:
+    """The texts of names, and the numbers of each name that has them. stems: as `_stems` gives them."""
     reading = _READINGS[rank]
     families: defaultdict[tuple[str, ...], dict[str, tuple[str, ...]]] = defaultdict(dict)
-    for name in names:
-        stem, _, suffix = name.rpartition(".")
+    for name, (stem, suffix) in stems.items():
         numbers, digits = reading.findall(stem), 0
         if rank == _HALVES and numbers:
             digits = len(numbers[-1])
             numbers = [*numbers[:-1], *_halves(numbers[-1])]
         if 0 < len(numbers) <= _MAX_FIELDS:
-            texts = (*reading.split(stem.lower()), suffix.lower(), "0" * digits)
+            texts = (*reading.split(stem.lower()), suffix, "0" * digits)
             families[texts][name] = tuple(numbers)
     return list(families.items())
 
@@ -213,12 +248,25 @@ def _contiguous(numbered: NumberedNames) -> bool:
     return max(numbers) - min(numbers) < len(numbers)
 
 
+def _by_folder(names: tuple[str, ...]) -> NumberedNames | None:
+    """Rows by folder, columns by the order of names in each, where all folders hold equally many; else None."""
+    folders: defaultdict[str, list[str]] = defaultdict(list)
+    for name in names:
+        folders[name.rpartition("/")[0]].append(name)
+    counts = {len(inside) for inside in folders.values()}
+    if len(folders) < 2 or len(counts) > 1:
+        return None
+    views = {(row, col): name for row, inside in enumerate(folders.values()) for col, name in enumerate(inside)}
+    return NumberedNames(views, len(folders), counts.pop(), False, (), ())
+
+
 @lru_cache(maxsize=4)
 def read_names(names: tuple[str, ...]) -> NumberedNames | None:
     """What the numbers of most of these names say; None where no two names differ in numbers alone."""
     found: list[tuple[tuple[float, ...], NumberedNames]] = []
+    stems = _stems(names)
     for rank in range(len(_READINGS)):
-        families = _families(names, rank)
+        families = _families(stems, rank)
         most = max((len(family) for _, family in families), default=0)
         for texts, family in families:
             if len(family) > 1 and 2 * len(family) >= most and (read := _read(_Family.of(texts, family))):
@@ -229,8 +277,10 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
                 if key[:3] == (len(names), 1.0, 1.0):
                     return numbered
                 found.append(((key[0] * (1.0 if views else 0.5), *key[1:], views, -rank), numbered))
-    if not found:
+    best = max(found, key=lambda pair: pair[0])[1] if found else None
+    if (best is None or best.runs or best.clashes) and (rows := _by_folder(names)) is not None:
+        return rows
+    if best is None:
         return None
-    best = max(found, key=lambda pair: pair[0])[1]
     used = {*best.views.values(), *(name for clash in best.clashes for name in clash)}
     return attrs.evolve(best, others=tuple(name for name in names if name not in used))

@@ -7,13 +7,13 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import attrs
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, picture_header, read_picture
+from lfpipe.files.picture_header import Header
+from lfpipe.scene.files import Listing, picture_header, small_grey
 from lfpipe.scene.layouts._grid import files_source, parse_grid, require_grid
 from lfpipe.scene.layouts._names import NumberedNames, read_names
 from lfpipe.scene.layouts._running import find_columns
@@ -21,6 +21,7 @@ from lfpipe.scene.source import SceneSource, ViewIndex
 
 _MADE_SHARE = 0.25  # of a grid that may be missing: those views are made from their neighbours
 _MAX_STRIDE = 8
+_SMALL_PX = 96 * 128  # of pictures that the columns of a running number follow from
 _MAX_CELLS = 4000  # of a grid with holes
 
 
@@ -56,7 +57,8 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
             f"{listing.path}: {len(paths)} pictures whose names do not differ in numbers",
             "name the views view_ROW_COLUMN.png, or give one picture of the folder by its own path",
         )
-    odd = _odd_sizes({name: paths[name] for name in numbered.views.values()})
+    headers = {name: picture_header(paths[name]) for name in numbered.views.values()}
+    odd = _odd_sizes(headers)
     if odd:
         numbered = read_names(tuple(name for name in paths if name not in odd)) or numbered
     if runs and not numbered.runs:
@@ -67,7 +69,7 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         raise UserError(f"{listing.path}: {first} and {second} both stand for one view", f"move {second} away")
     grid, doubt, notes = parse_grid(scene.grid), "", []
     if runs:
-        views, rows, cols, doubt, note = _arranged(listing, paths, numbered, grid)
+        views, rows, cols, doubt, note = _arranged(listing, paths, headers, numbered, grid)
         notes.append(note)
     else:
         views, rows, cols = numbered.views, numbered.rows, numbered.cols
@@ -87,14 +89,24 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         sizes = {name: f"{name} ({odd[name]})" if name in odd else name for name in unused}
         notes.append(f"{len(used)} of {len(paths)} files used, the others are {some(list(sizes.values()))}")
     files = {index: paths[name] for index, name in part.views.items()}
-    return files_source(layout, listing, files, part.rows, part.cols, notes=tuple(notes), doubt=doubt, certain=False)
+    return files_source(
+        layout,
+        listing,
+        files,
+        part.rows,
+        part.cols,
+        notes=tuple(notes),
+        doubt=doubt,
+        certain=False,
+        headers={paths[name]: header for name, header in headers.items()},
+    )
 
 
-def _odd_sizes(files: Mapping[str, Path]) -> dict[str, str]:
-    """Names of the few pictures that have another size than the rest, with their sizes. Raises UserError."""
-    sizes = {name: f"{header.width_px}x{header.height_px} px" for name, path in files.items() if (header := picture_header(path))}
+def _odd_sizes(headers: Mapping[str, Header]) -> dict[str, str]:
+    """Names of the few pictures that have another size than the rest, with their sizes."""
+    sizes = {name: f"{header.width_px}x{header.height_px} px" for name, header in headers.items()}
     usual, count = Counter(sizes.values()).most_common(1)[0]
-    return {name: size for name, size in sizes.items() if size != usual} if 2 * count > len(files) else {}
+    return {name: size for name, size in sizes.items() if size != usual} if 2 * count > len(headers) else {}
 
 
 def _line(numbered: NumberedNames) -> list[tuple[ViewIndex, str]]:
@@ -102,15 +114,14 @@ def _line(numbered: NumberedNames) -> list[tuple[ViewIndex, str]]:
 
 
 def _arranged(
-    listing: Listing, paths: Mapping[str, Path], numbered: NumberedNames, grid: ViewIndex | None
+    listing: Listing, paths: Mapping[str, Path], headers: Mapping[str, Header], numbered: NumberedNames, grid: ViewIndex | None
 ) -> tuple[dict[ViewIndex, str], int, int, str, str]:
     """(views, rows, cols, doubt, note) of a running number, by the pictures. Raises UserError."""
     by_position = {index[1]: name for index, name in numbered.views.items()}
 
     def read(position: int) -> NDArray[np.uint8]:
-        picture, full = read_picture(paths[by_position[position]])
-        plane = picture if picture.ndim == 2 else picture[..., 1]
-        return np.asarray(plane if full == 255 else cv2.convertScaleAbs(plane, alpha=255 / full), np.uint8)
+        name = by_position[position]
+        return small_grey(paths[name], headers[name], _SMALL_PX)
 
     try:
         run = find_columns(read, [position in by_position for position in range(numbered.cols)], grid)
