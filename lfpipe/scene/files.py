@@ -183,6 +183,8 @@ def _examined(path: Path, file: BinaryIO) -> Header:
     try:
         read, size = _reader(file)
         header = read_header(read)
+        if header is None and read(4, 4) == b"ftyp":
+            raise UserError(f"{path}: a HEIC or AVIF picture under another name", "export it as JPEG")
         if header is None:
             raise _unreadable(path, "truncated, damaged or another format")
         problem = header.problem(size)

@@ -17,9 +17,9 @@ _FLOW_WINS = 0.89  # certainty above which flow overrides the convention of a la
 _FLAT_PX = 0.05  # per step: below this the flow is noise
 _ALONG = 2.0  # motion along an axis over motion across it
 _ALIKE = 0.4  # correlation of rows and columns of a grid in order
-_FEW_VOTES, _VOTES_SHARE = 40, 0.71  # pixels that say what hides what, and the majority among them
-_LOWER = 0.35  # correlation from which what stands lower counts as nearer
-_LOWER_SURE = (0.35, 0.75), (0.75, 0.88)  # how often that is right, by the correlation: 0.82 below 0.7, more above
+_FEW_VOTES, _VOTES_SHARE = 100, 0.71  # pixels that say what hides what, and the majority among them
+_LOWER = 0.5  # correlation from which what stands lower counts as nearer
+_LOWER_SURE = (0.5, 0.75), (0.82, 0.9)  # how often that is right, by the correlation
 _HELP = "scene.flip=rows, cols or both and scene.transpose=yes turn it"
 
 

@@ -106,7 +106,7 @@ def open_pack(folder: Path) -> LightField:
         raise
     except UserError as error:
         raise damaged(folder, error.message) from None
-    except (ValueError, TypeError, OverflowError, OSError) as error:
+    except (ValueError, TypeError, LookupError, OverflowError, OSError) as error:
         raise damaged(folder, f"not a whole pack: {error}") from None
 
 

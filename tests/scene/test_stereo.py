@@ -123,7 +123,7 @@ def test_an_ordinary_picture_is_no_pair(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "remedy"), [("a.lfp", "PlenoptiCam"), ("a.LFR", "LFToolbox"), ("a.heic", "heif-convert"), ("a.gif", "ffmpeg")]
+    ("name", "remedy"), [("a.lfp", "PlenoptiCam"), ("a.LFR", "LFToolbox"), ("a.heic", "heif-convert"), ("a.CR2", "darktable")]
 )
 def test_what_other_programs_convert_is_refused_with_their_name(tmp_path: Path, name: str, remedy: str) -> None:
     (tmp_path / name).write_bytes(b"anything")

@@ -12,8 +12,10 @@ import attrs
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, library_errors, list_scene
+from lfpipe.scene.files import Listing, library_errors, list_scene, read_picture
 from lfpipe.scene.layouts._folders import inner_listing
+from lfpipe.scene.layouts._mosaic import single_picture
+from lfpipe.scene.layouts._plenoptic import is_honeycomb
 from lfpipe.scene.source import SceneSource
 
 
@@ -61,17 +63,29 @@ _CONVERTED = {  # what other programs turn into pictures, by the ends of names
         "a raw picture of a Lytro camera",
         "decode it with PlenoptiCam or LFToolbox and give the folder of its views",
     ),
-    (".heic", ".heif"): ("a HEIC picture, which is not decoded here", "`heif-convert FILE.heic FILE.jpg`, or export it as JPEG"),
-    (".gif",): ("a GIF, which is not decoded here", "`ffmpeg -i FILE.gif view_%03d.png` in a new folder, and give that"),
+    (".heic", ".heif"): (
+        "a HEIC picture, which is not decoded here",
+        "`heif-convert FILE.heic FILE.jpg`, or export it as JPEG; with its depth: `heif-convert --with-aux`, then the two as "
+        "x.jpg and x_depth.jpg in a folder",
+    ),
+    (".avif", ".jxl", ".psd", ".exr"): (
+        "a picture of a kind that is not decoded here",
+        "export it as PNG or JPEG, and give that",
+    ),
+    (".cr2", ".cr3", ".nef", ".arw", ".dng", ".raf", ".orf", ".rw2"): (
+        "a camera's raw picture",
+        "develop it with the camera's program, darktable or RawTherapee, and give the folder of JPEGs or TIFFs",
+    ),
     (".zip", ".tar", ".gz", ".rar", ".7z"): ("an archive", "unpack it and give the folder"),
 }
 
 
 def _require_readable(listing: Listing) -> None:
-    """Raises UserError where all files need another program first."""
+    """Raises UserError where no file is a picture, and most need another program first."""
     for ends, (what, remedy) in _CONVERTED.items():
-        if listing.names and all(name.lower().endswith(ends) for name in listing.names):
-            raise UserError(f"{listing.file(listing.names[0])}: {what}", remedy)
+        such = [name for name in listing.names if name.lower().endswith(ends)]
+        if such and not listing.pictures() and 2 * len(such) >= len(listing.names):
+            raise UserError(f"{listing.file(such[0])}: {what}", remedy)
 
 
 def _described(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> SceneSource:
@@ -101,4 +115,13 @@ def _chosen(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> 
         if listing.pictures():
             remedy = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
         raise UserError(f"{listing.path}: no layout of a light field recognised ({some}, ...)", remedy)
-    return max(marks, key=lambda pair: pair[0])[1].describe(listing, scene)
+    mark, layout = max(marks, key=lambda pair: pair[0])
+    path = single_picture(listing) if mark < 90 else None  # others say what they are
+    if path is not None and is_honeycomb(read_picture(path)[0]):
+        if not scene.force:
+            raise UserError(
+                f"{path}: a raw picture of a plenoptic camera, a honeycomb of lenslets",
+                "decode it with PlenoptiCam or LFToolbox and give the folder of its views; --force shows it flat",
+            )
+        layout = known["picture"]
+    return layout.describe(listing, scene)

@@ -1,15 +1,43 @@
-"""What plenoptic cameras have in common: the outer views are dark or empty."""
+"""What plenoptic cameras have in common: raw pictures are a honeycomb of lenslets, the outer views are dark or empty."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.scene.source import ViewIndex
 
+_CROP_PX, _PITCH_PX, _PEAK = 512, (5, 30), 300.0  # of the part that is looked at, of a lenslet; over the median around it
 _DARK_SIDE, _DARK_VIEW = 0.55, 0.4  # brightness over that of the middle view, below which a whole side, a view is left out
+
+
+def is_honeycomb(picture: NDArray[Any]) -> bool:
+    """Whether a picture is a raw one of lenslets in a honeycomb: its spectrum has peaks of one distance 60 degrees apart."""
+    plane = picture if picture.ndim == 2 else picture[..., 1]
+    size = min(_CROP_PX, *plane.shape)
+    top, left = ((side - size) // 2 for side in plane.shape)
+    if size < 8 * _PITCH_PX[0]:
+        return False
+    window = np.hanning(size).astype(np.float32)
+    part = plane[top : top + size, left : left + size].astype(np.float32)
+    power = np.fft.fftshift(np.abs(np.fft.fft2((part - part.mean()) * window * window[:, None])) ** 2)
+    y, x = np.mgrid[:size, :size] - size // 2
+    away = np.hypot(x, y)
+    ring = (away > size / _PITCH_PX[1]) & (away < size / _PITCH_PX[0])
+    at = int(np.argmax(np.where(ring, power, 0)))
+    peak_y, peak_x = (int(v) - size // 2 for v in divmod(at, size))
+    radius = float(np.hypot(peak_x, peak_y))
+    usual = float(np.median(power[np.abs(away - radius) < 0.2 * radius]))
+    for angle in (np.pi / 3, -np.pi / 3):
+        px = round(peak_x * np.cos(angle) - peak_y * np.sin(angle)) + size // 2
+        py = round(peak_x * np.sin(angle) + peak_y * np.cos(angle)) + size // 2
+        near = power[max(0, py - 2) : py + 3, max(0, px - 2) : px + 3]
+        if not near.size or float(near.max()) < max(_PEAK * usual, 0.05 * float(power.flat[at])):
+            return False
+    return True
 
 
 def bright_part(

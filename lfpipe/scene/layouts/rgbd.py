@@ -1,4 +1,5 @@
-"""A picture with its depth map: side by side or one below the other in one file (Looking Glass RGB-D), or in two files.
+"""A picture with its depth map: side by side or one below the other in one file (Looking Glass RGB-D), in two files, or inside
+a JPEG as phones write it.
 
 White is near. Views around the picture are made from it: shifted by depth, and filled from behind where nothing was seen.
 """
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, read_picture
+from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
 from lfpipe.scene.layouts._grid import parse_grid, require_grid
 from lfpipe.scene.layouts._mosaic import single_picture
 from lfpipe.scene.missing_views import warped_disparity, warped_view
@@ -62,6 +64,8 @@ def detect(listing: Listing) -> int | None:
     if _pair(listing) is not None:
         return 84
     path = single_picture(listing)
+    if path is not None and has_depth(path):
+        return 87
     if path is None or not _NAMED.search(path.stem.lower()):
         return None
     try:
@@ -81,6 +85,8 @@ def _read(listing: Listing) -> tuple[tuple[Path, ...], NDArray[Any], NDArray[Any
     if path is None:
         raise UserError(f"{listing.path}: no picture with a depth map", "name them x.png and x_depth.png, alone in a folder")
     picture, full = read_picture(path)
+    if has_depth(path):
+        return (path,), picture, 255 * embedded_depth(path), full
     found = _beside(picture)
     if found is None:
         raise UserError(

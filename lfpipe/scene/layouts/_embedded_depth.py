@@ -1,0 +1,107 @@
+"""Depth maps inside JPEGs, as phones write portrait photographs: GDepth (in extended XMP) and Dynamic Depth (appended items).
+
+GDepth: https://developers.google.com/depthmap-metadata/reference; Dynamic Depth 1.0, an XMP directory of what follows the
+picture; XMP Part 3 (Adobe) for its parts in a JPEG. In both, larger values are farther away.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import re
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.files.picture_header import header_of
+from lfpipe.scene.files import read_bytes
+
+MAX_BYTES = 60_000_000  # of a photograph with what it carries
+_MAX_DEPTH_BYTES = 40_000_000  # of a decoded map
+_XMP, _MORE = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
+_ITEM = re.compile(rb"<\w+:Item\b([^>]{0,2000})>")
+_REMEDY = "export the picture and its depth as x.png and x_depth.png, and give their folder"
+
+
+def _packets(data: bytes) -> tuple[bytes, bytes]:
+    """The XMP of a JPEG and the extended XMP, its parts in order."""
+    at, packet, parts = 2, b"", dict[int, bytes]()
+    while data[at : at + 1] == b"\xff" and data[at + 1] != 0xDA and at + 4 <= len(data):
+        size = int.from_bytes(data[at + 2 : at + 4])
+        body = data[at + 4 : at + 2 + size]
+        if data[at + 1] == 0xE1 and body.startswith(_XMP):
+            packet = body[len(_XMP) :]
+        elif data[at + 1] == 0xE1 and body.startswith(_MORE):
+            head = len(_MORE) + 32
+            parts[int.from_bytes(body[head + 4 : head + 8])] = body[head + 8 :]
+        at += 2 + max(2, size)
+    return packet, b"".join(parts[start] for start in sorted(parts))
+
+
+def _value(xmp: bytes, name: bytes) -> bytes | None:
+    found = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)", xmp) or re.search(rb"<" + name + rb">([^<]*)", xmp)
+    return found[1] if found else None
+
+
+def _appended(data: bytes, xmp: bytes) -> bytes | None:
+    """The item with the depth, of those that a directory lists: they follow the picture, in order, to the end of the file."""
+    end, depth = len(data), None
+    for item in reversed(_ITEM.findall(xmp)):
+        length = int(_value(item, rb"\w*Item:Length") or 0)
+        start = end - length
+        if start <= 0 or not length:
+            break
+        if (_value(item, rb"\w*Item:Semantic") or b"").lower() == b"depth":
+            depth = data[start:end]
+        end = start
+    return depth
+
+
+def has_depth(path: Path) -> bool:
+    """Whether a JPEG says that it carries a depth map."""
+    if path.suffix.lower() not in (".jpg", ".jpeg"):
+        return False
+    try:
+        packet, _ = _packets(read_bytes(path, MAX_BYTES))
+    except (UserError, IndexError):
+        return False
+    items = _ITEM.findall(packet)
+    listed = any((_value(item, rb"\w*Item:Semantic") or b"").lower() == b"depth" for item in items)
+    return listed or b"GDepth:Format" in packet or b"GDepth:Mime" in packet
+
+
+def embedded_depth(path: Path) -> NDArray[Any]:
+    """The depth map of a photograph, (h, w) float32, larger is nearer. Raises UserError."""
+    data = read_bytes(path, MAX_BYTES)
+    packet, more = _packets(data)
+    whole = packet + more
+    stored = _value(whole, b"GDepth:Data")
+    try:
+        coded = base64.b64decode(stored, validate=True) if stored else _appended(data, packet)
+    except (binascii.Error, ValueError):
+        coded = None
+    header = header_of(coded) if coded else None
+    if header is None or coded is None or header.decoded_bytes > _MAX_DEPTH_BYTES or header.problem(len(coded)):
+        raise UserError(f"{path}: says that it carries a depth map, but holds none that can be read", _REMEDY)
+    found = cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+    if found is None:
+        raise UserError(f"{path}: its depth map is damaged", _REMEDY)
+    share = found.astype(np.float32) / np.float32(65535 if found.dtype == np.uint16 else 255)
+    if (_value(whole, rb"\w*Depth:Format") or b"RangeInverse").lower() != b"rangelinear":
+        return np.asarray(1 - share, np.float32)
+    near, far = (_number(_value(whole, rb"\w*Depth:" + name)) for name in (b"Near", b"Far"))
+    if near is None or far is None or not 0 < near < far:
+        return np.asarray(1 - share, np.float32)
+    return np.asarray(near / (near + share * np.float32(far - near)), np.float32)
+
+
+def _number(text: bytes | None) -> float | None:
+    try:
+        value = float(text or b"")
+    except ValueError:
+        return None
+    return value if np.isfinite(value) else None
