@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfpipe.render.synthesis import Synthesiser
 from lfpipe.render.view_weights import Position
 from lfpipe.scene.disparity import estimate_disparity, quantised, scale_for
-from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.lightfield import UNKNOWN, LightField
 
 
 def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> LightField:
@@ -33,7 +33,8 @@ def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> Li
     disparity = estimate_disparity(part.views[0])
     if disparity is None:
         raise ValueError("no disparity can be estimated: one view, or the views are too small")
-    low, high = (float(v) for v in np.percentile(disparity, (0.05, 99.95)))
+    known = disparity[~np.isnan(disparity)] if not np.isnan(disparity).all() else np.zeros(1, np.float32)
+    low, high = (float(v) for v in np.percentile(known, (0.05, 99.95)))
     scale = scale_for(low, high)
     return attrs.evolve(
         part,
@@ -48,7 +49,7 @@ def with_coarser_disparity(field: LightField, factor: int) -> LightField:
     """field with its disparity maps at 1/factor of their resolution."""
     if field.disparity is None or factor == 1:
         return field
-    stored = np.asarray(field.disparity)
+    stored = np.where(np.asarray(field.disparity) == UNKNOWN, 0, field.disparity)
     size = max(1, stored.shape[4] // factor), max(1, stored.shape[3] // factor)
     shrunk = [
         cv2.resize(map_.astype(np.float32), size, interpolation=cv2.INTER_AREA) for map_ in stored.reshape(-1, *stored.shape[3:])

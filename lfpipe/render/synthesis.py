@@ -50,6 +50,7 @@ class Synthesiser:
         self._warper = Warper(field) if method in WARPS else None
         size = (field.height_px, field.width_px)
         self._parts = [np.empty(size, np.uint8) for _ in range(4)]
+        self._cross: list[NDArray[np.uint8]] = []  # the cross-fade where disparity is unknown
         self._blocks = Blocks(*size)
         self._mean = ViewMean(*size) if method == "best" else None
         self._made = [np.empty((*size_of(*size), 4), np.uint8) for _ in range(5)]
@@ -124,7 +125,13 @@ class Synthesiser:
             total += view.weight
         if mean is not None:
             mean.planes(drawn)
-            return drawn
-        for blocks, out in zip(self._made, drawn, strict=False):
-            self._blocks.pixels(blocks, out)
+        else:
+            for blocks, out in zip(self._made, drawn, strict=False):
+                self._blocks.pixels(blocks, out)
+        every = view_weights("blend", position, self._rows, self._cols)
+        faded = warper.unknown(frame, every)
+        if faded is not None:
+            self._cross = self._cross or [np.empty_like(part) for part in self._parts]
+            for out, plain in zip(drawn, self._faded(every, zero_plane_px, sources, self._cross), strict=True):
+                cv2.blendLinear(plain, out, faded, 1 - faded, out)
         return drawn

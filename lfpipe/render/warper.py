@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import cv2
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 
 from lfpipe.render.blocks import MARGIN, places
 from lfpipe.render.view_weights import Position, ViewWeight, cell_of
-from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.lightfield import UNKNOWN, LightField
 
 CAREFUL_PX = 1.0  # parting of near and far from which hidden parts are looked after, a seventh of the cost of a warp
 # What a view still counts where it does not see the point, and the distance in px from which that is certain. A test that fails
 # along every edge is too unsure to drop a view altogether.
 UNSEEN, UNSEEN_PX = 0.35, 1.5
+SOFT = 5  # values of disparity over which a cross-fade begins
 OUTSIDE = 16  # a view counts this many times less where the point lies outside of it
 
 
@@ -30,6 +32,7 @@ class Warper:
         self._offsets = field.offsets.astype(np.float64)
         self._unit_px = float(field.disparity_scale_px)
         self._span_px = field.disparity_max_px - field.disparity_min_px
+        self._size = field.width_px, field.height_px
         self._most_px = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
         self._last = field.height_px + MARGIN - 2, field.width_px + MARGIN - 2  # places of the last whole block (y, x)
         self._reach = 0  # blocks from the border that the last maps can lead outside
@@ -67,7 +70,10 @@ class Warper:
         """
         down, right = steps
         shift_y, shift_x = shift_px
-        np.copyto(self._low, self._stored[min(frame, len(self._stored) - 1), view.row, view.col])
+        stored = self._stored[min(frame, len(self._stored) - 1), view.row, view.col]
+        np.copyto(self._low, stored)
+        if stored.min() == UNKNOWN:
+            self._low[stored == UNKNOWN] = 0
         per_x, per_y = right * self._unit_px, down * self._unit_px
         each = self._landing(down, right, shift_px)
         if each.shape != self._each.shape:
@@ -85,6 +91,16 @@ class Warper:
             np.add(self._y, shift_y, out=self._y)
         self._found = self._x, self._y
         return self._found
+
+    def unknown(self, frame: int, views: Sequence[ViewWeight]) -> NDArray[np.float32] | None:
+        """How far to cross-fade each pixel for want of disparity, float32 (height, width), 0 to 1; None where all is known."""
+        maps = [self._stored[min(frame, len(self._stored) - 1), view.row, view.col] for view in views]
+        if all(stored.min() > UNKNOWN for stored in maps):
+            return None
+        faded = sum((view.weight * (stored == UNKNOWN) for view, stored in zip(views, maps, strict=True)), np.zeros(1))
+        most = np.clip(2 * np.asarray(faded, np.float32) - 1, 0, 1)  # what one view alone does not know, others do
+        soft = cv2.blur(most, (SOFT, SOFT))
+        return np.asarray(cv2.resize(soft, self._size, interpolation=cv2.INTER_LINEAR), np.float32)
 
     def weights(self, share: float) -> NDArray[np.uint8]:
         """How much the view of the last `maps` counts at each block, uint8 (rows, columns), at most 255 * share: less where it

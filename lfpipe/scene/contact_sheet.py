@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.lightfield import UNKNOWN, LightField
 
 SHEET_PX = 1600  # the longer side of the contact sheet's grid
 _GAP_PX = 4
@@ -69,6 +69,7 @@ def depth_strip(field: LightField, width_px: int) -> NDArray[np.uint8] | None:
     tile_h = max(2, round(tile_w * field.height_px / field.width_px))
     out = np.full((tile_h + _TEXT_PX + _GAP_PX, width_px, 3), 32, np.uint8)
     disparity = np.asarray(field.disparity[0, row, col], np.float32)
+    disparity[disparity == UNKNOWN] = 0
     low, high = np.percentile(disparity, (2, 98))
     tiles = [("the middle view", stored_view(field, row, col))]
     for text, sign in readings:

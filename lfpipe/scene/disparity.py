@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.addition import add
+from lfpipe.scene.lightfield import UNKNOWN
 
 FloatMap = NDArray[np.float32]
 Grey = NDArray[np.uint8]
@@ -28,6 +29,10 @@ OUTLIER = 6.0  # grey levels from which a pixel counts less
 LARGEST_STEP_PX = 0.5
 MEDIAN_PX = 5  # side of the last filter
 SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still have a say
+# Disparity must explain a tenth of the squared difference, over windows of WINDOW_PX, between a view and one of its neighbours.
+# Smaller areas than LEAST_AREA_PX on a side are left alone, gaps between areas up to GAP_PX count with them.
+LEAST_EXPLAINED, WINDOW_PX, LEAST_AREA_PX, GAP_PX = 0.1, 9, 15, 25
+EXPLAINED_ALL = 4.0  # squared grey levels: so little difference needs no explanation
 OUTSIDE = 64.0  # grey levels a match outside of the neighbour's picture counts for
 _BOX = (5, 5)
 _here = threading.local()  # the flow objects keep buffers and serve one thread each
@@ -128,6 +133,31 @@ def refined(here: Grey, neighbours: list[tuple[Grey, float, float]], disparity_p
     return np.asarray(disparity_px - np.clip(step, -LARGEST_STEP_PX, LARGEST_STEP_PX), np.float32)
 
 
+def unexplained(here: Grey, neighbours: list[tuple[Grey, float, float]], disparity_px: FloatMap) -> NDArray[np.bool_]:
+    """Where a view looks as unlike each of its neighbours along its disparity as it does in the same place: bool (h, w).
+
+    So it is with the raster of a sensor or of a dither, which stays where it is, and with disparity that is simply wrong.
+    """
+    height, width = here.shape
+    xx, yy = grid_xy(height, width)
+    own = here.astype(np.float32)
+    along: list[FloatMap] = []
+    still: list[FloatMap] = []
+    for there, d_row, d_col in neighbours:
+        mx, my = xx - disparity_px * float(d_col), yy - disparity_px * float(d_row)
+        other = there.astype(np.float32)
+        same = np.square(other - own)
+        moved = np.square(cv2.remap(other, mx, my, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) - own)
+        outside = (mx < 0) | (mx > width - 1) | (my < 0) | (my > height - 1)
+        moved[outside] = np.minimum(moved, same)[outside]
+        along.append(np.asarray(cv2.blur(moved, (WINDOW_PX, WINDOW_PX)), np.float32))
+        still.append(np.asarray(cv2.blur(same, (WINDOW_PX, WINDOW_PX)), np.float32))
+    worse = np.min(along, axis=0) > (1 - LEAST_EXPLAINED) * np.min(still, axis=0) + EXPLAINED_ALL
+    window, gap = (np.ones((side, side), np.uint8) for side in (LEAST_AREA_PX, GAP_PX))
+    areas = cv2.morphologyEx(worse.astype(np.uint8), cv2.MORPH_OPEN, window)
+    return np.asarray(cv2.morphologyEx(areas, cv2.MORPH_CLOSE, gap), bool) if areas.any() else worse & False
+
+
 def halved(disparity_px: FloatMap) -> FloatMap:
     """The map at half resolution (rounded up); values stay in px of the full view."""
     height, width = disparity_px.shape
@@ -186,6 +216,20 @@ def landing(
     return add(found) / max(1, len(found))
 
 
+def unexplained_at(
+    grey: Callable[[int, int], Grey],
+    row: int,
+    col: int,
+    disparity_px: FloatMap,
+    present: NDArray[np.bool_],
+    offsets: NDArray[np.float32],
+) -> NDArray[np.bool_]:
+    """`unexplained` of the view at (row, col) at half resolution, as `halved` has it. Arguments as for `landing`."""
+    neighbours = _neighbours(grey, row, col, present, offsets)
+    found = unexplained(grey(row, col), neighbours, disparity_px) if neighbours else np.zeros(disparity_px.shape, bool)
+    return found[::2, ::2]
+
+
 def luma(planes: NDArray[np.uint8]) -> Grey:
     """Grey picture uint8 (h, w) of planar (1 or 3, h, w)."""
     return planes[0] if planes.shape[0] == 1 else np.asarray(cv2.cvtColor(cv2.merge(list(planes)), cv2.COLOR_RGB2GRAY), np.uint8)
@@ -195,8 +239,8 @@ def estimate_disparity(views: NDArray[np.uint8], offsets: NDArray[np.float32] | 
     """Disparity of every view of a grid from its neighbours in that grid, px per step of it.
 
     views: uint8 (rows, cols, channels, h, w), any subset of a light field (`field.views[0, ::2, ::2]`). offsets: float32
-    (rows, cols, 2) in steps of this grid. Returns float32 (rows, cols, (h + 1) // 2, (w + 1) // 2), or None where there is
-    one view only or the views are smaller than SMALLEST_PX.
+    (rows, cols, 2) in steps of this grid. Returns float32 (rows, cols, (h + 1) // 2, (w + 1) // 2), NaN where `unexplained`, or
+    None where there is one view only or the views are smaller than SMALLEST_PX.
     """
     rows, cols, _, height, width = views.shape
     if rows * cols < 2 or min(height, width) < SMALLEST_PX:
@@ -206,15 +250,18 @@ def estimate_disparity(views: NDArray[np.uint8], offsets: NDArray[np.float32] | 
     out = np.zeros((rows, cols, (height + 1) // 2, (width + 1) // 2), np.float32)
     for r in range(rows):
         for c in range(cols):
-            found = disparity_at(lambda i, j: grid[i][j], r, c, np.ones((rows, cols), bool), moved)
+            around = np.ones((rows, cols), bool), moved
+            found = disparity_at(lambda i, j: grid[i][j], r, c, *around)
             if found is not None:
                 out[r, c] = halved(found)
+                out[r, c][unexplained_at(lambda i, j: grid[i][j], r, c, found, *around)] = np.nan
     return out
 
 
 def quantised(disparity_px: FloatMap, scale_px: float) -> NDArray[np.int8]:
-    """The map as int8 steps of scale_px; what does not fit is clipped."""
-    return np.asarray(np.clip(np.rint(disparity_px * np.float32(1 / scale_px)), -127, 127), np.int8)
+    """The map as int8 steps of scale_px; what does not fit is clipped, and NaN is UNKNOWN."""
+    steps = np.clip(np.rint(disparity_px * np.float32(1 / scale_px)), -127, 127)
+    return np.where(np.isnan(steps), np.float32(UNKNOWN), steps).astype(np.int8)
 
 
 def scale_for(low_px: float, high_px: float) -> float:

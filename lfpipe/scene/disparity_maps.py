@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.scene.disparity import SMALLEST_PX, disparity_at, halved, landing, luma, quantised, scale_for
+from lfpipe.scene.disparity import SMALLEST_PX, disparity_at, halved, landing, luma, quantised, scale_for, unexplained_at
 from lfpipe.scene.grid_geometry import truth_sign
 from lfpipe.scene.missing_views import fill_missing
 from lfpipe.scene.pack_files import PlaneFile
 from lfpipe.scene.view_writer import FrameIndex, PackJob, run_parallel
 
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
+_UNKNOWN = -32768  # in the interim maps: UNKNOWN
 _NO_LIMIT_PX = 400.0  # no disparity between neighbours is larger, whatever a map says
 
 
@@ -42,8 +43,9 @@ def write_disparity(job: PackJob, views: PlaneFile) -> dict[str, Any]:
         with PlaneFile.create(job.folder / "disparity.npy", shape, np.int8, index_axes=3) as out:
             for index in job.view_indices():
                 if job.present[index[1:]]:
-                    steps = interim.read(index).astype(np.float32) * np.float32(_INTERIM_PX)
-                    out.write(index, quantised(steps, about["scale_px"]))
+                    steps = interim.read(index).astype(np.float32)
+                    steps[steps == _UNKNOWN] = np.nan
+                    out.write(index, quantised(steps * np.float32(_INTERIM_PX), about["scale_px"]))
             for frame in range(source.frames):
                 fill_missing(job.present, frame, views, out, about["scale_px"])
     (job.folder / "interim.npy").unlink()
@@ -82,6 +84,7 @@ def _estimate(job: PackJob, views: PlaneFile, interim: PlaneFile) -> dict[str, A
             use = np.zeros((source.height_px, source.width_px), np.float32)
         ranges[place] = np.percentile(use[::2, ::2], (0.1, 99.9))
         steps = np.clip(halved(use), -_NO_LIMIT_PX, _NO_LIMIT_PX) * np.float32(1 / _INTERIM_PX)
+        steps[unexplained_at(at, row, col, use, job.present, job.offsets)] = _UNKNOWN
         interim.write(place, np.rint(steps).astype(np.int16))
 
     there = [place for place in job.view_indices() if job.present[place[1:]]]

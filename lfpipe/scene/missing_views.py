@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lfpipe.scene.disparity import grid_xy
 from lfpipe.scene.grid_geometry import nearest_present
+from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.pack_files import PlaneFile
 
 FloatMap = NDArray[np.float32]
@@ -77,7 +78,8 @@ def fill_missing(present: NDArray[np.bool_], frame: int, views: PlaneFile, dispa
         steps = float(row - near[0]), float(col - near[1])
         planes = views.read((frame, *near))
         height, width = planes.shape[1:]
-        half = disparity.read((frame, *near)).astype(np.float32) * np.float32(scale_px)
+        stored = disparity.read((frame, *near))
+        half = np.where(stored == UNKNOWN, 0, stored).astype(np.float32) * np.float32(scale_px)
         full = np.asarray(cv2.resize(half, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
         made = warped_disparity(full, *steps)
         views.write((frame, row, col), np.stack([warped_view(plane, full, made, *steps) for plane in planes]))

@@ -1,0 +1,64 @@
+"""A warp is drawn where it serves: where disparity explains nothing, the views are cross-faded instead."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import attrs
+import cv2
+import numpy as np
+import pytest
+
+from lfpipe import config
+from lfpipe.bench.holdout import ViewRenderer
+from lfpipe.render.scoring import choose_method, psnr_db
+from lfpipe.scene.disparity import quantised
+from lfpipe.scene.lightfield import UNKNOWN
+from lfpipe.scene.pack import open_scene
+from tests.render.difficult import KINDS, scene
+
+# Where a cross-fade is still better: two surfaces seen in one place, and texture at the limit of sampling that hardly moves.
+KNOWN_LOSS_DB = {"moving highlight": 0.45, "reflecting glass": 3.1, "fine texture, flat": 4.9}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_warp_is_worse_than_the_cross_fade(kind: str) -> None:
+    field, truth = scene(kind)
+
+    def score(method: str) -> float:
+        renderer, inner = ViewRenderer(field, method), np.s_[6:-6, 6:-6]
+        errors = [float(np.mean((renderer.at(place)[0] - view)[inner] ** 2)) for place, view in truth.items()]
+        return float(np.mean([psnr_db(error) for error in errors]))
+
+    least = score("blend") - 0.05 - KNOWN_LOSS_DB.get(kind, 0.0)
+    assert score("warp2") >= least and score("best") >= least
+
+
+def test_an_area_without_disparity_is_faded_softly_and_the_rest_warped() -> None:
+    field, _ = scene("ordinary")
+    part = field.disparity.copy()  # type: ignore[union-attr]
+    part[..., :24] = UNKNOWN
+    for method in ("warp", "warp2", "best"):
+        subjects = (attrs.evolve(field, disparity=part), method), (field, method), (field, "blend")
+        mixed, warped, faded = (ViewRenderer(subject, by).at((0.5, 0.4))[0] for subject, by in subjects)
+        np.testing.assert_allclose(mixed[:, :40], faded[:, :40], atol=1)
+        assert np.abs(mixed - warped)[:, 64:].mean() < 1  # the sharpening follows the mean of the whole picture
+        steps = np.abs(np.diff(mixed, axis=1)).mean(axis=0)
+        assert steps[40:60].max() < 2 * np.median(steps)
+
+
+def test_unknown_disparity_goes_through_a_pack(tmp_path: Path) -> None:
+    folder = tmp_path / "dither"
+    folder.mkdir()
+    field, _ = scene("fixed dither", 3)
+    for row in range(3):
+        for col in range(3):
+            cv2.imwrite(str(folder / f"view_{row:02d}_{col:02d}.png"), field.views[0, row, col, 0])
+    packed = open_scene(folder, config.Scene(cache_dir=str(tmp_path / "cache"), force=True), choose_method=choose_method)
+    assert packed.disparity is not None and (packed.disparity == UNKNOWN).mean() > 0.9 and packed.method == "blend"
+    assert np.isfinite([packed.disparity_min_px, packed.disparity_max_px]).all()
+
+
+def test_values_that_are_no_numbers_are_stored_as_unknown() -> None:
+    found = quantised(np.array([[np.nan, 1.0, -400.0, 400.0]], np.float32), 0.5)
+    assert found.tolist() == [[UNKNOWN, 2, -127, 127]]
