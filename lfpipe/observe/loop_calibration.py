@@ -128,10 +128,11 @@ class _Guide:
         window, clock = self._window, self._clock
         reported = bool(window.blanks_by)
         hold_ns = next(self._holds) * clock.period_ns
-        self._due_ns = max(self._due_ns, now_ns() - round(clock.period_ns)) + round(hold_ns)
+        lead_ns = round(clock.period_ns / 2) * reported
+        self._due_ns = max(self._due_ns, now_ns() + lead_ns) + round(hold_ns)  # after a late flip no hold is cut short
         if reported:
             self._due_ns = clock.nearest(self._due_ns)
-        begin_ns = self._due_ns - round(clock.period_ns / 2) * reported
+        begin_ns = self._due_ns - lead_ns
         while now_ns() < begin_ns:
             if "quit" in window.events():
                 raise AGAIN

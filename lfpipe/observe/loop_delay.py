@@ -25,6 +25,7 @@ OFF_BEAT, OFF_BEAT_SHARE = 0.25, 0.1  # of a period, and of all frames
 LEAST_R, AREA_R, LEAST_R2 = 0.25, 0.5, 0.5  # correlation of a pixel, as a share of the best pixel, and of the fit
 LEAST_PIXELS = 4
 BANDS = 6
+SHORT_HOLD = 0.1  # quantile: a busy machine may cut a single hold short
 WIDEST_MS = 3.0  # half of an interval that is still worth writing down
 MODEL_MS = 0.35  # by which pixels that respond otherwise than exponentially put the delay off, in made recordings
 SPAN = 0.12  # of the picture's height: how far from its middle the screen's may lie
@@ -142,7 +143,7 @@ def estimate(recording: Recording) -> LoopDelay:
             "the camera sees something like the pattern, but not clearly enough",
             "fill more of its picture with the screen, keep still, and dim the room",
         )
-    exposure_ms, hold_ms = float(np.exp(best[2])), float(np.diff(recording.t_flip_ns).min()) / 1e6
+    exposure_ms, hold_ms = float(np.exp(best[2])), float(np.quantile(np.diff(recording.t_flip_ns), SHORT_HOLD)) / 1e6
     if exposure_ms > hold_ms:
         raise UserError(
             f"the exposure of {exposure_ms:.0f} ms exceeds the pattern's hold of {hold_ms:.0f} ms",

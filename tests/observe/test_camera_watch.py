@@ -1,0 +1,38 @@
+"""What a calibration reads of a camera beside its window."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lfpipe.capture.frame_source import Frame, SourceInfo
+from lfpipe.errors import UserError
+from lfpipe.observe.camera_watch import CameraWatch
+from lfpipe.transport.stamp_kind import StampKind
+
+
+class Stamped:
+    """40 frames; one in `every` has no stamp of the driver."""
+
+    info = SourceInfo("camera:made", 64, 48, 30.0, live=True)
+
+    def __init__(self, every: int) -> None:
+        self._every, self._count = every, 0
+
+    def read(self, out: np.ndarray) -> Frame | None:
+        self._count += 1
+        kind = StampKind.READ if self._count % self._every == 0 else StampKind.END_OF_FRAME
+        return Frame(self._count, self._count * 33_000_000, 0, stamp=kind) if self._count <= 40 else None
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(("every", "stamped", "kept"), [(99, True, 40), (20, True, 38), (2, False, 20), (1, False, 0)])
+def test_single_frames_without_a_stamp_are_left_out(every: int, stamped: bool, kept: int) -> None:
+    watch = CameraWatch(Stamped(every), (64, 48))
+    watch.start()
+    watch.join(10)
+    assert watch.stamped == stamped and len(watch.frames(0)[0]) == kept
+    assert isinstance(watch.failure, UserError) and "ended" in watch.failure.message
+    watch.close()
