@@ -30,9 +30,10 @@ from tests.faults.session import WatchedSession
 from tests.world import private_world
 
 FLOOD = """
-import sys, zmq
+import pathlib, sys, zmq
+from lfpipe.transport import control
 socket = zmq.Context().socket(zmq.DEALER)
-socket.connect(sys.argv[1])
+control.connect(socket, pathlib.Path(sys.argv[1]), "ctl")
 while True:
     socket.send(bytes.fromhex(sys.argv[2]))
 """
@@ -43,7 +44,7 @@ def round_trips_ms(session: WatchedSession, seconds: float, message: Callable[[]
     found = []
     rng = random.Random(1)
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-        socket.connect(control.address(session.run_dir, "ctl"))
+        control.connect(socket, session.run_dir, "ctl")
         control.exchange(socket, {"cmd": "hello"}, 5, "no answer", "")
         end = time.monotonic() + seconds
         while time.monotonic() < end:
@@ -57,7 +58,7 @@ def round_trips_ms(session: WatchedSession, seconds: float, message: Callable[[]
 @contextmanager
 def flood(session: WatchedSession) -> Iterator[None]:
     """Another client that sends `status` as fast as it can and reads no answers."""
-    words = [control.address(session.run_dir, "ctl"), control.encode({"cmd": "status"}).hex()]
+    words = [str(session.run_dir), control.encode({"cmd": "status"}).hex()]
     process = subprocess.Popen([sys.executable, "-c", FLOOD, *words])
     time.sleep(1.0)
     try:

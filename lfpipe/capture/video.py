@@ -71,7 +71,7 @@ class VideoFile:
         # One decoder thread: measured on 400x300 to 720x576, two take 20 to 40 % more CPU and are no faster. The path is
         # that of the checked descriptor; OpenCV would crash on names that are not UTF-8.
         with self.memory, opencv_log.silent():
-            self.capture.open(path_of(self._file.fileno()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+            self.capture.open(path_of(self._file), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
 
     def check_end(self, count: int) -> None:
         """Raises BrokenFrame if a video that ended after count frames should have more."""

@@ -10,7 +10,7 @@ import sys
 
 import click
 
-from lfpipe import __version__
+from lfpipe import __version__, host
 from lfpipe.cli.bench import bench
 from lfpipe.cli.calibrate import calibrate
 from lfpipe.cli.cameras import cameras
@@ -119,6 +119,7 @@ def run() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="path")
     try:
+        host.check_choice()
         code = cli(prog_name="lfpipe", standalone_mode=False)
         sys.stdout.flush()
     except UserError as error:

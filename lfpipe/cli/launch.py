@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -290,7 +289,3 @@ def _grid(scene: Path, config: Config) -> tuple[int, int]:
 
     source = describe(scene, config.scene)
     return source.rows, source.cols
-
-
-if sys.platform != "linux":  # FIFOs, PDEATHSIG, posix_fallocate, V4L2
-    raise UserError(f"lfpipe runs on Linux, this is {sys.platform}", "use a Linux machine or virtual machine")

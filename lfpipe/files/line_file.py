@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from lfpipe.files.safe_files import PRIVATE, check_regular
+from lfpipe.host.descriptors import CAREFUL, read_at
 
 LONGEST_LINE = 1 << 16  # bytes; how far back the last line's end is looked for
 
@@ -16,9 +17,9 @@ class LineFile:
     def __init__(self, path: Path) -> None:
         """Makes the file where there is none, for its owner alone. Raises OSError, also where path is no file."""
         check_regular(path)
-        self._fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, PRIVATE)
+        self._fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | CAREFUL, PRIVATE)
         size = os.fstat(self._fd).st_size
-        tail = os.pread(self._fd, min(size, LONGEST_LINE), max(0, size - LONGEST_LINE)) if size else b""
+        tail = read_at(self._fd, min(size, LONGEST_LINE), max(0, size - LONGEST_LINE)) if size else b""
         if tail and not tail.endswith(b"\n"):
             os.ftruncate(self._fd, size - len(tail) + tail.rfind(b"\n") + 1)
 

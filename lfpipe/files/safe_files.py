@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from lfpipe.errors import UserError
+from lfpipe.host.descriptors import CAREFUL, longest_name
 
 PRIVATE = 0o600  # of a file in which somebody's face or movements are; its folder has PRIVATE_FOLDER
 PRIVATE_FOLDER = 0o700
@@ -54,7 +55,7 @@ def check_links(folder: Path, names: Iterable[str]) -> None:
 def open_regular(path: Path) -> BufferedReader:
     """path, opened to be read. Raises OSError where it is not a file: a FIFO would block, a device may do anything."""
     check_regular(path)
-    fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    fd = os.open(path, os.O_RDONLY | CAREFUL)
     if not stat.S_ISREG(os.fstat(fd).st_mode):
         os.close(fd)
         raise OSError(errno.EINVAL, "changed while it was opened", str(path))
@@ -87,7 +88,7 @@ def lines(path: Path, longest: int, remedy: str) -> Iterator[tuple[int, bytes]]:
 
 def create_private(path: Path, mode: int = PRIVATE) -> IO[bytes]:
     """A new file, for its owner alone, opened to be written. Raises OSError, FileExistsError among them."""
-    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode), "wb")
+    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | CAREFUL, mode), "wb")
 
 
 @contextlib.contextmanager
@@ -116,7 +117,7 @@ def check_place(path: Path) -> None:
     probe.unlink(missing_ok=True)
     create_private(probe).close()
     probe.unlink()
-    if len(os.fsencode(path.name)) > os.pathconf(path.parent, "PC_NAME_MAX"):
+    if len(os.fsencode(path.name)) > longest_name(path.parent):
         raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG), str(path))
 
 

@@ -12,6 +12,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.line_file import LONGEST_LINE, LineFile
 from lfpipe.files.safe_files import PRIVATE, check_regular, lines, reason
 from lfpipe.files.untrusted import Fields, json_fields
+from lfpipe.host.descriptors import CAREFUL
 
 TIMES = ("t_sensor_ns", "t_read_ns", "t_tracked_ns", "t_composed_ns", "t_presented_ns")
 MAX_NS = 1 << 61
@@ -22,7 +23,7 @@ def check_trace(path: Path) -> None:
     """Makes an empty trace, for its owner alone. Raises UserError where that cannot be."""
     try:
         check_regular(path)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | CAREFUL
         os.close(os.open(path, flags, PRIVATE))
     except OSError as error:
         raise UserError(f"trace {path}: {reason(error)}", "a file in a directory that you may write to") from None

@@ -1,1 +1,24 @@
-"""Everything that differs between operating systems, behind plain functions."""
+"""Everything that differs between operating systems, behind plain functions.
+
+The modules here are Linux's. Those in `portable` have the same names and functions and use only what Windows, macOS and Linux
+have in common. They take the place of Linux's on every other system, and on Linux where LFPIPE_HOST=portable asks for them. This
+is the one place that chooses: `lfpipe.host.wake` is then the module in `portable`. A module that is only here serves all systems.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from lfpipe.errors import UserError
+
+_ASKED = os.environ.get("LFPIPE_HOST", "")
+PORTABLE = _ASKED == "portable" or sys.platform != "linux"
+if PORTABLE:
+    __path__.insert(0, os.path.join(__path__[0], "portable"))  # noqa: PTH118  (the path of a package is text)
+
+
+def check_choice() -> None:
+    """Raises UserError where LFPIPE_HOST names no implementation."""
+    if _ASKED not in ("", "portable"):
+        raise UserError(f"LFPIPE_HOST={_ASKED!r} is not known", "portable, or unset it")

@@ -6,30 +6,10 @@ import contextlib
 import os
 from pathlib import Path
 
-import attrs
+from lfpipe.host.sample import Sample, Thread
 
 TICK_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 STATE, MAJOR_FAULTS, USER_TICKS, SYSTEM_TICKS = 0, 9, 11, 12  # of the fields behind the name in /proc/PID/stat
-
-
-@attrs.frozen
-class Thread:
-    """cpu_ns: time on a CPU. queued_ns: time in which it could have run and another one did. state: R, S, D, T, ..."""
-
-    cpu_ns: int = 0
-    queued_ns: int = 0
-    state: str = "S"
-
-
-@attrs.frozen
-class Sample:
-    """A process at one moment. disk: pages and bytes that came from or went to a disk; bytes: all that it read and wrote, from
-    pipes and caches too. Both only grow.
-    """
-
-    threads: dict[int, Thread]
-    disk: int
-    bytes: int
 
 
 def _stat(path: Path) -> list[str]:

@@ -1,19 +1,100 @@
-"""Locks on open files; the kernel drops them when their process ends (`flock`)."""
+"""Locks on files and folders; the kernel drops them when their process ends (`flock`)."""
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+_SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
-def wait_and_lock(fd: int) -> None:
-    """Locks an open file for this process alone, as soon as no other process holds a lock on it. Raises OSError."""
-    fcntl.flock(fd, fcntl.LOCK_EX)
-
-
-def lock(fd: int, shared: bool = False) -> bool:
+def lock_open(fd: int, shared: bool = False) -> bool:
     """Locks an open file without waiting; False if another process holds a conflicting lock. Raises OSError."""
     try:
         fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     return True
+
+
+class Lock:
+    """A lock that this process holds on what is at path. fd: open, and locked; closed by this object."""
+
+    def __init__(self, path: Path, fd: int) -> None:
+        self._path, self._fd = path, fd
+
+    def in_place(self) -> bool:
+        """Whether what is locked is still at its path. True if the path cannot be examined now."""
+        try:
+            return os.path.samestat(self._path.lstat(), os.fstat(self._fd))
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        except OSError:
+            return True
+
+    def release(self) -> None:
+        """Lets others lock it; may be called again."""
+        fd, self._fd = self._fd, -1
+        if fd >= 0:
+            os.close(fd)
+
+    def remove_folder(self) -> None:
+        """Removes the folder of the locked file with all that is in it, the file last. Leaves what cannot be removed.
+
+        Works relative to the open folder: if that is replaced meanwhile, the new one stays untouched.
+        """
+        with contextlib.suppress(OSError):
+            directory = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+            try:
+                if not os.path.samestat(os.stat(self._path.name, dir_fd=directory, follow_symlinks=False), os.fstat(self._fd)):
+                    return
+                with os.scandir(directory) as entries:
+                    names = [entry.name for entry in entries if entry.name != self._path.name]
+                for name in names:
+                    _remove_entry(name, directory)
+                os.unlink(self._path.name, dir_fd=directory)
+                self._path.parent.rmdir()
+            finally:
+                os.close(directory)
+
+
+def _remove_entry(name: str, directory: int) -> None:
+    try:
+        os.unlink(name, dir_fd=directory)
+    except OSError:
+        shutil.rmtree(name, ignore_errors=True, dir_fd=directory)
+
+
+def take(path: Path, shared: bool = False, mode: int = 0o600) -> Lock | None:
+    """Locks path without waiting: a folder, or a file, made with that mode if missing. None if another process holds a
+    conflicting lock. Raises OSError.
+    """
+    if path.is_dir():
+        fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    else:
+        fd = os.open(path, os.O_RDWR | os.O_CREAT | _SAFE, mode)
+    if lock_open(fd, shared):
+        return Lock(path, fd)
+    os.close(fd)
+    return None
+
+
+@contextlib.contextmanager
+def waited_for(path: Path) -> Iterator[None]:
+    """Holds the lock of a file, made if missing, as soon as no other process holds one. Raises OSError."""
+    with path.open("w") as file:
+        fcntl.flock(file.fileno(), fcntl.LOCK_EX)
+        yield
+
+
+def is_held(path: Path) -> bool:
+    """Whether a process holds the lock of the file at path alone. Raises OSError if there is none, or it cannot be opened."""
+    fd = os.open(path, os.O_RDWR | _SAFE)
+    try:
+        return not lock_open(fd, shared=True)
+    finally:
+        os.close(fd)

@@ -1,50 +1,18 @@
-"""Processes: their load, the cores they run on, their niceness; and what a stage asks of the system for itself."""
+"""Processes: the cores they run on, their niceness; and what a stage asks of the system for itself."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
-import functools
 import os
 import signal
 from collections.abc import Iterable
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    import psutil
 
 PR_SET_TIMERSLACK = 29
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 KEPT_BYTES = 32 << 20  # the most that glibc accepts; a frame of 4K has 25 MB
-
-
-@functools.lru_cache(64)
-def _process(pid: int) -> psutil.Process:
-    import psutil  # for monitors alone: a stage starts sooner without it
-
-    return psutil.Process(pid)  # which takes longer than what it is asked for
-
-
-def cpu_ns(pid: int) -> int:
-    """User and system time of a process so far; 0 where it is gone."""
-    import psutil
-
-    try:
-        times = _process(pid).cpu_times()
-    except (psutil.Error, ValueError):
-        return 0
-    return int((times.user + times.system) * 1e9)
-
-
-def rss_bytes(pid: int) -> int:
-    """Resident memory of a process, shared pages included; 0 where it is gone."""
-    import psutil
-
-    try:
-        return int(_process(pid).memory_info().rss)
-    except (psutil.Error, ValueError):
-        return 0
 
 
 def usable_cores() -> list[int]:
@@ -87,15 +55,13 @@ def set_up(name: str) -> None:
         libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)  # up to 50 us late otherwise
 
 
-def name_of(pid: int) -> str:
-    """The name of a process, as `set_up` gave it; empty where it is gone."""
-    try:
-        return Path(f"/proc/{pid}/comm").read_text().strip()
-    except OSError:
-        return ""
+def sentinels(process: BaseProcess) -> list[int]:
+    """Descriptors for a poller that are readable once a process has ended; none where a poller cannot take them."""
+    return [process.sentinel]
 
 
-def resume(pid: int) -> None:
-    """Lets a stopped process continue; nothing where it is gone."""
+def resume_stage(pid: int) -> None:
+    """Lets a stopped stage continue; nothing where it is gone, and another program has its number by now."""
     with contextlib.suppress(OSError):
-        os.kill(pid, signal.SIGCONT)
+        if Path(f"/proc/{pid}/comm").read_text().startswith("lfpipe-"):
+            os.kill(pid, signal.SIGCONT)

@@ -1,14 +1,18 @@
-"""Signals that a terminal sends to all processes in it: the supervisor alone acts on them, the others must not notice."""
+"""Signals: those of a terminal to all processes in it, on which the supervisor alone acts, and those between processes."""
 
 from __future__ import annotations
 
 import contextlib
+import faulthandler
+import os
 import signal
 from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
 from types import FrameType
-from typing import Any
+from typing import IO, Any
 
+END, KILL = signal.SIGTERM, signal.SIGKILL
+SENT_TWICE = (signal.SIGHUP,)  # the shell and the kernel both send it
 TERMINAL = (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)  # Ctrl-C, the window closed, Ctrl-\
 
 
@@ -48,3 +52,18 @@ def restore(before: dict[signal.Signals, Any]) -> None:
     """Puts back what `handle` found."""
     for signum, handler in before.items():
         signal.signal(signum, handler)
+
+
+def send(pid: int, signum: int) -> None:
+    """Sends END or KILL. Raises OSError where the process is gone."""
+    os.kill(pid, signum)
+
+
+def leave_stack_on_request(file: IO[str]) -> None:
+    """Has this process write the stacks of its threads to file when `ask_for_stack` is called with its number."""
+    faulthandler.register(signal.SIGUSR1, file)
+
+
+def ask_for_stack(pid: int) -> None:
+    """Asks a process for its stacks. Raises OSError where it is gone."""
+    os.kill(pid, signal.SIGUSR1)

@@ -21,9 +21,9 @@ def make(path: Path) -> None:
 
 
 class Wake:
-    """Either end of one FIFO."""
+    """Either end of one FIFO. reads: whether it is the reader's, of which there is one."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, reads: bool = False) -> None:
         self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK)
 
     def notify(self, seq: int) -> None:

@@ -101,7 +101,7 @@ class Attachment:
             self._tap = self._zmq.socket(zmq.SUB)
             self._tap.setsockopt(zmq.RCVHWM, 100)
             self._tap.setsockopt(zmq.SUBSCRIBE, b"")
-            self._tap.connect(control.address(self._follower.watch.session.run_dir, "tap"))
+            control.connect(self._tap, self._follower.watch.session.run_dir, "tap")
         heard = []
         while self._tap.poll(0):
             heard.append(self._tap.recv())

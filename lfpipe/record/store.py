@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import queue
+import socket
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -56,8 +56,8 @@ class Store:
         self._last_ns, self._look_ns, self._busy_ns, self._hurry = 0, 0, 0, False
         self.failure = ""
         self._awaited = False
-        self._room_in, self._room_out = os.pipe()
-        os.set_blocking(self._room_in, False)
+        self._room_in, self._room_out = socket.socketpair()  # a pipe, but every system can wait for it
+        self._room_in.setblocking(False)
         self._thread = threading.Thread(target=self._run, name="store")
         self._thread.start()
 
@@ -76,11 +76,11 @@ class Store:
         """A descriptor that is readable as soon as there is room again."""
         self._awaited = True
         if not self.full:
-            os.write(self._room_out, b"x")  # meanwhile
-        yield self._room_in
+            self._room_out.send(b"x")  # meanwhile
+        yield self._room_in.fileno()
         self._awaited = False
         with contextlib.suppress(BlockingIOError):
-            os.read(self._room_in, 4096)
+            self._room_in.recv(4096)
 
     @property
     def slow(self) -> bool:
@@ -126,7 +126,7 @@ class Store:
                 if not isinstance(work[1], bytes):
                     self._spare.append(work[1])
                 if self._awaited:
-                    os.write(self._room_out, b"x")
+                    self._room_out.send(b"x")
 
     def _look(self) -> None:
         """Raises OSError where the files that are being written are no longer those in the folder."""
@@ -161,6 +161,6 @@ class Store:
         self._writer.close()
         if self._eyes is not None:
             self._eyes.close()
-        os.close(self._room_in)
-        os.close(self._room_out)
+        self._room_in.close()
+        self._room_out.close()
         return self._writer.checksums()

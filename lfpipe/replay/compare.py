@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError, shown
 from lfpipe.files.picture_header import header_of
 from lfpipe.files.safe_files import open_regular, reason, replaced
+from lfpipe.host.descriptors import read_at
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.render.scoring import psnr_db
 from lfpipe.replay.report import REPORT, WRITTEN, Line, pair, read_report, read_trace
@@ -139,7 +140,7 @@ class _Pictures:
         path = self._folder / PACKET_FILE
         try:
             with open_regular(path) as file:
-                data = os.pread(file.fileno(), packet.bytes, packet.offset)
+                data = read_at(file.fileno(), packet.bytes, packet.offset)
         except OSError as error:
             raise UserError(f"{path}: cannot be read: {reason(error)}", WRITTEN) from None
         header = header_of(data)

@@ -2,7 +2,7 @@
 
 CACHE/scenes/KEY/          a pack (views.npy, disparity.npy, manifest.json)
 CACHE/scenes/.KEY.PID/     one being made; the holder of KEY's lock may remove it
-CACHE/locks/KEY            flock of the one who makes it
+CACHE/locks/KEY            lock of the one who makes it
 CACHE/index/STAMP          text: the KEY of a path whose names, sizes and times have this stamp
 """
 
@@ -126,8 +126,7 @@ def remember(root: Path, mark: str, key: str) -> None:
 @contextlib.contextmanager
 def locked(root: Path, key: str) -> Iterator[None]:
     """Holds the lock of a key: waits for another process that makes the same pack, and clears what a killed one left."""
-    with (root / "locks" / key).open("w") as stream:
-        file_lock.wait_and_lock(stream.fileno())
+    with file_lock.waited_for(root / "locks" / key):
         for left in (root / "scenes").glob(f".{key}.*"):
             shutil.rmtree(left, ignore_errors=True)
         yield
@@ -165,10 +164,10 @@ def sweep(scene: config.Scene) -> int:
     """Remove what killed packers left and index entries without a pack; the count of removed things."""
     root, removed = cache_dir(scene), 0
     for left in (root / "scenes").glob(".*.*"):
-        with (root / "locks" / left.name.split(".")[1]).open("w") as stream:
-            if file_lock.lock(stream.fileno()):
-                shutil.rmtree(left, ignore_errors=True)
-                removed += 1
+        if (lock := file_lock.take(root / "locks" / left.name.split(".")[1], mode=0o666)) is not None:
+            shutil.rmtree(left, ignore_errors=True)
+            lock.release()
+            removed += 1
     for entry in (root / "index").glob("*"):
         with contextlib.suppress(OSError, UnicodeDecodeError):
             if not (root / "scenes" / _read_key(entry)).is_dir():

@@ -19,7 +19,7 @@ from lfpipe.errors import UserError, shown
 from lfpipe.files.picture_header import Header, Read, read_header
 from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host import opencv_log
-from lfpipe.host.descriptors import path_of
+from lfpipe.host.descriptors import path_of, read_at
 
 MAX_FILES = 20_000  # a light field of 100x100 views is half of this; beyond it the folder is something else
 MAX_FILE_BYTES = 1 << 36  # of any file of a scene; an hour of lossless light-field video has less
@@ -164,13 +164,13 @@ def read_bytes(path: Path, most_bytes: int = 1 << 20) -> bytes:
 
 def descriptor_path(file: BinaryIO) -> str:
     """A path to an open file for libraries that open files by name: the file that was checked, by a name of plain ASCII."""
-    return path_of(file.fileno())
+    return path_of(file)
 
 
 def _reader(file: BinaryIO) -> tuple[Read, int]:
     """Access to the bytes of an open file, and its size."""
     fd, size = file.fileno(), os.fstat(file.fileno()).st_size
-    return lambda offset, count: os.pread(fd, count, offset) if offset < size else b"", size
+    return lambda offset, count: read_at(fd, count, offset) if offset < size else b"", size
 
 
 def picture_header(path: Path) -> Header:

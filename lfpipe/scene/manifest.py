@@ -20,6 +20,7 @@ from typing import Any, BinaryIO
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import open_regular, read_bytes, reason
 from lfpipe.files.untrusted import Fields, json_fields
+from lfpipe.host.descriptors import read_at
 
 NAME = "manifest.json"
 VERSION = 4  # of the pack; another version is another key
@@ -92,7 +93,7 @@ def _sampled(file: BinaryIO, size: int) -> int:
     """CRC of blocks from the first to the last, spread evenly."""
     crc, last = 0, max(0, size - _SAMPLE_BYTES)
     for number in range(_SAMPLES):
-        crc = zlib.crc32(os.pread(file.fileno(), _SAMPLE_BYTES, last * number // (_SAMPLES - 1)), crc)
+        crc = zlib.crc32(read_at(file.fileno(), _SAMPLE_BYTES, last * number // (_SAMPLES - 1)), crc)
     return crc
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError, shown
 from lfpipe.files.safe_files import reason
 from lfpipe.files.untrusted import Fields
+from lfpipe.host.descriptors import CAREFUL, read_at, write_at
 from lfpipe.scene.lightfield import Geometry, LightField
 from lfpipe.scene.manifest import DamagedPackError, damaged, open_content, read_manifest
 from lfpipe.scene.pack_lock import PackLock
@@ -41,7 +42,7 @@ class PlaneFile:
         with path.open("wb") as stream:
             stream.write(header)
             stream.truncate(len(header) + math.prod(shape) * kind.itemsize)
-        return cls(os.open(path, os.O_RDWR), shape, kind, index_axes, len(header))
+        return cls(os.open(path, os.O_RDWR | CAREFUL), shape, kind, index_axes, len(header))
 
     def _offset(self, index: tuple[int, ...]) -> int:
         flat = int(np.ravel_multi_index(index, self.shape[: len(index)]))
@@ -53,13 +54,13 @@ class PlaneFile:
         data = np.ascontiguousarray(piece, self.dtype).reshape(-1).view(np.uint8).data
         offset = self._offset(index)
         while data:
-            done = os.pwrite(self.descriptor, data, offset)
+            done = write_at(self.descriptor, data, offset)
             data, offset = data[done:], offset + done
 
     def read(self, index: tuple[int, ...]) -> NDArray[Any]:
         """The piece at index, a copy."""
         shape = self.shape[self.index_axes :]
-        data = os.pread(self.descriptor, int(np.prod(shape)) * self.dtype.itemsize, self._offset(index))
+        data = read_at(self.descriptor, int(np.prod(shape)) * self.dtype.itemsize, self._offset(index))
         return np.frombuffer(data, self.dtype).reshape(shape)
 
     def close(self) -> None:
@@ -78,7 +79,7 @@ def _mapped(file: BinaryIO, path: Path, shape: tuple[int, ...], dtype: Any) -> N
     header, count = _npy_header(shape, np.dtype(dtype)), math.prod(shape)
     with file:
         size = os.fstat(file.fileno()).st_size
-        if os.pread(file.fileno(), len(header), 0) != header or size != len(header) + count * np.dtype(dtype).itemsize:
+        if read_at(file.fileno(), len(header), 0) != header or size != len(header) + count * np.dtype(dtype).itemsize:
             raise damaged(path, f"no array of {np.dtype(dtype)} {shape}")
         whole = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
     return np.frombuffer(whole, dtype, count, len(header)).reshape(shape)

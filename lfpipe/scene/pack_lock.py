@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from lfpipe.host.file_lock import lock
+from lfpipe.host import file_lock
 
 
 class PackLock:
@@ -15,16 +15,18 @@ class PackLock:
 
     def __init__(self, folder: Path) -> None:
         """Raises OSError where there is no such folder or it is being removed."""
-        self._fd = -1
-        self._fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        if not lock(self._fd, shared=True):
+        self._lock = None
+        if not folder.is_dir():
+            raise FileNotFoundError(2, os.strerror(2), str(folder))
+        self._lock = file_lock.take(folder, shared=True)
+        if self._lock is None:
             raise BlockingIOError(11, "it is being removed", str(folder))
-        if not os.path.samestat(os.fstat(self._fd), folder.stat()):
+        if not self._lock.in_place():
             raise FileNotFoundError(2, "it was removed", str(folder))
 
     def __del__(self) -> None:
-        if self._fd >= 0:
-            os.close(self._fd)
+        if self._lock is not None:
+            self._lock.release()
 
     def __reduce__(self) -> tuple[type[None], tuple[()]]:
         """A lock is not copied to another process: there it is None."""
@@ -34,8 +36,11 @@ class PackLock:
 @contextlib.contextmanager
 def unused(folder: Path) -> Iterator[bool]:
     """Whether nobody holds the pack; if so, nobody can until the end of the block. Raises OSError."""
-    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    if not folder.is_dir():
+        raise FileNotFoundError(2, os.strerror(2), str(folder))
+    lock = file_lock.take(folder)
     try:
-        yield lock(fd)
+        yield lock is not None
     finally:
-        os.close(fd)
+        if lock is not None:
+            lock.release()

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
-from multiprocessing import connection
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,6 +15,8 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import is_video
 from lfpipe.files.untrusted import json_fields
+from lfpipe.host.descriptors import inherited
+from lfpipe.host.pipes import PipeReader
 from lfpipe.scene.files import descriptor_path, open_file
 from lfpipe.scene.video_probe import MAX_FRAME_PX, open_video
 
@@ -42,10 +42,10 @@ def examine(path: Path) -> About:
     with open_file(path) as file:
         if not is_video(file.read(12)):
             raise UserError(f"{path}: not a readable video (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY)
-        fd = file.fileno()
-        command = [sys.executable, *PROBE, str(fd)]
+        name, options = inherited(file)
+        command = [sys.executable, *PROBE, name]
         quiet: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        with subprocess.Popen(command, stdout=subprocess.PIPE, pass_fds=(fd,), **quiet) as child:
+        with subprocess.Popen(command, stdout=subprocess.PIPE, **quiet, **options) as child:
             try:
                 head, dots, end = _answer(path, child)
             finally:
@@ -68,10 +68,11 @@ def _answer(path: Path, child: subprocess.Popen[bytes]) -> tuple[bytes, int, boo
     """What video_probe prints: its first line, the number of dots, whether it came to the end."""
     assert child.stdout is not None
     head, tail, dots = b"", b"", 0
+    output = PipeReader(child.stdout)
     while True:
-        if not connection.wait([child.stdout.fileno()], SILENT_S):
+        if not output.wait(SILENT_S):
             raise UserError(f"{path}: no frame in {SILENT_S:g} s after {dots} frames", _REMEDY)
-        part = os.read(child.stdout.fileno(), 1 << 16)
+        part = output.read()
         if not part:
             return head, dots, tail == b"\nend\n"
         if not head.endswith(b"\n"):

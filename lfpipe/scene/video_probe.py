@@ -1,4 +1,4 @@
-"""The child process that reads a video whole before anybody relies on it: `python -m lfpipe.scene.video_probe DESCRIPTOR`.
+"""The child process that reads a video whole before anybody relies on it: `python -m lfpipe.scene.video_probe PATH`.
 
 What a container says of its frames need not be what its stream holds, and only decoding shows that. So it happens here, where
 running out of memory, a crash or a hang costs nothing. Prints a line of JSON with width, height and rate, a dot for every frame
@@ -12,7 +12,6 @@ import sys
 
 import cv2
 
-from lfpipe.host.descriptors import path_of
 from lfpipe.host.limits import limit_memory
 
 OPENING_BYTES = 200_000_000  # that a decoder may take before the size of the frames is known
@@ -47,4 +46,4 @@ def main(path: str) -> None:
 
 
 if __name__ == "__main__":
-    main(path_of(int(sys.argv[1])))
+    main(sys.argv[1])

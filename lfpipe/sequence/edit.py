@@ -130,7 +130,7 @@ def from_video(video: Path, out: Path, truth: Path | None = None) -> int:
     with file:
         if not is_video(file.read(12)):  # FFmpeg would look for a picture or a list of files in it, however long that takes
             raise UserError(f"{video}: not a readable video", "MP4, QuickTime, Matroska, WebM or AVI")
-        capture = cv2.VideoCapture(path_of(file.fileno()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+        capture = cv2.VideoCapture(path_of(file), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
         try:
             return _taken_over(capture, video, out, truth)
         finally:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import PRIVATE_FOLDER, check_links, open_regular, read_bytes, reason, replaced
 from lfpipe.files.untrusted import Fields, json_fields
+from lfpipe.host.descriptors import read_at
 from lfpipe.sequence.index import COPY, INDEX, MAX_PIXELS, PACKETS, Packets, read_index
 from lfpipe.sequence.packets import CHANGED, changed, decoded
 
@@ -117,7 +118,7 @@ class Sequence:
         packet = self.packets[index]
         try:
             with open_regular(self.path / PACKETS) as file:
-                data = os.pread(file.fileno(), packet.bytes, packet.offset)
+                data = read_at(file.fileno(), packet.bytes, packet.offset)
         except OSError as error:
             raise UserError(f"{self.path / PACKETS}: frame {index}: cannot be read: {reason(error)}", COPY) from None
         if changed(packet, data):

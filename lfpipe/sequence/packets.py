@@ -23,6 +23,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
 from lfpipe.files.picture_header import MAX_DECODING_BYTES, header_of
 from lfpipe.files.safe_files import PRIVATE
+from lfpipe.host.descriptors import CAREFUL
 from lfpipe.sequence.index import INDEX, PACKETS, Packet, line_of, read_index
 
 SCAN, MAX_SCANS = b"\xff\xda", 100  # of a JPEG: a dozen bytes can make its decoder go over the whole picture once more
@@ -97,7 +98,7 @@ class PacketWriter:
                 with (folder / name).open("rb") as file:
                     while part := file.read(1 << 20):
                         sum_.update(part)
-        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | CAREFUL
         self._packets, self._index = (os.open(folder / name, flags, PRIVATE) for name in (PACKETS, INDEX))
 
     def append(self, data: bytes, codec: str, source_seq: int, epoch: int, t_sensor_ns: int, t_read_ns: int) -> Packet:

@@ -44,7 +44,7 @@ def run(spec: StageSpec, parent_pid: int) -> None:
     run_dir = spec.session.run_dir
     stack = stack_file(run_dir, spec.name).open("w")
     faulthandler.enable(stack)
-    faulthandler.register(signal.SIGUSR1, stack)
+    signals.leave_stack_on_request(stack)
     context = Context(spec)
 
     terminated = []

@@ -5,14 +5,12 @@ Connections beyond the limit are closed as they come; ZeroMQ clients try again b
 
 from __future__ import annotations
 
-import contextlib
-import os
-import socket
 from collections.abc import Callable, Iterable
 
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
+from lfpipe.host import endpoints
 from lfpipe.host.limits import OPEN_FILES, allowed_files
 
 MOST_CONNECTIONS, FEWEST_CONNECTIONS = 512, 24  # the stages alone have two each
@@ -48,10 +46,7 @@ class ConnectionLimit:
         if not self._refusing:
             self._refusing = True
             self._log(f"{self._limit} programs are connected to the session; further ones are refused until some have left")
-        # libzmq closes the descriptor itself, perhaps by now; what has its number then is no Unix socket, or one more client.
-        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(fd)) as connection:
-            if connection.family == socket.AF_UNIX:
-                connection.shutdown(socket.SHUT_RDWR)
+        endpoints.shut_down(fd)
 
     def close(self) -> None:
         """Ends the counting; the sockets are their owner's."""

@@ -16,6 +16,7 @@ import attrs
 import zmq
 
 from lfpipe.errors import UserError
+from lfpipe.host import endpoints
 from lfpipe.supervisor.connection_limit import ConnectionLimit
 from lfpipe.supervisor.file_checker import FileChecker
 from lfpipe.supervisor.process_table import NAMES
@@ -78,8 +79,7 @@ class ControlServer:
         self._connections = ConnectionLimit(named.values(), log)
         for name, socket in named.items():
             control.limit(socket)
-            socket.bind(control.address(session.run_dir, name))
-            (session.run_dir / name).chmod(0o600)
+            endpoints.bind(socket, session.run_dir, name)
         self._requests, self._telemetry = ThrottledSocket(self._ctl), ThrottledSocket(self._bus)
         self._waiting: deque[_Waiting] = deque()  # by revision, so by time as well
         self._checking: list[_Checking] = []

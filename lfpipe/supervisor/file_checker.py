@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 import subprocess
 import sys
-from typing import IO, Any
+from typing import Any
 
 from lfpipe.config import Config, to_dict
 from lfpipe.errors import UserError
+from lfpipe.host.pipes import PipeReader
 from lfpipe.transport.clock import SECOND_NS, now_ns
 
 COMMAND = (sys.executable, "-m", "lfpipe.supervisor.file_check")
 MAX_ANSWER_BYTES = 64 << 10
 MAX_LOG_BYTES = 2000  # the end of what the child wrote to stderr
 LIMITS_S = {"scene": 60.0}  # without progress: packing a large scene takes minutes
+LAST_WORDS_S = 0.5  # how long what a child wrote before its end may take to arrive
 LIMIT_S = 10.0  # everything else looks at one path
 
 
@@ -35,37 +35,35 @@ class FileChecker:
             stderr=subprocess.PIPE,
         )
         self._out, self._log = bytearray(), bytearray()
-        for stream in self._streams:
-            os.set_blocking(stream.fileno(), False)
+        assert self._process.stdout is not None and self._process.stderr is not None
+        self._pipes = ((PipeReader(self._process.stdout), self._out), (PipeReader(self._process.stderr), self._log))
+        self._ended: list[PipeReader] = []
 
     def _progress(self) -> None:
         self._end_ns = now_ns() + int(self._limit_s * SECOND_NS)
 
     @property
-    def _streams(self) -> list[IO[bytes]]:
-        return [stream for stream in (self._process.stdout, self._process.stderr) if stream is not None and not stream.closed]
-
-    @property
     def fds(self) -> list[int]:
         """Descriptors that wake the supervisor."""
-        return [stream.fileno() for stream in self._streams]
+        return [fd for pipe, _ in self._pipes if pipe not in self._ended for fd in pipe.fds]
 
     def read(self) -> None:
         """Takes what the child has written, as far as it is of use."""
-        for stream, kept in ((self._process.stdout, self._out), (self._process.stderr, self._log)):
-            if stream is None or stream.closed:
+        for pipe, kept in self._pipes:
+            if pipe in self._ended:
                 continue
-            with contextlib.suppress(BlockingIOError):
-                for _ in range(16):  # 1 MB at a time: a child that never stops writing does not hold up the session
-                    data = os.read(stream.fileno(), 1 << 16)
-                    if not data:
-                        stream.close()
-                        break
-                    kept += data
-                    if kept is self._out:
-                        self._progress()
-                        del kept[: kept.rfind(b"\n", 0, -1) + 1]  # the last line is the answer
-                    del kept[: -MAX_ANSWER_BYTES if kept is self._out else -MAX_LOG_BYTES]
+            for _ in range(16):  # 1 MB at a time: a child that never stops writing does not hold up the session
+                data = pipe.read()
+                if data is None:
+                    break
+                if not data:
+                    self._ended.append(pipe)
+                    break
+                kept += data
+                if kept is self._out:
+                    self._progress()
+                    del kept[: kept.rfind(b"\n", 0, -1) + 1]  # the last line is the answer
+                del kept[: -MAX_ANSWER_BYTES if kept is self._out else -MAX_LOG_BYTES]
 
     @property
     def done(self) -> bool:
@@ -76,6 +74,9 @@ class FileChecker:
         """The child's result, once it has ended. Raises UserError where it refuses, failed or took too long."""
         ended = self._process.poll()
         self.read()
+        for pipe, _ in self._pipes if ended is not None else ():
+            while pipe not in self._ended and pipe.wait(LAST_WORDS_S):
+                self.read()
         self.close()
         if ended is None:
             raise UserError(f"{self._path}: no progress within {self._limit_s:g} s", "is its disk or network drive there?")
@@ -97,6 +98,7 @@ class FileChecker:
         """Ends the child, whatever it does."""
         self._process.kill()
         self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
-            if stream is not None:
-                stream.close()
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        for pipe, _ in self._pipes:
+            pipe.close()

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host import activity
-from lfpipe.host.activity import Sample
+from lfpipe.host.sample import Sample
 from lfpipe.supervisor.process_table import Stage
 from lfpipe.supervisor.time_spent import TimeSpent
 from lfpipe.transport.clock import MS_NS, now_ns

@@ -1,15 +1,17 @@
-"""The lock file of a run directory: its holder owns the session. The kernel drops it when its process ends."""
+"""The lock file of a run directory: its holder owns the session. The lock ends with its process."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import stat
 import time
 from pathlib import Path
 
 from lfpipe.errors import UserError
-from lfpipe.host.file_lock import lock
+from lfpipe.host import file_lock
+from lfpipe.host.file_lock import Lock
 from lfpipe.host.users import user_id
 
 ATTEMPTS = 30  # to take a lock, PAUSE_S apart
@@ -38,8 +40,8 @@ def _make_directory(path: Path) -> None:
             raise UserError(f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory you may write to") from None
 
 
-def take(path: Path, make: bool = False) -> int | None:
-    """Locks the file at path, created if missing, and returns its descriptor; None if another process holds it.
+def take(path: Path, make: bool = False) -> Lock | None:
+    """Locks the file at path, created if missing; None if another process holds it.
 
     make: also creates its directory. Otherwise None if that is missing. Raises OSError, and UserError for a directory of another
     user. A sweep treats a directory that is not locked yet as a dead session's, so a lock counts only if the file is still there.
@@ -48,42 +50,22 @@ def take(path: Path, make: bool = False) -> int | None:
         if make:
             _make_directory(path.parent)
         try:
-            fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+            lock = file_lock.take(path)
         except FileNotFoundError:
             if make:
                 continue
             return None
-        if not lock(fd):
-            os.close(fd)
-            return None
-        if is_at(path, fd):
-            return fd
-        os.close(fd)
+        if lock is None or lock.in_place():
+            return lock
+        lock.release()
 
 
-def take_patiently(path: Path) -> int | None:
+def take_patiently(path: Path) -> Lock | None:
     """As `take` with make, but tries for 0.3 s: a process that sweeps or lists sessions holds a lock for a moment."""
     for _ in range(ATTEMPTS):
-        if (fd := take(path, make=True)) is not None:
-            return fd
+        if (lock := take(path, make=True)) is not None:
+            return lock
         time.sleep(PAUSE_S)
     return None
-
-
-def is_held(path: Path) -> bool:
-    """Whether a process holds the lock at path. Raises OSError if there is none, or it cannot be opened."""
-    fd = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    try:
-        return not lock(fd, shared=True)
-    finally:
-        os.close(fd)
-
-
-def is_at(path: Path, fd: int) -> bool:
-    """Whether the open file fd is the one at path. True if path cannot be examined now."""
-    try:
-        return os.path.samestat(path.lstat(), os.fstat(fd))
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    except OSError:
-        return True

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import os
 import shutil
 import stat
 import time
@@ -17,7 +16,8 @@ from pathlib import Path
 import zmq
 
 from lfpipe.errors import UserError
-from lfpipe.host import processes, shared_memory
+from lfpipe.host import file_lock, processes, shared_memory
+from lfpipe.host.file_lock import Lock
 from lfpipe.supervisor import run_lock
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.transport import control, segment, status
@@ -51,16 +51,16 @@ def filled(session: Session) -> Iterator[None]:
         raise UserError(f"{path}: {error.strerror}", f"{what}, or set XDG_RUNTIME_DIR to another directory") from None
 
 
-def acquire(session: Session) -> int:
-    """Takes the session for this process and returns the lock's descriptor. The directory is then empty except for the lock, and
+def acquire(session: Session) -> Lock:
+    """Takes the session for this process and returns its lock. The directory is then empty except for the lock, and
     the names of the session's memory are free.
 
     Raises UserError if another `up` runs under this name or the path is too long for sockets, OSError if an entry of the
     directory cannot be removed.
     """
-    control.address(session.run_dir, "ctl")
-    fd = run_lock.take_patiently(session.lock)
-    if fd is None:
+    control.check_place(session.run_dir, "ctl")
+    lock = run_lock.take_patiently(session.lock)
+    if lock is None:
         option = "" if session.name == "default" else f" --session {session.name}"
         remedy = f"another --session NAME, or end that one: `lfpipe ctl{option} stop`"
         raise UserError(f"session {session.name!r} is already running", remedy)
@@ -68,15 +68,15 @@ def acquire(session: Session) -> int:
         _empty(session.run_dir)
         _free_names(session)
     except BaseException:
-        release(session, fd)
+        release(session, lock)
         raise
-    return fd
+    return lock
 
 
 def _empty(run_dir: Path) -> None:
     """Removes everything except the lock."""
     for path in run_dir.iterdir():
-        if path.name != "lock":
+        if not path.name.startswith("lock"):
             if stat.S_ISDIR(path.lstat().st_mode):
                 shutil.rmtree(path)
             else:
@@ -99,55 +99,31 @@ def _unlink_abandoned(session: Session) -> None:
         shared_memory.unlink(name)
 
 
-def lost(session: Session, fd: int) -> Outcome | None:
-    """How the session that holds the lock fd must end if its run directory is no longer its own; None as long as it is.
+def lost(session: Session, lock: Lock) -> Outcome | None:
+    """How the session that holds the lock must end if its run directory is no longer its own; None as long as it is.
 
     No command reaches such a session any more, and the next one of that name cannot see that it lives.
     """
-    if run_lock.is_at(session.lock, fd):
+    if lock.in_place():
         return None
     what = f"{session.run_dir} was removed while the session ran"
     return Outcome("its run directory was removed", what, "set XDG_RUNTIME_DIR to a directory that nothing cleans up")
 
 
-def release(session: Session, fd: int) -> None:
-    """Removes everything that the session created, the lock last, and closes fd. Leaves what cannot be removed, and everything
+def release(session: Session, lock: Lock) -> None:
+    """Removes everything that the session created, the lock last, and releases it. Leaves what cannot be removed, and everything
     of another session that owns the directory by now. The caller has unlinked its own memory before.
     """
     try:
-        if run_lock.is_at(session.lock, fd):
-            _remove(session, fd)
+        if lock.in_place():
+            _unlink_abandoned(session)
+            lock.remove_folder()
             return
     finally:
-        os.close(fd)
+        lock.release()
     with contextlib.suppress(OSError):  # only the lock may be missing: then the rest goes like a dead session's
-        if (lock := run_lock.take(session.lock)) is not None:
-            release(session, lock)
-
-
-def _remove(session: Session, fd: int) -> None:
-    """Works relative to the open directory: if the run directory is replaced meanwhile, the new one stays untouched."""
-    _unlink_abandoned(session)
-    with contextlib.suppress(OSError):
-        directory = os.open(session.run_dir, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-        try:
-            if not os.path.samestat(os.stat("lock", dir_fd=directory, follow_symlinks=False), os.fstat(fd)):
-                return
-            with os.scandir(directory) as entries:
-                names = [entry.name for entry in entries if entry.name != "lock"]
-            for name in names:
-                _remove_entry(name, directory)
-            os.unlink("lock", dir_fd=directory)
-            session.run_dir.rmdir()
-        finally:
-            os.close(directory)
-
-
-def _remove_entry(name: str, directory: int) -> None:
-    try:
-        os.unlink(name, dir_fd=directory)
-    except OSError:
-        shutil.rmtree(name, ignore_errors=True, dir_fd=directory)
+        if (again := run_lock.take(session.lock)) is not None:
+            release(session, again)
 
 
 def _resume_stages(name: str) -> None:
@@ -160,8 +136,8 @@ def _resume_stages(name: str) -> None:
         pids = [int(row["pid"]) for row in table.rows.values()]
         table.close()
         for pid in pids:
-            if pid > 0 and processes.name_of(pid).startswith("lfpipe-"):  # else another program has the number by now
-                processes.resume(pid)
+            if pid > 0:
+                processes.resume_stage(pid)
 
 
 def sweep() -> list[str]:
@@ -172,10 +148,10 @@ def sweep() -> list[str]:
     swept = []
     for session in _sessions():
         with contextlib.suppress(OSError):
-            fd = run_lock.take(session.lock)
-            if fd is not None:
+            lock = run_lock.take(session.lock)
+            if lock is not None:
                 _resume_stages(session.segment("status"))
-                release(session, fd)
+                release(session, lock)
                 swept.append(session.name)
     for name, run_dir in segment.abandoned():
         if run_dir.is_absolute() and _is_gone(run_dir):
@@ -200,7 +176,7 @@ def running() -> list[str]:
     names = []
     for session in _sessions():
         with contextlib.suppress(OSError):  # it starts, has just ended, or may not be read
-            if run_lock.is_held(session.lock):
+            if file_lock.is_held(session.lock):
                 names.append(session.name)
     return sorted(names)
 

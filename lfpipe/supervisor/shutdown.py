@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterable
 
 import attrs
 
+from lfpipe.host import signals
 from lfpipe.supervisor.stage_process import StageProcess
 from lfpipe.transport.clock import now_ns
 
 STOP_S, TERM_S, KILL_S = 0.9, 0.5, 5.0  # how long a stage may take after "stop", after SIGTERM, after SIGKILL
-PASSES = ((STOP_S, signal.SIGTERM), (TERM_S, signal.SIGKILL), (KILL_S, None))
+PASSES = ((STOP_S, signals.END), (TERM_S, signals.KILL), (KILL_S, None))
 
 
 @attrs.define

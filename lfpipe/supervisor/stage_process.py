@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 import time
 from collections import deque
 from multiprocessing.process import BaseProcess
@@ -93,10 +92,11 @@ class StageProcess:
 
     def kill_hung(self) -> str:
         """Kills a hung process, once, and returns its stack. On a stalled machine its end may take long."""
-        self.signal(signal.SIGUSR1)
+        if self.process is not None and self.process.pid is not None:
+            signals.ask_for_stack(self.process.pid)
         time.sleep(0.05)
         stack = self.last_stack()
-        self.signal(signal.SIGKILL)
+        self.signal(signals.KILL)
         self._killed = True
         return stack
 
@@ -123,6 +123,6 @@ class StageProcess:
         return message, remedy
 
     def signal(self, signum: int) -> None:
-        """Sends a signal if there is a process to take it."""
+        """Sends END or KILL of `host.signals` if there is a process to take it."""
         if self.process is not None and self.process.pid is not None:
-            os.kill(self.process.pid, signum)
+            signals.send(self.process.pid, signum)

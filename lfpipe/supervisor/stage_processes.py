@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator
 
 import attrs
 
 from lfpipe.config import SessionOptions
+from lfpipe.host import signals
 from lfpipe.supervisor import shutdown
 from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
 from lfpipe.supervisor.stage_process import StageProcess
@@ -94,7 +94,7 @@ class StageProcesses:
     def kill(self) -> None:
         """Ends all at once: the user asked twice."""
         for process in self:
-            process.signal(signal.SIGKILL)
+            process.signal(signals.KILL)
 
     def stop(self, log: Callable[[str], None]) -> None:
         """Two passes: all are asked, then all are waited for."""

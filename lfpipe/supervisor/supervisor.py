@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import signal
 import time
 from collections.abc import Callable
 from types import FrameType
@@ -18,7 +17,7 @@ import zmq
 
 from lfpipe.config import Config, SessionOptions
 from lfpipe.host import limits, signals, streams
-from lfpipe.host.processes import usable_cores
+from lfpipe.host.processes import sentinels, usable_cores
 from lfpipe.supervisor import child, placement, rundir
 from lfpipe.supervisor.config_rollback import ConfigRollback
 from lfpipe.supervisor.control_server import ControlServer
@@ -92,7 +91,7 @@ class Supervisor:
         return self._outcome
 
     def _signalled(self, signum: int, _frame: FrameType | None) -> None:
-        again = signum in self._signals and signum != signal.SIGHUP  # which the shell and the kernel both send
+        again = signum in self._signals and signum not in signals.SENT_TWICE
         self._signals.append(signum)
         if again and self._stages is not None:  # the second Ctrl-C means now
             self._stages.kill()
@@ -153,7 +152,8 @@ class Supervisor:
             server.register(poller)
             for process in stages:
                 if process.process is not None:
-                    poller.register(process.process.sentinel, zmq.POLLIN)
+                    for sentinel in sentinels(process.process):
+                        poller.register(sentinel, zmq.POLLIN)
             tick_ms = server.wait_ms(TICK_MS)
             poller.poll(tick_ms if end_ns is None else max(0, min(tick_ms, (end_ns - now_ns()) // MS_NS + 1)))
             server.serve()

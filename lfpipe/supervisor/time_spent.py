@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import attrs
 
-from lfpipe.host.activity import Sample, Thread
+from lfpipe.host.sample import Sample, Thread
 
 WORKS_SHARE = 0.05  # of the time on a CPU: less is what a thread with a timer needs to find that there is nothing to do
 

@@ -79,8 +79,7 @@ def unpacked(parcel: Parcel) -> str:
 def alone(host: str) -> Iterator[None]:
     """Waits until no other timed cell runs on this host. host: its address, as containers may share /tmp."""
     name = f"lfpipe-quiet-{os.environ.get('USER', '')}-{re.sub(r'[^0-9A-Za-z.-]', '_', host)}.lock"
-    with (Path(tempfile.gettempdir()) / name).open("w") as file:
-        file_lock.wait_and_lock(file.fileno())
+    with file_lock.waited_for(Path(tempfile.gettempdir()) / name):
         yield
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-now_ns = time.monotonic_ns
+from lfpipe.host.clock import asleep_ns
+from lfpipe.host.clock import now_ns as now_ns
 
 SECOND_NS = 1_000_000_000
 MS_NS = 1_000_000
@@ -17,11 +18,6 @@ def sleep_until(t_ns: int) -> None:
     wait_ns = t_ns - now_ns()
     if wait_ns > 0:
         time.sleep(wait_ns / 1e9)
-
-
-def asleep_ns() -> int:
-    """How long the machine has been suspended since it started: the monotonic clock stands still then."""
-    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - now_ns()
 
 
 class SleepWatch:

@@ -39,10 +39,10 @@ class Context:
         self._zmq = control.context()
         self._ctl = self._zmq.socket(zmq.DEALER)
         self._ctl.setsockopt(zmq.IDENTITY, spec.name.encode())
-        self._ctl.connect(control.address(spec.session.run_dir, "ctl"))
+        control.connect(self._ctl, spec.session.run_dir, "ctl")
         self._bus = self._zmq.socket(zmq.PUSH)
         self._bus.setsockopt(zmq.SNDHWM, 16)
-        self._bus.connect(control.address(spec.session.run_dir, "bus"))
+        control.connect(self._bus, spec.session.run_dir, "bus")
         self._poller.register(self._ctl, zmq.POLLIN)
         self._ctl.send(control.encode({"cmd": "hello", "stage": spec.name}))
         self._rev = spec.rev

@@ -16,6 +16,7 @@ import msgpack
 import zmq
 
 from lfpipe.errors import UserError
+from lfpipe.host import endpoints
 
 VERSION = 1
 MAX_BYTES = 64 * 1024
@@ -79,15 +80,19 @@ def limit(socket: zmq.Socket[bytes]) -> None:
     socket.set_hwm(QUEUE)
 
 
-def address(run_dir: Path, name: str) -> str:
-    """ipc:// address of a socket in the run directory. Raises UserError where the path is too long for a socket."""
-    path = run_dir / name
-    if len(str(path)) > zmq.IPC_PATH_MAX_LEN:
+def check_place(run_dir: Path, name: str) -> None:
+    """Raises UserError where the path of a socket in the run directory is too long."""
+    if length := endpoints.too_long(run_dir, name):
         raise UserError(
-            f"{path} has {len(str(path))} characters, a socket takes {zmq.IPC_PATH_MAX_LEN}",
+            f"{run_dir / name} has {length} characters, a socket takes {endpoints.LONGEST}",
             "a shorter --session name, or a shorter XDG_RUNTIME_DIR",
         )
-    return f"ipc://{path}"
+
+
+def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
+    """Connects to the session's ctl, bus or tap. Raises UserError where the path is too long for a socket."""
+    check_place(run_dir, name)
+    endpoints.connect(socket, run_dir, name)
 
 
 def request(run_dir: Path, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:
@@ -96,7 +101,7 @@ def request(run_dir: Path, message: dict[str, Any], timeout_s: float = 2.0) -> d
     Raises UserError when nobody answers, or when the answer is an error.
     """
     with context() as ctx, ctx.socket(zmq.DEALER) as socket:
-        socket.connect(address(run_dir, "ctl"))
+        connect(socket, run_dir, "ctl")
         remedy = "`lfpipe monitor --once` shows whether it runs"
         return exchange(socket, message, timeout_s, f"the session did not answer within {timeout_s:g} s", remedy)
 

@@ -10,17 +10,17 @@ from pathlib import Path
 import attrs
 
 from lfpipe.errors import UserError
-from lfpipe.host.users import user_id
+from lfpipe.host.users import runtime_dir, user_word
 from lfpipe.transport import segment
 
-PREFIX = f"lfpipe-{user_id()}-"  # of run directories, so that users do not meet
+PREFIX = f"lfpipe-{user_word()}-"  # of run directories, so that users do not meet
 LONGEST_PART = 13  # characters of a ring's name within that of its segment
 
 
 def base_dir() -> Path:
-    """Parent of run directories: XDG_RUNTIME_DIR, or /tmp. Raises UserError if that is not an absolute path in UTF-8."""
-    text = os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
-    remedy = "set it to a directory of yours, or unset it: /tmp is used then"
+    """Parent of run directories: XDG_RUNTIME_DIR, or the system's place. Raises UserError if it is no absolute UTF-8 path."""
+    text = os.environ.get("XDG_RUNTIME_DIR") or str(runtime_dir())
+    remedy = "set it to a directory of yours, or unset it"
     if not Path(text).is_absolute():
         raise UserError(f"XDG_RUNTIME_DIR={text!r} is not an absolute path", remedy)
     try:

@@ -53,7 +53,7 @@ class Live:
         """A new connection to one of the session's sockets."""
         made = self.context.socket({"ctl": zmq.DEALER, "bus": zmq.PUSH, "tap": zmq.XSUB}[name])
         made.setsockopt(zmq.SNDTIMEO, int(ANSWER_S * 1000))
-        made.connect(control.address(self.run_dir, name))
+        control.connect(made, self.run_dir, name)
         return made
 
     def ask(self, message: dict[str, Any], timeout_s: float = ANSWER_S) -> dict[str, Any]:

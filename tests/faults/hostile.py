@@ -71,7 +71,7 @@ def pester(run_dir: Path, rng: random.Random, count: int) -> int:
     """Sends so many to a session, as fast as it answers; returns how many it answers. Raises AssertionError where it obeys."""
     answers = 0
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-        socket.connect(control.address(run_dir, "ctl"))
+        control.connect(socket, run_dir, "ctl")
         for sent in range(1, count + 1):
             socket.send(hostile(rng))
             if sent % 20 and sent < count:

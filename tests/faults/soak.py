@@ -207,7 +207,7 @@ class Soak:
 
     def _garbage(self, _: str) -> None:
         with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-            socket.connect(control.address(self._session.run_dir, "ctl"))
+            control.connect(socket, self._session.run_dir, "ctl")
             for _ in range(200):
                 socket.send(hostile(self._rng))
             for _ in range(200):

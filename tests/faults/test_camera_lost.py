@@ -33,7 +33,7 @@ class Told:
         self._ctx = control.context()
         self._tap = self._ctx.socket(zmq.SUB)
         self._tap.setsockopt(zmq.SUBSCRIBE, b"")
-        self._tap.connect(control.address(next(world.run_dir.glob("lfpipe-*")), "tap"))
+        control.connect(self._tap, next(world.run_dir.glob("lfpipe-*")), "tap")
         self.messages: list[dict[str, Any]] = []
 
     def of(self, topic: str) -> list[dict[str, Any]]:

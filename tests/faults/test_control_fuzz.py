@@ -31,7 +31,7 @@ def test_hostile_messages_change_nothing_and_delay_no_frames(session: WatchedSes
     before, config, pids = session.books(), session.told(), [session.pid(name) for name in STAGES]
     assert pester(session.run_dir, random.Random(7), count) == count, "every message is answered"
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-        socket.connect(control.address(session.run_dir, "ctl"))
+        control.connect(socket, session.run_dir, "ctl")
         socket.send_multipart([b"stop", b"stop"])
         assert socket.poll(2000) and control.decode(socket.recv())["ok"] is False
         socket.send(msgpack.packb({"v": 1, "cmd": "status", "why": "x" * (control.MAX_BYTES + 1)}))
@@ -50,7 +50,7 @@ def test_a_flood_keeps_neither_frames_nor_other_clients_waiting(session: Watched
     """Of a flood so much is taken in a given time, and of each client in turn."""
     with control.context() as ctx, ctx.socket(zmq.DEALER) as flood, ctx.socket(zmq.DEALER) as other:
         for socket in (flood, other):
-            socket.connect(control.address(session.run_dir, "ctl"))
+            control.connect(socket, session.run_dir, "ctl")
         flood.set_hwm(100_000)
         message = control.encode({"cmd": "set", "set": {"render.alpha_px": 12.0}})
         for _ in range(20_000):

@@ -99,7 +99,7 @@ def test_quality_goes_down_a_level_at_a_time_while_others_have_the_cores_and_com
         tap.setsockopt(zmq.LINGER, 0)
         tap.subscribe(b"")
         run_dir = next(path.parent for path in world.run_dir.rglob("session.json"))
-        tap.connect(control.address(run_dir, "tap"))
+        control.connect(tap, run_dir, "tap")
         control.request(run_dir, {"cmd": "pictures", "lease_s": 60})  # then there is something to hear: the tap is connected
         assert tap.poll(10_000)
         hogs.start()

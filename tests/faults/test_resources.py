@@ -159,7 +159,7 @@ def test_a_run_directory_of_another_user_is_refused_and_never_spoken_to(world: W
         done = unprivileged(world, *command, "--session", world.name)
         assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
         assert ("not a directory of yours" if command[0] == "up" else "no session") in done.stderr
-    os.close(lock)
+    lock.release()
     other = unprivileged(world, "up", packed, *PLAIN, "--session", f"{world.name}.b")
     assert other.returncode == 0, other.stderr
     assert sorted(path.name for path in theirs.iterdir()) == ["lock"], "what belongs to another is left alone"

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import lfpipe
-from lfpipe.host.activity import Sample, Thread
+from lfpipe.host.sample import Sample, Thread
 from lfpipe.render.refresh import Refresh
 from lfpipe.supervisor.health_check import ASLEEP_S, HealthCheck
 from lfpipe.supervisor.process_table import STAGES

@@ -51,7 +51,7 @@ def test_every_file_and_segment_of_a_session_is_the_users_alone(world: World, sc
     world.pictures(5)
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
         run_dir = next(world.run_dir.glob("lfpipe-*"))
-        socket.connect(control.address(run_dir, "ctl"))
+        control.connect(socket, run_dir, "ctl")
         socket.send(control.encode({"cmd": "pictures", "lease_s": 30}))
         assert socket.poll(5000) and control.decode(socket.recv())["ok"]
     assert stat.S_IMODE(run_dir.stat().st_mode) == 0o700
@@ -159,7 +159,7 @@ def test_one_scene_is_loaded_at_a_time(world: World, scene: Path) -> None:
     world.pictures(5)
     run_dir = next(world.run_dir.glob("lfpipe-*"))
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-        socket.connect(control.address(run_dir, "ctl"))
+        control.connect(socket, run_dir, "ctl")
         for _ in range(30):
             socket.send(control.encode({"cmd": "load", "scene": str(scene)}))
         answers = []

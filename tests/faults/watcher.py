@@ -96,7 +96,7 @@ class Watcher(threading.Thread):
 
     def run(self) -> None:
         with control.context() as ctx, ctx.socket(zmq.DEALER) as ctl:
-            ctl.connect(control.address(self._run_dir, "ctl"))
+            control.connect(ctl, self._run_dir, "ctl")
             picture = np.empty(0, np.uint8)
             lease_ns = 0
             while not self._ended.wait(0.004):

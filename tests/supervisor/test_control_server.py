@@ -18,6 +18,7 @@ import pytest
 import zmq
 from hypothesis import HealthCheck, given, settings
 
+from lfpipe.host import endpoints
 from lfpipe.supervisor import connection_limit
 from lfpipe.supervisor.connection_limit import ConnectionLimit
 from lfpipe.transport import control
@@ -37,7 +38,7 @@ def client(world: World, scene: Path) -> Iterator[zmq.Socket[bytes]]:
     process = world.up(scene, *CAMERA)
     world.pictures(5)
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-        socket.connect(control.address(run_dir(world), "ctl"))
+        control.connect(socket, run_dir(world), "ctl")
         yield socket
         count = len(world.lines())
         assert ask(socket, {"v": 1, "cmd": "status"})["ok"]
@@ -78,7 +79,7 @@ def test_every_shape_of_request_is_answered_and_the_session_goes_on(client: zmq.
 
 def test_telemetry_of_any_shape_ends_nothing(client: zmq.Socket[bytes], world: World) -> None:
     with control.context() as ctx, ctx.socket(zmq.PUSH) as bus:
-        bus.connect(control.address(run_dir(world), "bus"))
+        control.connect(bus, run_dir(world), "bus")
         shapes: list[Any] = [5, None, [5], {"a": 1}, "text", [["deep"]], "\x1b[2J"]
         for topic in ("notice", "source", "parallax", "level", 5, None, ["notice"]):
             for shape in shapes:
@@ -138,7 +139,7 @@ def test_connections_beyond_the_limit_are_closed_and_those_before_are_kept(
     said: list[str] = []
     with control.context() as ctx, ctx.socket(zmq.ROUTER) as ctl:
         limit = ConnectionLimit([ctl], said.append)
-        ctl.bind(control.address(tmp_path, "ctl"))
+        endpoints.bind(ctl, tmp_path, "ctl")
 
         def connect() -> socket.socket:
             """A connection; what libzmq greets it with is taken."""

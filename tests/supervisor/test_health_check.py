@@ -17,7 +17,7 @@ import pytest
 
 from lfpipe.config import Config, SessionOptions
 from lfpipe.host import activity
-from lfpipe.host.activity import Sample, Thread
+from lfpipe.host.sample import Sample, Thread
 from lfpipe.supervisor import health_check
 from lfpipe.supervisor.health_check import HealthCheck
 from lfpipe.supervisor.process_table import SOURCE, Stage, consumers

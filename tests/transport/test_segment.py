@@ -31,7 +31,7 @@ def prefix() -> Iterator[str]:
         shared_memory.unlink(name)
 
 
-def page(path: bytes, length: int | None = None, magic: bytes = segment.MAGIC) -> bytes:
+def page(path: bytes, length: int | None = None, magic: bytes = shared_memory.MAGIC) -> bytes:
     return (magic + (len(path) if length is None else length).to_bytes(8, "little", signed=True) + path)[:PAGE].ljust(PAGE, b"\0")
 
 

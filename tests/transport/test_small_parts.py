@@ -132,7 +132,7 @@ def test_wakes_arrive_and_a_full_fifo_blocks_nobody(tmp_path: Path) -> None:
     path = tmp_path / "wake.frames.track"
     wake.make(path)
     assert path.stat().st_mode & 0o777 == 0o600
-    writer, reader = wake.Wake(path), wake.Wake(path)
+    writer, reader = wake.Wake(path), wake.Wake(path, reads=True)
     assert reader.drain() == 0
     for seq in range(1, 20_001):
         writer.notify(seq)
@@ -194,7 +194,7 @@ def test_a_path_too_long_for_a_socket_is_named() -> None:
     from lfpipe.errors import UserError
 
     with pytest.raises(UserError, match="107"):
-        control.address(Path("/tmp") / ("x" * 120), "ctl")
+        control.check_place(Path("/tmp") / ("x" * 120), "ctl")
 
 
 def test_nobody_at_the_other_end_is_an_answer_in_time(tmp_path: Path) -> None:

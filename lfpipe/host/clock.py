@@ -1,0 +1,12 @@
+"""The clock that all processes share, and how long the machine has been suspended."""
+
+from __future__ import annotations
+
+import time
+
+now_ns = time.monotonic_ns  # CLOCK_MONOTONIC
+
+
+def asleep_ns() -> int:
+    """How long the machine has been suspended since it started: the monotonic clock stands still then."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.monotonic_ns()

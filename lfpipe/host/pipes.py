@@ -1,0 +1,35 @@
+"""Output of a child process, read without waiting."""
+
+from __future__ import annotations
+
+import os
+from multiprocessing import connection
+from typing import IO
+
+
+class PipeReader:
+    """stream: the child's end of a pipe, closed by this object."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self._stream = stream
+        os.set_blocking(stream.fileno(), False)
+
+    @property
+    def fds(self) -> list[int]:
+        """Descriptors for a poller, readable when there is something to read or the end."""
+        return [] if self._stream.closed else [self._stream.fileno()]
+
+    def wait(self, timeout_s: float) -> bool:
+        """Whether there is something to read, or the end, within timeout_s."""
+        return bool(connection.wait([self._stream.fileno()], timeout_s))
+
+    def read(self) -> bytes | None:
+        """At most 64 KiB; nothing at the end, None where there is nothing now."""
+        try:
+            return os.read(self._stream.fileno(), 1 << 16)
+        except BlockingIOError:
+            return None
+
+    def close(self) -> None:
+        """Once the child has ended, or to leave it alone."""
+        self._stream.close()

@@ -1,0 +1,33 @@
+"""Whether a process lives, by its number and the time of its start: numbers are given again."""
+
+from __future__ import annotations
+
+import functools
+import os
+
+import psutil
+
+SAME_START_S = 60.0  # a clock that is set between two looks moves the time of a start on some systems
+
+
+@functools.cache
+def _started_s(pid: int) -> int:
+    return int(psutil.Process(pid).create_time())
+
+
+def own_mark() -> str:
+    """This process, as a word for `lives`."""
+    return f"{os.getpid()}-{_started_s(os.getpid())}"
+
+
+def lives(mark: str) -> bool:
+    """Whether the process of a mark lives; False for a word that is none."""
+    try:
+        pid, started_s = (int(part) for part in mark.split("-"))
+        process = psutil.Process(pid)
+        same = abs(float(process.create_time()) - started_s) < SAME_START_S
+        return same and str(process.status()) != psutil.STATUS_ZOMBIE
+    except psutil.AccessDenied:
+        return True
+    except (ValueError, OverflowError, psutil.Error):
+        return False

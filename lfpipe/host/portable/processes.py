@@ -1,0 +1,63 @@
+"""Processes: the cores they run on and their niceness, where the system has such things."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterable
+from multiprocessing.process import BaseProcess
+
+import psutil
+
+SPAWNED = "multiprocessing.spawn"  # in the command line of every stage
+
+
+def usable_cores() -> list[int]:
+    """The cores that this process may run on."""
+    return list(range(os.cpu_count() or 1))
+
+
+def scheduling(pid: int) -> tuple[list[int], int]:
+    """Cores that a process may run on, and its niceness, 0 on Windows, which has classes; ([], 0) where it is gone."""
+    cores: list[int] = []
+    nice = 0
+    with contextlib.suppress(psutil.Error, AttributeError, OSError, ValueError):
+        process = psutil.Process(pid)
+        nice = int(process.nice()) if os.name == "posix" else 0
+        cores = usable_cores()
+        cores = sorted(process.cpu_affinity())
+    return cores, nice
+
+
+def set_scheduling(cores: Iterable[int], nice: int | None) -> None:
+    """Moves this process to cores, all where none are named or the system decides, with that niceness. Raises PermissionError."""
+    process = psutil.Process()
+    if cores := list(cores):
+        with contextlib.suppress(AttributeError):  # macOS
+            process.cpu_affinity(cores)
+    if nice is not None and os.name == "posix":
+        try:
+            process.nice(nice)
+        except psutil.AccessDenied as error:
+            raise PermissionError(str(error)) from None
+
+
+def yield_to_others() -> None:
+    """Nothing: no system but Linux knows it."""
+
+
+def set_up(name: str) -> None:
+    """Nothing: a process keeps its name and its allocator."""
+
+
+def sentinels(process: BaseProcess) -> list[int]:
+    """None: a poller of sockets takes no handle of a process. An end is seen when the poller returns by itself."""
+    return []
+
+
+def resume_stage(pid: int) -> None:
+    """Lets a stopped stage go on; nothing where it is gone, and another program has its number by now."""
+    with contextlib.suppress(psutil.Error, AttributeError, ValueError):
+        process = psutil.Process(pid)
+        if any(SPAWNED in word for word in process.cmdline()):
+            process.resume()

@@ -1,0 +1,140 @@
+"""Named shared memory as `multiprocessing` has it everywhere, and a folder of the user in which every segment is registered.
+
+On Windows a segment lives as long as a process has it open, elsewhere until it is unlinked. Systems differ in whether segments
+can be listed, so an entry of the registry says who made one: the run directory, the process, and a number of its own. Entries
+change only while the registry is locked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import secrets
+import shutil
+import tempfile
+from collections.abc import Iterator
+from multiprocessing.shared_memory import SharedMemory
+from pathlib import Path
+from typing import Any
+
+from lfpipe.host.file_lock import waited_for
+from lfpipe.host.portable.liveness import lives, own_mark
+from lfpipe.host.untracked import untracked
+from lfpipe.host.users import user_id, user_word
+
+SHM_DIR = Path(tempfile.gettempdir()) / f"lfpipe-{user_word()}-segments"
+_LOCK = "registry"
+
+
+class Segment(SharedMemory):
+    """A segment that this process created. `unlink` never removes another segment that has its name by now."""
+
+    def __init__(self, name: str, size_bytes: int, number: int) -> None:
+        with untracked():
+            super().__init__(name, create=True, size=size_bytes)
+        self._number = number
+
+    def unlink(self) -> None:
+        """Removes the name. Raises FileNotFoundError if it is no longer this segment's."""
+        if identity(self.name) != (0, self._number):
+            raise FileNotFoundError(errno.ENOENT, "another segment has that name", self.name)
+        unlink(self.name)
+
+
+def _make_registry() -> None:
+    """Creates the folder. Raises PermissionError where it is another user's or a link."""
+    SHM_DIR.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if SHM_DIR.is_symlink() or SHM_DIR.stat().st_uid != user_id():
+        raise PermissionError(errno.EPERM, "not a directory of yours", str(SHM_DIR))
+
+
+def create(name: str, size_bytes: int, run_dir: bytes) -> Segment:
+    """Creates a segment of at least size_bytes zeros for the session of run_dir; its pages exist where the system lets us ask.
+
+    Raises OSError, FileExistsError if the name is taken.
+    """
+    _make_registry()
+    entry, number = SHM_DIR / name, secrets.randbits(62)
+    text = json.dumps({"run_dir": os.fsdecode(run_dir), "owner": own_mark(), "number": number})
+    with waited_for(SHM_DIR / _LOCK):
+        with entry.open("x") as file:  # a reader that sees half of it takes it for no entry
+            file.write(text)
+        try:
+            try:
+                made = Segment(name, size_bytes, number)
+            except FileExistsError:  # nobody registered it: its entry was lost
+                _unlink_memory(name)
+                made = Segment(name, size_bytes, number)
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(made._fd, 0, size_bytes)  # type: ignore[attr-defined]
+        except BaseException:
+            _unlink_memory(name)
+            entry.unlink()
+            raise
+    return made
+
+
+def _unlink_memory(name: str) -> None:
+    with contextlib.suppress(FileNotFoundError), untracked():
+        memory = SharedMemory(name)
+        memory.close()
+        memory.unlink()
+
+
+def _entry(name: str) -> dict[str, Any]:
+    """Raises FileNotFoundError where there is none, or what is there is none."""
+    try:
+        found = json.loads((SHM_DIR / name).read_text())
+        return {"run_dir": Path(found["run_dir"]), "owner": str(found["owner"]), "number": int(found["number"])}
+    except (ValueError, KeyError, TypeError, OSError):
+        raise FileNotFoundError(errno.ENOENT, "no such segment", name) from None
+
+
+def names(prefix: str) -> list[str]:
+    """Names that begin with prefix, of files of any kind; empty if they cannot be listed."""
+    try:
+        return sorted(path.name for path in SHM_DIR.iterdir() if path.name.startswith(prefix))
+    except OSError:
+        return []
+
+
+def identity(name: str) -> tuple[int, int]:
+    """What tells the segment that has that name now from any other. Raises FileNotFoundError."""
+    return 0, _entry(name)["number"]
+
+
+def unlink(name: str) -> None:
+    """Removes the name; processes that map the memory keep it. Raises FileNotFoundError."""
+    _unlink_memory(name)
+    (SHM_DIR / name).unlink()
+
+
+def room() -> tuple[int, int]:
+    """Free and total bytes for segments, as far as the system says. Raises OSError."""
+    usage = shutil.disk_usage(SHM_DIR)
+    return usage.free, usage.total
+
+
+def owned(prefix: str) -> dict[str, Path]:
+    """Segments of this user whose names begin with prefix, of living and dead sessions: name -> run directory."""
+    found = {}
+    for name in names(prefix):
+        with contextlib.suppress(FileNotFoundError):
+            found[name] = _entry(name)["run_dir"]
+    return found
+
+
+def abandoned(prefix: str) -> Iterator[tuple[str, Path]]:
+    """Name and run directory of those whose creator is dead. The caller may unlink each by name before it takes the next:
+    until then no other process unlinks it, so that the name cannot pass to another segment.
+    """
+    for name in names(prefix):
+        with contextlib.suppress(FileNotFoundError):
+            if lives(_entry(name)["owner"]):
+                continue
+            with waited_for(SHM_DIR / _LOCK):
+                entry = _entry(name)
+                if not lives(entry["owner"]):
+                    yield name, entry["run_dir"]

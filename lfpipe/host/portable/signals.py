@@ -1,0 +1,78 @@
+"""Signals, as far as the system has them: Windows knows Ctrl-C, and the end of a process."""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import os
+import signal
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import IO, Any
+
+END = signal.SIGTERM
+KILL = getattr(signal, "SIGKILL", signal.SIGTERM)  # on Windows SIGTERM ends a process at once
+_HANGUP = getattr(signal, "SIGHUP", None)
+_STACK = getattr(signal, "SIGUSR1", None)
+SENT_TWICE = tuple(filter(None, (_HANGUP,)))
+TERMINAL = tuple(filter(None, (signal.SIGINT, _HANGUP, getattr(signal, "SIGQUIT", None), getattr(signal, "SIGBREAK", None))))
+
+
+@contextlib.contextmanager
+def blocked() -> Iterator[None]:
+    """Processes that start within begin with these signals blocked, where signals can be blocked."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def ignore() -> None:
+    """In a process that started `blocked`."""
+    for signum in TERMINAL:
+        signal.signal(signum, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINAL)
+
+
+def handle(handler: Callable[[int, FrameType | None], None]) -> dict[signal.Signals, Any]:
+    """Has handler called for what ends a session; returns what was in force before, for `restore`.
+
+    A hang-up stays ignored where it was: who started the session with nohup wants it to outlive the terminal.
+    """
+    if os.name == "posix":
+        from multiprocessing import resource_tracker
+
+        with blocked():
+            resource_tracker.ensure_running()  # out of the terminal's reach
+    ends = [signal.SIGINT, signal.SIGTERM]
+    if _HANGUP is not None and signal.getsignal(_HANGUP) != signal.SIG_IGN:
+        ends.append(_HANGUP)
+    return {signum: signal.signal(signum, handler) for signum in ends}
+
+
+def restore(before: dict[signal.Signals, Any]) -> None:
+    """Puts back what `handle` found."""
+    for signum, handler in before.items():
+        signal.signal(signum, handler)
+
+
+def send(pid: int, signum: int) -> None:
+    """Sends END or KILL. Raises OSError where the process is gone."""
+    os.kill(pid, signum)
+
+
+def leave_stack_on_request(file: IO[str]) -> None:
+    """Has this process write the stacks of its threads to file when `ask_for_stack` is called with its number."""
+    if _STACK is not None:
+        faulthandler.register(_STACK, file)
+
+
+def ask_for_stack(pid: int) -> None:
+    """Asks a process for its stacks, where there is a way. Raises OSError where it is gone."""
+    if _STACK is not None:
+        os.kill(pid, _STACK)

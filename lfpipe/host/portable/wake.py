@@ -1,0 +1,60 @@
+"""Wake-ups: datagrams over the loopback interface that carry the 8-byte seq of what was published.
+
+The reader has a socket and writes its port to a file, where there is a FIFO on Linux. A restarted reader has another port, so a
+writer looks at the file before each wake. A reader wakes itself once: for what came while it had no port. Wakes are hints, and
+what is not one is no worse than one too many: the ring says what is there. A full socket means that the reader has wakes enough.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import struct
+from pathlib import Path
+
+_SEQ = struct.Struct("@Q")
+_HOST = "127.0.0.1"
+BATCH = 512  # taken at once
+
+
+def make(path: Path) -> None:
+    """Creates the file, readable by its owner only. The supervisor's business."""
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+
+
+class Wake:
+    """Either end. reads: whether it is the reader's, of which there is one."""
+
+    def __init__(self, path: Path, reads: bool = False) -> None:
+        self._path, self._seen = path, (0, 0)
+        self._port = 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self.fd = self._socket.fileno()
+        if reads:
+            self._socket.bind((_HOST, 0))
+            part = path.with_name(f".{path.name}.{os.getpid()}")
+            part.write_text(str(self._socket.getsockname()[1]))
+            part.replace(path)
+            self.notify(0)
+
+    def notify(self, seq: int) -> None:
+        """Tells the reader that seq is there; nothing where there is none yet."""
+        with contextlib.suppress(OSError, ValueError):
+            found = os.stat(self._path)  # noqa: PTH116  (once per frame and reader)
+            if (seen := (found.st_ino, found.st_mtime_ns)) != self._seen:
+                self._port, self._seen = int(self._path.read_text()), seen
+            self._socket.sendto(_SEQ.pack(seq), (_HOST, self._port))
+
+    def drain(self) -> int:
+        """Takes all wakes (of more than 512 the rest stays for the next time); returns the last seq, 0 when there was none."""
+        last = 0
+        with contextlib.suppress(OSError):  # none is left; on Windows also: a reader that this end once wrote to is gone
+            for _ in range(BATCH):
+                data = self._socket.recv(_SEQ.size)
+                last = int(_SEQ.unpack(data)[0]) if len(data) == _SEQ.size else last
+        return last
+
+    def close(self) -> None:
+        self._socket.close()

@@ -1,0 +1,33 @@
+"""Shared memory out of reach of Python's resource tracker.
+
+The tracker unlinks by name after its process has died, when the next session may have that name already, and up to Python 3.12
+also segments that its process only attached (cpython issue 82300).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Iterator
+from multiprocessing import resource_tracker
+from multiprocessing.shared_memory import SharedMemory
+
+_lock = threading.Lock()
+
+
+@contextlib.contextmanager
+def untracked() -> Iterator[None]:
+    """Keeps segments that are opened or unlinked within from the tracker."""
+    with _lock:
+        register, unregister = resource_tracker.register, resource_tracker.unregister
+        resource_tracker.register = resource_tracker.unregister = lambda name, rtype: None
+        try:
+            yield
+        finally:
+            resource_tracker.register, resource_tracker.unregister = register, unregister
+
+
+def attach(name: str) -> SharedMemory:
+    """Opens an existing segment. Raises FileNotFoundError."""
+    with untracked():
+        return SharedMemory(name=name)
