@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.host import shared_memory
+from lfpipe.host import PORTABLE, shared_memory
 from lfpipe.track import models
 from tests.world import World, write_scene
 from tests.xvfb_screen import Screen, x_server
@@ -22,6 +22,12 @@ from tests.xvfb_screen import Screen, x_server
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a runner in the background has it ignored, and hands that down
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items if PORTABLE else ():
+        for mark in item.iter_markers("native"):
+            item.add_marker(pytest.mark.skip(reason=f"of Linux's own host alone: {mark.args[0]}"))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -55,11 +55,15 @@ def check_links(folder: Path, names: Iterable[str]) -> None:
 def open_regular(path: Path) -> BufferedReader:
     """path, opened to be read. Raises OSError where it is not a file: a FIFO would block, a device may do anything."""
     check_regular(path)
-    fd = os.open(path, os.O_RDONLY | CAREFUL)
-    if not stat.S_ISREG(os.fstat(fd).st_mode):
-        os.close(fd)
+    file = open(path, "rb", opener=_open_carefully)
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
         raise OSError(errno.EINVAL, "changed while it was opened", str(path))
-    return os.fdopen(fd, "rb")
+    return file
+
+
+def _open_carefully(path: str, flags: int) -> int:
+    return os.open(path, flags | CAREFUL)
 
 
 def read_bytes(path: Path, most_bytes: int) -> bytes:

@@ -22,6 +22,7 @@ from lfpipe.host.untracked import untracked
 from lfpipe.host.users import user_id
 
 SHM_DIR = Path("/dev/shm")
+WHERE = str(SHM_DIR)  # for messages
 MAGIC = b"LFSEGM1\0"
 PAGE = 4096
 _OWNER = struct.Struct("<8sq")  # magic, length of the path that follows
@@ -94,6 +95,11 @@ def room() -> tuple[int, int]:
     """Free and total bytes for segments. Raises OSError."""
     usage = shutil.disk_usage(SHM_DIR)
     return usage.free, usage.total
+
+
+def more_room(needed_bytes: int) -> str:
+    """What helps where there is too little."""
+    return f"mount -o remount,size={max(64, 2 * needed_bytes >> 20)}m {SHM_DIR}, or docker run --shm-size=128m"
 
 
 def _owner(fd: int) -> Path | None:

@@ -6,7 +6,6 @@ import importlib.metadata
 import importlib.util
 import os
 import platform
-import shutil
 import sys
 from pathlib import Path
 
@@ -16,8 +15,8 @@ from lfpipe import config
 from lfpipe.capture.camera_list import CameraDevice, asking, cameras
 from lfpipe.capture.open_source import camera_name
 from lfpipe.errors import UserError
+from lfpipe.host import shared_memory as memory
 from lfpipe.host.processes import usable_cores
-from lfpipe.host.shared_memory import SHM_DIR
 from lfpipe.render.open_display import has_display
 from lfpipe.track import models
 
@@ -172,15 +171,15 @@ def camera(device: CameraDevice) -> Check:
     return Check("camera", True, f"{name}: {offered or 'reports no formats'}")
 
 
-def shared_memory(path: Path = SHM_DIR, need_bytes: int = SHM_NEED_BYTES) -> Check:
+def shared_memory(need_bytes: int = SHM_NEED_BYTES) -> Check:
     """Room for the rings."""
-    remedy = f"mount -o remount,size=64m {path}, or docker run --shm-size=128m"
+    remedy = memory.more_room(need_bytes)
     try:
-        usage = shutil.disk_usage(path)
+        free, total = memory.room()
     except OSError as error:
-        return Check("shm", False, f"{path}: {error.strerror}", remedy)
-    ok = usage.free >= need_bytes and os.access(path, os.W_OK)
-    return Check("shm", ok, f"{path}: {usage.free / 1e6:.0f} MB free of {usage.total / 1e6:.0f} MB", "" if ok else remedy)
+        return Check("shm", False, f"{memory.WHERE}: {error.strerror}", remedy)
+    ok = free >= need_bytes and (not memory.SHM_DIR.exists() or os.access(memory.SHM_DIR, os.W_OK))
+    return Check("shm", ok, f"{memory.WHERE}: {free / 1e6:.0f} MB free of {total / 1e6:.0f} MB", "" if ok else remedy)
 
 
 def cores() -> Check:

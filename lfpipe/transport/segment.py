@@ -14,7 +14,7 @@ from pathlib import Path
 
 from lfpipe.errors import UserError
 from lfpipe.host import shared_memory
-from lfpipe.host.shared_memory import SHM_DIR
+from lfpipe.host.shared_memory import SHM_DIR, WHERE
 from lfpipe.host.shared_memory import Segment as Segment
 from lfpipe.host.untracked import attach as attach
 from lfpipe.host.users import user_id, user_name
@@ -41,13 +41,12 @@ def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
         ) from None
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.ENOMEM):
-            remedy = f"a tmpfs at {SHM_DIR} that you may write to: docker run --shm-size=128m, or mount one there"
+            remedy = f"a {SHM_DIR} that you may write to: docker run --shm-size=128m, or mount a tmpfs there"
             raise UserError(f"{SHM_DIR}: no shared memory can be made: {error.strerror}", remedy) from None
         free, total = shared_memory.room()
         raise UserError(
-            f"{SHM_DIR} has {free / 1e6:.1f} MB free of {total / 1e6:.1f} MB, {name} needs {whole_bytes / 1e6:.1f} MB",
-            f"mount -o remount,size={max(64, 2 * whole_bytes >> 20)}m {SHM_DIR}, or docker run --shm-size=128m, "
-            "or smaller camera.width_px and camera.height_px",
+            f"{WHERE} has {free / 1e6:.1f} MB free of {total / 1e6:.1f} MB, {name} needs {whole_bytes / 1e6:.1f} MB",
+            f"{shared_memory.more_room(whole_bytes)}, or smaller camera.width_px and camera.height_px",
         ) from None
 
 

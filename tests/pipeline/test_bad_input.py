@@ -94,6 +94,7 @@ def test_bad_input_is_said_with_its_remedy(world: World, case: str) -> None:
     assert not world.left(), "no process, no run directory"
 
 
+@pytest.mark.native("/dev/shm")
 def test_a_small_dev_shm_ends_the_command_and_not_the_machine(world: World, scene: Path) -> None:
     script = 'mount -t tmpfs -o size=1m tmpfs /dev/shm || exit 77; exec "$@"'
     command = [*("unshare", "-m", "sh", "-c", script, "-"), world.python, "-m", "lfpipe", "up", str(scene), "--camera", "demo"]

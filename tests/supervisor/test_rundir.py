@@ -16,6 +16,7 @@ import pytest
 import zmq
 
 from lfpipe.errors import UserError
+from lfpipe.host import PORTABLE
 from lfpipe.supervisor import rundir
 from lfpipe.transport.session import PREFIX, Session
 from tests.supervisor.holder import ROOT, Holder, gone, holding
@@ -23,11 +24,17 @@ from tests.supervisor.holder import ROOT, Holder, gone, holding
 NOBODY = 65534
 
 
+def remove_lock(session: Session) -> None:
+    """As something that cleans up does."""
+    for path in session.run_dir.glob("lock*"):
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
 def test_a_removed_run_directory_is_noticed(base: Path, name: str) -> None:
     session = Session(name)
     lock = rundir.acquire(session)
     assert rundir.lost(session, lock) is None
-    session.lock.unlink()
+    remove_lock(session)
     assert rundir.lost(session, lock) is not None, "the lock is gone"
     other = rundir.acquire(session)
     outcome = rundir.lost(session, lock)
@@ -42,7 +49,7 @@ def test_a_run_directory_without_its_lock_is_removed_all_the_same(base: Path, na
     session = Session(name)
     lock = rundir.acquire(session)
     (session.run_dir / "session.json").touch()
-    session.lock.unlink()
+    remove_lock(session)
     rundir.release(session, lock)
     assert not list(base.iterdir())
 
@@ -92,10 +99,11 @@ def test_an_entry_of_another_kind_shuts_nobody_out(base: Path, name: str, strang
     with holding(base, name):
         assert rundir.running() == [name] and rundir.find(name) == Session(name)
         rundir.sweep()
-    assert (strange[1] / "lock").is_symlink() and not Path("/nowhere").exists(), "a link is not followed"
+    assert PORTABLE or (strange[1] / "lock").is_symlink()
+    assert not Path("/nowhere").exists(), "a link is not followed"
 
 
-@pytest.mark.parametrize("kind", ["directory", "link"])
+@pytest.mark.parametrize("kind", ["directory", pytest.param("link", marks=pytest.mark.native("a lock that is a file"))])
 def test_a_lock_that_is_none_is_named_and_its_remedy_works(base: Path, name: str, kind: str) -> None:
     lock = Session(name).lock
     lock.parent.mkdir(mode=0o700)
@@ -168,6 +176,7 @@ def test_spaces_and_signs_in_the_runtime_directory_work(monkeypatch: pytest.Monk
         assert gone(segments)
 
 
+@pytest.mark.native("sockets with a path")
 def test_the_remedy_for_a_path_too_long_for_sockets_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     need = zmq.IPC_PATH_MAX_LEN - len(f"/{PREFIX}ab/ctl")  # what a session of two letters leaves
     place = Path(f"{tmp_path}/".ljust(need, "y"))

@@ -297,6 +297,7 @@ import os; print(os.listdir("/dev/shm"))
 """
 
 
+@pytest.mark.native("/dev/shm")
 def test_a_dev_shm_of_1_mb_is_named_with_both_sizes() -> None:
     done = subprocess.run(["unshare", "-m", "sh", "-c", SMALL, sys.executable], capture_output=True, text=True)
     if done.returncode == 77 or "unshare" in done.stderr:

@@ -31,10 +31,11 @@ def prefix() -> Iterator[str]:
         shared_memory.unlink(name)
 
 
-def page(path: bytes, length: int | None = None, magic: bytes = shared_memory.MAGIC) -> bytes:
+def page(path: bytes, length: int | None = None, magic: bytes = getattr(shared_memory, "MAGIC", b"")) -> bytes:
     return (magic + (len(path) if length is None else length).to_bytes(8, "little", signed=True) + path)[:PAGE].ljust(PAGE, b"\0")
 
 
+@pytest.mark.native("a segment that names its owner itself")
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     last=st.one_of(
@@ -82,6 +83,7 @@ def test_every_ring_of_every_session_has_a_name_of_its_own(base: Path, each: set
     assert len(set(names)) == len(each) and all(len(f"/{name}") <= 31 for name in names)
 
 
+@pytest.mark.native("a lock that ends with its descriptor")
 def test_a_segment_lives_as_long_as_the_process_that_made_it(prefix: str) -> None:
     made = segment.create(f"{prefix}x", 100, Path("/nowhere/run"))
     assert not list(segment.abandoned(prefix))
@@ -142,4 +144,3 @@ def test_no_process_is_started_and_nothing_is_written_for_a_segment(prefix: str)
     script = f"from lfpipe.transport import segment; segment.create('{prefix}x', 100); import os; os._exit(0)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=Path(__file__).parents[2])
     assert done.returncode == 0 and not done.stderr and segment.owned(prefix)
-    assert (shared_memory.SHM_DIR / f"{prefix}x").stat().st_size == 2 * PAGE

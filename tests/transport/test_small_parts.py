@@ -114,7 +114,7 @@ def test_a_table_that_is_cut_short_is_named() -> None:
     name = f"lfp-test-{os.getpid()}"
     memory = segment.create(name, 64)
     segment.buffer(memory)[:16] = status.MAGIC + status.LAYOUT.to_bytes(8, "little")
-    with pytest.raises(WrongSegment, match="has 8192 bytes of"):
+    with pytest.raises(WrongSegment, match=r"has \d+ bytes of"):
         Table(name)
     memory.close()
     memory.unlink()
@@ -190,6 +190,7 @@ def test_hostile_sizes_depths_and_types_are_refused() -> None:
             control.decode(data)
 
 
+@pytest.mark.native("sockets with a path")
 def test_a_path_too_long_for_a_socket_is_named() -> None:
     from lfpipe.errors import UserError
 

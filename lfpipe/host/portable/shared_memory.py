@@ -12,12 +12,14 @@ import errno
 import json
 import os
 import secrets
-import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 from lfpipe.host.file_lock import waited_for
 from lfpipe.host.portable.liveness import lives, own_mark
@@ -25,6 +27,7 @@ from lfpipe.host.untracked import untracked
 from lfpipe.host.users import user_id, user_word
 
 SHM_DIR = Path(tempfile.gettempdir()) / f"lfpipe-{user_word()}-segments"
+WHERE = "shared memory"  # for messages
 _LOCK = "registry"
 
 
@@ -59,8 +62,11 @@ def create(name: str, size_bytes: int, run_dir: bytes) -> Segment:
     entry, number = SHM_DIR / name, secrets.randbits(62)
     text = json.dumps({"run_dir": os.fsdecode(run_dir), "owner": own_mark(), "number": number})
     with waited_for(SHM_DIR / _LOCK):
-        with entry.open("x") as file:  # a reader that sees half of it takes it for no entry
-            file.write(text)
+        if entry.exists() or entry.is_symlink():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(entry))
+        part = SHM_DIR / ".new"
+        part.write_text(text)
+        part.replace(entry)
         try:
             try:
                 made = Segment(name, size_bytes, number)
@@ -86,7 +92,11 @@ def _unlink_memory(name: str) -> None:
 def _entry(name: str) -> dict[str, Any]:
     """Raises FileNotFoundError where there is none, or what is there is none."""
     try:
-        found = json.loads((SHM_DIR / name).read_text())
+        path = SHM_DIR / name
+        kind = path.lstat()
+        if not stat.S_ISREG(kind.st_mode) or kind.st_uid != user_id():
+            raise ValueError(name)
+        found = json.loads(path.read_text())
         return {"run_dir": Path(found["run_dir"]), "owner": str(found["owner"]), "number": int(found["number"])}
     except (ValueError, KeyError, TypeError, OSError):
         raise FileNotFoundError(errno.ENOENT, "no such segment", name) from None
@@ -112,9 +122,14 @@ def unlink(name: str) -> None:
 
 
 def room() -> tuple[int, int]:
-    """Free and total bytes for segments, as far as the system says. Raises OSError."""
-    usage = shutil.disk_usage(SHM_DIR)
-    return usage.free, usage.total
+    """Free and total bytes for segments: of the machine's memory."""
+    memory = psutil.virtual_memory()
+    return int(memory.available), int(memory.total)
+
+
+def more_room(needed_bytes: int) -> str:
+    """What helps where there is too little."""
+    return "close other programs"
 
 
 def owned(prefix: str) -> dict[str, Path]:
