@@ -55,7 +55,7 @@ def check_links(folder: Path, names: Iterable[str]) -> None:
 def open_regular(path: Path) -> BufferedReader:
     """path, opened to be read. Raises OSError where it is not a file: a FIFO would block, a device may do anything."""
     check_regular(path)
-    file = open(path, "rb", opener=_open_carefully)
+    file = open(path, "rb", opener=_open_carefully)  # noqa: SIM115
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise OSError(errno.EINVAL, "changed while it was opened", str(path))
