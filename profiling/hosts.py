@@ -44,7 +44,7 @@ ELSEWHERE = """
 | machine | state |
 |---|---|
 | Linux on ARM | not run by us, a row of the workflow; the ring's fences hold on a model of its memory (litmus.md) |
-| macOS, Windows | `lfpipe up` does not run there: it needs FIFOs, tmpfs and file locks of Linux |
+| macOS, Windows | not run by us: a row of the workflow that may fail; `LFPIPE_HOST=portable` runs their implementation on Linux |
 """
 
 
@@ -158,7 +158,9 @@ def main() -> int:
     if not short:
         machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, load average {psutil.getloadavg()[1]:.0f}"
         about = "Digests are of all frames' eyes, views and pictures, replayed in steps with the demo's scene."
-        RESULTS.write_text(f"# Hosts and Pythons\n\n`python profiling/hosts.py` on {machine}. {about}\n\n{text}\n{ELSEWHERE}")
+        rest = RESULTS.read_text().partition("\n## ") if RESULTS.exists() else ("", "", "")  # of other scripts
+        head = f"# Hosts and Pythons\n\n`python profiling/hosts.py` on {machine}. {about}"
+        RESULTS.write_text(f"{head}\n\n{text}\n{ELSEWHERE}{rest[1]}{rest[2]}")
     return int(failed)
 
 
