@@ -7,8 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-import attrs
-
+from lfpipe.capture.camera_device import CameraDevice as CameraDevice
 from lfpipe.capture.time_limit import with_time_limit
 from lfpipe.capture.v4l2_device import V4L2Device
 
@@ -17,15 +16,6 @@ ANSWER_S = 3.0  # drivers answer in microseconds; one that is stuck never does
 BUSY_S = 60.0  # thousands of questions on an emulated machine
 
 T = TypeVar("T")
-
-
-@attrs.frozen
-class CameraDevice:
-    """A device that the kernel lists. name: the driver's. bus: its place in /sys. Both empty if unknown."""
-
-    path: Path
-    name: str
-    bus: str = ""
 
 
 def _limited(call: Callable[[], T]) -> T:

@@ -6,7 +6,8 @@ import attrs
 import numpy as np
 
 from lfpipe import config
-from lfpipe.capture.camera_list import cameras, describe
+from lfpipe.capture.camera_device import known
+from lfpipe.capture.camera_device import source as camera_source
 from lfpipe.capture.frame_source import FrameSource, SourceInfo, decoding
 from lfpipe.capture.mounting import orient
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
@@ -23,7 +24,7 @@ def resolve(text: str) -> Spec:
     """
     if text:
         return parse_source(text)
-    found = cameras()
+    found = known().cameras()
     if not found:
         raise UserError("no camera found", "use --camera demo, or a recording with --camera file:PATH")
     return CameraSpec(found[0].path)
@@ -36,7 +37,7 @@ def camera_name(text: str) -> str:
     """
     spec = resolve(text)
     if isinstance(spec, CameraSpec):
-        return spec.name or describe(spec.path).name or str(spec.path)
+        return spec.name or known().describe(spec.path).name or spec.path.as_posix()
     return f"file:{spec.path.absolute()}" if isinstance(spec, FileSpec) else "demo"
 
 
@@ -61,8 +62,7 @@ def open_source(text: str, camera: config.Camera) -> FrameSource:
         from lfpipe.capture.demo import DemoSource
 
         return DemoSource(camera)
-    from lfpipe.capture import camera as device
-
+    device = camera_source()
     return orient(device.open_camera(device.CameraFinder(spec).path(), camera), camera)
 
 
@@ -71,10 +71,10 @@ def open_reconnecting(text: str, camera: config.Camera) -> FrameSource:
     spec = resolve(text)
     if not isinstance(spec, CameraSpec):
         return open_source(text, camera)
-    from lfpipe.capture import camera as device
     from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 
-    info = SourceInfo(f"camera:{spec.name or spec.path}", camera.width_px, camera.height_px, camera.rate_hz, live=True)
+    device = camera_source()
+    info = SourceInfo(f"camera:{spec.name or spec.path.as_posix()}", camera.width_px, camera.height_px, camera.rate_hz, live=True)
     finder = device.CameraFinder(spec)
     return orient(ReconnectingCamera(info, lambda: device.open_camera(finder.path(), camera)), camera)
 
@@ -94,9 +94,8 @@ def _tried(text: str, camera: config.Camera) -> SourceInfo:
     """Opens the source, reads the first frame of a recording, closes it. A camera is configured, but not started."""
     spec = parse_source(text)
     if isinstance(spec, CameraSpec):
-        from lfpipe.capture import camera as device
-
-        info = device.check_camera(device.CameraFinder(spec).path(), camera)
+        device = camera_source()
+        info: SourceInfo = device.check_camera(device.CameraFinder(spec).path(), camera)
         return attrs.evolve(info, jpeg=info.jpeg and not (camera.rotate or camera.mirror))
     with decoding(text):
         source = open_source(text, camera)
@@ -114,7 +113,7 @@ def check_source(text: str, camera: config.Camera) -> CheckedSource:
     Raises UserError as `open_source` does, and after CAMERA_S or FILE_S.
     """
     spec = resolve(text)
-    definite = f"camera:{spec.name or spec.path}" if isinstance(spec, CameraSpec) else text
+    definite = f"camera:{spec.name or spec.path.as_posix()}" if isinstance(spec, CameraSpec) else text
     limit_s, remedy = CAMERA_S, "unplug the camera and plug it in again"
     if not isinstance(spec, CameraSpec):
         limit_s, remedy = FILE_S, "check its disk or network drive"

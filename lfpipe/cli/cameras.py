@@ -22,16 +22,16 @@ def cameras(everything: bool, as_json: bool) -> None:
 
     Each size is shown with its highest rate. Give --camera the path or the name: camera:/dev/video0, camera:NAME.
     """
-    from lfpipe.capture import camera_list
+    from lfpipe.capture.camera_device import known
 
     width = shutil.get_terminal_size((100, 24)).columns
     found: list[dict[str, Any]] = []
-    for device in camera_list.cameras():
+    for device in known().cameras():
         about: dict[str, Any] = {"camera": f"camera:{device.path}", "name": device.name}
         about |= {"formats": [], "controls": [], "trouble": ""}
         lines: list[str] = []
         try:
-            modes, about["controls"] = camera_list.asking(device.path, lambda opened: _about(opened, everything or as_json))
+            modes, about["controls"] = known().asking(device.path, lambda opened: _about(opened, everything or as_json))
             about["formats"] = [_every(fourcc, sizes) for fourcc, sizes in modes.items()]
             lines = about["formats"] if everything else _folded(modes)
             lines = [*(lines or ["formats unknown"]), *about["controls"]]

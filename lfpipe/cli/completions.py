@@ -76,11 +76,11 @@ def displays(_context: click.Context, _parameter: click.Parameter, incomplete: s
 
 def sources(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """The sources of frames."""
-    from lfpipe.capture.camera_list import nodes
+    from lfpipe.capture.camera_device import known
 
     if incomplete.startswith("file:"):
         return _items([f"file:{path}" for path in _paths(incomplete.removeprefix("file:"))], incomplete)
-    return _items(["demo", "file:", *(f"camera:{device.path}" for device in nodes())], incomplete)
+    return _items(["demo", "file:", *(f"camera:{device.path}" for device in known().nodes())], incomplete)
 
 
 def scenes(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:

@@ -12,7 +12,7 @@ from pathlib import Path
 import attrs
 
 from lfpipe import config
-from lfpipe.capture.camera_list import CameraDevice, asking, cameras
+from lfpipe.capture.camera_device import CameraDevice, known
 from lfpipe.capture.open_source import camera_name
 from lfpipe.errors import UserError
 from lfpipe.host import shared_memory as memory
@@ -163,7 +163,7 @@ def camera(device: CameraDevice) -> Check:
     """One camera with the formats it offers."""
     name = f"{device.path} {device.name}".strip()
     try:
-        offered = " ".join(asking(device.path, lambda opened: opened.fourccs()))
+        offered = " ".join(known().asking(device.path, lambda opened: opened.fourccs()))
     except PermissionError:
         return Check("camera", True, f"{name}: no permission", "add yourself to the group `video` and log in again")
     except OSError as error:
@@ -214,7 +214,7 @@ def checks() -> list[Check]:
         face_networks(),
         litert(),
         sdl(),
-        *camera_checks(source, cameras()),
+        *camera_checks(source, known().cameras()),
         loop(loaded, source),
         shared_memory(),
         cores(),

@@ -21,6 +21,7 @@ from lfpipe.transport import control
 from profiling.attack import scenes, templates
 from profiling.attack.case import Outcome, rng_of
 from profiling.attack.live import Dead
+from tests.world import raw_address
 
 if TYPE_CHECKING:
     from profiling.attack.ctl import Campaign
@@ -67,10 +68,11 @@ def garbage(campaign: Campaign, count: int) -> None:
     held: list[socket.socket] = []
     for number in range(count):
         rng = rng_of(campaign.book.seed, "raw", number)
-        made = socket.socket(socket.AF_UNIX)
+        family, address = raw_address(campaign.live.run_dir, rng.choice(("ctl", "bus", "tap")))
+        made = socket.socket(family)
         made.settimeout(2)
         with contextlib.suppress(OSError):
-            made.connect(str(campaign.live.run_dir / rng.choice(("ctl", "bus", "tap"))))
+            made.connect(address)
             made.sendall(_bytes(rng))
         held.append(made)
         if len(held) > 20:
@@ -90,11 +92,12 @@ def crowd(campaign: Campaign, count: int) -> None:
     for greeting in (b"", GREETING + READY):
         held = []
         for _ in range(count):
-            made = socket.socket(socket.AF_UNIX)
+            family, address = raw_address(campaign.live.run_dir, "ctl")
+            made = socket.socket(family)
             made.settimeout(0.5)
             held.append(made)
             with contextlib.suppress(OSError):
-                made.connect(str(campaign.live.run_dir / "ctl"))
+                made.connect(address)
                 made.sendall(greeting)
         campaign.book.add("ctl", Outcome("idle connections", "refused"), times=count - 1)
         time.sleep(1)

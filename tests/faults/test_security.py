@@ -16,7 +16,7 @@ from lfpipe.errors import UserError
 from lfpipe.supervisor import rundir
 from lfpipe.transport import control
 from lfpipe.transport.segment import SHM_DIR
-from lfpipe.transport.session import Session
+from lfpipe.transport.session import PREFIX, Session
 from tests.world import World
 
 FORBIDDEN = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
@@ -83,7 +83,7 @@ def test_a_run_directory_that_is_another_thing_is_refused(tmp_path: Path, monkey
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give a directory away")
 def test_a_run_directory_of_another_user_is_refused_and_left_alone(world: World, scene: Path) -> None:
-    theirs = world.run_dir / f"lfpipe-{os.getuid()}-{world.name}"
+    theirs = world.run_dir / f"{PREFIX}{world.name}"
     theirs.mkdir(mode=0o777)
     lock = (theirs / "lock").open("w")
     fcntl.flock(lock, fcntl.LOCK_EX)  # it looks like a session that runs

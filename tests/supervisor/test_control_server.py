@@ -22,14 +22,16 @@ from lfpipe.host import endpoints
 from lfpipe.supervisor import connection_limit
 from lfpipe.supervisor.connection_limit import ConnectionLimit
 from lfpipe.transport import control
+from lfpipe.transport.session import PREFIX
+from tests.supervisor.holder import ROOT
 from tests.supervisor.states import messages
-from tests.world import World
+from tests.world import World, raw_address
 
 CAMERA = ("--camera", "demo", "--display", "none")
 
 
 def run_dir(world: World) -> Path:
-    return world.run_dir / f"lfpipe-{os.getuid()}-{world.name}"
+    return world.run_dir / f"{PREFIX}{world.name}"
 
 
 @pytest.fixture
@@ -97,19 +99,21 @@ def test_a_load_of_a_fifo_among_the_views_is_answered_and_the_next_load_too(
     assert ask(client, {"v": 1, "cmd": "load", "scene": str(scene)})["ok"] is True
 
 
-def hold_connections(path: Path, count: int) -> subprocess.Popen[str]:
+def hold_connections(run_dir: Path, count: int) -> subprocess.Popen[str]:
     """A process with so many connections that say nothing."""
     program = """
-        import resource, socket, sys, time
+        import pathlib, resource, socket, sys, time
+        from tests.world import raw_address
+        family, address = raw_address(pathlib.Path(sys.argv[1]), "ctl")
         hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
         resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
         held = []
         end = time.monotonic() + 5
         while len(held) < int(sys.argv[2]) and time.monotonic() < end:
-            one = socket.socket(socket.AF_UNIX)
+            one = socket.socket(family)
             one.settimeout(1)
             try:
-                one.connect(sys.argv[1])
+                one.connect(address)
             except OSError:  # the queue of new connections is full, or nobody listens
                 time.sleep(0.01)
                 continue
@@ -117,14 +121,14 @@ def hold_connections(path: Path, count: int) -> subprocess.Popen[str]:
         print(len(held), flush=True)
         time.sleep(100)
     """
-    command = [sys.executable, "-c", textwrap.dedent(program), str(path), str(count)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    command = [sys.executable, "-c", textwrap.dedent(program), str(run_dir), str(count)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
 
 
 def test_idle_connections_end_no_session_and_the_next_client_is_served_when_they_have_left(
     client: zmq.Socket[bytes], world: World
 ) -> None:
-    holder = hold_connections(run_dir(world) / "ctl", 1200)
+    holder = hold_connections(run_dir(world), 1200)
     assert holder.stdout is not None and int(holder.stdout.readline()) > connection_limit.MOST_CONNECTIONS
     assert ask(client, {"v": 1, "cmd": "status"})["ok"], "who is connected is served"
     holder.kill()
@@ -143,9 +147,10 @@ def test_connections_beyond_the_limit_are_closed_and_those_before_are_kept(
 
         def connect() -> socket.socket:
             """A connection; what libzmq greets it with is taken."""
-            made = socket.socket(socket.AF_UNIX)
+            family, address = raw_address(tmp_path, "ctl")
+            made = socket.socket(family)
             made.settimeout(10)
-            made.connect(str(tmp_path / "ctl"))
+            made.connect(address)
             assert made.recv(64)
             limit.serve()
             return made

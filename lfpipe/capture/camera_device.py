@@ -1,0 +1,30 @@
+"""A camera as the system lists it, and the modules that know the cameras of this machine."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+from lfpipe.host.camera_interface import LIST, SOURCE
+
+
+@attrs.frozen
+class CameraDevice:
+    """A device that the system lists. name: the driver's. bus: its place in /sys. Both empty if unknown."""
+
+    path: Path
+    name: str
+    bus: str = ""
+
+
+def known() -> Any:
+    """Has `nodes`, `cameras`, `describe` and `asking` of `camera_list`."""
+    return import_module(f"lfpipe.capture.{LIST}")
+
+
+def source() -> Any:
+    """Has `CameraFinder`, `open_camera` and `check_camera` of `camera`."""
+    return import_module(f"lfpipe.capture.{SOURCE}")

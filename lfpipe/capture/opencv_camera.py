@@ -1,0 +1,130 @@
+"""Cameras through OpenCV, where there is no Video4Linux: AVFoundation on macOS, Media Foundation on Windows.
+
+Untested by us on those systems. OpenCV gives no time stamps: a frame's time is that of reading it. It lists no cameras either;
+the package cv2-enumerate-cameras does, where it is installed, else the first one stands for all. A camera has a number N,
+written as the path /dev/videoN.
+"""
+
+from __future__ import annotations
+
+import errno
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.capture.camera_device import CameraDevice
+from lfpipe.capture.frame_source import Frame, SourceInfo
+from lfpipe.capture.spec import CameraSpec
+from lfpipe.errors import UserError
+from lfpipe.files.decoding import fit_note, fitted
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.stamp_kind import StampKind
+
+T = TypeVar("T")
+_HELP = "close the program that uses it, and allow cameras in the system's privacy settings"
+
+
+def _path(number: int) -> Path:
+    return Path(f"/dev/video{number}")
+
+
+def _number(path: Path) -> int:
+    digits = re.sub(r"\D", "", path.name)
+    if not digits:
+        raise UserError(f"camera {path.as_posix()}: not a number of a camera", "for example camera:0")
+    return int(digits)
+
+
+def nodes() -> list[CameraDevice]:
+    """The cameras of the system in the order of their numbers, without opening them."""
+    try:
+        from cv2_enumerate_cameras import enumerate_cameras
+    except ImportError:
+        return [CameraDevice(_path(0), "")]
+    found = {each.index: each.name for each in enumerate_cameras()}
+    return [CameraDevice(_path(number), name) for number, name in sorted(found.items())]
+
+
+cameras = nodes
+
+
+def describe(path: Path) -> CameraDevice:
+    """The camera of that number with its name."""
+    return next((each for each in nodes() if each.path == path), CameraDevice(path, ""))
+
+
+def asking(path: Path, question: Callable[[Any], T]) -> T:
+    """OpenCV knows neither formats nor controls. Raises OSError."""
+    raise OSError(errno.ENOTSUP, "OpenCV lists no formats", path.as_posix())
+
+
+class CameraFinder:
+    """Finds a camera by its number or name."""
+
+    def __init__(self, spec: CameraSpec) -> None:
+        self._spec = spec
+
+    def path(self) -> Path:
+        """Raises UserError if no camera, or more than one, has the name."""
+        wanted = self._spec.name.casefold()
+        if not wanted:
+            return self._spec.path
+        found = [each for each in nodes() if wanted in each.name.casefold()]
+        found = [each for each in found if each.name.casefold() == wanted] or found
+        if len(found) != 1:
+            there = ", ".join(f"camera:{_number(each.path)} ({each.name})" for each in nodes())
+            raise UserError(f"camera:{self._spec.name}: {len(found) or 'no'} cameras have that name", f"cameras here: {there}")
+        return found[0].path
+
+
+class OpenCVCamera:
+    """An open camera; `FrameSource` says what its methods do."""
+
+    def __init__(self, path: Path, camera: config.Camera) -> None:
+        """Raises UserError where it cannot be opened or gives no picture."""
+        number = _number(path)
+        self._name, self._seq = f"camera {number}", -1
+        self._capture = cv2.VideoCapture(number)
+        sizes = ((cv2.CAP_PROP_FRAME_WIDTH, camera.width_px), (cv2.CAP_PROP_FRAME_HEIGHT, camera.height_px))
+        for key, value in (*sizes, (cv2.CAP_PROP_FPS, camera.rate_hz)):
+            self._capture.set(key, value)
+        whole, frame = self._capture.read() if self._capture.isOpened() else (False, None)
+        if not whole or frame is None:
+            self.close()
+            raise UserError(f"{self._name}: cannot be opened, or gives no picture", _HELP)
+        height_px, width_px = frame.shape[:2]
+        rate_hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or camera.rate_hz
+        notes = ["OpenCV gives no time stamps: using the time of reading"]
+        if (width_px, height_px) != (camera.width_px, camera.height_px):
+            notes.append(fit_note((width_px, height_px), (camera.width_px, camera.height_px)))
+        self.info = SourceInfo(f"camera:{path.as_posix()}", width_px, height_px, rate_hz, live=True, notes=tuple(notes))
+
+    def read(self, out: NDArray[np.uint8]) -> Frame | None:
+        """See `FrameSource.read`. Raises UserError if the camera is gone; blocks as long as its driver does."""
+        whole, frame = self._capture.read()
+        if not whole:
+            raise UserError(f"{self._name}: gives no pictures any more", "plug it in again")
+        t_ns = now_ns()
+        self._seq += 1
+        fitted(np.asarray(frame, np.uint8), out)
+        return Frame(self._seq, t_ns, t_ns, None, StampKind.READ)
+
+    def close(self) -> None:
+        """Lets go of the camera."""
+        self._capture.release()
+
+
+open_camera = OpenCVCamera
+
+
+def check_camera(path: Path, camera: config.Camera) -> SourceInfo:
+    """What the camera delivers; starts it, as there is no other way to know. Raises UserError as `OpenCVCamera` does."""
+    opened = OpenCVCamera(path, camera)
+    opened.close()
+    return opened.info

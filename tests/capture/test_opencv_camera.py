@@ -1,0 +1,69 @@
+"""Cameras through OpenCV, with a made-up one: what the portable host uses where there is no Video4Linux."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from lfpipe import config
+from lfpipe.capture import opencv_camera
+from lfpipe.capture.spec import CameraSpec
+from lfpipe.errors import UserError
+from lfpipe.transport.stamp_kind import StampKind
+
+
+class Made:
+    """As cv2.VideoCapture: camera 1 gives three frames of 80x60."""
+
+    def __init__(self, number: int) -> None:
+        self.left = 3 if number == 1 else 0
+
+    def isOpened(self) -> bool:
+        return self.left > 0
+
+    def set(self, key: int, value: float) -> None: ...
+
+    def get(self, key: int) -> float:
+        return 25.0 if key == cv2.CAP_PROP_FPS else 0.0
+
+    def read(self) -> tuple[bool, Any]:
+        self.left -= 1
+        return self.left >= 0, np.full((60, 80, 3), 7, np.uint8) if self.left >= 0 else None
+
+    def release(self) -> None: ...
+
+
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(opencv_camera.cv2, "VideoCapture", Made)
+    listed = [opencv_camera.CameraDevice(Path(f"/dev/video{n}"), name) for n, name in enumerate(("Front", "Back", "Back two"))]
+    monkeypatch.setattr(opencv_camera, "nodes", lambda: listed)
+
+
+def test_frames_are_scaled_counted_and_stamped_when_read(made: None) -> None:
+    camera = opencv_camera.open_camera(opencv_camera.CameraFinder(CameraSpec(Path(), "back")).path(), config.Camera())
+    out = np.zeros((480, 640, 3), np.uint8)
+    frames = [camera.read(out) for _ in range(2)]
+    assert [frame and (frame.source_seq, frame.stamp) for frame in frames] == [(0, StampKind.READ), (1, StampKind.READ)]
+    assert (out == 7).all() and camera.info.rate_hz == 25.0 and camera.info.name == "camera:/dev/video1"
+    with pytest.raises(UserError, match="no pictures any more"):
+        camera.read(out)
+    camera.close()
+
+
+@pytest.mark.parametrize(("spec", "said"), [("nothing", "no cameras have"), ("ack", "2 cameras have")])
+def test_a_name_that_no_one_camera_has_is_named(made: None, spec: str, said: str) -> None:
+    with pytest.raises(UserError, match=said) as error:
+        opencv_camera.CameraFinder(CameraSpec(Path(), spec)).path()
+    assert "camera:0 (Front)" in error.value.remedy
+
+
+def test_a_camera_that_does_not_open_says_what_helps(made: None) -> None:
+    with pytest.raises(UserError, match="camera 0: cannot be opened") as error:
+        opencv_camera.check_camera(Path("/dev/video0"), config.Camera())
+    assert "privacy" in error.value.remedy
+    assert opencv_camera.check_camera(Path("/dev/video1"), config.Camera()).live
