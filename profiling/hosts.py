@@ -43,7 +43,7 @@ COLUMNS = ("Python", "modules imported", "tests of the transport", "demo", "repl
 ELSEWHERE = """
 | machine | state |
 |---|---|
-| Linux on ARM | not run by us, a row of the workflow; the ring's fences hold on a model of its memory (litmus.md) |
+| Linux on ARM | not run by us, rows of the workflow; the ring's fences hold on a model of its memory (litmus.md) |
 | macOS, Windows | not run by us: a row of the workflow that may fail; `LFPIPE_HOST=portable` runs their implementation on Linux |
 """
 

@@ -15,6 +15,7 @@ from lfpipe.supervisor import rundir
 from lfpipe.transport import control, status
 from lfpipe.transport.session import Session
 from tests.faults.session import WatchedSession, runs
+from tests.supervisor.holder import remove_lock
 from tests.world import World, write_scene
 
 SMALL = (
@@ -79,16 +80,16 @@ from lfpipe.transport.session import Session
 session = Session(sys.argv[1])
 for _ in range(12):
     rundir.sweep()
-    fd = rundir.acquire(session)
+    lock = rundir.acquire(session)
     memory = SessionMemory(session, config.Config(camera=config.Camera(width_px=160, height_px=120)))
-    assert os.fstat(fd).st_ino == session.lock.stat().st_ino and session.name in rundir.running()
+    assert lock.in_place() and session.name in rundir.running()
     memory.table.rows["render"]["pid"] = os.getpid()
     again = segment.attach(session.segment("status"))
     assert os.getpid().to_bytes(4, "little") in bytes(again.buf), "the memory is another session's"
     again.close()
-    assert rundir.lost(session, fd) is None
+    assert rundir.lost(session, lock) is None
     memory.remove()
-    rundir.release(session, fd)
+    rundir.release(session, lock)
 """
 
 
@@ -129,7 +130,7 @@ def test_a_session_whose_run_directory_is_removed_ends_in_order(world: World, sc
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
     run_dir = next(world.run_dir.iterdir())
     if what == "lock":
-        (run_dir / "lock").unlink()
+        remove_lock(run_dir)
     else:
         shutil.rmtree(run_dir if what == "directory" else world.run_dir)
     _, err = process.communicate(timeout=20)

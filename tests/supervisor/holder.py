@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -69,6 +70,12 @@ def inodes(segments: list[str]) -> list[int]:
 
 def gone(segments: list[str]) -> bool:
     return not any((SHM_DIR / each).exists() for each in segments)
+
+
+def remove_lock(run_dir: Path) -> None:
+    """As something that cleans up does."""
+    for path in run_dir.glob("lock*"):
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def main() -> int:

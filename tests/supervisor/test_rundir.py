@@ -19,22 +19,16 @@ from lfpipe.errors import UserError
 from lfpipe.host import PORTABLE
 from lfpipe.supervisor import rundir
 from lfpipe.transport.session import PREFIX, Session
-from tests.supervisor.holder import ROOT, Holder, gone, holding
+from tests.supervisor.holder import ROOT, Holder, gone, holding, remove_lock
 
 NOBODY = 65534
-
-
-def remove_lock(session: Session) -> None:
-    """As something that cleans up does."""
-    for path in session.run_dir.glob("lock*"):
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def test_a_removed_run_directory_is_noticed(base: Path, name: str) -> None:
     session = Session(name)
     lock = rundir.acquire(session)
     assert rundir.lost(session, lock) is None
-    remove_lock(session)
+    remove_lock(session.run_dir)
     assert rundir.lost(session, lock) is not None, "the lock is gone"
     other = rundir.acquire(session)
     outcome = rundir.lost(session, lock)
@@ -49,7 +43,7 @@ def test_a_run_directory_without_its_lock_is_removed_all_the_same(base: Path, na
     session = Session(name)
     lock = rundir.acquire(session)
     (session.run_dir / "session.json").touch()
-    remove_lock(session)
+    remove_lock(session.run_dir)
     rundir.release(session, lock)
     assert not list(base.iterdir())
 
