@@ -88,7 +88,8 @@ def take(path: Path, shared: bool = False, mode: int = 0o600) -> Lock | None:
     entry = folder / f"{PREFIX}{SHARED if shared else ALONE}-{own_mark()}-{secrets.token_hex(8)}"
     for _ in range(100):
         if folder != path:
-            folder.mkdir(mode=0o700, exist_ok=True)
+            with contextlib.suppress(FileExistsError):  # not exist_ok: it may go before that has looked
+                folder.mkdir(mode=0o700)
         try:
             os.close(os.open(entry, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
             break
