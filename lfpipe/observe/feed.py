@@ -78,6 +78,7 @@ def message(reading: Reading | None, settings: dict[str, Any]) -> dict[str, Any]
         "age": _times(reading.age),
         "age_now": reading.age_now_ms,
         "horizon": _times(reading.horizon),
+        "motion_to_photon": reading.motion_to_photon,
         "edges_ms": [round(float(edge), 3) for edge in EDGES_MS],
         "supervisor": {"cpu": round(reading.supervisor[0], 1), "rss": round(reading.supervisor[1], 1)},
         **settings,

@@ -17,6 +17,7 @@ from lfpipe.observe.access import LOOPBACK, NOT_OURS, named, parse_address, url_
 from lfpipe.observe.server import Handler, Missing, listen, run
 from lfpipe.observe.session_reader import FollowingReader
 from lfpipe.supervisor.process_table import SHOWN_BY
+from lfpipe.supervisor.snapshot import motion_to_photon
 from lfpipe.transport.histogram import MIDDLES_US
 
 BOUNDS_MS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 33, 50, 100, 200, 500, 1000)
@@ -77,6 +78,13 @@ class SessionCollector(Collector):
             "lfpipe_refreshes_juddered", "those that showed another picture than planned", labels=["session"]
         )
         judder.add_metric(session, int(watch.rows[SHOWN_BY]["juddered"]))
+        photon = GaugeMetricFamily(
+            "lfpipe_motion_to_photon_seconds", "latency of a motion, at its onset and steady", labels=["session", "part"]
+        )
+        for part, value_ms in motion_to_photon(watch.rows[SHOWN_BY]).items():
+            if value_ms is not None:
+                photon.add_metric([*session, part.removesuffix("_ms")], value_ms / 1e3)
+        yield photon
         yield from (rate, drops, left_out, restarts, cpu, nice, cores, memory, spent, age, ahead, refreshes, judder)
 
 

@@ -41,7 +41,8 @@ def flat(state: dict[str, Any]) -> dict[str, Any]:
     """A snapshot as one row: numbers under names with dots, without the maps in full."""
     head = ("session", "uptime_s", "camera_fps", "camera_light", "viewer", "level", "level_words")
     row: dict[str, Any] = {key: state[key] for key in head}
-    for part, values in (*state["stages"].items(), *((name, state[name]) for name in ("end_to_end", "horizon"))):
+    whole = ("end_to_end", "judder", "horizon", "motion_to_photon")
+    for part, values in (*state["stages"].items(), *((name, state[name]) for name in whole)):
         for key, value in values.items():
             if not isinstance(value, dict):
                 row[f"{part}.{key}"] = spans(value) if isinstance(value, list) else value

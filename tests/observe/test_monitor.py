@@ -136,6 +136,8 @@ def test_the_horizon_is_what_the_trace_says_and_grows_with_the_displays_own_dela
     ages_ms = [(line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6 for line in live.lines() if line["face"]]
     horizon_ms = statistics.median(ages_ms) + 100 + 1e3 / 120
     assert int(row["horizon.n"]) >= 60 and float(row["horizon.p50_ms"]) == pytest.approx(horizon_ms, rel=0.1)
+    onset_ms = float(row["motion_to_photon.onset_ms"]) - 100 - 1e3 / 60  # half of a frame's period at 30 Hz
+    assert min(ages_ms) - 5 <= onset_ms <= max(ages_ms) + 5
 
 
 def test_streams_and_wrong_words(live: World) -> None:

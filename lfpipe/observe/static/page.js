@@ -146,7 +146,7 @@ function draw(event) {
   $("state").textContent = `up ${minutes}:${seconds}, camera ${told.camera_hz.toFixed(1)} Hz${told.camera_light ? ` (${told.camera_light})` : ""}, viewer ${told.viewer}`
     + `${told.paused ? ", paused" : ""}`
     + `${told.level ? `, quality lowered to ${told.level_words} (${told.level} of ${told.lowest_level})` : ""}; sensor to screen p50 ${told.age.p50.toFixed(1)}, p99 ${told.age.p99.toFixed(1)} ms, `
-    + `eyes predicted by ${told.horizon.p50.toFixed(1)} ms`;
+    + `eyes predicted by ${told.horizon.p50.toFixed(1)} ms${told.motion_to_photon ? `; motion to photon: ${told.motion_to_photon}` : ""}`;
   if (document.hidden) return;
   charts(told); table(told); show(told);
 }
