@@ -101,7 +101,9 @@ class Presenter:
         """
         t_start_ns = now_ns()
         self._pending = False
-        loop_ns = int(self._viewer.config.render.loop_ms * 1e6)
+        options = self._context.options  # a file has no light, and without a clock replay.latency_ms is the whole way
+        on_screen = not options.lossless and not options.display.startswith("file:")
+        loop_ns = int(self._viewer.config.render.loop_ms * 1e6) * on_screen
         seen_ns = target_ns + loop_ns + refresh_ns // 2
         t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
         self._viewer.video_lead_ns = refresh_ns // 2 if self.clock is not None else 0

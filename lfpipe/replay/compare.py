@@ -50,7 +50,7 @@ OF_NO_EFFECT = (
     "scene.cache_dir",
     "render.clock",
     "render.rate_hz",
-    "render.loop_measured",
+    "render.loop_",
     "governor.",
     "observe.",
     "screen.monitor",

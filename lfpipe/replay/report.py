@@ -155,7 +155,7 @@ def make_report(
     lines = read_trace(folder, steady)
     plan = attrs.asdict(make_plan(field, config))
     plan["left_out"] = [entry["what"] for entry in plan["left_out"]]
-    latency_ns = round((config.replay.latency_ms + config.render.loop_ms) * 1e6)
+    latency_ns = round(config.replay.latency_ms * 1e6)
     shown_ns = [line["t_sensor_ns"] + latency_ns if steady else line["t_presented_ns"] for line in lines]
     truth = read_truth(sequence.path)
     stages = final["stages"]

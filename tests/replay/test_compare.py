@@ -95,7 +95,8 @@ def test_settings_are_compared_where_they_matter(run: Path) -> None:
         (run / "report.json").write_text(json.dumps(report))
         return [str(difference) for difference in compare(REFERENCE, run).differences]
 
-    assert changed(render={"rate_hz": 50.0, "clock": "camera"}, screen={"monitor": "DP-1"}, scene={"cache_dir": "/x"}) == []
+    render = {"rate_hz": 50.0, "clock": "camera", "loop_ms": 60.0}
+    assert changed(render=render, screen={"monitor": "DP-1"}, scene={"cache_dir": "/x"}) == []
     (said,) = changed(track={"filter": "mean"}, render={"rate_hz": 50.0})
     assert said == "config: track.filter: 'predictive' in the reference, 'mean' now"
 
