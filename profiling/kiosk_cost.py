@@ -2,7 +2,7 @@
 
     uv run python -m profiling.kiosk_cost [--seconds 10] [--rounds 3] [TREE ...]
 
-Counts the CPU time that render spends in `KeyBindings.serve`, where all of it is called from, once for each picture, and of
+Counts the CPU time that render spends in `KeyBindings.serve`, where all of it is called from in each pass of its loop, and of
 the whole process. Other checkouts are measured in turn with this one, which comes last. Needs Xvfb. Prints a table.
 """
 
@@ -73,7 +73,7 @@ def compare() -> None:
         for _ in range(args.rounds):
             for tree in trees:
                 found[tree].append(measure(tree, args.seconds, Path(folder), name))
-    print("| tree | serve, us a call | serve, % of a core | render, % of a core | pictures a second |\n|---|---|---|---|---|")
+    print("| tree | serve, us a call | serve, % of a core | render, % of a core | calls a second |\n|---|---|---|---|---|")
     for tree, runs in found.items():
         head = subprocess.run(["git", "-C", tree, "log", "-1", "--format=%h"], capture_output=True, text=True, check=True)
 

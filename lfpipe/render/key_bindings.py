@@ -18,7 +18,7 @@ from lfpipe.config.quality import level_number
 from lfpipe.render.depth_steps import depth_step_px
 from lfpipe.render.display import Display
 from lfpipe.render.glasses_test import GlassesTest
-from lfpipe.render.notices import Notices
+from lfpipe.render.notices import SHOWN_NS, Notices
 from lfpipe.render.picture_file import picture_folder, save
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.scene_loader import NO_OTHER, SceneLoader
@@ -104,6 +104,8 @@ class KeyBindings:
             self._notices.say("scene", NO_OTHER, now_ns())
         elif event in ("next", "previous"):
             self.scenes.step(1 if event == "next" else -1)
+        elif event == "drop":
+            self._notices.say("scene", "not loaded: its name is not UTF-8; `lfpipe ctl load` takes it", now_ns(), 2 * SHOWN_NS)
         elif event.startswith("drop "):
             self.scenes.load(Path(event.removeprefix("drop ")).absolute())
         elif event == "swap":

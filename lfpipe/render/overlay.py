@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.sdl import pygame
+from lfpipe.render.sdl import drawable, pygame
 
 LEAST_PX, MOST_SHARE = 13, 0.94  # of the text, and of the window that all of it may take
 
@@ -30,6 +30,7 @@ def panel(lines: list[str], inset: NDArray[np.uint8] | None, text_px: int, room_
     inset: uint8 (h, w, 3) BGR, left out where there is no room for it. White on black is the same for both eyes, so text
     stands in the plane of the screen behind any glasses.
     """
+    lines = [drawable(line) for line in lines]
     font = _font(text_px)
     wide, high = max(_width_px(font, line) for line in lines), font.get_linesize() * len(lines)
     fits = min(1.0, MOST_SHARE * room_px[0] / (wide + 16), MOST_SHARE * room_px[1] / (high + 12))

@@ -33,7 +33,7 @@ class SceneMenu:
         from lfpipe.render.thumbnails import Thumbnails  # few sessions need it
 
         options = self._context.options
-        self._open = Thumbnails(options.playlist, options.playlist_at, self._context.config.scene)
+        self._open = Thumbnails(options.playlist, options.playlist_at, self._context.config.scene, options.tracking)
         self._camera = Reader(self._context.spec.session.segment("frames")) if options.tracking else None
         self._display.menu(self._open.draw)
 

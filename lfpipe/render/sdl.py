@@ -13,6 +13,9 @@ import pygame as pygame
 from lfpipe.host.graphics import has_gpu
 
 ICON_PX = 64
+KEY_CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_LEFT: "less", pygame.K_RIGHT: "more"}
+KEY_CODES |= {pygame.K_PAGEDOWN: "next", pygame.K_PAGEUP: "previous", pygame.K_TAB: "choose"}
+KEY_CODES |= {pygame.K_UP: "up", pygame.K_DOWN: "down", pygame.K_RETURN: "enter", pygame.K_KP_ENTER: "enter"}
 UNSEEN = ("dummy", "offscreen")  # drivers that show nothing, for tests
 
 
@@ -41,6 +44,19 @@ def drawn_by(driver: str) -> str:
     if not uses_renderer(driver):
         return "drawn by the CPU into a surface in shared memory" + ("" if has_gpu() else " (no GPU)")
     return "renderer in step with the screen, " + ("by the GPU" if has_gpu() else "OpenGL in software (no GPU)")
+
+
+def take_events() -> list[pygame.Event]:
+    """What has happened since the last call. pygame cannot decode every name of a file that is dropped: such a drop has none."""
+    try:
+        return pygame.event.get()
+    except (SystemError, UnicodeError):
+        return [pygame.Event(pygame.DROPFILE, file="")]
+
+
+def drawable(text: str) -> str:
+    """text as a font can draw it: a name of a file may hold bytes that are no character."""
+    return text.replace("\0", "").encode(errors="replace").decode()
 
 
 def version() -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
-from lfpipe.render.sdl import pygame
+from lfpipe.render.sdl import drawable, pygame
 from lfpipe.scene.cache import find_pack
 from lfpipe.scene.contact_sheet import stored_view
 from lfpipe.scene.pack_files import open_pack
@@ -45,15 +45,15 @@ def _small(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 class Thumbnails:
-    """The grid. scenes: paths. at: the one selected. settings: of the packs."""
+    """The grid. scenes: paths. at: the one selected. settings: of the packs. with_camera: with a place for its picture."""
 
-    def __init__(self, scenes: Sequence[str], at: int, settings: config.Scene) -> None:
+    def __init__(self, scenes: Sequence[str], at: int, settings: config.Scene, with_camera: bool = False) -> None:
         self.scenes, self.at = list(scenes), at
         self._settings = settings
         self._pictures: dict[int, NDArray[np.uint8] | None] = {}
+        self._with_camera, self._caption = with_camera, "the camera"
         self._camera: NDArray[np.uint8] | None = None
-        self._caption = ""
-        self._grid = (1, 1)  # rows, cols of a page
+        self._grid, self._per_page = (1, 1), 1  # rows, cols of a page; scenes on it
         self._cell_px, self._head_px = (1, 1), 0
 
     def load_one(self) -> bool:
@@ -70,12 +70,11 @@ class Thumbnails:
 
     def move(self, key: str) -> bool:
         """Selects another scene by the name of a key; whether it is one that does."""
-        rows, cols = self._grid
         if key in STEPS:
             down, across = STEPS[key]
-            self.at = min(max(self.at + down * cols + across, 0), len(self.scenes) - 1)
+            self.at = min(max(self.at + down * self._grid[1] + across, 0), len(self.scenes) - 1)
         elif key in ("next", "previous"):
-            self.at = min(max(self.at + rows * cols * (1 if key == "next" else -1), 0), len(self.scenes) - 1)
+            self.at = min(max(self.at + self._per_page * (1 if key == "next" else -1), 0), len(self.scenes) - 1)
         else:
             return False
         return True
@@ -84,15 +83,17 @@ class Thumbnails:
         """The number of the scene whose cell is at (x, y) of what was drawn last."""
         rows, cols = self._grid
         row, col = (y - self._head_px) // self._cell_px[1], x // self._cell_px[0]
-        number = self.at // (rows * cols) * rows * cols + row * cols + col
-        return number if 0 <= row < rows and 0 <= col < cols and number < len(self.scenes) else None
+        place = row * cols + col
+        number = self.at // self._per_page * self._per_page + place
+        inside = 0 <= row < rows and 0 <= col < cols and place < self._per_page
+        return number if inside and number < len(self.scenes) else None
 
     def draw(self, room_px: tuple[int, int]) -> pygame.Surface:
         """The page with the selected scene on it, for a room of (width, height)."""
         width, height = room_px
         font = pygame.font.Font(None, max(TEXT_PX, round(TEXT_SHARE * height)))
         line = font.get_linesize()
-        cells = len(self.scenes) + (self._camera is not None)
+        cells = len(self.scenes) + self._with_camera
         cols = max(1, min(COLS, width // (CELL_LINES * line), cells))
         self._head_px = 3 * line
         rows = max(1, min((height - self._head_px) // (CELL_LINES * line), -(-cells // cols)))
@@ -100,17 +101,18 @@ class Thumbnails:
         self._grid, self._cell_px = (rows, cols), (width // cols, high_px)
         made = pygame.Surface(room_px, pygame.SRCALPHA)
         made.fill(BACK)
-        pages, first = -(-len(self.scenes) // (rows * cols)), self.at // (rows * cols) * rows * cols
-        page = f"   {self.at + 1} of {len(self.scenes)}" if pages > 1 else ""
+        camera = self._with_camera and rows * cols > 1  # the last place of every page is its own
+        self._per_page = rows * cols - camera
+        first = self.at // self._per_page * self._per_page
+        page = f"   {self.at + 1} of {len(self.scenes)}" if self._per_page < len(self.scenes) else ""
         made.blit(font.render(_cut(font, HEAD + page, width - line), True, WHITE), (line // 2, line // 2))
         made.blit(font.render(_cut(font, HINTS, width - line), True, GREY), (line // 2, 3 * line // 2))
-        for number in range(first, min(first + rows * cols, len(self.scenes))):
+        for number in range(first, min(first + self._per_page, len(self.scenes))):
             name = Path(self.scenes[number]).name
             unread = "" if number not in self._pictures else "not packed yet"
             self._cell(made, font, number - first, self._pictures.get(number), name, unread, number == self.at)
-        last = min(len(self.scenes) - first, rows * cols - 1)  # the camera's place is on every page
-        if self._camera is not None:
-            self._cell(made, font, last, self._camera, self._caption, "", False)
+        if camera:
+            self._cell(made, font, min(len(self.scenes) - first, self._per_page), self._camera, self._caption, "", False)
         return made
 
     def _cell(
@@ -143,8 +145,8 @@ class Thumbnails:
 
 
 def _cut(font: pygame.font.Font, text: str, width_px: int) -> str:
-    """text, shortened to fit; NUL is no character of a font."""
-    text = text.replace("\0", "")
+    """text, shortened to fit."""
+    text = drawable(text)
     while len(text) > 1 and font.size(text)[0] > width_px:
         text = text[:-2].rstrip() + "…"
     return text

@@ -24,13 +24,9 @@ from lfpipe.render.window_system import nominal_hz, open_presentation
 
 SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of the width of the monitor; small light fields are shown larger in the first window
 HINT_S = 6.0
-SCREEN_SHARE = 0.85  # at most, of the monitor
+SCREEN_SHARE, MENU_SHARE = 0.85, 0.9  # a window of the monitor, at most; a menu of the window
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: on a fine one, text of TEXT_PX is too small
 NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", " ": "freeze", "?": "help"}
-KEY_CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_LEFT: "less", pygame.K_RIGHT: "more"}
-KEY_CODES |= {pygame.K_PAGEDOWN: "next", pygame.K_PAGEUP: "previous", pygame.K_TAB: "choose"}
-KEY_CODES |= {pygame.K_UP: "up", pygame.K_DOWN: "down", pygame.K_RETURN: "enter", pygame.K_KP_ENTER: "enter"}
-MENU_SHARE = 0.9  # of the window
 
 
 class Window:
@@ -209,7 +205,7 @@ class Window:
     def events(self) -> list[str]:
         """See `Display.events`. Carries out full screen and help itself, and draws again what was covered or resized."""
         pressed, again, resized, keyed = [], False, False, False
-        for event in pygame.event.get():
+        for event in sdl.take_events():
             if self._lock and event.type in (pygame.QUIT, pygame.KEYDOWN, pygame.DROPFILE):
                 if event.type == pygame.KEYDOWN and self._lock.opens(event.unicode):
                     pressed.append("quit")
@@ -217,7 +213,7 @@ class Window:
                 pressed.append("quit")
             elif event.type == pygame.KEYDOWN:
                 keyed = True
-                name = KEY_CODES.get(event.key) or NAMES.get(event.unicode.lower())
+                name = sdl.KEY_CODES.get(event.key) or NAMES.get(event.unicode.lower())
                 if name == "escape":
                     name = "help" if self._help else "choose" if self._menu_of else "fullscreen" if self._fullscreen else None
                 if name:
@@ -226,7 +222,7 @@ class Window:
                 (x, y), scale = self._menu_at(), self._painter.size_px()[0] / self._window.size[0]
                 pressed.append(f"click {round(event.pos[0] * scale) - x} {round(event.pos[1] * scale) - y}")
             elif event.type == pygame.DROPFILE:
-                pressed.append(f"drop {event.file}")
+                pressed.append(f"drop {event.file}".rstrip())
             elif event.type == pygame.WINDOWEXPOSED:
                 again = True
             elif event.type in (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED):
@@ -266,8 +262,7 @@ class Window:
 
     def title(self, name: str) -> None:
         """See `Display.title`."""
-        self._title = f"lfpipe: {name}"
-        self._window.title = self._title
+        self._title = self._window.title = f"lfpipe: {sdl.drawable(name)}"
 
     def say(self, lines: list[str]) -> None:
         """See `Display.say`."""

@@ -1,17 +1,23 @@
 """A real window on a real X server."""
 
+import os
 import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pygame
 import pytest
 
+from lfpipe import config
 from lfpipe.render.display import KEYS, Display
-from lfpipe.render.open_display import has_display, open_display
+from lfpipe.render.open_display import HINT, has_display, open_display
+from lfpipe.render.thumbnails import Thumbnails
+from tests.xdnd import drop
 from tests.xvfb_screen import Screen, outline
 
 WAIT_S = 5.0
@@ -137,6 +143,30 @@ def test_rows_of_two_views_are_rows_of_the_screen(window: Callable[..., Display]
     display.show(left, (left, right), "side-by-side")
     assert becomes(lambda: bool((screen.shown()[:, 5] == (10, 20, 200)).all()), display)
     assert (screen.shown()[:, -5] == (220, 120, 30)).all()
+
+
+def test_what_is_dropped_is_named_and_a_name_that_is_no_text_ends_nothing(window: Callable[..., Display], screen: Screen) -> None:
+    display = window((640, 480))
+    display.show(noise(640, 480))
+    with ThreadPoolExecutor(1) as pool:
+        for name, event in ((b"/tmp/sc\xe8ne", "drop"), ("/tmp/a schöne b".encode(), "drop /tmp/a schöne b")):
+            dropped = pool.submit(drop, Path(os.fsdecode(name)), f"lfpipe: a test ({HINT})", screen.name)
+            assert pressed(display) == [event]
+            dropped.result()
+
+
+def test_names_that_no_font_has_letters_for_are_drawn(window: Callable[..., Display], screen: Screen) -> None:
+    display = window((640, 480))
+    grey = np.full((480, 640, 3), 90, np.uint8)
+    display.show(grey)
+    odd = "sc\udce8ne\0"
+    display.say([odd])
+    display.title(odd)
+    display.menu(Thumbnails([f"/nowhere/{odd}"], 0, config.Scene()).draw)
+    assert becomes(lambda: bool((screen.shown() == 255).any()), display)
+    display.menu(None)
+    display.say([])
+    assert becomes(lambda: np.array_equal(screen.shown(), grey), display)
 
 
 @pytest.fixture
