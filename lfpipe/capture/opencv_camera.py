@@ -1,7 +1,7 @@
 """Cameras through OpenCV, where there is no Video4Linux: AVFoundation on macOS, Media Foundation on Windows.
 
 Untested by us on those systems. OpenCV gives no time stamps: a frame's time is that of reading it. It lists no cameras either;
-the package cv2-enumerate-cameras does, where it is installed, else the first one stands for all. A camera has a number N,
+the package cv2-enumerate-cameras does, where it is installed; camera:0 needs no list. A camera has a number N,
 written as the path /dev/videoN.
 """
 
@@ -23,6 +23,7 @@ from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_note, fitted
+from lfpipe.host import opencv_log
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.stamp_kind import StampKind
 
@@ -46,7 +47,7 @@ def nodes() -> list[CameraDevice]:
     try:
         from cv2_enumerate_cameras import enumerate_cameras
     except ImportError:
-        return [CameraDevice(_path(0), "")]
+        return []
     found = {each.index: each.name for each in enumerate_cameras()}
     return [CameraDevice(_path(number), name) for number, name in sorted(found.items())]
 
@@ -90,7 +91,8 @@ class OpenCVCamera:
         """Raises UserError where it cannot be opened or gives no picture."""
         number = _number(path)
         self._name, self._seq = f"camera {number}", -1
-        self._capture = cv2.VideoCapture(number)
+        with opencv_log.silent():
+            self._capture = cv2.VideoCapture(number)
         sizes = ((cv2.CAP_PROP_FRAME_WIDTH, camera.width_px), (cv2.CAP_PROP_FRAME_HEIGHT, camera.height_px))
         for key, value in (*sizes, (cv2.CAP_PROP_FPS, camera.rate_hz)):
             self._capture.set(key, value)

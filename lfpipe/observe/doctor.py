@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.metadata
 import importlib.util
 import os
@@ -167,6 +168,8 @@ def camera(device: CameraDevice) -> Check:
     except PermissionError:
         return Check("camera", True, f"{name}: no permission", "add yourself to the group `video` and log in again")
     except OSError as error:
+        if error.errno == errno.ENOTSUP:
+            return Check("camera", True, f"{name}: formats are not known here")
         return Check("camera", True, f"{name}: {error.strerror}", f"`fuser -v {device.path}` names who uses it")
     return Check("camera", True, f"{name}: {offered or 'reports no formats'}")
 

@@ -8,6 +8,7 @@ import socket
 from pathlib import Path
 
 from lfpipe.errors import UserError
+from lfpipe.host.graphics import has_desktop
 from lfpipe.render.display import Display
 
 HINT = "h shows the keys, g tests your glasses"
@@ -37,7 +38,7 @@ def _x_answers(display: str) -> bool:
 
 def has_display() -> bool:
     """Whether a window can be opened: a display server is named in the environment and answers."""
-    if os.environ.get("SDL_VIDEODRIVER") in ("dummy", "offscreen"):
+    if has_desktop() or os.environ.get("SDL_VIDEODRIVER") in ("dummy", "offscreen"):
         return True
     if wayland := os.environ.get("WAYLAND_DISPLAY"):
         where = Path(os.environ.get("XDG_RUNTIME_DIR", "")) / wayland

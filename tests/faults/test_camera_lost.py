@@ -58,6 +58,7 @@ def _rows(world: World) -> dict[str, Row]:
     return found
 
 
+@pytest.mark.native("Video4Linux")
 def test_one_session_outlives_all_that_happens_to_its_camera(world: World, scene: Path, tmp_path: Path) -> None:
     node = tmp_path / "video0"
     node.write_text("frames")
@@ -103,6 +104,7 @@ def test_one_session_outlives_all_that_happens_to_its_camera(world: World, scene
     assert process.returncode == 0 and "Traceback" not in err and "camera lost, trying again" in err, err
 
 
+@pytest.mark.native("Video4Linux")
 def test_the_last_picture_stays_on_the_screen_with_a_notice(world: World, scene: Path, screen: Screen, tmp_path: Path) -> None:
     node = tmp_path / "video0"
     node.write_text("frames")
@@ -127,6 +129,7 @@ def test_the_last_picture_stays_on_the_screen_with_a_notice(world: World, scene:
     world.wait_for(lambda: not letters(), "window without the notice", 15)
 
 
+@pytest.mark.native("Video4Linux")
 def test_a_camera_that_is_not_there_at_the_start_is_a_mistake(world: World, scene: Path, tmp_path: Path) -> None:
     world.module = "tests.faults.scripted_camera"
     process = world.up(scene, camera=f"camera:{tmp_path / 'video0'}")

@@ -46,6 +46,7 @@ def test_no_module_unpickles_or_shares_a_lock() -> None:
             assert not names, f"{path.relative_to(root)}: {names}"
 
 
+@pytest.mark.native("FIFOs, sockets and segments that are files")
 def test_every_file_and_segment_of_a_session_is_the_users_alone(world: World, scene: Path) -> None:
     world.up(scene, preexec_fn=lambda: os.umask(0))  # whatever the user's shell allows to others
     world.pictures(5)

@@ -150,6 +150,32 @@ def test_an_implementation_that_is_none_is_named(portable: World) -> None:
     assert done.returncode == 2 and "LFPIPE_HOST='linux'" in done.stderr and "portable" in done.stderr, done.stderr
 
 
+WITHOUT = """
+import importlib, os, pkgutil, sys
+import cv2, h5py, matplotlib, psutil, rich.live, tornado.web, zmq.asyncio
+import asyncio, getpass, multiprocessing.shared_memory, shutil, subprocess, tarfile, tempfile
+for name in ("fcntl", "grp", "pwd", "resource", "termios", "tty"):
+    sys.modules[name] = None
+for name in ("O_NONBLOCK", "O_NOFOLLOW", "O_DIRECTORY", "O_NOCTTY", "O_TMPFILE", "getuid", "mkfifo", "pathconf",
+             "posix_fallocate", "pread", "pwrite", "sched_getaffinity", "setpriority", "sysconf"):
+    delattr(os, name)
+import lfpipe
+for each in pkgutil.walk_packages(lfpipe.__path__, "lfpipe."):
+    try:
+        importlib.import_module(each.name) if not each.name.endswith("__main__") else None
+    except ImportError as error:
+        print(each.name)
+"""
+
+
+def test_everything_can_be_imported_without_what_windows_lacks(portable: World) -> None:
+    """But for Video4Linux; and sweeps, as Dask wants the module resource on any Linux."""
+    done = run(portable, WITHOUT)
+    assert done.returncode == 0, done.stderr
+    video4linux = {"camera", "camera_controls", "camera_list", "pixel_formats", "v4l2_device", "v4l2_stream"}
+    assert {name.removeprefix("lfpipe.capture.") for name in done.stdout.split() if ".sweep." not in name} == video4linux
+
+
 def signatures(path: Path) -> dict[str, str]:
     """Public functions, methods and classes of a module, with their arguments."""
     found: dict[str, str] = {}
