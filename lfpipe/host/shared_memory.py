@@ -23,6 +23,7 @@ from lfpipe.host.users import user_id
 
 SHM_DIR = Path("/dev/shm")
 WHERE = str(SHM_DIR)  # for messages
+WRITABLE = f"a tmpfs at {SHM_DIR} that you may write to: docker run --shm-size=128m, or mount one there"
 MAGIC = b"LFSEGM1\0"
 PAGE = 4096
 _OWNER = struct.Struct("<8sq")  # magic, length of the path that follows

@@ -41,8 +41,7 @@ def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
         ) from None
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.ENOMEM):
-            remedy = f"a {SHM_DIR} that you may write to: docker run --shm-size=128m, or mount a tmpfs there"
-            raise UserError(f"{SHM_DIR}: no shared memory can be made: {error.strerror}", remedy) from None
+            raise UserError(f"{SHM_DIR}: no shared memory can be made: {error.strerror}", shared_memory.WRITABLE) from None
         free, total = shared_memory.room()
         raise UserError(
             f"{WHERE} has {free / 1e6:.1f} MB free of {total / 1e6:.1f} MB, {name} needs {whole_bytes / 1e6:.1f} MB",

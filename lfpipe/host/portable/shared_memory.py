@@ -28,6 +28,7 @@ from lfpipe.host.users import user_id, user_word
 
 SHM_DIR = Path(tempfile.gettempdir()) / f"lfpipe-{user_word()}-segments"
 WHERE = "shared memory"  # for messages
+WRITABLE = f"a folder {SHM_DIR} that you may write to"
 _LOCK = "registry"
 
 
