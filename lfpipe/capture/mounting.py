@@ -50,6 +50,12 @@ class OrientedSource:
         self._source.close()
 
 
+def as_read(pictures: NDArray[np.uint8], camera: config.Camera) -> NDArray[np.uint8]:
+    """Upright pictures, (n, height, width), as the sensor read them: row after row from the first."""
+    unmirrored = pictures[:, :, ::-1] if camera.mirror else pictures
+    return np.rot90(unmirrored, camera.rotate // 90, axes=(1, 2))
+
+
 def orient(source: FrameSource, camera: config.Camera) -> FrameSource:
     """source rotated and mirrored by the configuration; source itself if that asks for neither."""
     return OrientedSource(source, camera) if camera.rotate or camera.mirror else source

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.capture.mounting import as_read
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
@@ -78,6 +80,7 @@ class _Guide:
     def __init__(self, config: Config, watch: CameraWatch) -> None:
         from lfpipe.render.window import Window
 
+        self._camera = config.camera
         self._watch, self._window = watch, Window(WINDOW_PX, "lfpipe calibrate", monitor=str(config.screen.monitor))
         self._levels = [np.full((9, 16, 3), 255 * white, np.uint8) for white in (0, 1)]
         self._clock, self._holds = ScreenClock(self._window.nominal_hz(), now_ns()), holds(self._window.nominal_hz())
@@ -100,7 +103,7 @@ class _Guide:
             if self._watch.failure is not None:
                 raise self._watch.failure
             if not self._watch.stamped:
-                return estimate(self._recording(began_ns))
+                return self._estimate(began_ns)
             if t_ns > look_ns:
                 look_ns = t_ns + int(LOOK_EVERY_S * SECOND_NS)
                 since_ns = t_ns - int(LOOK_S * SECOND_NS)
@@ -111,11 +114,11 @@ class _Guide:
                     found_ns, next_ns = since_ns, since_ns + int(MEASURE_S * SECOND_NS)
                 self._say(area, (t_ns - found_ns) / 1e9 if found_ns else 0.0)
             if not found_ns and t_ns - began_ns > AIM_S * SECOND_NS:
-                return estimate(self._recording(t_ns - int(MOST_S * SECOND_NS)))
+                return self._estimate(t_ns - int(MOST_S * SECOND_NS))
             if found_ns and t_ns > next_ns:
                 last = t_ns - found_ns > MOST_S * SECOND_NS
                 try:
-                    found = estimate(self._recording(found_ns))
+                    found = self._estimate(found_ns)
                     if last or found.half_ms <= GOOD_MS:
                         return found
                 except UserError:
@@ -154,6 +157,11 @@ class _Guide:
         flips = sorted((t_ns, number) for number, t_ns in self._presented_ns.items() if t_ns >= since_ns)
         times, numbers = (np.array([each[k] for each in flips], np.int64) for k in (0, 1))
         return Recording(times, numbers % 2 == 1, t_frame_ns, pictures, self._watch.stamped, self._clock.period_ns / 1e6)
+
+    def _estimate(self, since_ns: int) -> LoopDelay:
+        """See `estimate`: rows in the order in which the sensor reads them."""
+        recording = self._recording(since_ns)
+        return estimate(attrs.evolve(recording, pictures=as_read(recording.pictures, self._camera)))
 
     def _area(self, since_ns: int) -> NDArray[np.bool_] | None:
         """Where the camera sees the window, None where it does not."""

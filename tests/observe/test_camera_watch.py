@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import attrs
 import numpy as np
 import pytest
 
+from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo
+from lfpipe.capture.mounting import as_read, orient
 from lfpipe.errors import UserError
 from lfpipe.observe.camera_watch import CameraWatch
 from lfpipe.transport.stamp_kind import StampKind
@@ -21,6 +24,7 @@ class Stamped:
 
     def read(self, out: np.ndarray) -> Frame | None:
         self._count += 1
+        out[:] = np.arange(out.size).reshape(out.shape) % 251
         kind = StampKind.READ if self._count % self._every == 0 else StampKind.END_OF_FRAME
         return Frame(self._count, self._count * 33_000_000, 0, stamp=kind) if self._count <= 40 else None
 
@@ -36,3 +40,15 @@ def test_single_frames_without_a_stamp_are_left_out(every: int, stamped: bool, k
     assert watch.stamped == stamped and len(watch.frames(0)[0]) == kept
     assert isinstance(watch.failure, UserError) and "ended" in watch.failure.message
     watch.close()
+
+
+@pytest.mark.parametrize("rotate", [0, 90, 180, 270])
+@pytest.mark.parametrize("mirror", [False, True])
+def test_rows_of_a_turned_camera_are_those_that_its_sensor_reads(rotate: int, mirror: bool) -> None:
+    camera = config.updated(config.Config(), {"camera.width_px": 64, "camera.height_px": 48, "camera.rotate": rotate}).camera
+    camera = attrs.evolve(camera, mirror=mirror)
+    upright = np.empty((camera.frame_px[1], camera.frame_px[0], 3), np.uint8)
+    orient(Stamped(9), camera).read(upright)
+    plain = np.empty((48, 64, 3), np.uint8)
+    Stamped(9).read(plain)
+    np.testing.assert_array_equal(as_read(upright[None, ..., 0], camera)[0], plain[..., 0])
