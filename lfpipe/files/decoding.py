@@ -1,4 +1,4 @@
-"""From an encoded picture to a slot. JPEGs of every source are decoded here: a recording of them replays to the same bits."""
+"""Decodes pictures into ring slots. JPEGs of every source are decoded here, so that recordings replay to the same bits."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.picture_header import MAX_DECODING_BYTES, header_of
 
-_BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")  # that MP4 and QuickTime files begin with
+_BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")  # first boxes of MP4 and QuickTime files
 JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
 
 
 def opencv_name(path: Path) -> str:
-    """path for OpenCV to open. Raises UserError where it is not UTF-8: OpenCV would crash."""
+    """Returns path for OpenCV. Raises UserError if it is not UTF-8, because OpenCV would crash."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
-        raise UserError(f"{path}: videos are opened under names in UTF-8 only", "rename the file or its folder") from None
+        raise UserError(f"{path}: names of videos must be UTF-8", "rename the file or its folder") from None
     return str(path)
 
 
 def is_video(start: bytes) -> bool:
-    """Whether a file begins as MP4, QuickTime, Matroska, WebM or AVI do. FFmpeg reads more, such as lists of other files."""
+    """Whether a file begins like MP4, QuickTime, Matroska, WebM or AVI. FFmpeg would also read others, such as file lists."""
     return start[4:8] in _BOXES or start[:4] == b"\x1aE\xdf\xa3" or (start[:4] == b"RIFF" and start[8:12] == b"AVI ")
 
 
 def is_jpeg(data: NDArray[np.uint8]) -> bool:
-    """Whether data, uint8 (n,), begins as a JPEG does."""
+    """Whether data, uint8 (n,), begins like a JPEG."""
     return data[: len(JPEG_START)].tobytes() == JPEG_START
 
 
 def picture_of(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
-    """The picture, uint8 (height, width, 3) BGR, of an encoded one, uint8 (n,), turned as that says; None where there is none.
+    """Decodes data, uint8 (n,), to uint8 (height, width, 3) BGR with its orientation applied; None if it cannot be decoded.
 
     The header is read first: a picture that would take too much memory is not decoded.
     """
     header = header_of(data.data)
-    if header is None or 2 * header.decoded_bytes > MAX_DECODING_BYTES or header.problem(data.size):  # imdecode takes it twice
+    if header is None or 2 * header.decoded_bytes > MAX_DECODING_BYTES or header.problem(data.size):  # imdecode needs two
         return None
     try:
         found = cv2.imdecode(data, cv2.IMREAD_COLOR)
@@ -59,10 +59,9 @@ def fit_area(picture_px: tuple[int, int], area_px: tuple[int, int]) -> tuple[int
 
 
 def fitted(frame: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
-    """Puts frame into out; nothing to do where the decoder wrote into out already.
+    """Writes frame to out, unless the decoder has already done so.
 
-    Pixels stay square: a frame of another shape is scaled until it fits, and black bars fill the rest. A face keeps its
-    proportions and none is cut off.
+    Pixels stay square: a frame of another aspect ratio is scaled to fit, with black bars. Faces are not distorted or cropped.
     """
     if frame.shape == out.shape:
         if frame.ctypes.data != out.ctypes.data:
@@ -75,7 +74,7 @@ def fitted(frame: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
 
 
 def fit_note(frame_px: tuple[int, int], out_px: tuple[int, int]) -> str:
-    """What `fitted` does with frames of another size, for people; both are (width, height)."""
+    """Describes, for people, what `fitted` does with frames of another size; both are (width, height)."""
     x, y, width, height = fit_area(frame_px, out_px)
     bars = ", with black bars " + ("at the sides" if x > y else "above and below") if x or y else ""
     return f"frames of {frame_px[0]}x{frame_px[1]} are scaled to {width}x{height}{bars}"

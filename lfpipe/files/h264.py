@@ -1,7 +1,7 @@
-"""H.264 in MP4 by PyAV (FFmpeg's libraries in a wheel), for videos that any player opens. Not lossless, and half the chroma.
+"""H.264 in MP4 by PyAV (FFmpeg's libraries in a wheel), for videos that any player opens. Lossy, with half the chroma resolution.
 
-Colours are those of BT.709, and the file says so. It is written in fragments and made an ordinary MP4 at its end: one whose
-writer was killed plays up to its last two seconds.
+Colours are BT.709 and tagged as such. The file is written in fragments and converted to an ordinary MP4 at its end, so a file
+whose writer was killed lacks at most its last two seconds.
 """
 
 from __future__ import annotations
@@ -19,34 +19,34 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import reason
 
 ENCODERS = ("libx264", "libopenh264", "h264_videotoolbox", "h264_mf")
-QUALITY = "18"  # x264's constant rate factor: hardly to be told from the original
+QUALITY = "18"  # x264's constant rate factor: nearly indistinguishable from the original
 BT709 = 1
-PLACE = "a file in a directory that exists and that you may write to"
+PLACE = "name a file in an existing directory that you may write to"
 
 
 def encoder_name() -> str:
-    """The H.264 encoder here. Raises UserError where there is none."""
+    """Name of the H.264 encoder. Raises UserError if there is none."""
     if importlib.util.find_spec("av") is None:
-        raise UserError("no H.264 encoder: PyAV is not installed", "pip install 'lfpipe[media]'; .mkv and .gif need none")
+        raise UserError("no H.264 encoder: PyAV is not installed", "pip install 'lfpipe[media]'; .mkv and .gif do not need it")
     import av
 
     found = next((name for name in ENCODERS if name in av.codecs_available), "")
     if not found:
-        raise UserError(f"no H.264 encoder in PyAV {av.__version__}", "PyAV from PyPI has libx264; .mkv and .gif need none")
+        raise UserError(f"no H.264 encoder in PyAV {av.__version__}", "install PyAV from PyPI; .mkv and .gif do not need it")
     return found
 
 
 class H264Writer:
-    """Pictures of one size at an even rate. An odd row or column is repeated once: H.264 has even sizes.
+    """Writes pictures of one size at a constant rate. An odd row or column is repeated once: H.264 needs even sizes.
 
-    Raises UserError where there is no encoder, OSError where the file cannot be written.
+    Raises UserError if there is no encoder, OSError if the file cannot be written.
     """
 
     def __init__(self, path: Path, size_px: tuple[int, int], rate_hz: float) -> None:
         """size_px: (width, height)."""
         from av import open as open_container
 
-        name, make = encoder_name(), cast(Any, open_container)  # its stubs know streams of every kind
+        name, make = encoder_name(), cast(Any, open_container)  # its stubs cover every kind of stream
         self._file = path.open("wb")
         try:
             self._container = make(self._file, "w", format="mp4", options={"movflags": "hybrid_fragmented"})
@@ -57,14 +57,14 @@ class H264Writer:
             coder = self._stream.codec_context
             coder.colorspace = coder.color_primaries = coder.color_trc = BT709
             coder.color_range = 1  # limited
-            coder.gop_size = max(1, round(2 * rate_hz))  # a fragment begins with a whole picture
-            coder.thread_count = 1  # a thread a core is the plan
+            coder.gop_size = max(1, round(2 * rate_hz))  # a fragment begins with a key frame
+            coder.thread_count = 1  # sessions plan one thread per core
         except BaseException:
             self._file.close()
             raise
 
     def write(self, picture: NDArray[np.uint8]) -> None:
-        """The next picture, uint8 (height, width, 3) BGR. Raises OSError where the disk is full."""
+        """The next picture, uint8 (height, width, 3) BGR. Raises OSError if the disk is full."""
         import av
 
         height, width = self._stream.height, self._stream.width
@@ -75,7 +75,7 @@ class H264Writer:
         self._container.mux(self._stream.encode(frame))
 
     def release(self) -> None:
-        """Ends the file. Raises OSError where the disk is full."""
+        """Ends the file. Raises OSError if the disk is full."""
         try:
             self._container.mux(self._stream.encode())
             self._container.close()
@@ -85,5 +85,5 @@ class H264Writer:
 
 
 def write_error(path: Path, error: OSError) -> UserError:
-    """The mistake behind a file that cannot be written."""
+    """The UserError for a file that cannot be written."""
     return UserError(f"{path}: cannot be written: {reason(error)}", PLACE)

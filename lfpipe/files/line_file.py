@@ -1,4 +1,4 @@
-"""A file that grows by whole lines: neither a full disk nor the death of its writer leaves half a line in it."""
+"""A file that grows by whole lines. Neither a full disk nor a killed writer leaves a partial line."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from pathlib import Path
 from lfpipe.files.safe_files import PRIVATE, check_regular
 from lfpipe.host.descriptors import CAREFUL, read_at
 
-LONGEST_LINE = 1 << 16  # bytes; how far back the last line's end is looked for
+LONGEST_LINE = 1 << 16  # bytes; limit of the search for the end of the last line
 
 
 class LineFile:
-    """Appends lines with one write each. Half a line that a killed writer may have left is cut off."""
+    """Appends lines with one write each. A partial line left by a killed writer is cut off."""
 
     def __init__(self, path: Path) -> None:
-        """Makes the file where there is none, for its owner alone. Raises OSError, also where path is no file."""
+        """Creates the file, private to its owner, if it does not exist. Raises OSError, also if path is not a file."""
         check_regular(path)
         self._fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | CAREFUL, PRIVATE)
         size = os.fstat(self._fd).st_size
@@ -24,10 +24,10 @@ class LineFile:
             os.ftruncate(self._fd, size - len(tail) + tail.rfind(b"\n") + 1)
 
     def append(self, line: bytes) -> None:
-        """Adds line, which ends with a newline. Raises OSError where it does not fit; the file then ends with the one before."""
+        """Appends line, which ends with a newline. Raises OSError if it does not fit; the file then ends with the last line."""
         written = 0
         try:
-            while written < len(line):  # a second write, where there is one, is to tell why the first was cut short
+            while written < len(line):  # after a short write, a second one raises the reason
                 written += os.write(self._fd, line[written:])
         except OSError:
             if written:

@@ -1,7 +1,7 @@
 """MCAP files, which Foxglove opens: messages of JSON with their schemas, written and read by the library mcap.
 
-Chunks are not compressed: pictures are, and a chunk that is not cannot unpack to more than it claims. What is read is not
-trusted: every record is bounded, and whatever is wrong with it is a UserError.
+Chunks are not compressed: their pictures are, and an uncompressed chunk cannot expand beyond its size. Input is untrusted:
+every record has a size limit, and every fault raises UserError.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import IO, Any, Self
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import PRIVATE, create_private, open_regular, reason
 
-RECORD_BYTES = 64 << 20  # of a record or chunk: a frame of 16 megapixels as it stands
+RECORD_BYTES = 64 << 20  # of a record or chunk: a raw frame of 16 megapixels
 CHUNK_BYTES = 1 << 20
 LIBRARY = "lfpipe"
 COPY = "copy it again from where `lfpipe sequence export` wrote it"
@@ -33,18 +33,18 @@ def schema(title: str, **properties: Any) -> dict[str, Any]:
 
 
 def check_library() -> None:
-    """Raises UserError where mcap is not installed."""
+    """Raises UserError if mcap is not installed."""
     if importlib.util.find_spec("mcap") is None:
         raise UserError("MCAP files need the library mcap, which is not installed", "pip install 'lfpipe[media]'")
 
 
 def time_of(t_ns: int) -> dict[str, int]:
-    """A time as Foxglove's schemas have it."""
+    """A time in the form of Foxglove's schemas."""
     return {"sec": t_ns // 1_000_000_000, "nsec": t_ns % 1_000_000_000}
 
 
 class McapFile:
-    """A new file, for its owner alone; removed again if the body raises. Raises UserError where it cannot be written."""
+    """A new file, private to its owner; removed if the body raises. Raises UserError if it cannot be written."""
 
     def __init__(self, path: Path) -> None:
         check_library()
@@ -52,7 +52,7 @@ class McapFile:
         try:
             self._file: IO[bytes] = create_private(path, PRIVATE)
         except FileExistsError:
-            raise UserError(f"{path}: already exists", "another name; nothing is ever overwritten") from None
+            raise UserError(f"{path}: already exists", "use another name; nothing is overwritten") from None
         except OSError as error:
             raise self._wrong(error) from None
         from mcap.writer import CompressionType, Writer
@@ -73,11 +73,11 @@ class McapFile:
         self._writer.add_message(self._channels[topic], t_ns, data, t_ns, count)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """A file beside the messages."""
+        """Adds an attachment."""
         self._writer.add_attachment(0, 0, name, media_type, data)
 
     def _wrong(self, error: OSError) -> UserError:
-        return UserError(f"{self._path}: {reason(error)}", "a file in a directory that you may write to, on a disk with room")
+        return UserError(f"{self._path}: {reason(error)}", "use a writable directory on a disk with free space")
 
     def __enter__(self) -> Self:
         return self
@@ -101,7 +101,7 @@ class McapFile:
 def read_records(path: Path) -> Iterator[tuple[str, bytes]]:
     """(topic, data) of every message and (name, data) of every attachment, in the file's order.
 
-    Raises UserError where it is no MCAP file, or a damaged one.
+    Raises UserError if it is not an MCAP file, or is damaged.
     """
     check_library()
     from mcap.exceptions import McapError
@@ -120,7 +120,7 @@ def read_records(path: Path) -> Iterator[tuple[str, bytes]]:
                     continue
                 if record.compression:
                     what = f"its chunks are compressed ({record.compression!r:.20})"
-                    raise UserError(f"{path}: {what}", f"`mcap decompress`, or {COPY}")
+                    raise UserError(f"{path}: {what}", f"use `mcap decompress`, or {COPY}")
                 for each in breakup_chunk(record, validate_crc=True):
                     if isinstance(each, Channel):
                         topics[each.id] = each.topic
@@ -130,4 +130,4 @@ def read_records(path: Path) -> Iterator[tuple[str, bytes]]:
         raise UserError(f"{path}: cannot be read: {reason(error)}", COPY) from None
     except (McapError, ValueError, KeyError, IndexError, OverflowError, struct.error) as error:
         what = f"{type(error).__name__} {error}".strip()
-        raise UserError(f"{path}: no whole MCAP file ({what:.200})", COPY) from None
+        raise UserError(f"{path}: not a whole MCAP file ({what:.200})", COPY) from None

@@ -1,7 +1,7 @@
-"""What an encoded picture claims to be, read from its header before a decoder allocates anything.
+"""Reads the header of an encoded picture before a decoder allocates memory.
 
-These formats are all that the program decodes: PNG, JPEG, BMP, PNM, TIFF and WebP. A stricter reading than the decoder's is fine
-here, a looser one is not: what is not understood is no picture.
+The program decodes only these formats: PNG, JPEG, BMP, PNM, TIFF and WebP. This parser may be stricter than the decoder, but not
+looser: anything it does not understand is refused.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from collections.abc import Callable
 
 import attrs
 
-MAX_DECODING_BYTES = 240_000_000  # 8192x8192 px of 8-bit colour; with the program itself below 300 MB
-Read = Callable[[int, int], bytes]  # (offset, count) -> the bytes there, fewer at the end of the file
+MAX_DECODING_BYTES = 240_000_000  # 8192x8192 px of 8-bit colour; less than 300 MB together with the program
+Read = Callable[[int, int], bytes]  # (offset, count) -> bytes, fewer at the end of the file
 
-_MAX_BESIDE_BYTES = 64 << 20  # of a file besides its picture: profiles, thumbnails
-_MAX_SEGMENTS = 1000  # of a JPEG ahead of its picture, entries of a TIFF directory
-_MAX_SCANS = 100  # of a JPEG; encoders make 10 or so
-_MAX_CHUNKS, _MAX_OTHER_CHUNKS = 100_000, 500  # of a PNG; others than the picture's data, each good for a warning on stderr
+_MAX_BESIDE_BYTES = 64 << 20  # of everything else in the file: profiles, thumbnails
+_MAX_SEGMENTS = 1000  # of a JPEG before its picture; also entries of a TIFF directory
+_MAX_SCANS = 100  # of a JPEG; encoders write about 10
+_MAX_CHUNKS, _MAX_OTHER_CHUNKS = 100_000, 500  # of a PNG; chunks other than picture data can print warnings
 _DEFLATE_RATIO = 1040  # deflate packs at most 1032 bytes into one
 _GAP = rb"\s+(?:#[^\r\n]*[\r\n]\s*)*"
 _PNM = re.compile(rb"P([1-6])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})(?:" + _GAP + rb"(\d{1,9}))?\s")
@@ -26,9 +26,9 @@ _PNM = re.compile(rb"P([1-6])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})(?:" 
 
 @attrs.frozen
 class Header:
-    """What a picture claims to be. grey: one sample a pixel, neither colour nor alpha. max_value: the value that stands for
-    full, above 255 where samples take two bytes. extra_bytes: what the decoder takes at most besides the picture it returns,
-    as measured. least_bytes: a whole file of this format and size has no fewer."""
+    """The claims of a picture's header. grey: one sample per pixel, neither colour nor alpha. max_value: the full-scale value,
+    above 255 for samples of two bytes. extra_bytes: measured maximum of the decoder's memory besides the picture it returns.
+    least_bytes: minimum size of a whole file of this format and size."""
 
     format: str
     width_px: int
@@ -40,33 +40,33 @@ class Header:
 
     @property
     def decoded_bytes(self) -> int:
-        """Of the picture, with one sample a pixel or three."""
+        """Size of the decoded picture, with one or three samples per pixel."""
         return self.width_px * self.height_px * (1 if self.grey else 3) * (2 if self.max_value > 255 else 1)
 
     def problem(self, file_bytes: int) -> str:
-        """Why a file of that many bytes with this header is not decoded, or ""."""
+        """The reason for not decoding a file of file_bytes with this header, or ""."""
         claim = f"a {self.format} file that claims {self.width_px}x{self.height_px} px"
         if self.width_px < 1 or self.height_px < 1:
             return claim
-        need = self.decoded_bytes + self.extra_bytes + (file_bytes if self.format == "TIFF" else 0)  # which is mapped
+        need = self.decoded_bytes + self.extra_bytes + (file_bytes if self.format == "TIFF" else 0)  # the file is mapped
         if need > MAX_DECODING_BYTES:
-            return f"{claim}: decoding takes {need / 1e6:.0f} MB, at most {MAX_DECODING_BYTES / 1e6:.0f} MB are allowed"
+            return f"{claim}: decoding needs {need / 1e6:.0f} MB; at most {MAX_DECODING_BYTES / 1e6:.0f} MB are allowed"
         most = 8 * self.decoded_bytes + _MAX_BESIDE_BYTES
         if file_bytes > most:
-            return f"{claim} has at most {most} bytes, this one has {file_bytes}"
+            return f"{claim} has at most {most} bytes; this one has {file_bytes}"
         if file_bytes < self.least_bytes:
-            return f"truncated: {claim} has at least {self.least_bytes} bytes, this one has {file_bytes}"
+            return f"truncated: {claim} has at least {self.least_bytes} bytes; this one has {file_bytes}"
         return ""
 
 
 def read_header(read: Read) -> Header | None:
-    """The header of the picture that `read` gives access to; None where it is no picture of a format that is decoded."""
+    """The header of the picture behind `read`; None if its format is not supported."""
     start = read(0, 4096)
     for sign, parse in _PARSERS:
         if start.startswith(sign):
             try:
                 return parse(start, read)
-            except (struct.error, IndexError):  # it ends within the header
+            except (struct.error, IndexError):  # the file ends within the header
                 return None
     return None
 
@@ -88,7 +88,7 @@ def _png(start: bytes, read: Read) -> Header | None:
 
 
 def _png_is_whole(read: Read) -> bool:
-    """Whether every chunk lies within the file, up to the last: OpenCV makes room for what a chunk claims, and fills it."""
+    """Whether all chunks lie within the file. OpenCV allocates what a chunk claims, and fills it."""
     at, others = 8, 0
     for _ in range(_MAX_CHUNKS):
         size, kind = struct.unpack(">I4s", read(at, 8))
@@ -101,7 +101,7 @@ def _png_is_whole(read: Read) -> bool:
 
 
 def _jpeg(_: bytes, read: Read) -> Header | None:
-    """Finds the frame header and the first scan: a picture of several scans is kept whole as coefficients, 2 bytes each."""
+    """Finds the frame header and the first scan: the decoder of a multi-scan picture stores all coefficients, 2 bytes each."""
     at, frame = 2, b""
     for _segment in range(_MAX_SEGMENTS):
         part = read(at, 64)
@@ -122,7 +122,7 @@ def _jpeg(_: bytes, read: Read) -> Header | None:
 
 
 def _scans(read: Read, at: int) -> int:
-    """How many scans a JPEG has at most: each costs the time of a whole picture, and a short file can have thousands."""
+    """Upper bound of a JPEG's scans. Each scan costs the time of a whole picture, and a short file can have thousands."""
     scans, last = 0, b""
     while data := read(at, 1 << 20):
         scans += (last + data).count(b"\xff\xda")
@@ -140,7 +140,7 @@ def _jpeg_frame(frame: bytes, scanned: int) -> Header | None:
     blocks = units * sum(h * v for h, v in factors)
     progressive, arithmetic = marker in (0xC2, 0xC6, 0xCA, 0xCE), marker >= 0xC9
     kept = 128 * blocks if progressive or scanned < count else 0
-    least = 0 if arithmetic else blocks // 8  # Huffman codes take a bit a block and more
+    least = 0 if arithmetic else blocks // 8  # Huffman codes need at least one bit per block
     return Header("JPEG", width, height, count == 1, 255, kept, least)
 
 
@@ -202,7 +202,7 @@ def _tiff(start: bytes, read: Read) -> Header | None:
             size, code = _TIFF_SIZES.get(kind, (0, ""))
             if tag in tags or not size or not 1 <= length <= 4:
                 return None
-            if size * length > len(value):  # the values stand elsewhere
+            if size * length > len(value):  # the values are stored elsewhere
                 (there,) = struct.unpack(order + ("I" if len(value) == 4 else "Q"), value)
                 value = read(there, size * length)
             tags[tag] = max(struct.unpack_from(f"{order}{length}{code}", value))

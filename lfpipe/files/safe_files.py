@@ -1,4 +1,4 @@
-"""Files by a path that somebody gave: read only where they are files and not too large, written for their owner alone."""
+"""Files by untrusted paths: read only if they are regular files of limited size, written private to their owner."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import IO
 from lfpipe.errors import UserError
 from lfpipe.host.descriptors import CAREFUL, longest_name
 
-PRIVATE = 0o600  # of a file in which somebody's face or movements are; its folder has PRIVATE_FOLDER
+PRIVATE = 0o600  # of a file that records a face or its movements; its folder has PRIVATE_FOLDER
 PRIVATE_FOLDER = 0o700
 _KINDS = {
     stat.S_IFDIR: "a directory",
@@ -31,7 +31,7 @@ def reason(error: OSError | ValueError) -> str:
 
 
 def check_regular(path: Path) -> None:
-    """Raises OSError where something other than a file stands at path. Nothing there is fine."""
+    """Raises OSError if path exists and is not a regular file."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
@@ -44,16 +44,16 @@ def check_regular(path: Path) -> None:
 
 
 def check_links(folder: Path, names: Iterable[str]) -> None:
-    """Raises UserError where a file of a folder is a link out of it: an unpacked archive could show whatever you may read."""
+    """Raises UserError if a file of a folder is a link out of it: an unpacked archive could expose any readable file."""
     for path in (folder / name for name in names):
         link = os.path.islink(path)  # noqa: PTH114  (of a folder that may not be searched: the reader of the file says so)
         if link and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
             there = os.path.realpath(path)
-            raise UserError(f"{path}: a link that leads out of the folder, to {there}", "copy the file into the folder")
+            raise UserError(f"{path}: a link to {there}, outside of the folder", "copy the file into the folder")
 
 
 def open_regular(path: Path) -> BufferedReader:
-    """path, opened to be read. Raises OSError where it is not a file: a FIFO would block, a device may do anything."""
+    """Opens path for reading. Raises OSError if it is not a regular file: a FIFO would block, a device may do anything."""
     check_regular(path)
     file = open(path, "rb", opener=_open_carefully)  # noqa: SIM115
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -67,19 +67,19 @@ def _open_carefully(path: str, flags: int) -> int:
 
 
 def read_bytes(path: Path, most_bytes: int) -> bytes:
-    """All of a file. Raises OSError where it is not a file, cannot be read or has more than most_bytes; no more is read."""
+    """Reads a whole file. Raises OSError if it is not a file, cannot be read or has more than most_bytes; then reading stops."""
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         data = b"" if size > most_bytes else file.read(most_bytes + 1) or b""
     if max(size, len(data)) > most_bytes:
-        raise OSError(errno.EFBIG, f"has {max(size, len(data))} bytes, {most_bytes} at most are read", str(path))
+        raise OSError(errno.EFBIG, f"has {max(size, len(data))} bytes; at most {most_bytes} are read", str(path))
     return data
 
 
 def lines(path: Path, longest: int, remedy: str) -> Iterator[tuple[int, bytes]]:
-    """(number from 1, line with its end) of every line; the last one may have none.
+    """(number from 1, line with its newline) of every line; the last line may lack the newline.
 
-    Raises UserError where a line is longer than that, OSError where path is no file.
+    Raises UserError if a line is longer than that, OSError if path is not a file.
     """
     with open_regular(path) as file:
         number = 0
@@ -91,20 +91,20 @@ def lines(path: Path, longest: int, remedy: str) -> Iterator[tuple[int, bytes]]:
 
 
 def create_private(path: Path, mode: int = PRIVATE) -> IO[bytes]:
-    """A new file, for its owner alone, opened to be written. Raises OSError, FileExistsError among them."""
+    """Creates a file, private to its owner, and opens it for writing. Raises OSError, for example FileExistsError."""
     return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | CAREFUL, mode), "wb")
 
 
 @contextlib.contextmanager
 def replaced(path: Path, mode: int = PRIVATE) -> Iterator[IO[bytes]]:
-    """A file to be written that takes the place of path when all is written; until then, and where it fails, path stays as it is.
+    """A file to write that replaces path when it is complete. Until then, and if writing fails, path is unchanged.
 
-    mode: of a new file, less the umask. Raises OSError where path is not a file, or there is no room.
+    mode: of a new file, less the umask. Raises OSError if path is not a file, or the disk is full.
     """
     check_regular(path)
     path = Path(os.path.realpath(path))
     part = path.with_name(f".{path.name[:200]}.new")
-    part.unlink(missing_ok=True)  # of a writer that was killed
+    part.unlink(missing_ok=True)  # left by a killed writer
     try:
         with create_private(part, mode) as file:
             yield file
@@ -115,7 +115,7 @@ def replaced(path: Path, mode: int = PRIVATE) -> Iterator[IO[bytes]]:
 
 
 def check_place(path: Path) -> None:
-    """Raises OSError where `replaced` could not write path."""
+    """Raises OSError if `replaced` could not write path."""
     check_regular(path)
     probe = path.with_name(f".{path.name[:200]}.probe")
     probe.unlink(missing_ok=True)
@@ -126,7 +126,7 @@ def check_place(path: Path) -> None:
 
 
 def read_text(path: Path, most_bytes: int, what: str, remedy: str) -> str:
-    """All of a file as UTF-8. what: for the message. Raises UserError where it is none."""
+    """Reads a whole file as UTF-8. what: for the message. Raises UserError if it is not UTF-8."""
     try:
         return read_bytes(path, most_bytes).decode()
     except UnicodeDecodeError as error:

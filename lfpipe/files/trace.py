@@ -1,4 +1,4 @@
-"""The trace: JSON Lines, one object per display refresh or per camera frame, appended whole or not at all."""
+"""The trace: JSON Lines, one object per display refresh or per camera frame, appended by whole lines only."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from lfpipe.host.descriptors import CAREFUL
 
 TIMES = ("t_sensor_ns", "t_read_ns", "t_tracked_ns", "t_composed_ns", "t_presented_ns")
 MAX_NS = 1 << 61
-MAX_PX = 1e12  # of an eye, and of a view in views
+MAX_PX = 1e12  # limit for eyes (px) and views
 
 
 def check_trace(path: Path) -> None:
-    """Makes an empty trace, for its owner alone. Raises UserError where that cannot be."""
+    """Creates an empty trace, private to its owner. Raises UserError if that fails."""
     try:
         check_regular(path)
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | CAREFUL
         os.close(os.open(path, flags, PRIVATE))
     except OSError as error:
-        raise UserError(f"trace {path}: {reason(error)}", "a file in a directory that you may write to") from None
+        raise UserError(f"trace {path}: {reason(error)}", "name a file in a directory that you may write to") from None
 
 
 def trace_lines(path: Path, remedy: str) -> Iterator[Fields]:
-    """The lines of a trace, whose fields by the contract have their types; a last line without its end is left out.
+    """The lines of a trace, with fields checked against the contract. A last line without a newline is ignored.
 
-    Raises UserError that names the line and the field that are wrong.
+    Raises UserError with the wrong line and field.
     """
     try:
         for number, line in lines(path, LONGEST_LINE, remedy):
@@ -55,15 +55,15 @@ def trace_lines(path: Path, remedy: str) -> Iterator[Fields]:
 
 
 def check_sides(fields: Fields, name: str) -> None:
-    """Raises UserError where a field is not {"left": [x, y], "right": [x, y]}."""
+    """Raises UserError if a field is not {"left": [x, y], "right": [x, y]}."""
     sides = fields.table(name)
     for side in ("left", "right"):
         sides.numbers(side, 2, -MAX_PX, MAX_PX)
 
 
 class TraceFile:
-    """Lines of JSON in a file, each whole. Neither a full disk nor a path that is gone ends the session: the trace ends, and
-    `lost` is called once with the reason.
+    """Writes whole lines of JSON to a file. A full disk or a removed path ends the trace, not the session: `lost` is called once
+    with the reason.
     """
 
     def __init__(self, path: Path | None, lost: Callable[[str], None]) -> None:
@@ -72,7 +72,7 @@ class TraceFile:
         if path is not None:
             try:
                 self._file = LineFile(path)
-            except OSError as error:  # another process of this stage could open it; its directory may be gone since
+            except OSError as error:  # the path was valid at the start, but its directory may be gone since
                 self._end(error)
 
     @property
@@ -80,7 +80,7 @@ class TraceFile:
         return self._file is not None
 
     def write(self, record: dict[str, Any]) -> None:
-        """One line; keys as in the contract of design and README."""
+        """One line; keys as in docs/contracts.md."""
         if self._file is None:
             return
         try:

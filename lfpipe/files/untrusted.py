@@ -1,6 +1,6 @@
-"""Values from files that others made: of bounded depth, finite, in range and of the expected type, or refused with the place.
+"""Values from untrusted files. Depth, finiteness, range and type are checked; errors name the place in the file.
 
-Everything raises UserError only. `where` names the file in messages, `remedy` says what helps.
+All functions raise only UserError. `where` names the file in messages; `remedy` is the remedy.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lfpipe.errors import UserError, shown
 MAX_DEPTH = 32
 MAX_INTEGER = (1 << 63) - 1  # what NumPy, msgpack and every other reader can hold
 _MAX_DIGITS = 19
-_MAX_TOML_LINE = 4096  # the time that tomllib takes for dotted keys grows with the square of their number
+_MAX_TOML_LINE = 4096  # tomllib's time for dotted keys grows with the square of their number
 
 T = TypeVar("T")
 
@@ -41,12 +41,12 @@ def parse_toml(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
 
 
 def toml_table(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
-    """The table of a TOML document, UTF-8, for a reader that checks every value itself."""
+    """The table of a TOML document, UTF-8, unchecked. The caller must check every value."""
     try:
         text = data.decode() if isinstance(data, bytes) else data
         for number, line in enumerate(text.split("\n"), 1):
             if len(line) > _MAX_TOML_LINE:
-                raise ValueError(f"line {number} has {len(line)} characters, {_MAX_TOML_LINE} at most")
+                raise ValueError(f"line {number} has {len(line)} characters; at most {_MAX_TOML_LINE} are allowed")
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise UserError(f"{where}: not valid TOML: {_reason(error)}", remedy) from None
@@ -56,12 +56,12 @@ def json_fields(data: bytes | str, where: str, remedy: str) -> Fields:
     """The JSON object in data, to be read field by field."""
     value = parse_json(data, where, remedy)
     if not isinstance(value, dict):
-        raise UserError(f"{where}: a JSON object is expected, not {shown(value)}", remedy)
+        raise UserError(f"{where}: expected a JSON object, not {shown(value)}", remedy)
     return Fields(value, where, remedy)
 
 
 def finite(text: str, low: float = -math.inf, high: float = math.inf) -> float | None:
-    """The number in text if it is one, finite and in low .. high; else None. For numbers a file may as well leave out."""
+    """The number in text if it is finite and in low .. high; else None. For optional numbers."""
     try:
         value = float(text)
     except ValueError:
@@ -70,9 +70,9 @@ def finite(text: str, low: float = -math.inf, high: float = math.inf) -> float |
 
 
 def in_range(value: float, low: float, high: float, what: str, remedy: str) -> float:
-    """value, if it is finite and in low .. high. what: for the message, the file and the name of the number in it."""
+    """Returns value if it is finite and in low .. high. what: file and name of the number, for the message."""
     if not low <= value <= high:
-        raise UserError(f"{what} is {value:g}, a number from {low:g} to {high:g} is expected", remedy)
+        raise UserError(f"{what} is {value:g}, expected a number from {low:g} to {high:g}", remedy)
     return value
 
 
@@ -92,7 +92,7 @@ class Fields:
         return float(value)
 
     def integer(self, key: str, low: int, high: int) -> int:
-        """A whole number; 3.0 is none."""
+        """A whole number; 3.0 is refused."""
         value = self._present(key)
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
             raise self._wrong(key, f"a whole number from {low} to {high}")
@@ -110,10 +110,10 @@ class Fields:
         return value
 
     def items(self, key: str, most: int) -> list[Any]:
-        """A list of at most that many items, which are still unchecked."""
+        """A list of at most `most` items, which are not checked."""
         value: list[Any] = self._typed(key, list, "a list")
         if len(value) > most:
-            raise UserError(f"{self.where}: {key} has {len(value)} items, at most {most} are expected", self.remedy)
+            raise UserError(f"{self.where}: {key} has {len(value)} items, expected at most {most}", self.remedy)
         return value
 
     def numbers(self, key: str, count: int, low: float, high: float) -> list[float]:
@@ -137,7 +137,7 @@ class Fields:
         return value
 
     def _wrong(self, key: str, expected: str) -> UserError:
-        return UserError(f"{self.where}: {key} is {shown(self.values[key])}, {expected} is expected", self.remedy)
+        return UserError(f"{self.where}: {key} is {shown(self.values[key])}, expected {expected}", self.remedy)
 
 
 def _integer(text: str) -> int:
@@ -147,7 +147,7 @@ def _integer(text: str) -> int:
 
 
 def _no_constant(text: str) -> float:
-    raise ValueError(f"{text} is not a number of JSON")
+    raise ValueError(f"{text} is not a JSON number")
 
 
 def _reason(error: Exception) -> str:
@@ -157,11 +157,11 @@ def _reason(error: Exception) -> str:
 
 
 def _checked(value: Any, where: str, remedy: str) -> Any:
-    """value, whose depth, numbers and strings are in bounds."""
+    """Returns value after checking its depth, numbers and strings."""
     level, depth = [value], 0
     while level:
         if depth > MAX_DEPTH:
-            raise UserError(f"{where}: nested more than {MAX_DEPTH} deep", remedy)
+            raise UserError(f"{where}: nested more than {MAX_DEPTH} levels deep", remedy)
         below: list[Any] = []
         for item in level:
             if isinstance(item, dict):
@@ -170,10 +170,10 @@ def _checked(value: Any, where: str, remedy: str) -> Any:
             elif isinstance(item, list):
                 below += item
             elif isinstance(item, float) and not math.isfinite(item):
-                raise UserError(f"{where}: holds a number that is not finite", remedy)
+                raise UserError(f"{where}: contains a number that is not finite", remedy)
             elif isinstance(item, int) and not -MAX_INTEGER - 1 <= item <= MAX_INTEGER:
-                raise UserError(f"{where}: holds an integer of more than 64 bits", remedy)
+                raise UserError(f"{where}: contains an integer of more than 64 bits", remedy)
             elif isinstance(item, str) and not item.isascii() and any("\ud800" <= c <= "\udfff" for c in item):
-                raise UserError(f"{where}: holds half of a surrogate pair, which is no character", remedy)
+                raise UserError(f"{where}: contains half of a surrogate pair", remedy)
         level, depth = below, depth + 1
     return value

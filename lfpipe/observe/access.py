@@ -1,4 +1,4 @@
-"""Who may use the page: holders of its token, from the page itself. On a shared machine every user reaches 127.0.0.1."""
+"""Access control of the page: requests need its token and must come from the page itself. Any local user reaches 127.0.0.1."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from collections.abc import Iterable
 from lfpipe.errors import UserError
 
 LOOPBACK = "127.0.0.1"
-NO_TOKEN = "the token is missing or wrong: open the address that `lfpipe monitor --web` printed, it ends in /?token=..."
-NOT_OURS = "a request for this server's own address, from its own page, is expected"
+NO_TOKEN = "the token is missing or wrong: open the address that `lfpipe monitor --web` printed; it ends in /?token=..."
+NOT_OURS = "requests must be for this server's own address and come from its own page"
 
 
 def parse_address(text: str, option: str) -> tuple[str, int]:
-    """`[HOST]:PORT` or PORT as (host, port), host 127.0.0.1 where none is named. Raises UserError, which names the option."""
+    """`[HOST]:PORT` or PORT as (host, port); host defaults to 127.0.0.1. Raises UserError with the option's name."""
     host, _, port = text.rpartition(":")
     if not (port.isascii() and port.isdigit() and len(port) <= 5 and int(port) <= 65535):
-        raise UserError(f"{option} {text!r}: no port from 0 to 65535", f"for example {option} :9108")
+        raise UserError(f"{option} {text!r}: not a port from 0 to 65535", f"for example: {option} :9108")
     return host.removeprefix("[").removesuffix("]") or LOOPBACK, int(port)
 
 
 def url_of(host: str, port: int) -> str:
-    """The address of a server, for a browser: a server on all interfaces goes by the name of the machine."""
+    """The address of a server, for a browser. A server on all interfaces is addressed by the machine's name."""
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
@@ -39,7 +39,7 @@ def url_of(host: str, port: int) -> str:
 def named(host_header: str, bound: str) -> bool:
     """Whether a Host header names a server bound to `bound` by an IP address, as localhost, or by its own name.
 
-    Another name was pointed at this machine by a stranger, whose page could then read the answers (DNS rebinding).
+    Any other name may be an attacker's, pointed at this machine so that the attacker's page can read answers (DNS rebinding).
     """
     name = host_header.rpartition(":")[0] if host_header.rpartition(":")[2].isdigit() else host_header
     name = name.lower()
@@ -58,10 +58,10 @@ def same_origin(origin: str | None, host_header: str) -> bool:
 
 
 class Access:
-    """The token of one server, 256 random bits, and the cookie that keeps it.
+    """The token of one server, 256 random bits, and the cookie that stores it.
 
-    Browsers send a cookie to every port of a host, so also to servers of other users on this machine. Its path is therefore
-    random, too: nobody else's page has an address below it.
+    Browsers send a cookie to every port of a host, so also to servers of other users on this machine. The path of the cookie
+    is therefore random too: no other server has an address below it.
     """
 
     def __init__(self) -> None:
@@ -69,6 +69,6 @@ class Access:
         self.path = f"/{secrets.token_urlsafe(16)}/"
 
     def opens(self, offered: Iterable[str]) -> bool:
-        """Whether one of the texts is the token; takes the same time for every wrong one."""
+        """Whether one of the texts is the token. The comparison takes constant time."""
         wanted = self.token.encode()
         return any([hmac.compare_digest(one.encode(errors="replace"), wanted) for one in offered])

@@ -1,4 +1,4 @@
-"""What the page's server holds of a session: the table, the two rings of pictures, the tap. All is let go when nobody looks."""
+"""The page server's attachment to a session: status table, two picture rings, tap. Everything is released without viewers."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 
 LEASE_S = 5.0
-LARGEST_PX = 1024  # of the longer side on the page
+LARGEST_PX = 1024  # longer side of a picture on the page
 CAMERA_PX = 320
 FULL_CHROMA = (cv2.IMWRITE_JPEG_QUALITY, 85, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
 
 
 class JpegReader:
-    """The newest picture of one ring as JPEG at full chroma: in an anaglyph the two eyes live in the chroma."""
+    """The newest picture of one ring as JPEG with full chroma resolution: the chroma of an anaglyph separates the eyes."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self._reader = ring.Reader(name)
-        self._reader.last_seq = max(0, self._reader.published - 1)  # the one that is there counts as new
+        self._reader.last_seq = max(0, self._reader.published - 1)  # the current picture counts as new
         self._frame: NDArray[np.uint8] = np.empty(self._reader.shape, np.uint8)
         self.jpeg: bytes | None = None
 
@@ -49,12 +49,12 @@ class JpegReader:
         return self.jpeg
 
     def close(self) -> None:
-        """Lets go of the ring."""
+        """Releases the ring."""
         self._reader.close()
 
 
 class Attachment:
-    """For the coroutines of one event loop."""
+    """Belongs to one event loop."""
 
     def __init__(self, name: str) -> None:
         self._follower, self._remote = FollowingReader(name), AsyncSessionCommands(name)
@@ -68,7 +68,7 @@ class Attachment:
         self.eyes_on_grid: EyesOnGrid | None = None
 
     async def read(self) -> Reading | None:
-        """The session now, None while there is none."""
+        """The current session, None if there is none."""
         before = self._follower.watch
         reading = self._follower.read()
         if self._follower.watch is not before:
@@ -84,8 +84,8 @@ class Attachment:
         return reading
 
     def settings(self) -> dict[str, Any]:
-        """`config` and `paused` as the session has them, `depth_px`: least and largest zero plane to offer, and a step,
-        `playlist`: names of scenes, and `playlist_at`; empty where it did not answer."""
+        """The session's `config` and `paused`; `depth_px`: smallest and largest zero plane to offer, and step; `playlist`: names
+        of scenes; `playlist_at`. Empty if the session did not answer."""
         found: dict[str, Any] = {key: self._hello[key] for key in ("config", "paused") if key in self._hello}
         if scene := self._hello.get("options", {}).get("scene"):
             low_px, high_px = scene["disparity_min_px"], scene["disparity_max_px"]
@@ -112,7 +112,7 @@ class Attachment:
                     self.eyes_on_grid = EyesOnGrid.of(message)
                     return
             except (control.BadMessage, KeyError, TypeError, ValueError):
-                continue  # of another version: the page does without
+                continue  # another version: ignored
 
     def camera(self) -> bytes | None:
         """The camera picture with the grid of views over the eyes, JPEG."""
@@ -123,7 +123,7 @@ class Attachment:
         return self._camera.jpeg_of_newest(CAMERA_PX, self.eyes_on_grid)
 
     async def picture(self) -> bytes | None:
-        """The picture on the screen, JPEG; asks the session for its ring, and again in time. One call at a time."""
+        """The picture on the screen, JPEG. Requests the ring from the session and renews the lease. Not reentrant."""
         watch = self._follower.watch
         if watch is None:
             return None
@@ -141,7 +141,7 @@ class Attachment:
         return self._picture.jpeg_of_newest(LARGEST_PX, None) if self._picture else None
 
     def reset(self) -> None:
-        """Histograms count from now on."""
+        """Resets the histograms."""
         if self._follower.watch is not None:
             self._follower.watch.meter.reset()
 
@@ -155,12 +155,12 @@ class Attachment:
         self._lease_end_ns, self._rev, self._hello = 0, -1, {}
 
     def rest(self) -> None:
-        """Nobody looks: nothing of the session is held."""
+        """Releases everything; called when there are no viewers."""
         self._let_go()
         self._follower.close()
 
     def close(self) -> None:
-        """For good."""
+        """Ends the attachment."""
         self.rest()
         self._remote.close()
         self._zmq.term()

@@ -1,4 +1,4 @@
-"""Measuring one thing of known size in the camera's picture, with a window that guides where there is a screen."""
+"""Measures an object of known size in the camera's picture. A window guides the user if there is a screen."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ PATIENCE_FRAMES = 600  # frames without a still face before giving up
 EDGES = ("Click the middle of one short edge.", "First edge marked. Click the middle of the other short edge.")
 AGAIN = UserError("nothing was measured", "start again when you are ready")
 NOBODY = UserError(
-    "no face was seen", "sit in the light, looking into the camera; `lfpipe up --demo --camera SRC` shows what it sees"
+    "no face was detected", "sit in good light and look into the camera; `lfpipe up --demo --camera SRC` shows its picture"
 )
-RESTLESS = UserError("the eyes did not keep still long enough", "rest your head on something, keep the distance, and try again")
+RESTLESS = UserError("the eyes did not stay still long enough", "rest your head, keep the distance, and try again")
 
 
 def _frame(config: Config) -> NDArray[np.uint8]:
@@ -32,19 +32,19 @@ def _frame(config: Config) -> NDArray[np.uint8]:
 
 
 def _mark(picture: NDArray[np.uint8], x: float, y: float) -> None:
-    """A white cross with a dark rim, which shows on a face and on a white card alike."""
+    """A white cross with a dark outline, visible on a face and on a white card."""
     for colour, thick_px in (((0, 0, 0), 5), ((255, 255, 255), 2)):
         cv2.drawMarker(picture, (round(x), round(y)), colour, cv2.MARKER_CROSS, 21, thick_px)
 
 
 def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
-    """Distance between the viewer's eyes in px of a frame of config's size, the median of some frames.
+    """Distance between the viewer's eyes in px of a frame of config's size; median over several frames.
 
-    Raises UserError where no face is seen, nobody keeps still, the source ends, or the person ends it.
+    Raises UserError if no face is detected, the face does not stay still, the source ends, or the user cancels.
     """
     source = open_source(camera or config.camera.source, config.camera)
     engine, gauge, guide, picture, missed = make_engine(config.track), EyeGauge(), None, _frame(config), 0
-    ask = f"Eyes {distance_mm:g} mm from the camera, look into it, keep still."
+    ask = f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still."
     try:
         if has_display():
             from lfpipe.render.calibration_window import CalibrationWindow
@@ -60,9 +60,9 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
                 continue
             for x, y in face.eyes_px.tolist() if face is not None else ():
                 _mark(picture, x, y)
-            state = f"eyes {gauge.median_px:.1f} px apart" if face is not None else "no face seen"
+            state = f"eyes {gauge.median_px:.1f} px apart" if face is not None else "no face detected"
             guide.enter = False
-            guide.step(picture, [ask, state, "Enter takes it, Esc ends"])
+            guide.step(picture, [ask, state, "Enter accepts, Esc cancels"])
             if guide.quit:
                 raise AGAIN
         return gauge.median_px
@@ -76,10 +76,10 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
 def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
     """Width of the card in px of a frame of config's size, from two clicks on a frozen frame.
 
-    Raises UserError without a screen, where the source ends before a frame is frozen, or the person ends it.
+    Raises UserError without a screen, if the source ends before a frame is frozen, or if the user cancels.
     """
     if not has_display():
-        raise UserError("--by card: no screen here, and a window to click in is needed", "run it in a desktop, or --by eyes")
+        raise UserError("--by card needs a screen for a window to click in", "run it on a desktop, or use --by eyes")
     source, picture, frozen = open_source(camera or config.camera.source, config.camera), _frame(config), False
     from lfpipe.render.calibration_window import CalibrationWindow
 
@@ -90,18 +90,18 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
                 guide.clicks.clear()
                 if source.read(picture) is None:
                     raise UserError(
-                        "the source ended before Enter was pressed", "a longer recording, one with ?loop=1, or a camera"
+                        "the source ended before Enter was pressed", "use a longer recording, ?loop=1, or a camera"
                     )
             if len(guide.clicks) > 2:
-                del guide.clicks[:-1]  # a third starts again
+                del guide.clicks[:-1]  # a third click starts again
             ends = list(guide.clicks)
             shown = picture.copy()
             for x, y in ends:
                 _mark(shown, x, y)
-            lines = [f"Card {distance_mm:g} mm from the camera, flat to it.", "Enter freezes the picture, Esc ends"]
+            lines = [f"Card {distance_mm:g} mm from the camera, facing it.", "Enter freezes the picture, Esc cancels"]
             width_px = 0.0
             if frozen and len(ends) < 2:
-                lines = [EDGES[len(ends)], "Esc ends"]
+                lines = [EDGES[len(ends)], "Esc cancels"]
             elif frozen:
                 (x0, y0), (x1, y1) = ends
                 width_px = math.hypot(x1 - x0, y1 - y0)
@@ -120,9 +120,9 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
 
 
 def by_leaning(config: Config, camera: str | None, eyes_mm: float) -> tuple[float, float]:
-    """(camera.above_mm, camera.tilt_deg) from a viewer who leans in and out before the middle of the screen, LEAN_FRAMES long.
+    """(camera.above_mm, camera.tilt_deg) from a viewer who leans in and out in front of the screen, for LEAN_FRAMES frames.
 
-    Raises UserError where no face is seen, they lean too little, or the person ends it.
+    Raises UserError if no face is detected, the viewer leans too little, or the user cancels.
     """
     source = open_source(camera or config.camera.source, config.camera)
     engine, guide, picture = make_engine(config.track), None, _frame(config)
@@ -140,7 +140,7 @@ def by_leaning(config: Config, camera: str | None, eyes_mm: float) -> tuple[floa
                 down_mm.append((float(face.eyes_px[:, 1].mean()) - middle) * eyes_mm / face.apart_px)
             if guide is not None:
                 ask = "Look straight at the middle of the screen, eyes level with it, and lean slowly in and out."
-                guide.step(picture, [ask, f"{len(depth_mm)} of {LEAN_FRAMES} frames, Esc ends"])
+                guide.step(picture, [ask, f"{len(depth_mm)} of {LEAN_FRAMES} frames, Esc cancels"])
                 if guide.quit:
                     raise AGAIN
         if not depth_mm:

@@ -1,4 +1,4 @@
-"""Reads a camera beside the window: small grey pictures with their stamps, and the newest one for people."""
+"""Reads a camera in parallel with the window: small grey pictures with stamps, and the newest picture for display."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOST_UNSTAMPED, UNSTAMPED_SHARE = 5, 0.1
 
 
 class CameraWatch(threading.Thread):
-    """A thread of its own. inset: the newest picture. failure: why it ended."""
+    """Runs in its own thread. inset: the newest picture. failure: why it ended."""
 
     def __init__(self, source: FrameSource, frame_px: tuple[int, int]) -> None:
         super().__init__(daemon=True)
@@ -40,7 +40,7 @@ class CameraWatch(threading.Thread):
                 self.failure = error
                 return
             if frame is None:
-                self.failure = UserError("the source ended", "a camera: a recording sees no screen")
+                self.failure = UserError("the source ended", "use a camera: a recording does not see this screen")
                 return
             if frame.stamp in (StampKind.SCHEDULED, StampKind.READ):
                 self._unstamped += 1

@@ -1,4 +1,4 @@
-"""Would `lfpipe up SCENE` run on this machine? One check a line, each with its remedy. Starts no camera, opens no window."""
+"""Checks whether `lfpipe up SCENE` would run on this machine, each check with its remedy. Starts no camera, opens no window."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from lfpipe.render.open_display import has_display
 from lfpipe.track import models
 
 NO_CAMERA = "plug one in, or use --camera demo, or a recording with --camera file:PATH; `lfpipe up --demo` needs none"
-SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with room
+SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with a margin
 
 
 @attrs.frozen
 class Check:
-    """ok is False where plain `lfpipe up SCENE` would stop; a remedy beside an ok says what would make things better."""
+    """ok is False if plain `lfpipe up SCENE` would fail. A remedy with ok = True suggests an improvement."""
 
     name: str
     ok: bool
@@ -43,14 +43,14 @@ def python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
 
 
 def opencv_distributions() -> list[str]:
-    """Installed distributions that put a `cv2` folder in place, as "name version"."""
+    """Installed distributions that provide `cv2`, as "name version"."""
     found = {((dist.name or "").lower(), dist.version) for dist in importlib.metadata.distributions()}
     return sorted(f"{name} {version}" for name, version in found if name.startswith("opencv-"))
 
 
 def opencv(distributions: list[str]) -> Check:
-    """cv2 can be imported, comes from one distribution, and which window system it brings."""
-    names = ", ".join(distributions) or "no distribution of its own"
+    """Whether cv2 can be imported, which distributions provide it, and its GUI backend."""
+    names = ", ".join(distributions) or "no distribution"
     reinstall = "pip uninstall -y " + " ".join(name.split()[0] for name in distributions)
     reinstall += " && pip install --no-deps opencv-contrib-python-headless"
     try:
@@ -61,16 +61,16 @@ def opencv(distributions: list[str]) -> Check:
         return Check("opencv", False, f"{names}: cv2 cannot be imported: {error}", reinstall)
     gui = next((line.split(":", 1)[1].strip() for line in build.splitlines() if line.strip().startswith("GUI:")), "?")
     if len(distributions) > 1:
-        doubled = f"{names}: {len(distributions)} in one folder, cv2 {cv2.__version__} won, GUI {gui}"
+        doubled = f"{names}: {len(distributions)} in one folder, cv2 {cv2.__version__} is in use, GUI {gui}"
         return Check("opencv", False, doubled, reinstall)
     return Check("opencv", True, f"{names}, GUI {gui}")
 
 
 def mediapipe() -> Check:
-    """The package, whose FaceMesh the engine of that name runs; tracking does without. It is not imported, which takes 1 s."""
+    """The optional package mediapipe, for track.engine = mediapipe. It is not imported, because that takes 1 s."""
     if models.package_folder() is None:
         detail = "not installed (it has wheels for Python 3.12 at most, and none for ARM Linux)"
-        return Check("mediapipe", True, f"{detail}; track.engine litert takes its place")
+        return Check("mediapipe", True, f"{detail}; track.engine litert is used instead")
     version = importlib.metadata.version("mediapipe")
     if version != models.VERSION:
         return Check("mediapipe", True, f"{version}: has no FaceMesh", f"pip install {models.PACKAGE}")
@@ -78,7 +78,7 @@ def mediapipe() -> Check:
 
 
 def face_networks() -> Check:
-    """The model files, or how they would be fetched."""
+    """The model files, or how they will be fetched."""
     found = [models.find_model(relative) for relative in models.SHA256]
     missing = models.missing_models()
     if not missing:
@@ -86,12 +86,12 @@ def face_networks() -> Check:
     names = ", ".join(Path(relative).name for relative in missing)
     by = [Path(command[0]).name for command in models.installers(Path())]
     if by:
-        return Check("models", True, f"not fetched yet: {names}; the first `lfpipe up` fetches them by {by[0]}", models.REMEDY)
-    return Check("models", False, f"missing: {names}; neither uv nor pip is here to fetch them", models.REMEDY)
+        return Check("models", True, f"not fetched yet: {names}; the first `lfpipe up` fetches them with {by[0]}", models.REMEDY)
+    return Check("models", False, f"missing: {names}; neither uv nor pip is installed to fetch them", models.REMEDY)
 
 
 def litert() -> Check:
-    """track.engine = litert: the runtime and the model file, run once."""
+    """track.engine = litert: runs the model once."""
     if importlib.util.find_spec("ai_edge_litert") is None:
         return Check("litert", False, "not installed", "pip install ai-edge-litert, or --set track.engine=mediapipe")
     from lfpipe.track.litert_engine import LitertEngine
@@ -106,17 +106,17 @@ def litert() -> Check:
 
 
 def sdl() -> Check:
-    """SDL's video driver and how a picture gets to the screen."""
+    """SDL's video driver and how it presents pictures."""
     if not has_display():
-        remedy = "run in a desktop, or use --display none or --display file:OUT.mkv; `lfpipe up --demo` needs none"
+        remedy = "run on a desktop, or use --display none or --display file:OUT.mkv; `lfpipe up --demo` needs none"
         return Check("display", False, "no screen here", remedy)
     try:
         from lfpipe.render import sdl
         from lfpipe.render.monitors import detect_monitors
 
         driver, monitors = detect_monitors()
-    except Exception as error:  # whatever keeps SDL from starting is what the person needs to read
-        remedy = "pip install pygame-ce (and no plain pygame), or use --display none"
+    except Exception as error:  # any error of SDL is what the user needs to read
+        remedy = "pip install pygame-ce (and uninstall pygame), or use --display none"
         return Check("display", False, f"SDL does not start: {error}", remedy)
     how = sdl.drawn_by(driver)
     listed = "; ".join(f"monitor {each}" for each in monitors)
@@ -124,20 +124,20 @@ def sdl() -> Check:
 
 
 def loop(own: config.Config, source: str) -> Check:
-    """render.loop_ms, and whether camera and monitor are those with which it was measured. source: of the frames."""
+    """render.loop_ms, and whether it was measured with this camera and monitor. source: of the frames."""
     measure = "`lfpipe calibrate --latency` measures it, with the camera turned to the screen"
     render = own.render
     if not render.loop_ms and not render.loop_measured:
-        return Check("loop", True, "the delay of camera and display was not measured: taken as 0", measure)
+        return Check("loop", True, "the delay of camera and display was not measured: assuming 0", measure)
     from lfpipe.render.loop_conditions import loop_doubt
     from lfpipe.render.monitors import detect_monitors
 
     try:
         doubt = loop_doubt(own, camera_name(source), detect_monitors()[1])
-    except Exception as error:  # no camera, no screen: others of these checks say more
+    except Exception as error:  # no camera or no screen: other checks report that
         doubt = str(error)
-    measured = f"{render.loop_ms:g} ms of camera and display ({render.loop_measured or 'typed in'})"
-    return Check("loop", True, f"{measured}; not trusted: {doubt}" if doubt else measured, measure if doubt else "")
+    measured = f"{render.loop_ms:g} ms delay of camera and display ({render.loop_measured or 'set by hand'})"
+    return Check("loop", True, f"{measured}; doubtful: {doubt}" if doubt else measured, measure if doubt else "")
 
 
 def settings() -> Check:
@@ -151,7 +151,7 @@ def settings() -> Check:
 
 
 def camera_checks(source: str, found: list[CameraDevice]) -> list[Check]:
-    """Every camera, the one that `lfpipe up` takes first. source: camera.source of the settings."""
+    """All cameras; `lfpipe up` uses the first. source: camera.source of the settings."""
     if source and not source.startswith("camera:"):
         return [Check("camera", True, f"camera.source is {source}"), *map(camera, found)]
     if not found:
@@ -161,7 +161,7 @@ def camera_checks(source: str, found: list[CameraDevice]) -> list[Check]:
 
 
 def camera(device: CameraDevice) -> Check:
-    """One camera with the formats it offers."""
+    """One camera with its formats."""
     name = f"{device.path} {device.name}".strip()
     try:
         offered = " ".join(known().asking(device.path, lambda opened: opened.fourccs()))
@@ -170,12 +170,12 @@ def camera(device: CameraDevice) -> Check:
     except OSError as error:
         if error.errno == errno.ENOTSUP:
             return Check("camera", True, f"{name}: formats are not known here")
-        return Check("camera", True, f"{name}: {error.strerror}", f"`fuser -v {device.path}` names who uses it")
-    return Check("camera", True, f"{name}: {offered or 'reports no formats'}")
+        return Check("camera", True, f"{name}: {error.strerror}", f"`fuser -v {device.path}` shows which program uses it")
+    return Check("camera", True, f"{name}: {offered or 'formats unknown'}")
 
 
 def shared_memory(need_bytes: int = SHM_NEED_BYTES) -> Check:
-    """Room for the rings."""
+    """Free shared memory for the rings."""
     remedy = memory.more_room(need_bytes)
     try:
         free, total = memory.room()
@@ -188,24 +188,24 @@ def shared_memory(need_bytes: int = SHM_NEED_BYTES) -> Check:
 def cores() -> Check:
     """Cores that this process may use."""
     count = len(usable_cores())
-    remedy = "" if count > 1 else "two cores are what it is made for; on one the rates will be lower"
+    remedy = "" if count > 1 else "use at least two cores; on one, the rates are lower"
     return Check("cores", True, str(count), remedy)
 
 
 def leftovers() -> Check:
-    """Segments of this user's whose session is dead, wherever its run directory is."""
+    """This user's segments whose session is dead, whatever its run directory."""
     from lfpipe.transport import segment
 
     found = dict(segment.abandoned())
     if not found:
         return Check("left over", True, "nothing")
     places = {str(run_dir.parent) for run_dir in found.values()}
-    remedy = f"`lfpipe up` removes them: with XDG_RUNTIME_DIR={' or '.join(sorted(places))}"
+    remedy = f"run `lfpipe up`, which removes them, with XDG_RUNTIME_DIR={' or '.join(sorted(places))}"
     return Check("left over", True, ", ".join(found), remedy)
 
 
 def checks() -> list[Check]:
-    """All of them, in the order in which a person would fix things."""
+    """All checks, in the order in which to fix problems."""
     own = settings()
     loaded = config.load() if own.ok else config.Config()
     source = loaded.camera.source

@@ -1,4 +1,4 @@
-"""One sampler for any number of viewers of the page, which works only while somebody looks."""
+"""One sampler for any number of viewers of the page. It works only while the page has viewers."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.histogram import MIDDLES_US
 
 PERIOD_S = 0.25
-COMMAND_S, LOAD_S = 2.0, 20.0  # an answer takes; a scene that is packed first goes on beyond
+COMMAND_S, LOAD_S = 2.0, 20.0  # timeouts of answers; packing a scene may take longer
 IDLE_S = 3.0
 PICTURES = ("camera", "picture")
-PICTURE_S = 0.2  # less than PERIOD_S: each sample has a new one
-RETRY_NS = SECOND_NS  # after there was none
-EDGES_MS = np.geomspace(0.05, 100.0, 34)  # of the page's histograms; below and above go into the outer bins
+PICTURE_S = 0.2  # less than PERIOD_S: each sample has a new picture
+RETRY_NS = SECOND_NS  # after no picture was available
+EDGES_MS = np.geomspace(0.05, 100.0, 34)  # of the page's histograms; the outer bins hold everything below and above
 _BIN = np.clip(np.searchsorted(EDGES_MS, MIDDLES_US / 1e3) - 1, 0, len(EDGES_MS) - 2)
 
 log = logging.getLogger(__name__)
@@ -87,7 +87,7 @@ def message(reading: Reading | None, settings: dict[str, Any]) -> dict[str, Any]
 
 @attrs.define
 class _Shot:
-    """A picture that all viewers share."""
+    """A picture shared by all viewers."""
 
     jpeg: bytes | None = None
     made_ns: int = 0
@@ -95,7 +95,7 @@ class _Shot:
 
 
 class Feed:
-    """For the coroutines of one event loop. It lets go of the session IDLE_S after the last call."""
+    """Belongs to one event loop. Releases the session IDLE_S after the last call."""
 
     def __init__(self, name: str) -> None:
         self.viewers = 0
@@ -107,7 +107,7 @@ class Feed:
         self._next: asyncio.Future[tuple[bytes, bytes]] | None = None  # the next sample: figures, pictures
 
     async def events(self, pictures: bool) -> AsyncGenerator[bytes]:
-        """Server-sent events, each time the newest sample, until the feed ends: figures as JSON, pictures as JPEG in base64."""
+        """Yields the newest sample as server-sent events until the feed ends: figures as JSON, pictures as JPEG in base64."""
         self.viewers += 1
         self._seers += pictures
         try:
@@ -123,7 +123,7 @@ class Feed:
             self._seers -= pictures
 
     async def picture(self, which: str) -> bytes | None:
-        """JPEG of one of PICTURES, as new as PICTURE_S for any number of viewers; None where there is none."""
+        """JPEG of one of PICTURES, at most PICTURE_S old; None if there is none."""
         self._touch()
         shot = self._shots[which]
         async with shot.lock:
@@ -131,22 +131,22 @@ class Feed:
                 try:
                     camera = which == "camera"
                     shot.jpeg = self._attachment.camera() if camera else await self._attachment.picture()
-                except (UserError, FileNotFoundError, ValueError):  # the session ended in this moment
+                except (UserError, FileNotFoundError, ValueError):  # the session has just ended
                     shot.jpeg = None
                 shot.made_ns = now_ns() + (0 if shot.jpeg else RETRY_NS)
             return shot.jpeg
 
     async def command(self, message: dict[str, Any]) -> dict[str, Any]:
-        """The session's answer. Raises UserError as ctl does."""
+        """Returns the session's answer. Raises UserError as ctl does."""
         return await self._remote.ask(message, LOAD_S if message["cmd"] == "load" else COMMAND_S)
 
     def reset(self) -> None:
-        """Histograms count from now on."""
+        """Resets the histograms."""
         self._touch()
         self._attachment.reset()
 
     async def end(self) -> None:
-        """Ends the streams and lets go of everything."""
+        """Ends the streams and releases everything."""
         self._ended = True
         self._wake.set()
         if self._sampler is not None:
@@ -170,7 +170,7 @@ class Feed:
                     continue
                 figures = message(await self._attachment.read(), self._attachment.settings())
                 pictures = [await self._event(which) for which in PICTURES if self._seers]
-            except Exception:  # a defect, or a session in pieces: the viewers read that there is none
+            except Exception:  # a defect, or a half-removed session: viewers see "no session"
                 log.exception("no sample of the session")
                 figures, pictures = message(None, {}), []
             self._tell(f"data: {json.dumps(figures)}\n\n".encode(), b"".join(pictures))

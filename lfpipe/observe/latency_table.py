@@ -35,7 +35,7 @@ def latency_table(state: dict[str, Any]) -> None:
     age = state["end_to_end"]
     if age["n"]:
         print(
-            "picture's age when presented, sensor to screen:\n"
+            "age of the picture when presented (sensor to screen):\n"
             f"  p50 {age['p50_ms']:.2f}, p95 {age['p95_ms']:.2f}, "
             f"p99 {age['p99_ms']:.2f}, max {age['max_ms']:.2f} ms over {age['n']} pictures"
         )

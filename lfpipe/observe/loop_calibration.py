@@ -1,4 +1,4 @@
-"""Measuring the delay of the loop: the window flips between black and white, the camera watches it, `loop_delay` compares."""
+"""Measures the delay of the loop. A window flips between black and white, the camera watches it, and `loop_delay` compares."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from lfpipe.render.open_display import has_display
 from lfpipe.render.screen_clock import ScreenClock
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns, sleep_until
 
-WINDOW_PX = (1600, 900)  # as large as the screen allows
-HOLDS = (3, 6)  # of a level, in refreshes of about STEP_HZ; its ends included
+WINDOW_PX = (1600, 900)  # limited by the screen
+HOLDS = (3, 6)  # of a level, in refreshes at about STEP_HZ, inclusive
 STEP_HZ = 60.0
-AIM_S = 60.0  # until the camera sees the window
+AIM_S = 60.0  # timeout for aiming the camera
 LOOK_S, LOOK_EVERY_S = 3.0, 1.5
-CLEAR_R = 0.4  # of the best pixel within LOOK_S: 0.3 is seen in pure noise
-MEASURE_S, MORE_S, MOST_S, GOOD_MS = 10.0, 3.0, 20.0, 0.7  # goes on until half the interval is that small
+CLEAR_R = 0.4  # of the best pixel within LOOK_S; pure noise reaches 0.3
+MEASURE_S, MORE_S, MOST_S, GOOD_MS = 10.0, 3.0, 20.0, 0.7  # ends early once half the interval is GOOD_MS
 EVENTS_NS = 4 * MS_NS
-ASK = "Turn the camera to this screen, or hold a mirror so that it sees it; the screen in the middle of its picture."
+ASK = "Turn the camera to this screen, or use a mirror, so that the screen is in the middle of its picture."
 AGAIN = UserError("nothing was measured", "start again when you are ready")
 
 
 def holds(rate_hz: float, seed: int = 1) -> Iterator[int]:
-    """How many refreshes each level is held, without end: 50 to 100 ms."""
+    """Yields endlessly the number of refreshes for which each level is held (50 to 100 ms)."""
     rng, step = np.random.default_rng(seed), max(1, round(rate_hz / STEP_HZ))
     while True:
         yield int(rng.integers(HOLDS[0], HOLDS[1] + 1)) * step
 
 
 def outlined(inset: NDArray[np.uint8], area: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """The camera's picture with a line round area."""
+    """The camera's picture with an outline around area."""
     drawn = inset.copy()
     if area is not None:
         mask = cv2.resize(area.astype(np.uint8), (inset.shape[1], inset.shape[0]), interpolation=cv2.INTER_NEAREST)
@@ -50,18 +50,18 @@ def outlined(inset: NDArray[np.uint8], area: NDArray[np.bool_] | None) -> NDArra
 
 
 def advice(area: NDArray[np.bool_]) -> str:
-    """How to move the camera so that the screen lies in the middle of its picture; empty where it does."""
+    """How to move the camera so that the screen is in the middle of its picture; "" if it already is."""
     place = float(np.nonzero(area)[0].mean() + 0.5) / len(area) - 0.5
-    return f"The screen is seen too {'high' if place < 0 else 'low'}: aim the camera at its middle." if abs(place) > SPAN else ""
+    return f"The screen is too {'high' if place < 0 else 'low'} in the picture: aim the camera at its middle." if abs(place) > SPAN else ""
 
 
 def measure_loop(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor]:
-    """The delay of the loop, and the monitor on which it was measured: 10 to 20 s once the camera sees the window.
+    """Returns the delay of the loop and the monitor on which it was measured. Takes 10 to 20 s once the camera sees the window.
 
-    Raises UserError without a screen, where `estimate` refuses, the camera fails, or the person ends it.
+    Raises UserError without a screen, if `estimate` refuses, if the camera fails, or if the user cancels.
     """
     if not has_display():
-        raise UserError("--latency: no screen here, and the camera must see a window", "run it in a desktop")
+        raise UserError("--latency needs a screen with a window for the camera to see", "run it on a desktop")
     watch = CameraWatch(open_source(camera or config.camera.source, config.camera), config.camera.frame_px)
     watch.start()
     try:
@@ -97,7 +97,7 @@ class _Guide:
     def measured(self) -> LoopDelay:
         """Waits until the camera sees the window, then measures."""
         began_ns = look_ns = now_ns()
-        found_ns, next_ns = 0, 0  # since when it is seen, and when to estimate
+        found_ns, next_ns = 0, 0  # since when the window is seen, and when to estimate next
         while True:
             t_ns = self._flip()
             if self._watch.failure is not None:
@@ -144,7 +144,7 @@ class _Guide:
         self._number += 1
         window.show(self._levels[self._number % 2])
         if not reported:
-            self._presented_ns[self._number] = t_ns  # as a session plans it where nobody reports blanks
+            self._presented_ns[self._number] = t_ns  # as a session plans it if no blanks are reported
         for answer in window.presented():
             if answer.t_ns:
                 clock.blank(answer.t_ns, answer.period_ns)
@@ -164,7 +164,7 @@ class _Guide:
         return estimate(attrs.evolve(recording, pictures=as_read(recording.pictures, self._camera)))
 
     def _area(self, since_ns: int) -> NDArray[np.bool_] | None:
-        """Where the camera sees the window, None where it does not."""
+        """The area where the camera sees the window, None if it does not."""
         recording = self._recording(since_ns)
         if len(recording.t_frame_ns) < LEAST_FRAMES / 2 or len(recording.t_flip_ns) < LEAST_FRAMES / 4:
             return None
@@ -175,6 +175,6 @@ class _Guide:
     def _say(self, area: NDArray[np.bool_] | None, since_s: float) -> None:
         state = ASK if area is None else advice(area)
         if since_s:
-            state = f"The screen is seen: measuring, {since_s:.0f} s of {MEASURE_S:.0f} to {MOST_S:.0f}. Keep still."
+            state = f"Screen detected. Measuring: {since_s:.0f} s of {MEASURE_S:.0f} to {MOST_S:.0f}. Keep still."
         inset = self._watch.inset
         self._window.overlay([state, "f full screen, q ends"], None if inset is None else outlined(inset, area))

@@ -1,4 +1,4 @@
-"""What a session does lately: rates, times and load over the last seconds, read from the status table and the system."""
+"""Rates, times and load of a session over the last seconds, from the status table and the operating system."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Counts = NDArray[np.int64]
 
 @attrs.frozen
 class Times:
-    """Durations of some window in ms; zeros where nothing was counted."""
+    """Durations within a window in ms; zeros if nothing was counted."""
 
     n: int = 0
     p50_ms: float = 0.0
@@ -59,10 +59,10 @@ class StageReading:
 
 @attrs.frozen(eq=False)
 class Reading:
-    """A session now. viewer: the word for who is before the screen. age: of the picture when presented, over the last seconds;
+    """A session now. viewer: state of the viewer, in a word. age: of the picture when presented, over the last seconds;
     worst: since the reset; age_now_ms: since the reading before, None where no picture was composed. horizon: how far ahead of
     the sensor's stamp the eyes are predicted. judder_percent: see `snapshot`. motion_to_photon: its latencies in words.
-    level: of quality, 0 for full, with the last there is and what it takes away in
+    level: of quality, 0 for full; lowest_level: the last one; level_words: what is reduced, in
     words. supervisor: (CPU %, RSS in MB)."""
 
     uptime_s: float
@@ -107,15 +107,15 @@ def times(counts: Counts) -> Times:
 
 
 class Meter:
-    """Reads a table at any pace; the window is what lies between the reading of WINDOW_S ago and now."""
+    """Reads a table at any pace. The window is the time between the reading of WINDOW_S ago and now."""
 
     def __init__(self, table: Table, started_ns: int, supervisor_pid: int) -> None:
         self._table, self._started_ns, self._supervisor_pid = table, started_ns, supervisor_pid
         self._past: deque[_Moment] = deque([self._moment()])
-        self._zero: _Moment | None = None  # None: from the start of the session
+        self._zero: _Moment | None = None  # None: count from the start of the session
 
     def reset(self) -> None:
-        """Worst times, histograms and drops count from now on; for this monitor alone."""
+        """Resets worst times, histograms and drops, for this monitor only."""
         self._past = deque([self._moment()])
         self._zero = self._past[0]
 
@@ -162,7 +162,7 @@ class Meter:
 
     @staticmethod
     def _cpu(now: _Moment, then: _Moment, pid: int) -> float:
-        """CPU of a process in % of a core; of one that began within the window, since it began."""
+        """CPU of a process in % of a core, over the window or since the process started."""
         spent_ns = now.cpu_ns.get(pid, 0) - then.cpu_ns.get(pid, 0)
         return max(0.0, 100.0 * spent_ns / max(now.t_ns - then.t_ns, 1))
 

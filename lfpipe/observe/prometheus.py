@@ -31,7 +31,7 @@ def buckets(record: NDArray[np.void]) -> tuple[list[tuple[str, float]], float]:
 
 
 class SessionCollector(Collector):
-    """A session by name, there or not: `lfpipe_up` says which."""
+    """A session by name, running or not: see `lfpipe_up`."""
 
     def __init__(self, name: str) -> None:
         self._follower = FollowingReader(name)
@@ -42,18 +42,18 @@ class SessionCollector(Collector):
         yield _one(GaugeMetricFamily("lfpipe_up", "1 while the session runs", labels=["session"]), session, watch is not None)
         if reading is None or watch is None:
             return
-        yield _one(GaugeMetricFamily("lfpipe_camera_hz", "frames a second", labels=["session"]), session, reading.camera_hz)
-        yield _one(GaugeMetricFamily("lfpipe_face", "1 while a face is seen", labels=["session"]), session, reading.face)
-        level = GaugeMetricFamily("lfpipe_quality_level", "levels of quality taken away, 0 for none", labels=["session"])
+        yield _one(GaugeMetricFamily("lfpipe_camera_hz", "frames per second", labels=["session"]), session, reading.camera_hz)
+        yield _one(GaugeMetricFamily("lfpipe_face", "1 while a face is detected", labels=["session"]), session, reading.face)
+        level = GaugeMetricFamily("lfpipe_quality_level", "level of quality, 0 for full quality", labels=["session"])
         yield _one(level, session, reading.level)
         labels = ["session", "stage"]
-        rate = GaugeMetricFamily("lfpipe_stage_hz", "outputs a second", labels=labels)
+        rate = GaugeMetricFamily("lfpipe_stage_hz", "outputs per second", labels=labels)
         drops = CounterMetricFamily("lfpipe_stage_dropped", "inputs never used", labels=labels)
         restarts = CounterMetricFamily("lfpipe_stage_restarts", "starts after the first", labels=labels)
-        cpu = GaugeMetricFamily("lfpipe_stage_cpu_ratio", "share of a core, last 10 s", labels=labels)
+        cpu = GaugeMetricFamily("lfpipe_stage_cpu_ratio", "fraction of a core over the last 10 s", labels=labels)
         nice = GaugeMetricFamily("lfpipe_stage_nice", "niceness", labels=labels)
-        cores = GaugeMetricFamily("lfpipe_stage_cores", "cores that it may run on", labels=labels)
-        left_out = CounterMetricFamily("lfpipe_stage_left_out", "inputs left out at a lowered quality", labels=labels)
+        cores = GaugeMetricFamily("lfpipe_stage_cores", "cores that the stage may run on", labels=labels)
+        left_out = CounterMetricFamily("lfpipe_stage_left_out", "inputs left out on purpose", labels=labels)
         memory = GaugeMetricFamily("lfpipe_stage_rss_bytes", "resident memory, shared pages included", labels=labels)
         spent = HistogramMetricFamily("lfpipe_stage_seconds", "time of one output", labels=[*labels, "part"])
         for stage in reading.stages:
@@ -98,21 +98,21 @@ class Metrics(Handler):
     """The metrics, open to anyone who reaches the port: numbers, no picture, no command."""
 
     def initialize(self, registry: CollectorRegistry, host: str) -> None:
-        """host: where the server is bound; on 127.0.0.1 no page of another site may read it."""
+        """host: where the server is bound. On 127.0.0.1, pages of other sites cannot read it."""
         self._registry, self._host = registry, host
 
     def refusal(self) -> str:
-        """Why this request is refused; empty if it is not."""
+        """The reason for refusing this request, or ""."""
         return "" if self._host != LOOPBACK or named(self.request.headers.get("Host", ""), self._host) else NOT_OURS
 
     async def get(self) -> None:
-        """Sends them in the format that the scraper prefers."""
+        """Sends the metrics in the format that the scraper prefers."""
         encode, kind = choose_encoder(self.request.headers.get("Accept", ""))
         await self.answer(encode(self._registry), kind)
 
 
 def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
-    """Serves the metrics of session `name` until Ctrl-C. Raises UserError where the port is taken."""
+    """Serves the metrics of session `name` until Ctrl-C. Raises UserError if the port is in use."""
     host, port = parse_address(address, "--prometheus")
     sockets = listen(host, port, "--prometheus")
     registry = CollectorRegistry(auto_describe=False)

@@ -1,4 +1,4 @@
-"""The terminal screen of `lfpipe monitor`, as one styled text: nothing here reads a session or a keyboard."""
+"""The terminal screen of `lfpipe monitor`, as one styled text. This module reads neither session nor keyboard."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ KEYS_LINE = "q quit  p pause  r reset  t trace  w warp  m mode  c recentre"
 
 @attrs.frozen
 class SessionActivity:
-    """What the session is set to do, from `hello`. method: render.method. trace: the file of a running timeline."""
+    """The session's settings, from `hello`. method: render.method. trace: the file of a running timeline."""
 
     method: str = ""
     anaglyph: str = ""
@@ -46,7 +46,7 @@ def bar(wait: float, busy: float, full: float, width: int) -> Text:
 
 
 def sparkline(values: list[float | None], width: int) -> str:
-    """The last `width` values between their least and largest; a dot where there was none."""
+    """The last `width` values, scaled to their range; a dot for a missing value."""
     shown = values[-width:]
     known = [value for value in shown if value is not None]
     if not known:
@@ -75,7 +75,7 @@ def _stage_line(stage: StageReading, full_ms: float, width: int) -> Text:
 
 
 class Screen:
-    """Keeps the history that the sparkline shows. session: its name."""
+    """Keeps the history for the sparkline. session: its name."""
 
     def __init__(self, session: str, history: int = 240) -> None:
         self._session = session
@@ -87,12 +87,12 @@ class Screen:
         self._ages.clear()
 
     def waiting(self) -> Text:
-        """What is shown while there is no session."""
+        """The screen without a session."""
         self._ages.clear()
         return Text.assemble(("lfpipe ", "bold"), (self._session, "bold"), "  no session; waiting for one (q quits)\n")
 
     def draw(self, reading: Reading, doing: SessionActivity, width: int) -> Text:
-        """The whole screen, at most width cells wide; made for 80, and readable from NARROWEST on."""
+        """The whole screen, at most width cells wide; designed for 80, readable from NARROWEST on."""
         self._ages.append(reading.age_now_ms)
         width = max(width - 1, NARROWEST)
         bar_width = max(4, width - 67)
@@ -123,7 +123,7 @@ class Screen:
             head.append("  PAUSED", "bold yellow")
         head.append("\n")
         if doing.method:
-            traced = f", tracing to {doing.trace}" if doing.trace else ""
+            traced = f", recording timeline {doing.trace}" if doing.trace else ""
             head.append(f"{doing.method} views, {doing.anaglyph} anaglyph, alpha {doing.alpha}{traced}\n", "dim")
         cores = ", ".join(placed(stage.name, stage.cpus, stage.nice) for stage in reading.stages if stage.cpus)
         head.append(f"cores {cores}; ", "dim")
@@ -140,7 +140,7 @@ class Screen:
         out.append(f"   worst {worst.max_ms:.1f} ms\n", "dim")
         ahead = reading.horizon
         if reading.judder_percent is not None:
-            out.append("judder            ", "bold").append(f"{reading.judder_percent:.2f} % of the refreshes so far\n")
+            out.append("judder            ", "bold").append(f"{reading.judder_percent:.2f} % of refreshes so far\n")
         out.append("eyes predicted by ", "bold")
         out.append(f"p50 {ahead.p50_ms:.1f}  p95 {ahead.p95_ms:.1f} ms\n" if ahead.n else "nothing yet\n")
         if reading.motion_to_photon:

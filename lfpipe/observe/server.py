@@ -1,4 +1,4 @@
-"""An HTTP server whose clients cannot exhaust it: Tornado, with limits on time, sizes and connections. One thread, no log."""
+"""An HTTP server that clients cannot exhaust: Tornado, with limits on time, sizes and connections. One thread, no log."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ READ_TIMEOUT_S = 10.0  # for the headers of a request, for its body, and between
 WRITE_TIMEOUT_S = 10.0  # for an answer, or a piece of a stream
 MAX_HEADER_BYTES = 16 * 1024
 MAX_BODY_BYTES = 64 * 1024
-SEND_BUFFER_BYTES = 64 * 1024  # of the kernel: a slow reader of a stream skips to the newest, and does not read the old first
-MAX_STRANGERS = 64  # connections that were not admitted yet; one more closes the oldest of them
-MAX_CONNECTIONS = 256  # connections that were admitted; one more is refused
+SEND_BUFFER_BYTES = 64 * 1024  # of the kernel; small, so that a slow reader of a stream skips to the newest data
+MAX_STRANGERS = 64  # connections not yet admitted; one more closes the oldest of them
+MAX_CONNECTIONS = 256  # admitted connections; one more is refused
 POLICY = "frame-ancestors 'none'; default-src 'self'; img-src 'self' data:; base-uri 'self'; form-action 'none'"
 HEADERS = {
     "Content-Security-Policy": POLICY,
@@ -39,14 +39,14 @@ log = logging.getLogger(__name__)
 
 
 class Connections:
-    """The open connections: strangers in their order of arrival, and those of which a request was admitted."""
+    """The open connections: strangers in order of arrival, and connections with an admitted request."""
 
     def __init__(self) -> None:
         self._strangers: dict[Any, None] = {}  # of IOStream
         self._admitted: set[Any] = set()
 
     def arrive(self, stream: Any) -> None:
-        """Counts a connection that waits for a request."""
+        """Adds a connection that waits for a request."""
         if stream not in self._admitted:
             self._strangers.setdefault(stream)
             if len(self._strangers) > MAX_STRANGERS:
@@ -55,7 +55,7 @@ class Connections:
                 oldest.close()
 
     def admit(self, stream: Any) -> bool:
-        """Keeps a connection out of the strangers. False where there are too many."""
+        """Moves a connection from the strangers to the admitted. False if there are too many."""
         if stream not in self._admitted and len(self._admitted) >= MAX_CONNECTIONS:
             return False
         self._strangers.pop(stream, None)
@@ -69,39 +69,39 @@ class Connections:
 
 
 class Server(HTTPServer):
-    """Tornado's server, bounded. Made inside a running event loop."""
+    """Tornado's server with limits. Must be created inside a running event loop."""
 
     def initialize(self, app: Application, connections: Connections) -> None:  # type: ignore[override]
-        """Takes the place of __init__, as Tornado wants it."""
+        """Tornado's replacement for __init__."""
         self._open = connections
         super().initialize(app, idle_connection_timeout=READ_TIMEOUT_S, body_timeout=READ_TIMEOUT_S,
                            max_header_size=MAX_HEADER_BYTES, max_body_size=MAX_BODY_BYTES)  # fmt: skip
 
     def start_request(self, server_conn: Any, request_conn: HTTPConnection) -> HTTPMessageDelegate:
-        """Tornado calls it where a connection begins to wait for a request."""
+        """Called by Tornado when a connection starts to wait for a request."""
         self._open.arrive(server_conn.stream)
         return super().start_request(server_conn, request_conn)
 
     def on_close(self, server_conn: Any) -> None:
-        """Tornado calls it where a connection has ended."""
+        """Called by Tornado when a connection has ended."""
         self._open.leave(server_conn.stream)
         super().on_close(server_conn)
 
 
 class Handler(RequestHandler):
-    """One request. Every answer carries HEADERS; errors are JSON; nothing that a client sends reaches a log."""
+    """One request. Every answer carries HEADERS; errors are JSON; nothing sent by a client reaches a log."""
 
     def set_default_headers(self) -> None:
-        """Tornado calls it for every answer, errors included."""
+        """Called by Tornado for every answer, errors included."""
         self.clear_header("Server")
         for name, value in HEADERS.items():
             self.set_header(name, value)
 
     def compute_etag(self) -> None:
-        """None: nothing is cached."""
+        """Returns None: nothing is cached."""
 
     def refusal(self) -> str:
-        """Why this request is answered with 403, or nothing."""
+        """The reason for answering with 403, or ""."""
         return ""
 
     def prepare(self) -> None:
@@ -119,22 +119,22 @@ class Handler(RequestHandler):
         self.write(json.dumps({"ok": False, "error": why or HTTPStatus(status_code).phrase.lower()}))
 
     def log_exception(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        """Logs what is a defect of ours, without the query of the address: it may hold the token."""
+        """Logs defects of this program, without the query of the address, which may contain the token."""
         if not isinstance(error, HTTPError | StreamClosedError):
             log.error("%s %s", self.request.method, self.request.path, exc_info=error)
 
     async def answer(self, body: bytes, kind: str, status: HTTPStatus = HTTPStatus.OK) -> None:
-        """Sends a whole answer; the connection of who does not read it is closed."""
+        """Sends a whole answer. Closes the connection of a client that does not read it."""
         self.set_status(status)
         self.set_header("Content-Type", kind)
         await self._sent(self.finish(body))
 
     async def answer_json(self, value: dict[str, Any], status: HTTPStatus = HTTPStatus.OK) -> None:
-        """The same for a JSON object."""
+        """Sends a JSON object."""
         await self.answer(json.dumps(value).encode(), "application/json", status)
 
     async def piece(self, data: bytes) -> bool:
-        """Sends a piece of a stream. False where nobody reads it any more."""
+        """Sends a piece of a stream. False if the client no longer reads it."""
         self.write(data)
         return await self._sent(self.flush())
 
@@ -152,7 +152,7 @@ class Handler(RequestHandler):
 
 
 class Missing(Handler):
-    """For an address that there is not."""
+    """Answers requests for unknown addresses."""
 
     def prepare(self) -> None:
         super().prepare()
@@ -160,12 +160,12 @@ class Missing(Handler):
 
 
 def listen(host: str, port: int, option: str) -> list[socket.socket]:
-    """Bound sockets, one for each address of host. Raises UserError, which names the option."""
+    """Bound sockets, one for each address of host. Raises UserError with the option's name."""
     try:
         bound = bind_sockets(port, host)
     except OSError as error:
         why = f"{option} {host}:{port}: {error.strerror or error}"
-        raise UserError(why, "another port, or 0 for a free one") from None
+        raise UserError(why, "use another port, or 0 for a free one") from None
     for each in bound:
         each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
     return bound

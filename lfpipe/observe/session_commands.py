@@ -1,4 +1,4 @@
-"""What a monitor asks of a session, over ctl like everybody: keys of the terminal, buttons of the page."""
+"""Commands of a monitor to a session, over ctl: keys of the terminal, buttons of the page."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ MAX_WAITING = 8  # commands of one monitor
 
 
 class SessionCommands:
-    """Commands to the session of that name, whichever has it at the moment. Every method raises UserError as ctl would."""
+    """Sends commands to the session that has this name at the time. Every method raises UserError as ctl would."""
 
     def __init__(self, name: str) -> None:
         self.name = name
 
     def ask(self, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:
-        """One command and its answer."""
+        """Sends one command and returns its answer."""
         return control.request(find(self.name).run_dir, message, timeout_s)
 
     def pause(self) -> str:
@@ -35,13 +35,13 @@ class SessionCommands:
         return "resumed" if paused else "paused: p resumes"
 
     def warp(self) -> str:
-        """Warped views off and on: nearest, or what suits the scene."""
+        """Toggles render.method between nearest and auto."""
         off = self.ask({"cmd": "hello"})["config"]["render"]["method"] == "nearest"
         self.ask({"cmd": "set", "set": {"render.method": "auto" if off else "nearest"}})
-        return "views: what suits the scene" if off else "views: the nearest stored one"
+        return "views: auto" if off else "views: nearest"
 
     def mode(self) -> str:
-        """The next way to give each eye its view."""
+        """Selects the next anaglyph mode."""
         now = self.ask({"cmd": "hello"})["config"]["render"]["anaglyph"]
         modes = choices("render.anaglyph")
         mode = modes[(modes.index(now) + 1) % len(modes)]
@@ -49,21 +49,21 @@ class SessionCommands:
         return f"mode: {mode}"
 
     def recentre(self) -> str:
-        """Where the viewer is now becomes the middle."""
+        """Makes the viewer's position the centre of the grid."""
         self.ask({"cmd": "recentre"})
         return "recentred"
 
     def trace(self) -> str:
-        """Starts a timeline, or ends the one that runs and leaves it where Perfetto can open it."""
+        """Starts a timeline, or ends the running one and converts it for Perfetto."""
         running = str(self.ask({"cmd": "hello"})["options"].get("timeline", ""))
         if running:
-            return f"trace: {finish_trace(self.ask, None)}"
+            return f"timeline: {finish_trace(self.ask, None)}"
         out = Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json")).resolve()
         self.ask({"cmd": "trace", "path": f"{out}.part"}, control.FILE_CHECK_TIMEOUT_S)
-        return "tracing: t ends it"
+        return "recording a timeline: t ends it"
 
     def press(self, key: str) -> str:
-        """What a key does, as one line for a person; nothing for a key that means nothing."""
+        """Runs the command of a key and returns one line for the user; "" for an unknown key."""
         actions: dict[str, Callable[[], str]] = {
             "p": self.pause, "w": self.warp, "m": self.mode, "c": self.recentre, "t": self.trace
         }  # fmt: skip
@@ -74,14 +74,14 @@ class SessionCommands:
 
 
 class AsyncSessionCommands:
-    """The same for coroutines: a thread of its own waits for the answers, to one command after the other."""
+    """SessionCommands for coroutines: one thread sends the commands in order and waits for the answers."""
 
     def __init__(self, name: str) -> None:
         self._commands, self._thread = SessionCommands(name), ThreadPoolExecutor(1, "lfpipe-ctl")
         self._waiting = 0
 
     async def ask(self, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:
-        """One command and its answer. Raises UserError as SessionCommands does, and where MAX_WAITING commands wait already."""
+        """Sends one command and returns its answer. Raises UserError like SessionCommands, or if MAX_WAITING commands wait."""
         if self._waiting >= MAX_WAITING:
             raise UserError("the monitor is busy with other commands", "try again in a second")
         self._waiting += 1
@@ -91,5 +91,5 @@ class AsyncSessionCommands:
             self._waiting -= 1
 
     def close(self) -> None:
-        """Waits for the command that is under way; the others are never sent."""
+        """Waits for the current command; discards the others."""
         self._thread.shutdown(cancel_futures=True)

@@ -1,4 +1,4 @@
-"""A reader's view of a running session: attaches to its status table, untracked and read-only, and leaves no trace."""
+"""Reads a running session: attaches to its status table untracked and read-only, without side effects."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lfpipe.transport.status import Table
 
 
 class Watch:
-    """One attachment. Raises UserError when the session ends meanwhile, and when its table is of another version."""
+    """One attachment. Raises UserError if the session ends meanwhile, or if its table has another version."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -41,7 +41,7 @@ class Watch:
         return self._table.rows
 
     def read(self) -> dict[str, Any]:
-        """The state now, see `snapshot`."""
+        """The current state, see `snapshot`."""
         return snapshot(self.session.name, self._table, self._started_ns)
 
     def living(self) -> bool:
@@ -56,7 +56,7 @@ class Watch:
         return found.st_ino, found.st_mtime_ns
 
     def close(self) -> None:
-        """Lets go of the table."""
+        """Releases the table."""
         self._table.close()
 
     def __enter__(self) -> Self:
@@ -67,14 +67,14 @@ class Watch:
 
 
 class FollowingReader:
-    """A watch that outlives its session: it lets go when that ends and takes hold of the next one of the same name."""
+    """A watch that outlives its session: it detaches when the session ends and attaches to the next one of the same name."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.watch: Watch | None = None
 
     def read(self) -> Reading | None:
-        """The session now, or None while there is none."""
+        """The current session, or None."""
         if self.watch is not None and not self.watch.living():
             self.close()
         if self.watch is None:
@@ -85,7 +85,7 @@ class FollowingReader:
         return self.watch.meter.read()
 
     def close(self) -> None:
-        """Lets go."""
+        """Detaches."""
         if self.watch is not None:
             self.watch.close()
             self.watch = None

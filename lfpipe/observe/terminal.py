@@ -21,24 +21,24 @@ from lfpipe.supervisor.snapshot import spans
 from lfpipe.transport.status import Table
 
 PERIOD_S = 0.25
-NOTE_S = 5.0  # how long the answer to a key is shown
+NOTE_S = 5.0  # display time of the answer to a key
 
 
 def run(name: str, once: bool, form: str) -> None:
-    """Shows the session of that name. form: "json", "csv" or "" for people. Raises UserError where none runs."""
+    """Shows the session of that name. form: "json", "csv" or "" for people. Raises UserError if it does not run."""
     if form or once:
         stream(name, once, form)
-    elif sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown"):  # those have no screen to draw on
-        session = find(name)  # at the start a name without a session is more likely a mistake
+    elif sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown"):  # dumb terminals cannot redraw
+        session = find(name)  # at the start, a missing session is probably a mistake
         with contextlib.suppress(FileNotFoundError):
-            Table(session.segment("status")).close()  # and a table of another version would never be shown
+            Table(session.segment("status")).close()  # fails here for a table of another version
         screen(name)
     else:
         stream(name, once, form, 1.0)
 
 
 def flat(state: dict[str, Any]) -> dict[str, Any]:
-    """A snapshot as one row: numbers under names with dots, without the maps in full."""
+    """A snapshot as one row: numbers by dotted names."""
     head = ("session", "uptime_s", "camera_fps", "camera_light", "viewer", "level", "level_words")
     row: dict[str, Any] = {key: state[key] for key in head}
     whole = ("end_to_end", "judder", "horizon", "motion_to_photon")
@@ -50,7 +50,7 @@ def flat(state: dict[str, Any]) -> dict[str, Any]:
 
 
 def stream(name: str, once: bool, form: str, period_s: float = PERIOD_S) -> None:
-    """Samples on stdout until the session ends."""
+    """Prints samples on stdout until the session ends."""
     with Watch(find(name)) as watch:
         head = True
         while True:
@@ -107,13 +107,13 @@ def screen(name: str) -> None:
                 if key == "r" and follower.watch is not None:
                     follower.watch.meter.reset()
                     picture.reset()
-                    picture.note, note_end = "counts from now on", time.monotonic() + NOTE_S
+                    picture.note, note_end = "counts reset", time.monotonic() + NOTE_S
                 elif key:
                     picture.note, note_end = remote.press(key), time.monotonic() + NOTE_S
 
 
 def session_activity(remote: SessionCommands) -> SessionActivity:
-    """What the session is set to do; empty where it does not answer."""
+    """The session's settings; empty if it does not answer."""
     try:
         return SessionActivity.of(remote.ask({"cmd": "hello"}, 0.5))
     except UserError:

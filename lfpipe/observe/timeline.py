@@ -1,7 +1,7 @@
 """The trace as Chrome trace-event JSON, which Perfetto and chrome://tracing open: a track per stage, arrows along a frame.
 
 Slices: capture from the sensor's stamp to the decoded frame, track from there to its eyes, render while a picture is composed,
-display until it is presented. The format is that of "Trace Event Format" (Google, 2016): complete events X, flows s, t and f,
+display until it is presented. Format: "Trace Event Format" (Google, 2016) with complete events X, flows s, t and f, and
 metadata M.
 """
 
@@ -19,11 +19,11 @@ from lfpipe.supervisor.process_table import CORE
 
 TRACKS = (*CORE, "display")
 PID = 1
-PLACE = "a file in a directory that you may write to, on a disk with room"
+PLACE = "name a file in a directory that you may write to, on a disk with free space"
 
 
 class _Track:
-    """Slices of one track, made not to overlap: a viewer nests those that do, and misleads."""
+    """Slices of one track, shortened so that they do not overlap: viewers would nest overlapping slices."""
 
     def __init__(self, name: str) -> None:
         self.name, self.tid, self._end_ns = name, TRACKS.index(name) + 1, 0
@@ -59,7 +59,7 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
             age_ms = (line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6
             put = display.slice(line["t_composed_ns"], line["t_presented_ns"], {**args, "age_ms": age_ms})
             made += [("" if shown else "t", drawn), ("" if shown else "f", put)]
-            shown = True  # a later picture of the same frame is a prediction from it: one arrow tells enough
+            shown = True  # later pictures of the same frame are predictions from it: one arrow is enough
         for kind, piece in made:
             yield piece
             if kind:  # an arrow is bound to the slice around its time
@@ -68,7 +68,7 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
 
 
 def check_out(out: Path) -> None:
-    """Raises UserError where a timeline could not be written to out; called before one is taken, and not when it is written."""
+    """Raises UserError if a timeline could not be written to out. Called before recording starts."""
     try:
         check_place(out)
     except OSError as error:
@@ -95,10 +95,10 @@ def convert(source: Path, out: Path) -> int:
 
 
 def finish_trace(ask: Callable[[dict[str, Any]], dict[str, Any]], out: Path | None) -> Path:
-    """Ends the timeline that a session writes, converts it and removes the raw lines; returns where it is.
+    """Ends the running timeline, converts it and removes the raw lines. Returns its path.
 
-    ask: sends the session a command. out: where to, None for where `start` said. Raises UserError where none runs, or out cannot
-    be written: the timeline then continues, or its raw lines stay.
+    ask: sends the session a command. out: the file, None for the one given at the start. Raises UserError if no timeline is
+    running, or if out cannot be written. In that case the timeline continues, or its raw lines are kept.
     """
     if out is not None:
         check_out(out)

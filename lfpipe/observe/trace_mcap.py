@@ -3,7 +3,7 @@
     /picture   lfpipe.Picture   the line of the trace
     /latency   lfpipe.Latency   ms of each stage, and the picture's age when presented
 
-Messages bear the time that the picture was presented, on CLOCK_MONOTONIC.
+The time of a message is when its picture was presented, on CLOCK_MONOTONIC.
 """
 
 from __future__ import annotations

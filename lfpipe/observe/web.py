@@ -26,14 +26,14 @@ COMMANDS = ("set", "pause", "resume", "recentre", "load", "reset")
 MAX_COMMAND_BYTES = 4096
 MAX_STREAMS = 32
 REFUSED = (
-    "<!doctype html><html lang=en><meta charset=utf-8><title>lfpipe monitor</title><h1>403: not without the token</h1><p>{}.</p>"
-    "<p>The address is new each time the monitor starts; once it is open, this browser keeps the token in a cookie.</p>"
+    "<!doctype html><html lang=en><meta charset=utf-8><title>lfpipe monitor</title><h1>403: token required</h1><p>{}.</p>"
+    "<p>The address changes each time the monitor starts. After you open it once, this browser keeps the token in a cookie.</p>"
 )
 
 
 @attrs.frozen
 class Site:
-    """What all handlers share. host, port: where the server is bound. files: name -> (bytes, media type)."""
+    """State shared by all handlers. host, port: where the server is bound. files: name -> (bytes, media type)."""
 
     host: str
     port: int
@@ -57,7 +57,7 @@ class Guarded(Handler):
         return site
 
     def refusal(self) -> str:
-        """Why this request is refused; empty if it is not."""
+        """The reason for refusing this request, or ""."""
         headers, host = self.request.headers, self.request.headers.get("Host", "")
         if not named(host, self.site.host) or not same_origin(headers.get("Origin"), host):
             return NOT_OURS
@@ -67,7 +67,7 @@ class Guarded(Handler):
 
 
 class Unknown(Missing, Guarded):
-    """An address that there is not: 403 without the token, else 404."""
+    """An unknown address: 403 without the token, else 404."""
 
 
 class File(Guarded):
@@ -84,9 +84,9 @@ class Page(Guarded):
     """The page itself."""
 
     async def get(self) -> None:
-        """Sends the page; with the token in the address, also the cookie that keeps it. The page then shows its address without.
+        """Sends the page. If the address contains the token, also sets the cookie; the page then hides the token.
 
-        Not by a redirect: browsers keep a SameSite=Strict cookie out of a redirect that a link elsewhere began.
+        This is not a redirect: browsers do not send a SameSite=Strict cookie on a redirect that began at a link elsewhere.
         """
         if self.get_query_arguments("token"):
             access = self.site.access
@@ -94,7 +94,7 @@ class Page(Guarded):
         await self.answer(*self.site.files["index.html"])
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
-        """Says to a person how to get in."""
+        """Explains to a person how to get access."""
         if status_code != HTTPStatus.FORBIDDEN:
             super().write_error(status_code, **kwargs)
             return
@@ -106,7 +106,7 @@ class Picture(Guarded):
     """The newest camera picture, or picture on the screen, as JPEG."""
 
     async def get(self, which: str) -> None:
-        """Sends it, or 503 where there is none yet. which: one of PICTURES."""
+        """Sends it, or 503 if there is none yet. which: one of PICTURES."""
         jpeg = await self.site.feed.picture(which)
         if jpeg is None:
             raise HTTPError(HTTPStatus.SERVICE_UNAVAILABLE, "no picture yet")
@@ -119,7 +119,7 @@ class Events(Guarded):
     async def get(self) -> None:
         """Sends the newest until the viewer leaves or reads too slowly."""
         if self.site.feed.viewers >= MAX_STREAMS:
-            raise HTTPError(HTTPStatus.SERVICE_UNAVAILABLE, f"{MAX_STREAMS} viewers already, no more are served")
+            raise HTTPError(HTTPStatus.SERVICE_UNAVAILABLE, f"the limit of {MAX_STREAMS} viewers is reached")
         self.set_header("Content-Type", "text/event-stream")
         pictures = "pictures" in parse_qs(self.request.query, keep_blank_values=True)
         async with aclosing(self.site.feed.events(pictures)) as events:
@@ -144,12 +144,12 @@ class Commands(Guarded):
     async def _done(self) -> dict[str, Any]:
         expected = f"a JSON map with cmd, one of {', '.join(COMMANDS)}"
         if self.request.headers.get("Content-Type", "").partition(";")[0].strip() != "application/json":
-            raise UserError("not sent as application/json", expected)
+            raise UserError("the command was not sent as application/json", expected)
         message = dict(json_fields(self.request.body, "the command", expected).values)
         if message.get("cmd") not in COMMANDS:
-            raise UserError("no command of the page", expected)
+            raise UserError("not a command of the page", expected)
         if message["cmd"] == "load" and set(message) != {"cmd", "at"}:
-            raise UserError("the page loads scenes of the playlist", "`lfpipe ctl load SCENE` loads any other")
+            raise UserError("the page loads only scenes of the playlist", "`lfpipe ctl load SCENE` loads any other")
         if message["cmd"] == "reset":
             self.site.feed.reset()
             return {"ok": True}
@@ -170,7 +170,7 @@ def _files(base: str) -> dict[str, tuple[bytes, str]]:
 
 
 def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
-    """Serves the page of session `name` on `[HOST]:PORT` until Ctrl-C. Raises UserError where the port is taken."""
+    """Serves the page of session `name` on `[HOST]:PORT` until Ctrl-C. Raises UserError if the port is in use."""
     host, port = parse_address(address, "--web")
     sockets, access = listen(host, port, "--web"), Access()
     site = Site(host, int(sockets[0].getsockname()[1]), Feed(name), access, _files(access.path))

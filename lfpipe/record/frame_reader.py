@@ -1,4 +1,4 @@
-"""The frames of a live session as a recorder wants them: in order, each as the JPEG that it came as, where there is one."""
+"""Reads the frames of a live session for a recorder: in order, as the source's own JPEGs if it delivers them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lfpipe.transport.ring import Stamp
 
 
 class FrameReader:
-    """width_px, height_px: of the frames as they will be stored, which is the source's own size where it delivers JPEGs."""
+    """width_px, height_px: of the stored frames; for JPEGs, the source's own size."""
 
     def __init__(self, context: Context) -> None:
         self._row, self._frames = context.row, context.input("frames")
@@ -29,12 +29,12 @@ class FrameReader:
             self.width_px, self.height_px = context.options.jpeg_px or (0, 0)
 
     def skip(self) -> None:
-        """What was published until now is not to be had, nor counted as lost, nor what comes before the first JPEG."""
+        """Frames published until now are neither recorded nor counted as lost. Nor are frames before the first JPEG."""
         self._frames.skip()
         self._begun = False
 
     def take(self, spare: Callable[[], NDArray[np.uint8]]) -> tuple[Stamp, NDArray[np.uint8] | bytes] | None:
-        """The next frame: its JPEG, or else its picture, copied into an array of `shape` that spare gives; None for none yet."""
+        """The next frame: its JPEG, or its picture copied to an array of `shape` from spare; None if there is no new frame."""
         while (peeked := self._frames.peek(in_order=True)) is not None:
             stamp, slot = peeked
             packet = self._packets.of(stamp) if self._packets else None
@@ -42,9 +42,9 @@ class FrameReader:
                 self._begun = True
                 return stamp, packet
             if self._packets is not None and self._packets.ended:
-                return None  # the recording is being stopped, and capture knows it already
+                return None  # the recording is being stopped; capture has already stopped sending JPEGs
             if self.shape[:2] != (self.height_px, self.width_px):
-                self._row["drops"] += self._begun  # scaled, it would be no frame of this recording
+                self._row["drops"] += self._begun  # it is scaled, so it does not fit this recording
                 continue
             picture = spare()
             np.copyto(picture, slot)

@@ -1,10 +1,10 @@
-"""Record: every frame, and what was tracked in it, to a folder on disk.
+"""Stage record: writes every frame, and optionally its tracked eyes, to a folder on disk.
 
-Reads: ring "frames", every slot in order; the ring of option "packets", the JPEGs they came as, where the source gives them; ring
-"eyes", in order too where option "record_eyes" is set.
-Writes: the sequence in the folder of option "record"; it ends when that option names it no more.
-Commands: stop. Asks: record (to end itself, where nothing can be written any more).
-Emits: notice (a recording ended, frames that were lost).
+Reads: ring "frames", every slot in order; the ring of option "packets", the source's JPEGs if it delivers them; ring
+"eyes", in order if option "record_eyes" is set.
+Writes: the sequence in the folder of option "record"; it ends when the option changes.
+Commands: stop. Asks: record (to end the recording, if writing fails).
+Emits: notice (end of a recording, lost frames).
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from lfpipe.transport.ring_ends import RingInput
 
 
 class Recorder:
-    """The main thread's side: takes frames and eyes, keeps the status row, says what goes wrong."""
+    """The main thread's part: reads frames and eyes, updates the status row, reports errors."""
 
     def __init__(self, context: Context, folder: Path) -> None:
-        """Raises OSError where nothing can be written."""
+        """Raises OSError if nothing can be written."""
         self._context, self._folder = context, folder
         anew = not (folder / MANIFEST).exists()
         self._lost_before = int(context.row["drops"]) if anew else 0
         self._frames, self._eyes = FrameReader(context), context.input("eyes")
         self._record = np.empty((), EYES_TYPE)
-        self._first: tuple[int, int] | None = None  # (epoch, source_seq) of the first frame taken
+        self._first: tuple[int, int] | None = None  # (epoch, source_seq) of the first recorded frame
         self._told = self._slow = False
         options, frames = context.options, self._frames
         more = {"versions": versions(), "config": to_dict(context.config)}
@@ -47,7 +47,7 @@ class Recorder:
             self._eyes.skip()
 
     def wait(self) -> bool:
-        """Waits for frames, or for room to put them; False once the recording must end."""
+        """Waits for frames, or for room to store them. False once the recording must end."""
         store, context = self._store, self._context
         if store.full:
             with store.room_fd() as fd:
@@ -57,7 +57,7 @@ class Recorder:
         return not context.stopping and context.options.record == str(self._folder)
 
     def take(self) -> None:
-        """Puts what has come into the hands of the store, as far as it has room."""
+        """Passes new frames and eyes to the store, as far as it has room."""
         store = self._store
         while not store.full and (taken := self._frames.take(store.spare)) is not None:
             store.put(*taken)
@@ -66,7 +66,7 @@ class Recorder:
             self._take_eyes(self._eyes)
 
     def _take_eyes(self, source: RingInput) -> None:
-        """Also where they are not recorded, so that no writer waits for us; those of frames before the first are left out."""
+        """Reads eyes even if they are not recorded, so that no writer waits. Eyes of frames before the first one are left out."""
         while (stamp := source.take(self._record, in_order=True)) is not None:
             if self._first is not None and (stamp.epoch, stamp.source_seq) >= self._first:
                 line: dict[str, Any] = {"source_seq": stamp.source_seq, "epoch": stamp.epoch, "t_sensor_ns": stamp.t_sensor_ns}
@@ -74,7 +74,7 @@ class Recorder:
                 self._store.put_eyes(json.dumps(line).encode() + b"\n")
 
     def report(self) -> None:
-        """Brings the status row up to date; says once why nothing more is recorded, and asks for the end."""
+        """Updates the status row. After an error, reports it once and requests the end of the recording."""
         context, store = self._context, self._store
         for done in store.results():
             if not done.kept:
@@ -90,12 +90,12 @@ class Recorder:
             context.row.set_busy("waiting for the disk" if self._slow else "")
         if store.failure and not self._told:
             self._told = True
-            ends = f"it ends with its frame {store.count - 1}" if store.count else "it ends before its first frame"
+            ends = f"its last frame is {store.count - 1}" if store.count else "no frame was recorded"
             context.emit("notice", text=f"recording {self._folder}: {store.failure}; {ends}")
             context.request("record", path="")
 
     def end(self) -> None:
-        """Stores what is still in the rings and in memory, and completes the sequence."""
+        """Stores the rest from rings and memory, and completes the sequence."""
         context, store = self._context, self._store
         with context.saving("writing the recording"):
             self.take()
@@ -112,7 +112,7 @@ class Recorder:
 
 
 def main(context: Context) -> None:
-    """Runs the stage until the stop."""
+    """Runs the stage until it is stopped."""
     folder = Path(context.options.record)
     try:
         recorder = Recorder(context, folder)
@@ -131,7 +131,7 @@ def main(context: Context) -> None:
 
 
 def _refused(context: Context, folder: Path, error: OSError) -> None:
-    """Nothing can be written from the start: says so, asks for its own end, and waits for it."""
+    """Handles a failure at the start: reports it, requests the end of the recording, and waits for it."""
     context.ready()
     context.emit("notice", text=f"recording {folder}: {error.strerror}; nothing is recorded")
     context.request("record", path="")

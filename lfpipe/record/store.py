@@ -1,4 +1,4 @@
-"""What a recorder writes to disk, by a thread of its own: the ring is emptied whatever the disk does."""
+"""Writes a recording to disk in a thread of its own, so that a slow disk does not block reading the ring."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.ring import Stamp
 
-ROOM_BYTES = 128 << 20  # frames that wait for their encoding: seconds, so that a slow disk costs no frame
-LOOK_NS = SECOND_NS  # how often the thread looks whether its folder is still there
-SLOW_NS = SECOND_NS // 2  # a disk that takes longer for a frame is a thing to report
+ROOM_BYTES = 128 << 20  # buffer of frames to encode: some seconds, so that a slow disk loses no frame
+LOOK_NS = SECOND_NS  # period of checks that the folder still exists
+SLOW_NS = SECOND_NS // 2  # a longer time per frame is reported
 
 Frame = NDArray[np.uint8] | bytes
 
 
 @attrs.frozen
 class Stored:
-    """What became of a frame. kept: it is in the recording; else its time stamp was not after that of the frame before."""
+    """The outcome of a frame. kept: it was recorded; otherwise its time stamp was not after the previous one."""
 
     stamp: Stamp
     t_taken_ns: int
@@ -38,13 +38,13 @@ class Stored:
 
 
 class Store:
-    """A packet is stored as it is; a picture as PNG while there is time, and as it stands once a quarter of the room is taken.
+    """Packets are stored unchanged. Pictures are stored as PNG, or raw if more than a quarter of the buffer is in use.
 
-    failure: why nothing more is stored, in words, "" while all is well. checksums, count: valid after `close`.
+    failure: why storing ended, in words; "" if it has not. checksums, count: valid after `close`.
     """
 
     def __init__(self, folder: Path, shape: tuple[int, ...], with_eyes: bool) -> None:
-        """Raises OSError where the files cannot be written."""
+        """Raises OSError if the files cannot be written."""
         self._folder, self._shape = folder, shape
         self._eyes = LineFile(folder / EYES) if with_eyes else None
         self._writer = PacketWriter(folder)
@@ -52,7 +52,7 @@ class Store:
         self._work: queue.SimpleQueue[tuple[Stamp, Frame, int] | bytes | None] = queue.SimpleQueue()
         self._done: queue.SimpleQueue[Stored] = queue.SimpleQueue()
         self._spare: list[NDArray[np.uint8]] = []
-        self._put = self._taken = 0  # frames; each is counted by one thread
+        self._put = self._taken = 0  # frame counts; each is written by one thread only
         self._last_ns, self._look_ns, self._busy_ns, self._hurry = 0, 0, 0, False
         self.failure = ""
         self._awaited = False
@@ -63,17 +63,17 @@ class Store:
 
     @property
     def count(self) -> int:
-        """Frames stored."""
+        """Number of stored frames."""
         return self._writer.count
 
     @property
     def full(self) -> bool:
-        """Whether another frame has no room now."""
+        """Whether the buffer is full."""
         return self._put - self._taken >= self._room
 
     @contextlib.contextmanager
     def room_fd(self) -> Iterator[int]:
-        """A descriptor that is readable as soon as there is room again."""
+        """A file descriptor that becomes readable when there is room again."""
         self._awaited = True
         if not self.full:
             self._room_out.send(b"x")  # meanwhile
@@ -84,12 +84,12 @@ class Store:
 
     @property
     def slow(self) -> bool:
-        """Whether the disk has kept the thread for SLOW_NS or more."""
+        """Whether the disk has blocked the thread for at least SLOW_NS."""
         busy_ns = self._busy_ns
         return bool(busy_ns) and now_ns() - busy_ns > SLOW_NS
 
     def spare(self) -> NDArray[np.uint8]:
-        """An array for a picture, of which `put` takes possession."""
+        """An array for a picture. `put` takes ownership of it."""
         return self._spare.pop() if self._spare else np.empty(self._shape, np.uint8)
 
     def put(self, stamp: Stamp, frame: Frame) -> None:
@@ -98,17 +98,17 @@ class Store:
         self._work.put((stamp, frame, now_ns()))
 
     def put_eyes(self, line: bytes) -> None:
-        """A line of JSON for the file of eyes."""
+        """Stores a line of JSON in the file of eyes."""
         self._work.put(line)
 
     def results(self) -> Iterator[Stored]:
-        """What became of frames since the last call."""
+        """The outcomes of frames since the last call."""
         while not self._done.empty():
             yield self._done.get()
 
     def _run(self) -> None:
-        # Gives way to what wakes up for a live picture. A lower priority would be wrong: held back with the interpreter's lock
-        # in its hand, this thread would keep the other one from the ring.
+        # Yields to threads that wake up for a live picture. A lower priority would be wrong: preempted while it holds the GIL,
+        # this thread would block the other one.
         yield_to_others()
         while (work := self._work.get()) is not None:
             self._busy_ns = now_ns()
@@ -118,7 +118,7 @@ class Store:
                     self._write(work)
             except OSError as error:
                 self.failure = str(error.strerror or error)
-            except Exception as error:  # whatever it is, the session continues without the recording
+            except Exception as error:  # the session continues without the recording
                 self.failure = f"{type(error).__name__}: {error}".rstrip(": ")
             self._busy_ns = 0
             if isinstance(work, tuple):
@@ -129,7 +129,7 @@ class Store:
                     self._room_out.send(b"x")
 
     def _look(self) -> None:
-        """Raises OSError where the files that are being written are no longer those in the folder."""
+        """Raises OSError if the files being written are no longer in the folder."""
         if self._busy_ns < self._look_ns:
             return
         self._look_ns = self._busy_ns + LOOK_NS
@@ -142,7 +142,7 @@ class Store:
                 self._eyes.append(work)
             return
         stamp, frame, t_taken_ns = work
-        kept = stamp.t_sensor_ns > self._last_ns  # a driver that repeats a stamp repeats a frame: it could not be replayed
+        kept = stamp.t_sensor_ns > self._last_ns  # a repeated stamp means a repeated frame, which could not be replayed
         if kept:
             hurry = self._hurry or self._put - self._taken > self._room // 4
             codec, data = ("jpeg", frame) if isinstance(frame, bytes) else encoded(frame, fast=hurry)
@@ -151,7 +151,7 @@ class Store:
         self._done.put(Stored(stamp, t_taken_ns, now_ns(), kept))
 
     def close(self) -> dict[str, str]:
-        """Waits until all is on disk, without compression from here on: a session that ends does not wait for long.
+        """Waits until everything is on disk. The rest is not compressed, so that a session ends quickly.
 
         Returns the checksums of the files that `PacketWriter` wrote.
         """

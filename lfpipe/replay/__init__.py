@@ -1,7 +1,7 @@
-"""Deterministic replay of recorded sequences, and the comparison with a reference.
+"""Deterministic replay of recorded sequences, and comparison with a reference.
 
-The package itself can be called: `lfpipe.replay(SEQ)` is `subprocess_run.replay`. A package and a function cannot share the name
-`lfpipe.replay` otherwise, for importing a module of the package puts it in the function's place.
+The package itself can be called: `lfpipe.replay(SEQ)` is `subprocess_run.replay`. Otherwise importing a module of the package
+would replace the function of the same name.
 """
 
 from __future__ import annotations

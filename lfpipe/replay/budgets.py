@@ -1,13 +1,13 @@
-"""Budgets of a replay: figures of its report that may not be left, from a TOML file.
+"""Budgets of a replay: limits on figures of its report, from a TOML file.
 
 [[budget]]
 figure = "counts.dropped.track"        # a number in report.json, by its dotted path
 most = 0                               # or least
-machine = "any"                        # for which machines the bound was set ...
+machine = "any"                        # the machines for which the limit was set ...
 
 [[budget]]
 figure = "latency.render.busy.p95_ms"
-over = "latency.track.busy.p95_ms"     # ... or a ratio to another figure, which no machine changes much;
+over = "latency.track.busy.p95_ms"     # ... or a ratio to another figure, nearly independent of the machine;
 most = 2.0                             # over = "reference" is the same figure of the reference
 """
 
@@ -25,7 +25,7 @@ from lfpipe.supervisor.process_table import NAMES
 
 FILE_BYTES = 128 << 10
 MAX_BUDGETS = 1000
-SHOWN = 5  # of what is wrong
+SHOWN = 5  # problems listed at most
 KEYS = {"figure", "over", "most", "least", "machine"}
 
 
@@ -45,8 +45,8 @@ def _number(value: Any) -> bool:
 
 
 def read_budgets(path: Path) -> list[Budget]:
-    """The budgets in path. Raises UserError that names every entry that is wrong."""
-    where, remedy = f"--budget {path}", "docs/replay.md shows one"
+    """The budgets in path. Raises UserError with every wrong entry."""
+    where, remedy = f"--budget {path}", "see the example in docs/replay.md"
     tree = parse_toml(read_text(path, FILE_BYTES, where, remedy), where, remedy)
     listed = set(tree) == {"budget"} and isinstance(tree["budget"], list)
     entries = Fields(tree, where, remedy).items("budget", MAX_BUDGETS) if listed else []
@@ -66,7 +66,7 @@ def read_budgets(path: Path) -> list[Budget]:
 
 def _budget(entry: Any, where: str) -> Budget:
     if not isinstance(entry, dict):
-        raise UserError(f"{where} is {shown(entry)}, not a table", "[[budget]]")
+        raise UserError(f"{where} is {shown(entry)}, not a table", "begin each entry with [[budget]]")
     strange = sorted(set(entry) - KEYS)
     if strange or not isinstance(entry.get("figure"), str):
         what = f"unknown key {shown(strange[0])}" if strange else "no figure"
@@ -74,32 +74,32 @@ def _budget(entry: Any, where: str) -> Budget:
     where = f"{where} ({entry['figure'][:80]})"
     bounds = {name: entry[name] for name in ("most", "least") if name in entry}
     if not bounds or not all(map(_number, bounds.values())):
-        raise UserError(f"{where}: needs a number as most or least", "for example most = 20")
+        raise UserError(f"{where}: needs a number as most or least", "for example: most = 20")
     words = {name: entry.get(name, "") for name in ("over", "machine")}
     if not all(isinstance(word, str) for word in words.values()) or bool(words["over"]) == bool(words["machine"]):
-        raise UserError(f"{where}: needs over or machine", 'machine = "any", or over = "reference"')
+        raise UserError(f"{where}: needs over or machine", 'add machine = "any", or over = "reference"')
     return Budget(entry["figure"], words["over"], bounds.get("most"), bounds.get("least"), words["machine"])
 
 
 def figure(report: dict[str, Any], path: str) -> float:
-    """The number at a dotted path. Raises UserError where there is none."""
+    """The number at a dotted path. Raises UserError if it does not exist."""
     value: Any = report
     for part in path.split("."):
         value = value.get(part) if isinstance(value, dict) else None
     if not _number(value):
         what = f"budget: {path[:200]} is not a figure of this report"
-        raise UserError(what, "report.json of `lfpipe replay --out` holds them all")
+        raise UserError(what, "report.json of `lfpipe replay --out` contains all figures")
     return float(value)
 
 
 def _stage(path: str) -> str:
-    """The stage that a figure is of, for the first word of what is said."""
+    """The stage that a figure belongs to; the first word of the message."""
     names = [part for part in path.split(".") if part in (*NAMES, "end_to_end")]
     return names[0] if names else "run"
 
 
 def broken(budgets: list[Budget], report: dict[str, Any], reference: dict[str, Any] | None) -> list[str]:
-    """A line for every budget that report breaks. Raises UserError for a figure that is not there."""
+    """One line per budget that report exceeds. Raises UserError for a missing figure."""
     lines = []
     for budget in budgets:
         value, unit = figure(report, budget.figure), f"on {budget.machine}" if budget.machine else f"x {budget.over}"
@@ -109,7 +109,7 @@ def broken(budgets: list[Budget], report: dict[str, Any], reference: dict[str, A
             whole = figure(reference, budget.figure) if reference and budget.over == "reference" else figure(report, budget.over)
             value = value / whole if whole else float("inf") if value else 0.0
         if budget.most is not None and value > budget.most:
-            lines.append(f"{_stage(budget.figure)}: {budget.figure} is {value:g}, {budget.most:g} at most ({unit})")
+            lines.append(f"{_stage(budget.figure)}: {budget.figure} is {value:g}, above the limit {budget.most:g} ({unit})")
         if budget.least is not None and value < budget.least:
-            lines.append(f"{_stage(budget.figure)}: {budget.figure} is {value:g}, {budget.least:g} at least ({unit})")
+            lines.append(f"{_stage(budget.figure)}: {budget.figure} is {value:g}, below the limit {budget.least:g} ({unit})")
     return lines

@@ -1,7 +1,7 @@
-"""A run against a reference: what differs first, where it comes from, and the pictures that show it.
+"""Compares a run with a reference: the first difference, its cause, and pictures that show it.
 
-With the same versions on the same kind of processor everything must be equal to the last bit. Otherwise numbers may differ as
-far as another rounding may take them (TOLERANCES), and pictures by what a person cannot see (LEAST_DB).
+With the same versions on the same kind of processor, everything must be equal to the last bit. Otherwise, numbers may differ by
+the effect of different rounding (TOLERANCES), and pictures by invisible amounts (LEAST_DB).
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ TOLERANCES = {  # name in the trace -> (absolute, relative), where versions diff
     "view": (0.01, 0.0),  # whole numbers, of method nearest, must then be equal
 }
 LEAST_DB = 50.0
-MOST_FIELDS = 20  # of one part, in the words for a person
-CAUSES = {  # in the order of the pipeline: what comes first caused what follows
+MOST_FIELDS = 20  # listed per part
+CAUSES = {  # in the order of the pipeline: an earlier difference causes the later ones
     "face": "tracking finds a face in other frames (lfpipe/track: engine, detector, choice of the face)",
     "eyes_raw": "the engine measures other eyes in the same frame (lfpipe/track: engine, region of interest, landmarks)",
     "eyes_filtered": "raw eyes are equal: the filter or its constants changed (track.filter, lfpipe/track/filters.py)",
@@ -71,7 +71,7 @@ class Difference:
 
 @attrs.frozen
 class Comparison:
-    """differences: empty where all is as it was. notes: what a person should know of how it was compared."""
+    """differences: empty if everything matches. notes: how the comparison was made, for people."""
 
     differences: list[Difference]
     notes: list[str]
@@ -82,19 +82,19 @@ _PART_OF = {"face": "eyes", "view": "views", "method": "views", "picture": "pict
 
 
 def check_reference(reference: Path, report: dict[str, Any]) -> None:
-    """Raises UserError where reference is of another sequence or scene than report: nothing could be learnt from it."""
+    """Raises UserError if reference has another sequence or scene than report: a comparison would be meaningless."""
     was = read_report(reference)
-    remedy = "the reference that belongs to it, or --update to make one"
+    remedy = "use the reference that belongs to it, or --update to make one"
     shape = ("name", "frames", "rows", "cols", "height_px", "width_px")
     for part, names in (("sequence", ("frames", "checksums")), ("scene", shape)):
         for name in names:
             if was[part][name] != report[part][name]:
                 before, now = was[part][name], report[part][name]
-                told = "" if isinstance(now, dict) else f": {name} {shown(before)} there, {shown(now)} here"
+                told = "" if isinstance(now, dict) else f": {name} {shown(before)} in the reference, {shown(now)} now"
                 raise UserError(f"{reference}: made with another {part}{told}", remedy)
     if was["counts"]["pictures"] > was["sequence"]["frames"]:
         told = f"{was['counts']['pictures']} pictures of {was['sequence']['frames']} frames"
-        raise UserError(f"{reference / REPORT}: {told}, one of each is expected", remedy)
+        raise UserError(f"{reference / REPORT}: {told}, expected one per frame", remedy)
 
 
 def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -124,7 +124,7 @@ def _equal(name: str, was: Line, now: Line, exact: bool) -> bool:
 
 
 class _Pictures:
-    """The pictures that a run kept, by their digests: the same digest is the same picture, whichever frame kept it."""
+    """The pictures that a run stored, by digest. Equal digests mean equal pictures, whatever the frame."""
 
     def __init__(self, folder: Path, lines: list[Line]) -> None:
         self._folder = folder / PICTURES
@@ -133,7 +133,7 @@ class _Pictures:
         self._kept: dict[str, Packet] = {by_seq[p.source_seq]: p for p in packets if p.source_seq in by_seq}
 
     def get(self, digest: str) -> NDArray[np.uint8] | None:
-        """Raises UserError where it is kept and damaged."""
+        """Raises UserError if the stored picture is damaged."""
         packet = self._kept.get(digest)
         if packet is None:
             return None
@@ -155,7 +155,7 @@ def likeness_db(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
 
 
 def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint8]) -> str:
-    """Both pictures and their difference, its largest step made white; returns where they are."""
+    """Saves both pictures and their difference (scaled so that the largest is white). Returns their folder."""
     out = folder / "difference"
     sides = {"reference": was, "now": now}
     if was.shape == now.shape:
@@ -167,14 +167,14 @@ def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint
             with replaced(out / f"frame_{frame:06d}_{name}.png", 0o644) as file:
                 file.write(encoded(picture, fast=False)[1])
     except OSError as error:
-        raise UserError(f"{out}: {reason(error)}", "a folder that you may write to, on a disk with room") from None
+        raise UserError(f"{out}: {reason(error)}", "name a folder that you may write to, on a disk with free space") from None
     return f"{out}/frame_{frame:06d}_*.png"
 
 
 def compare(reference: Path, folder: Path) -> Comparison:
-    """What differs between the reference and the run in folder. Saves the pictures that show it to folder/difference.
+    """Compares the reference with the run in folder. Saves the pictures that show differences to folder/difference.
 
-    Raises UserError where the reference cannot be read or is of another sequence or scene.
+    Raises UserError if the reference cannot be read or has another sequence or scene.
     """
     was, now = read_report(reference), read_report(folder)
     check_reference(reference, now)
@@ -183,7 +183,7 @@ def compare(reference: Path, folder: Path) -> Comparison:
     found += _fields("plan", was["plan"], now["plan"])
     if was["scene"] != now["scene"]:
         same_views = was["scene"]["views"] == now["scene"]["views"]
-        found.append(Difference("scene", "the same views in another order" if same_views else "its views hold other pictures"))
+        found.append(Difference("scene", "the same views in another order" if same_views else "the pictures of its views differ"))
     counted = ("frames", "pictures", "faces")
     a, b = ({key: report["counts"][key] for key in counted} for report in (was, now))
     found += _fields("counts", a, b)
@@ -199,7 +199,7 @@ def compare(reference: Path, folder: Path) -> Comparison:
 
 def _other_versions(was: dict[str, str], now: dict[str, str]) -> str:
     names = [name for name in sorted(was | now) if was.get(name) != now.get(name)]
-    return ", ".join(f"{name} {was.get(name)} in the reference, {now.get(name)} here" for name in names)
+    return ", ".join(f"{name} {was.get(name)} in the reference, {now.get(name)} now" for name in names)
 
 
 def _frames(
@@ -219,7 +219,7 @@ def _frames(
             part = _PART_OF.get(name, "eyes")
             first.setdefault(part, (now["source_seq"], name, was, now))
             counts[part] = counts.get(part, 0) + 1
-            break  # what follows in this frame follows from it
+            break  # later differences in this frame result from it
     found = []
     for part, (frame, name, was, now) in first.items():
         values = f"{name} {_told(was[name])} in the reference, {_told(now[name])} now"
@@ -250,10 +250,10 @@ def _drawn(
     if not wrong and len(pairs) == len(drawn):
         told = f"pictures: {len(drawn)} of {len(after)} digests differ, least PSNR {least_db:.1f} dB ({LEAST_DB:g} wanted)"
         return [], [told] if drawn else []
-    where = f"least PSNR {least_db:.1f} dB, see {_save(folder, *first)}" if first else "no picture of these frames was kept twice"
+    where = f"least PSNR {least_db:.1f} dB, see {_save(folder, *first)}" if first else "no frame has a stored picture in both"
     if wrong:
         was, now = drawn[0]
         what = f"digest {was['picture']} in the reference, {now['picture']} now; {CAUSES['picture']}"
         return [Difference("pictures", f"{what}; {len(drawn)} of {len(after)} frames; {where}", now["source_seq"])], []
-    what = f"{len(pairs)} of {len(after)} differ, after what stands above; {where}"
+    what = f"{len(pairs)} of {len(after)} differ, as a result of the differences above; {where}"
     return [Difference("pictures", what, pairs[0][1]["source_seq"])], []

@@ -1,4 +1,4 @@
-"""The outcome of a replay as JUnit XML, which every CI system shows: a test case per part of the comparison, one for budgets."""
+"""The outcome of a replay as JUnit XML, for CI systems: one test case per part of the comparison, one for budgets."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TEXT_CHARS = 20_000  # of one test case
 
 
 def cases_of(compared: bool, differences: Sequence[Difference], budgets: Sequence[str] | None) -> list[tuple[str, list[str]]]:
-    """(test case, its failures) of a replay that came to its end. budgets: the broken ones, None where none were asked for."""
+    """(test case, its failures) of a finished replay. budgets: the exceeded ones, None without --budget."""
     cases: list[tuple[str, list[str]]] = []
     if compared:
         cases += [(part, [str(each) for each in differences if each.part == part]) for part in PARTS]
@@ -24,9 +24,9 @@ def cases_of(compared: bool, differences: Sequence[Difference], budgets: Sequenc
 
 
 def write_junit(path: Path, name: str, cases: Sequence[tuple[str, list[str]]], error: str, seconds: float) -> None:
-    """name: of the sequence. error: why there is no outcome, "" where there is one, which stands in cases.
+    """name: of the sequence. error: why there is no outcome; "" if cases holds the outcome.
 
-    Raises UserError where path cannot be written; a file that was there then stays.
+    Raises UserError if path cannot be written; an existing file is then kept.
     """
     name = plain(name, 200)
     failed = sum(bool(said) for _, said in cases)
@@ -40,4 +40,4 @@ def write_junit(path: Path, name: str, cases: Sequence[tuple[str, list[str]]], e
         with replaced(path, 0o644) as file:
             ElementTree.ElementTree(suite).write(file, "utf-8", xml_declaration=True)
     except OSError as failure:
-        raise UserError(f"--junit {path}: {reason(failure)}", "a file in a directory that you may write to") from None
+        raise UserError(f"--junit {path}: {reason(failure)}", "name a file in a directory that you may write to") from None

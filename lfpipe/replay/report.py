@@ -1,4 +1,4 @@
-"""What came of a replay, as plain data: `report.json`."""
+"""The results of a replay as plain data: `report.json`."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ REPORT, TRACE = "report.json", "trace.jsonl"
 FILES = (REPORT, TRACE, PICTURES, f"{PICTURES}/{INDEX}", f"{PICTURES}/{PACKETS}")
 STEADY = ("step", "max")  # paces whose results do not depend on any clock
 REPORT_BYTES = 1 << 20
-WRITTEN = "a folder that `lfpipe replay --out` wrote; --update rewrites the reference"
+WRITTEN = "use a folder that `lfpipe replay --out` wrote; --update rewrites the reference"
 Line = dict[str, Any]
 
 
 def read_trace(folder: Path, steady: bool = True, most_lines: int = sys.maxsize) -> list[Line]:
     """The lines of the trace in folder. steady: of a pace whose lines carry filtered eyes and a picture's digest.
 
-    Raises UserError where it cannot be read, or has more lines than that.
+    Raises UserError if it cannot be read, or has more than most_lines lines.
     """
     found: list[Line] = []
     for fields in trace_lines(folder / TRACE, WRITTEN):
@@ -52,9 +52,9 @@ def read_trace(folder: Path, steady: bool = True, most_lines: int = sys.maxsize)
 
 
 def read_report(folder: Path) -> dict[str, Any]:
-    """The report in folder, in which everything that a comparison needs has its type.
+    """The report in folder. Everything that a comparison needs has been checked for its type.
 
-    Raises UserError where it is none, or of another version.
+    Raises UserError if it is not a report, or has another version.
     """
     check_links(folder, FILES)
     path = folder / REPORT
@@ -79,12 +79,12 @@ def read_report(folder: Path) -> dict[str, Any]:
 
 
 def write_report(folder: Path, report: dict[str, Any]) -> None:
-    """Raises UserError where it cannot be written."""
+    """Raises UserError if it cannot be written."""
     try:
         with replaced(folder / REPORT, 0o644) as file:
             file.write(json.dumps(report, indent=1).encode() + b"\n")
     except OSError as error:
-        raise UserError(f"{folder / REPORT}: {reason(error)}", "a folder that you may write to, on a disk with room") from None
+        raise UserError(f"{folder / REPORT}: {reason(error)}", "name a folder on a disk with free space") from None
 
 
 def pair(line: Line, name: str) -> tuple[float, ...]:
@@ -106,7 +106,7 @@ def digests(lines: list[Line]) -> dict[str, str]:
 
 
 def about_scene(field: LightField) -> dict[str, Any]:
-    """Name, shape, and digests of the views, as a set and in their order."""
+    """Name, shape, and digests of the views, both unordered and in order."""
     views = np.asarray(field.views)
     places = np.ndindex(field.frames, field.rows, field.cols)
     sums = [zlib.crc32(np.ascontiguousarray(views[place]).data) for place in places]
@@ -118,8 +118,8 @@ def about_scene(field: LightField) -> dict[str, Any]:
 def about_sequence(sequence: Sequence) -> dict[str, Any]:
     """Name, number of frames, checksums of frames and stamps, rate by the stamps.
 
-    A sequence that a program makes anew wherever it is needed says so under "made" in its manifest: its packets depend on the
-    version of the encoder, and it is known by that name instead.
+    A generated sequence has the name of its generator under "made" in its manifest. Its packets depend on the version of the
+    encoder, so it is identified by that name instead of checksums.
     """
     checksums = sequence.manifest.get("checksums", {})
     made = sequence.manifest.get("made")
@@ -137,7 +137,7 @@ def _quantiles_ms(values_ns: list[int]) -> dict[str, float]:
 
 
 def _truth_error(truth: Truth, lines: list[Line], shown_ns: list[int]) -> dict[str, Any]:
-    """raw: of what was measured, at the time of its frame. used: of what the picture was made for, when it is seen."""
+    """Errors of the measured eyes (raw, at the frame's time) and of the eyes used for the picture (used, when it is seen)."""
     first_ns = lines[0]["t_sensor_ns"]
     faces = [(line, t_ns) for line, t_ns in zip(lines, shown_ns, strict=True) if line["face"]]
     raw = [truth.error_px(tuple(line["eyes_raw"].values()), line["t_sensor_ns"] - first_ns) for line, _ in faces]
@@ -148,7 +148,7 @@ def _truth_error(truth: Truth, lines: list[Line], shown_ns: list[int]) -> dict[s
 def make_report(
     sequence: Sequence, field: LightField, config: Config, pace: str, folder: Path, final: dict[str, Any]
 ) -> dict[str, Any]:
-    """The report of a run whose trace lies in folder. final: the session's last snapshot. Keys as in docs/replay.md."""
+    """The report of a run whose trace is in folder. final: the session's last snapshot. Keys as in docs/replay.md."""
     from lfpipe.render.plan import make_plan
 
     steady = pace in STEADY

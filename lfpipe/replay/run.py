@@ -1,9 +1,9 @@
-"""Replay: the real stages fed with a recorded sequence, and what came of it as a folder.
+"""Runs the real stages on a recorded sequence and writes the results to a folder.
 
-step      every frame goes through every stage before the next one starts; eyes, views and pictures are a function of the
-          sequence, the scene and the configuration alone
-max       as fast as possible; nothing is lost, and the results are those of step
-recorded, HZ   in real time, on the clocks of a live session; what comes too late is dropped and counted
+step      every frame passes every stage before the next one starts; eyes, views and pictures depend only on the
+sequence, the scene and the configuration
+max       as fast as possible; nothing is lost, and the results equal those of step
+recorded, HZ   in real time, on the clocks of a live session; late frames are dropped and counted
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from lfpipe.sequence.index import COPY
 REFERENCE = (REPORT, TRACE, PICTURES)  # what a comparison reads
 NEW = ".new"  # a reference that is being written
 RESULTS = (REPORT, TRACE, "first.png", "last.png", "worst.png", PICTURES, "difference", NEW)
-PLACE = "a folder that you may write to, on a disk with room"
+PLACE = "name a folder that you may write to, on a disk with free space"
 
 
 class ReplayFailed(Exception):
-    """The stages did not come to the end of the sequence; the text says why."""
+    """The stages did not reach the end of the sequence; the text explains why."""
 
 
 def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -> Config:
-    """The configuration of a replay: the camera is the one that was recorded, all else is as the user has it now.
+    """The configuration of a replay: the recorded camera, and the user's current settings for everything else.
 
     Raises UserError for a wrong key or value.
     """
@@ -48,7 +48,7 @@ def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -
     recorded = sequence.manifest.get("config", {}).get("camera", {})
     camera = {f"camera.{key}": recorded[key] for key in ("focal_px", "fov_deg") if key in recorded}
     size = {"width_px": sequence.width_px, "height_px": sequence.height_px}
-    camera |= {f"camera.{key}": recorded.get(key, own) for key, own in size.items()}  # its JPEGs may have been scaled
+    camera |= {f"camera.{key}": recorded.get(key, own) for key, own in size.items()}  # because its JPEGs may have been scaled
     camera["camera.rate_hz"] = min(max(sequence.measured_hz, 0.1), 1000.0)
     try:
         return config_module.updated(config, {key: value for key, value in camera.items() if key not in named})
@@ -58,7 +58,7 @@ def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -
 
 
 def check_out(folder: Path) -> None:
-    """Makes folder where there is none. Raises UserError where it cannot be written to, or holds anything but results."""
+    """Creates folder if it does not exist. Raises UserError if it is not writable, or contains anything but results."""
     try:
         folder.mkdir(PRIVATE_FOLDER, parents=True, exist_ok=True)
         strange = sorted(path.name for path in folder.iterdir() if path.name not in RESULTS)
@@ -67,11 +67,11 @@ def check_out(folder: Path) -> None:
     except (OSError, ValueError) as error:
         raise UserError(f"{folder}: cannot be written: {reason(error)}", PLACE) from None
     if strange:
-        raise UserError(f"{folder}: holds {strange[0]}, which is not from a replay", "a new or an empty folder")
+        raise UserError(f"{folder}: contains {strange[0]}, which is not from a replay", "use a new or an empty folder")
 
 
 def clear_out(folder: Path, names: Sequence[str] = RESULTS) -> None:
-    """Removes the results of an earlier run from folder. Raises UserError where that cannot be."""
+    """Removes the results of an earlier run from folder. Raises UserError if that fails."""
     check_out(folder)
     try:
         for name in names:
@@ -85,9 +85,9 @@ def clear_out(folder: Path, names: Sequence[str] = RESULTS) -> None:
 
 
 def update_reference(reference: Path, folder: Path) -> None:
-    """Puts what a comparison reads of the run in folder into reference, in place of what is there.
+    """Replaces the contents of reference with those files of the run in folder that a comparison reads.
 
-    Raises UserError where there is no room for it; the reference then stays as it was.
+    Raises UserError if writing fails; the old reference is then kept.
     """
     new = reference / NEW
     clear_out(reference, (NEW,))
@@ -115,8 +115,8 @@ def replay(
 ) -> dict[str, Any]:
     """Runs sequence through the stages and writes trace, report and pictures to folder (see `clear_out`); returns the report.
 
-    pace: step, max, recorded or a rate in Hz. pictures: keep some to compare with. Raises UserError for what the user got wrong,
-    ReplayFailed where a stage fails.
+    pace: step, max, recorded or a rate in Hz. pictures: store some for comparison. Raises UserError for a user's mistake,
+    ReplayFailed if a stage fails.
     """
     from lfpipe.supervisor.outcome import SOURCE_ENDED
     from lfpipe.supervisor.supervisor import Supervisor
@@ -130,7 +130,7 @@ def replay(
         source=source,
         source_hz=float(pace) if pace not in ("step", "max", "recorded") else sequence.measured_hz,
         trace=str((folder / TRACE).resolve()),
-        tracking=True,  # for a scene of one view too: its eyes are compared
+        tracking=True,  # also for a scene of one view: its eyes are compared
         lossless=steady,
         lock_step=pace == "step",
         replay=output if steady else None,
@@ -144,7 +144,7 @@ def replay(
     report = make_report(sequence, field, config, pace, folder, outcome.final)
     restarted = [name for name, count in report["counts"]["restarts"].items() if count]
     if restarted:
-        raise ReplayFailed(f"{', '.join(restarted)} failed on the way and had to be started again")
+        raise ReplayFailed(f"{', '.join(restarted)} failed during the replay and had to be restarted")
     if steady and report["counts"]["pictures"] != len(sequence.packets):
         raise ReplayFailed(f"{report['counts']['pictures']} pictures of {len(sequence.packets)} frames: a stage lost some")
     write_report(folder, report)

@@ -1,4 +1,4 @@
-"""A recorded sequence through the real stages, from a program: a process of its own runs them."""
+"""Replay of a recorded sequence from a program, in a process of its own."""
 
 from __future__ import annotations
 
@@ -25,9 +25,8 @@ def replay(
 ) -> dict[str, Any]:
     """Runs `lfpipe replay` on a recorded sequence and returns its report, the contents of report.json (docs/replay.md).
 
-    scene: the demo's without one. pace: step, max, recorded or a rate in Hz. out: a folder that keeps report, trace and pictures.
-    settings: as `--set`, over
-    those of the user's file. Raises lfpipe.UserError where the command refuses or fails.
+    scene: None for the demo's. pace: step, max, recorded or a rate in Hz. out: folder for report, trace and pictures.
+    settings: as `--set`; they override the user's file. Raises lfpipe.UserError if the command refuses or fails.
     """
     updated(Config(), settings or {})
     with tempfile.TemporaryDirectory(prefix="lfpipe-replay-") as folder:
@@ -38,7 +37,7 @@ def replay(
             words += ["--set", f"{key}={json.dumps(value)}"]
         done = subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)
         if done.returncode != 0:
-            message, _, remedy = (done.stderr.strip() or "it was ended").removeprefix("error: ").partition("\n  remedy: ")
+            message, _, remedy = (done.stderr.strip() or "it was killed").removeprefix("error: ").partition("\n  remedy: ")
             raise UserError(message, remedy)
         report: dict[str, Any] = json.loads((kept / "report.json").read_text())
         return report

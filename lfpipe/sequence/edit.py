@@ -1,6 +1,6 @@
-"""New sequences from what is there: a part of one, a video; and a sequence as a plain video with a table.
+"""Makes sequences from a part of a sequence or from a video, and exports a sequence as a plain video with a table.
 
-Whatever goes wrong on the way, what was there before stays as it is, and half of something new does not stay at all.
+If anything fails, existing files are unchanged and unfinished new files are removed.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ MAX_PX = 1e9
 
 
 def eyes_lines(sequence: Sequence) -> Iterator[dict[str, Any]]:
-    """What was tracked while it was recorded; nothing where that was not asked for. A line that was cut off is left out.
+    """The eyes that were tracked during recording, if any. A cut-off last line is ignored.
 
-    Raises UserError that names a line that is wrong.
+    Raises UserError with the wrong line.
     """
     path = sequence.path / EYES
     if not os.path.lexists(path):
@@ -52,7 +52,7 @@ def eyes_lines(sequence: Sequence) -> Iterator[dict[str, Any]]:
 
 
 def check_eyes(fields: Fields) -> dict[str, Any]:
-    """A line of eyes.jsonl. Raises UserError where a value is wrong."""
+    """A line of eyes.jsonl. Raises UserError if a value is wrong."""
     fields.integer("source_seq", 0, 1 << 62)
     fields.integer("face", 0, 1)
     for name in POINTS:
@@ -64,15 +64,15 @@ def check_eyes(fields: Fields) -> dict[str, Any]:
 
 
 def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
-    """Frames from begin_s up to, not including, end_s after the first one, as a sequence of their own; packets stay as they are.
+    """Copies the frames from begin_s to end_s (exclusive) after the first one to a new sequence. Packets are copied unchanged.
 
-    Returns how many. Raises UserError where there are none, or out cannot be made.
+    Returns the number of frames. Raises UserError if there are none, or if out cannot be created.
     """
     first_ns = sequence.packets[0].t_sensor_ns
     times = (p.t_sensor_ns - first_ns for p in sequence.packets)
     chosen = [seq for seq, t_ns in enumerate(times) if begin_s * 1e9 <= t_ns < end_s * 1e9]
     if not chosen:
-        raise UserError(f"no frame from {begin_s:g} s to {end_s:g} s", f"{sequence.path} lasts {sequence.duration_s:.3f} s")
+        raise UserError(f"no frame from {begin_s:g} s to {end_s:g} s", f"choose times within {sequence.duration_s:.3f} s, the length of {sequence.path}")
     about = {key: value for key, value in sequence.manifest.items() if key in ("versions", "config", "cut_from")}
     about["cut_from"] = {"name": plain(sequence.path.name, 255), "begin_s": begin_s, "end_s": min(end_s, sequence.duration_s)}
     source = str(sequence.manifest.get("source", ""))
@@ -116,20 +116,20 @@ def _cut_truth(path: Path, out: Path, start: int, count: int) -> None:
 
 
 def from_video(video: Path, out: Path, truth: Path | None = None) -> int:
-    """A video as a sequence at its own rate: the packets of Motion JPEG unchanged, frames of anything else as PNG.
+    """Converts a video to a sequence at its own rate: packets of Motion JPEG unchanged, frames of other codecs as PNG.
 
-    video: one that was examined (`lfpipe.scene.video.examine`), for a decoder believes what a stream claims. truth: a table as
-    of tools/make_sequence.py. Returns the number of frames. Raises UserError where video cannot be read.
+    video: must have passed `lfpipe.scene.video.examine`, because a decoder trusts the claims of a stream. truth: a table as
+    written by tools/make_sequence.py. Returns the number of frames. Raises UserError if video cannot be read.
     """
     if truth is not None:
         table_of(truth)
     try:
         file = open_regular(video)
     except OSError as error:
-        raise UserError(f"{video}: cannot be read: {reason(error)}", "a video file") from None
+        raise UserError(f"{video}: cannot be read: {reason(error)}", "name a video file") from None
     with file:
-        if not is_video(file.read(12)):  # FFmpeg would look for a picture or a list of files in it, however long that takes
-            raise UserError(f"{video}: not a readable video", "MP4, QuickTime, Matroska, WebM or AVI")
+        if not is_video(file.read(12)):  # FFmpeg would probe for other formats, without a time limit
+            raise UserError(f"{video}: not a readable video", "use MP4, QuickTime, Matroska, WebM or AVI")
         capture = cv2.VideoCapture(path_of(file), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
         try:
             return _taken_over(capture, video, out, truth)
@@ -145,17 +145,17 @@ def _taken_over(capture: cv2.VideoCapture, video: Path, out: Path, truth: Path |
     if not codec or not 0.01 <= rate_hz <= 1000 or width_px < 1 or height_px < 1:
         raise UserError(f"{video}: not a readable video", "give a video with a frame rate (avi, mkv, mp4, ...)")
     if width_px * height_px > MAX_PIXELS:
-        raise UserError(f"{video}: its frames have {width_px}x{height_px}, {MAX_PIXELS} px at most are read", "a smaller video")
+        raise UserError(f"{video}: its frames have {width_px}x{height_px}; at most {MAX_PIXELS} px are allowed", "scale it down")
     if jpeg:
-        capture.set(cv2.CAP_PROP_FORMAT, -1)  # packets as they are in the file
+        capture.set(cv2.CAP_PROP_FORMAT, -1)  # return packets without decoding
     with new_folder(out):
         manifest = begin_manifest(out, f"file:{video.name}", width_px, height_px, rate_hz, versions=versions())
         writer = PacketWriter(out)
         while (taken := capture.read())[0]:
             frame = np.asarray(taken[1], np.uint8)
             if not jpeg and frame.shape != (height_px, width_px, 3):
-                what = f"{frame.shape[1]}x{frame.shape[0]} px, the first one {width_px}x{height_px}"
-                raise UserError(f"{video}: frame {writer.count} has {what}", "a video of one size")
+                what = f"{frame.shape[1]}x{frame.shape[0]} px, the first frame {width_px}x{height_px}"
+                raise UserError(f"{video}: frame {writer.count} has {what}", "use a video with frames of one size")
             kind, data = ("jpeg", frame.tobytes()) if jpeg else encoded(frame, fast=False)
             t_ns = round(writer.count * 1e9 / rate_hz)
             packet = writer.append(data, kind, writer.count, 0, t_ns, t_ns)
@@ -163,7 +163,7 @@ def _taken_over(capture: cv2.VideoCapture, video: Path, out: Path, truth: Path |
                 decoded(packet, data, width_px, height_px, video)
         writer.close()
         if not writer.count:
-            raise UserError(f"{video}: holds no readable frame", "another video, or the same one fetched again")
+            raise UserError(f"{video}: contains no readable frame", "use another video, or download it again")
         if truth is not None:
             with create_private(out / TRUTH) as file, open_regular(truth) as table:
                 shutil.copyfileobj(table, file)
@@ -172,12 +172,12 @@ def _taken_over(capture: cv2.VideoCapture, video: Path, out: Path, truth: Path |
 
 
 def export(sequence: Sequence, video: Path) -> Path:
-    """A lossless video (HuffYUV) at the even rate of the sequence; beside it a CSV of exact stamps, and of eyes where known.
+    """Writes a lossless video (HuffYUV) at a constant rate, and next to it a CSV of exact stamps, and of eyes if known.
 
-    Returns the path of the CSV. Raises UserError where they cannot be written, or are there already.
+    Returns the path of the CSV. Raises UserError if they cannot be written or already exist.
     """
     if video.suffix.lower() not in (".mkv", ".avi"):
-        raise UserError(f"{video}: not .mkv or .avi", "for example walk.mkv; both hold RGB without loss")
+        raise UserError(f"{video}: not .mkv or .avi", "use for example walk.mkv; both store RGB without loss")
     opencv_name(video)
     table = video.with_suffix(".csv")
     made: list[Path] = []
@@ -191,9 +191,9 @@ def export(sequence: Sequence, video: Path) -> Path:
         for path in made:
             path.unlink(missing_ok=True)
         if isinstance(error, FileExistsError):
-            raise UserError(f"{error.filename}: already exists", "another name; nothing is ever overwritten") from None
+            raise UserError(f"{error.filename}: already exists", "use another name; nothing is overwritten") from None
         if isinstance(error, OSError):
-            remedy = "a directory that you may write to, with room"
+            remedy = "use a directory that you may write to, on a disk with free space"
             raise UserError(f"{error.filename or video}: {reason(error)}", remedy) from None
         raise
     return table
@@ -214,13 +214,13 @@ def _write_table(sequence: Sequence, path: Path) -> None:
 
 
 def _write_video(sequence: Sequence, path: Path) -> None:
-    """Raises UserError where it cannot be made, OSError where its end is missing: FFmpeg does not say that the disk is full."""
+    """Raises UserError if it cannot be created, OSError if its end is missing: FFmpeg does not report a full disk."""
     size = sequence.width_px, sequence.height_px
     where = opencv_name(path.absolute())
     writer = cv2.VideoWriter(where, cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"HFYU"), sequence.measured_hz, size)
     if not writer.isOpened():
         what = f"{size[0]}x{size[1]} at {sequence.measured_hz:g} Hz"
-        raise UserError(f"{path}: no video of {what} can be written", "another SEQ")
+        raise UserError(f"{path}: cannot write a video of {what}", "export another SEQ")
     for packet in sequence.packets:
         writer.write(sequence.frame(packet.seq))
     writer.release()

@@ -1,9 +1,9 @@
-"""A recorded sequence: a folder with manifest.json, the packets of the frames, and what was known beside them.
+"""A recorded sequence: a folder with manifest.json, the packets of the frames, and further data about them.
 
 manifest.json  format, version, source, size, rate, versions, config; at its end also frames and checksums (sha256)
 frames.bin, frames.jsonl   see lfpipe.sequence.packets
-eyes.jsonl     what was tracked while recording, where that was asked for
-truth.csv      where the eyes really are, of a made sequence: source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
+eyes.jsonl     eyes tracked during recording, if requested
+truth.csv      true eyes of a generated sequence: source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FORMAT, VERSION = "lfpipe-sequence", 1
 MANIFEST, EYES, TRUTH = "manifest.json", "eyes.jsonl", "truth.csv"
 FILES = (PACKETS, INDEX, EYES, TRUTH)
 MANIFEST_BYTES = 1 << 18
-BESIDE_BYTES = 4096  # of EYES and TRUTH, a frame
+BESIDE_BYTES = 4096  # of EYES and TRUTH, per frame
 MOST_HZ = 100_000.0
 
 
@@ -50,35 +50,35 @@ def checksum(path: Path) -> str:
 
 
 def check_out(path: Path) -> None:
-    """Makes the empty folder of a new sequence, for its owner alone: frames show a person.
+    """Creates the empty folder of a new sequence, private to its owner: frames show a person.
 
-    Raises UserError where that cannot be, or something is there.
+    Raises UserError if that fails, or if path exists.
     """
     try:
         path.mkdir(PRIVATE_FOLDER, parents=True)
     except FileExistsError:
-        raise UserError(f"{path}: already exists", "another name; nothing is ever overwritten") from None
+        raise UserError(f"{path}: already exists", "use another name; nothing is overwritten") from None
     except (OSError, ValueError) as error:
-        raise UserError(f"{path}: {reason(error)}", "a folder in a directory that you may write to") from None
+        raise UserError(f"{path}: {reason(error)}", "name a folder in a directory that you may write to") from None
 
 
 @contextlib.contextmanager
 def new_folder(path: Path) -> Iterator[None]:
-    """`check_out`, and no folder where what is to be written into it fails. Raises UserError where there is no room for it."""
+    """`check_out`; removes the folder again if the body fails. Raises UserError if the disk is full."""
     check_out(path)
     try:
         yield
     except BaseException as error:
         shutil.rmtree(path, ignore_errors=True)
         if isinstance(error, OSError):
-            raise UserError(f"{path}: {reason(error)}; nothing was written", "a disk with room for it") from None
+            raise UserError(f"{path}: {reason(error)}; nothing was written", "use a disk with enough free space") from None
         raise
 
 
 def begin_manifest(path: Path, source: str, width_px: int, height_px: int, rate_hz: float, **more: Any) -> dict[str, Any]:
-    """Writes the manifest of a sequence that is still to be recorded, and returns it. more: versions, config.
+    """Writes the manifest of a sequence before recording starts, and returns it. more: versions, config.
 
-    Raises OSError where there is no room.
+    Raises OSError if the disk is full.
     """
     created = time.strftime("%Y-%m-%dT%H:%M:%S%z")
     about = {"source": plain(source, 4096), "width_px": width_px, "height_px": height_px, "rate_hz": rate_hz}
@@ -88,9 +88,9 @@ def begin_manifest(path: Path, source: str, width_px: int, height_px: int, rate_
 
 
 def end_manifest(path: Path, manifest: dict[str, Any], frames: int, checksums: dict[str, str]) -> None:
-    """Writes the manifest anew when all frames are there. checksums: of the files that `PacketWriter` wrote.
+    """Rewrites the manifest after the last frame. checksums: of the files that `PacketWriter` wrote.
 
-    Raises OSError where the disk is full; the old manifest then stands.
+    Raises OSError if the disk is full; the old manifest is then kept.
     """
     sums = checksums | {name: checksum(path / name) for name in FILES if name not in checksums and (path / name).exists()}
     _write_manifest(path, {**manifest, "complete": True, "frames": frames, "checksums": sums})
@@ -103,7 +103,7 @@ def _write_manifest(path: Path, manifest: dict[str, Any]) -> None:
 
 @attrs.frozen(eq=False)
 class Sequence:
-    """An opened sequence. complete: it was ended in order; else it holds what was whole when it was cut off."""
+    """An opened sequence. complete: its recording ended properly; otherwise it holds the frames up to the cut."""
 
     path: Path
     manifest: dict[str, Any]
@@ -114,7 +114,7 @@ class Sequence:
     complete: bool
 
     def data(self, index: int) -> bytes:
-        """The packet of a frame as it was stored. Raises UserError where it cannot be read, or is not that any more."""
+        """The packet of a frame as it was stored. Raises UserError if it cannot be read, or has changed."""
         packet = self.packets[index]
         try:
             with open_regular(self.path / PACKETS) as file:
@@ -126,55 +126,55 @@ class Sequence:
         return data
 
     def frame(self, index: int) -> NDArray[np.uint8]:
-        """A frame, uint8 (height, width, 3) BGR. Raises UserError where its packet is damaged."""
+        """A frame, uint8 (height, width, 3) BGR. Raises UserError if its packet is damaged."""
         return decoded(self.packets[index], self.data(index), self.width_px, self.height_px, self.path)
 
     @property
     def duration_s(self) -> float:
-        """From the first frame's stamp to the last one's."""
+        """Time from the first frame's stamp to the last one's."""
         return (self.packets[-1].t_sensor_ns - self.packets[0].t_sensor_ns) / 1e9
 
     @property
     def lost(self) -> int:
-        """Frames that the camera counted and that were not stored."""
+        """Frames that the camera counted but that were not stored."""
         return sum(max(0, b.source_seq - a.source_seq - 1) for a, b in itertools.pairwise(self.packets))
 
     @property
     def measured_hz(self) -> float:
-        """Frames per second by the stamps; rate_hz where there is one frame only."""
+        """Frames per second by the stamps; rate_hz if there is only one frame."""
         return (len(self.packets) - 1) / self.duration_s if len(self.packets) > 1 else self.rate_hz
 
 
 def open_sequence(path: Path, verify: bool = True) -> Sequence:
     """The sequence at path. verify: also compare every file with its checksum.
 
-    Raises UserError where it is no sequence, of an unknown version, damaged, or without a frame.
+    Raises UserError if it is not a sequence, has an unknown version, is damaged, or has no frame.
     """
     check_links(path, (MANIFEST, *FILES))
     fields = _manifest(path)
     width_px, height_px = fields.integer("width_px", 1, MAX_PIXELS), fields.integer("height_px", 1, MAX_PIXELS)
     if width_px * height_px > MAX_PIXELS:
-        raise UserError(f"{fields.where}: frames of {width_px}x{height_px}, {MAX_PIXELS} px at most are read", COPY)
+        raise UserError(f"{fields.where}: frames of {width_px}x{height_px}; at most {MAX_PIXELS} px are allowed", COPY)
     rate_hz, complete = fields.number("rate_hz", 1e-3, MOST_HZ), fields.flag("complete")
     packets = read_index(path, complete)
     if not packets:
-        raise UserError(f"{path}: holds no whole frame", "record it again")
+        raise UserError(f"{path}: contains no whole frame", "record it again")
     sequence = Sequence(path, dict(fields.values), packets, width_px, height_px, rate_hz, complete)
     if sequence.measured_hz > MOST_HZ:
-        raise UserError(f"{path}: {len(packets)} frames in {sequence.duration_s:g} s, which no camera takes", "record it again")
+        raise UserError(f"{path}: {len(packets)} frames in {sequence.duration_s:g} s: no camera is that fast", "record it again")
     if complete:
         _check_files(sequence, fields, verify)
     return sequence
 
 
 def _manifest(path: Path) -> Fields:
-    """The manifest, of whose optional entries the types are known."""
+    """The manifest; the types of its optional entries have been checked."""
     where = path / MANIFEST
     try:
         data = read_bytes(where, MANIFEST_BYTES)
     except FileNotFoundError:
-        what = f"no recorded sequence: {MANIFEST} is missing" if os.path.lexists(path) else "no such folder"
-        raise UserError(f"{path}: {what}", "`lfpipe record OUT` makes one, `lfpipe sequence import` from a video") from None
+        what = f"not a recorded sequence: {MANIFEST} is missing" if os.path.lexists(path) else "no such folder"
+        raise UserError(f"{path}: {what}", "`lfpipe record OUT` or `lfpipe sequence import` makes one") from None
     except OSError as error:
         raise UserError(f"{where}: cannot be read: {reason(error)}", COPY) from None
     fields = json_fields(data, str(where), COPY)
@@ -183,7 +183,7 @@ def _manifest(path: Path) -> Fields:
     if fields.values.get("version") != VERSION:
         version = fields.integer("version", 0, 1 << 30)
         remedy = "read it with the lfpipe that recorded it (versions in its manifest)"
-        raise UserError(f"{where}: a sequence of version {version}, this lfpipe reads version {VERSION}", remedy)
+        raise UserError(f"{where}: the sequence has version {version}; this lfpipe reads version {VERSION}", remedy)
     for name in ("source", "created", "made"):
         if name in fields.values:
             fields.text(name)
@@ -194,13 +194,13 @@ def _manifest(path: Path) -> Fields:
 
 
 def _check_files(sequence: Sequence, fields: Fields, verify: bool) -> None:
-    """Raises UserError where a complete sequence is not what its manifest says."""
+    """Raises UserError if a complete sequence does not match its manifest."""
     path, end = sequence.path, sequence.packets[-1].offset + sequence.packets[-1].bytes
     frames = fields.integer("frames", 1, 1 << 62)
     if len(sequence.packets) != frames:
-        raise UserError(f"{path}: {len(sequence.packets)} frames, {frames} were recorded", COPY)
+        raise UserError(f"{path}: {len(sequence.packets)} frames, but {frames} were recorded", COPY)
     if (size := (path / PACKETS).stat().st_size) != end:
-        raise UserError(f"{path / PACKETS}: has {size} bytes, its index ends at {end}", COPY)
+        raise UserError(f"{path / PACKETS}: has {size} bytes, but its index ends at {end}", COPY)
     sums = fields.table("checksums") if "checksums" in fields.values else Fields({}, fields.where, COPY)
     for name in sums.values:
         wanted = sums.text(name, 64)
@@ -211,7 +211,7 @@ def _check_files(sequence: Sequence, fields: Fields, verify: bool) -> None:
             if name in (EYES, TRUTH) and size > (frames + 16) * BESIDE_BYTES:
                 raise UserError(f"{path / name}: has {size} bytes, too many for {frames} frames", COPY)
             if verify and checksum(path / name) != wanted:
-                raise UserError(f"{path / name}: wrong checksum: it was changed after it was recorded", COPY)
+                raise UserError(f"{path / name}: wrong checksum: it was changed after recording", COPY)
         except FileNotFoundError:
             raise UserError(f"{path / name} is missing", COPY) from None
         except OSError as error:

@@ -1,4 +1,4 @@
-"""The index of a recording: a line of JSON per stored frame, checked line by line, kept as numbers."""
+"""The index of a recording: one line of JSON per stored frame, checked line by line, stored as numbers."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from lfpipe.files.untrusted import Fields, json_fields
 PACKETS, INDEX = "frames.bin", "frames.jsonl"
 CODECS = ("jpeg", "png", "raw")
 MAX_PIXELS = 8192 * 8192  # of a frame
-PACKET_BYTES = 3 * MAX_PIXELS + (1 << 20)  # a packet is no larger than the frame as it stands, give or take headers
+PACKET_BYTES = 3 * MAX_PIXELS + (1 << 20)  # a packet is at most as large as the raw frame, plus headers
 MAX_PACKETS = 1 << 21  # 19 hours at 30 Hz
 LINE_BYTES = 1024
 COPY = "copy the whole folder again from where it was recorded"
-_TIME_NS = 1 << 61  # so that differences and rounds of a loop stay within 64 bits
+_TIME_NS = 1 << 61  # keeps differences, and sums over loops of the recording, within 64 bits
 
 
 @attrs.frozen
@@ -54,13 +54,13 @@ Line = tuple[list[int], str]  # values of NUMBERS, and the codec
 
 
 class Packets(Sequence[Packet]):
-    """Packets in order; a row of numbers each, so that hours of them are small."""
+    """Packets in order, one row of numbers each: compact even for hours."""
 
     def __init__(self) -> None:
         self._rows, self._codecs = array("q"), bytearray()
 
     def append(self, line: Line) -> None:
-        """Adds one at the end."""
+        """Appends one."""
         self._rows.extend(line[0])
         self._codecs.append(CODECS.index(line[1]))
 
@@ -82,12 +82,12 @@ class Packets(Sequence[Packet]):
 
 
 def line_of(packet: Packet) -> bytes:
-    """As it stands in the index."""
+    """The line of the index."""
     return json.dumps(attrs.asdict(packet)).encode() + b"\n"
 
 
 def parse_line(line: bytes, where: str) -> Line:
-    """Raises UserError that names the field."""
+    """Raises UserError with the field's name."""
     try:
         found = json.loads(line)
     except (ValueError, RecursionError):
@@ -105,18 +105,18 @@ def parse_line(line: bytes, where: str) -> Line:
 
 
 def _explained(fields: Fields) -> Line:
-    """The same, more slowly, for what is wrong."""
+    """Parses a wrong line again, slowly, to raise a precise UserError."""
     if strange := sorted(set(fields.values) - set(NUMBERS) - {"codec"}):
         raise UserError(f"{fields.where}: unknown field {strange[0]!r}", COPY)
     if (codec := fields.text("codec")) not in CODECS:
-        raise UserError(f"{fields.where}: codec is {codec!r}, one of {', '.join(CODECS)} is expected", COPY)
+        raise UserError(f"{fields.where}: codec is {codec!r}, expected one of {', '.join(CODECS)}", COPY)
     return [fields.integer(name, *bounds) for name, bounds in _BOUNDS], codec
 
 
 def read_index(folder: Path, complete: bool) -> Packets:
-    """The packets in folder, in order. complete: the recording came to its end, so that all of it must be there, and no more.
+    """The packets in folder, in order. complete: the recording ended properly, so exactly all its frames must exist.
 
-    Raises UserError that names the first frame that is missing, damaged or out of order.
+    Raises UserError with the first frame that is missing, damaged or out of order.
     """
     path, packets = folder / INDEX, Packets()
     end, last_ns = 0, -_TIME_NS - 1
@@ -124,19 +124,19 @@ def read_index(folder: Path, complete: bool) -> Packets:
         check_regular(folder / PACKETS)
         size = (folder / PACKETS).stat().st_size
         for number, line in lines(path, LINE_BYTES, COPY):
-            if not line.endswith(b"\n"):  # of a line that was being written: no frame yet
+            if not line.endswith(b"\n"):  # an unfinished line: not yet a frame
                 if complete:
                     raise UserError(f"{path}: its last line is cut off", COPY)
                 break
             found = parse_line(line, f"{path}:{number}")
             seq, t_ns, offset, count, *_ = found[0]
             if seq != number - 1:
-                raise UserError(f"{folder}: frame {number - 1} is missing, frame {seq} stands in its place", COPY)
+                raise UserError(f"{folder}: frame {number - 1} is missing; frame {seq} is in its place", COPY)
             if offset != end:
-                raise UserError(f"{folder}: frame {seq} does not begin where the one before it ends", COPY)
+                raise UserError(f"{folder}: frame {seq} does not begin where the previous frame ends", COPY)
             if t_ns <= last_ns:
-                back = f"its time stamp {t_ns} ns is not after {last_ns} ns of the one before"
-                raise UserError(f"{folder}: frame {seq}: {back}", "a clock that went back cannot be replayed: record it again")
+                back = f"its time stamp {t_ns} ns is not after {last_ns} ns of the previous frame"
+                raise UserError(f"{folder}: frame {seq}: {back}", "record it again: time stamps that go back cannot be replayed")
             end, last_ns = offset + count, t_ns
             if end > size:
                 if complete:
@@ -144,7 +144,7 @@ def read_index(folder: Path, complete: bool) -> Packets:
                     raise UserError(f"{ends}, within frame {seq} ({end})", COPY)
                 break
             if len(packets) == MAX_PACKETS:
-                raise UserError(f"{path}: more than {MAX_PACKETS} frames", "a shorter recording")
+                raise UserError(f"{path}: more than {MAX_PACKETS} frames", "use a shorter recording")
             packets.append(found)
     except OSError as error:
         raise UserError(f"{error.filename}: {reason(error)}", COPY) from None

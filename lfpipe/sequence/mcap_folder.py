@@ -1,13 +1,13 @@
-"""A sequence as an MCAP file, and back, byte for byte.
+"""Converts a sequence to an MCAP file and back, byte for byte.
 
-    /camera          foxglove.CompressedImage   the packets as they are, JPEG or PNG
-    /camera/raw      foxglove.RawImage          those that a slow disk left uncompressed
+    /camera          foxglove.CompressedImage   the stored packets, JPEG or PNG
+    /camera/raw      foxglove.RawImage          packets left uncompressed because of a slow disk
     /camera/stamps   lfpipe.Frame               the line of the index
     /eyes            lfpipe.Eyes                the line of eyes.jsonl
     /latency         lfpipe.Latency             ms from the sensor to the decoded frame, and from there to its eyes
     attachments      manifest.json, truth.csv
 
-Messages bear the wall clock's time, from the day that the manifest names and the stamps; the stamps themselves are in them.
+The time of a message is wall-clock time, from the manifest's date and the stamps. Messages also contain the stamps themselves.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ def export_mcap(sequence: Sequence, out: Path) -> int:
     """Writes sequence to the new file out; returns the number of frames. Raises UserError."""
     largest = max(packet.bytes for packet in sequence.packets) * 4 // 3 + 4096
     if largest > RECORD_BYTES:
-        what = f"a frame takes {largest >> 20} MB, {RECORD_BYTES >> 20} MB at most fit"
-        raise UserError(f"{sequence.path}: {what}", "a sequence of smaller frames")
+        what = f"a frame has {largest >> 20} MB; at most {RECORD_BYTES >> 20} MB fit"
+        raise UserError(f"{sequence.path}: {what}", "use a sequence of smaller frames")
     base_ns = _wall_ns(sequence) - sequence.packets[0].t_sensor_ns
     eyes = _eyes(sequence)
     following = next(eyes, None)
@@ -81,13 +81,13 @@ def export_mcap(sequence: Sequence, out: Path) -> int:
 
 
 def _stamp(values: dict[str, Any], name: str, otherwise: int) -> int:
-    """A time in a line of eyes, whose extra fields nobody has checked."""
+    """A time in a line of eyes; its extra fields are unchecked."""
     value = values.get(name)
     return value if type(value) is int else otherwise
 
 
 def _wall_ns(sequence: Sequence) -> int:
-    """When the first frame was taken, in ns since 1970, to the second that the manifest names."""
+    """Time of the first frame in ns since 1970, with the manifest's resolution of one second."""
     try:
         begun = datetime.datetime.strptime(str(sequence.manifest.get("created", "")), "%Y-%m-%dT%H:%M:%S%z")
         return max(0, int(begun.timestamp())) * 1_000_000_000
@@ -112,7 +112,7 @@ def _image(sequence: Sequence, packet: Packet, t_ns: int) -> tuple[str, dict[str
 
 
 def import_mcap(path: Path, out: Path) -> int:
-    """The sequence in a file of `export_mcap`, as the new folder out; returns the number of frames. Raises UserError."""
+    """Converts a file of `export_mcap` to the new folder out; returns the number of frames. Raises UserError."""
     manifest = b""
     with new_folder(out):
         writer = PacketWriter(out)
@@ -138,7 +138,7 @@ def import_mcap(path: Path, out: Path) -> int:
             if eyes is not None:
                 eyes.close()
         if not manifest:
-            raise UserError(f"{path}: holds no {MANIFEST} of a sequence", "a file that `lfpipe sequence export` wrote")
+            raise UserError(f"{path}: contains no {MANIFEST} of a sequence", "use a file that `lfpipe sequence export` wrote")
         with create_private(out / MANIFEST) as file:
             file.write(manifest)
         try:
@@ -152,16 +152,16 @@ def _packet(path: Path, number: int, content: bytes) -> bytes:
     try:
         return base64.b64decode(json.loads(content)["data"], validate=True)
     except (ValueError, KeyError, TypeError, RecursionError, binascii.Error):
-        raise UserError(f"{path}: frame {number}: holds no picture", COPY) from None
+        raise UserError(f"{path}: frame {number}: contains no picture", COPY) from None
 
 
 def _store(path: Path, writer: PacketWriter, content: bytes, data: bytes | None) -> None:
-    """Appends a frame whose picture came before its stamps, and compares what is stored with what they say."""
+    """Appends a frame whose picture arrived before its stamps, and verifies the stored packet against them."""
     where = f"{path}: frame {writer.count}"
     numbers, codec = parse_line(content + b"\n", where)
     if data is None:
-        raise UserError(f"{where}: has stamps and no picture", COPY)
+        raise UserError(f"{where}: has stamps but no picture", COPY)
     said = dict(zip(NUMBERS, numbers, strict=True))
     packet = writer.append(data, codec, said["source_seq"], said["epoch"], said["t_sensor_ns"], said["t_read_ns"])
     if any(getattr(packet, name) != value for name, value in said.items()):
-        raise UserError(f"{where}: its picture is not the one that was recorded (checksum)", COPY)
+        raise UserError(f"{where}: its picture was changed after recording (checksum)", COPY)

@@ -1,4 +1,4 @@
-"""Where the eyes really are in a made sequence, and how far off a measurement or a picture was."""
+"""True eyes of a generated sequence, and errors of measurements and pictures against them."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from lfpipe.files.untrusted import finite
 from lfpipe.sequence.folder import TRUTH
 
 COLUMNS = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
-MAX_PX = 1e6  # of a coordinate: far outside every picture
+MAX_PX = 1e6  # limit of a coordinate, far outside every picture
 MAX_NS = 1 << 61
 LINE_BYTES = 4096
-REMEDY = f"one row per frame with columns t_ns, {', '.join(COLUMNS)}, and visible (0 or 1) if you like"
+REMEDY = f"write one row per frame with columns t_ns, {', '.join(COLUMNS)}, and optionally visible (0 or 1)"
 
 
 @attrs.frozen(eq=False)
@@ -35,7 +35,7 @@ class Truth:
     still: NDArray[np.bool_] = attrs.Factory(lambda self: np.zeros(len(self.t_ns), np.bool_), takes_self=True)
 
     def at(self, t_ns: int) -> NDArray[np.float64] | None:
-        """The eyes t_ns after the first frame, (2, 2) px, on the line between frames; None outside or while they are hidden."""
+        """The eyes t_ns after the first frame, (2, 2) px, interpolated between frames; None outside or while they are hidden."""
         if not self.t_ns[0] <= t_ns <= self.t_ns[-1]:
             return None
         after = int(np.searchsorted(self.t_ns, t_ns))
@@ -55,7 +55,7 @@ class Truth:
 def truth_rows(path: Path) -> Iterator[list[str]]:
     """The columns of a table, then its rows. Each has a whole number as t_ns, rising, and finite coordinates.
 
-    Raises UserError that names the row and the column that are wrong.
+    Raises UserError with the wrong row and column.
     """
     last_ns = -MAX_NS - 1
     columns: list[str] = []
@@ -70,14 +70,14 @@ def truth_rows(path: Path) -> Iterator[list[str]]:
                 columns = row
                 missing = [name for name in ("t_ns", *COLUMNS) if columns.count(name) != 1]
                 if missing:
-                    raise UserError(f"{path}: not a table of true eyes: no column {missing[0]}, or two", REMEDY)
+                    raise UserError(f"{path}: not a table of true eyes: column {missing[0]} must exist exactly once", REMEDY)
                 at = [columns.index(name) for name in COLUMNS]
             else:
                 if len(row) != len(columns):
-                    raise UserError(f"{where}: {len(row)} values, {len(columns)} are expected", REMEDY)
+                    raise UserError(f"{where}: {len(row)} values, expected {len(columns)}", REMEDY)
                 wrong = next((k for k in at if finite(row[k], -MAX_PX, MAX_PX) is None), None)
                 if wrong is not None:
-                    raise UserError(f"{where}: {columns[wrong]} is {shown(row[wrong])}, a number of px is expected", REMEDY)
+                    raise UserError(f"{where}: {columns[wrong]} is {shown(row[wrong])}, expected a number of px", REMEDY)
                 last_ns = _stamp(row[columns.index("t_ns")], last_ns, where)
             yield row
     except (csv.Error, UnicodeDecodeError) as error:
@@ -89,20 +89,20 @@ def truth_rows(path: Path) -> Iterator[list[str]]:
 def _stamp(text: str, last_ns: int, where: str) -> int:
     t_ns = int(text) if len(text) < 20 and text.removeprefix("-").isdecimal() else MAX_NS + 1
     if not -MAX_NS <= t_ns <= MAX_NS:
-        raise UserError(f"{where}: t_ns is {shown(text)}, a whole number of ns is expected", REMEDY)
+        raise UserError(f"{where}: t_ns is {shown(text)}, expected a whole number of ns", REMEDY)
     if t_ns <= last_ns:
         raise UserError(f"{where}: times must rise: t_ns is {t_ns}, after {last_ns}", REMEDY)
     return t_ns
 
 
 def read_truth(folder: Path) -> Truth | None:
-    """The truth of the sequence in folder; None where it has none. Raises UserError where it cannot be read."""
+    """The truth of the sequence in folder, or None. Raises UserError if it cannot be read."""
     path = folder / TRUTH
     return table_of(path) if os.path.lexists(path) else None
 
 
 def table_of(path: Path) -> Truth:
-    """The truth in a table. Raises UserError where it cannot be read."""
+    """The truth in a table. Raises UserError if it cannot be read."""
     rows = truth_rows(path)
     columns = next(rows, [])
     stamp = columns.index("t_ns") if columns else 0
@@ -114,13 +114,13 @@ def table_of(path: Path) -> Truth:
         visible.append(not said or row[columns.index("visible")] != "0")
         still.append(phases and row[columns.index("phase")] == "still")
     if not stamps:
-        raise UserError(f"{path}: holds no row", REMEDY)
+        raise UserError(f"{path}: contains no row", REMEDY)
     t_ns = np.array(stamps, np.int64)
     return Truth(t_ns - t_ns[0], np.array(numbers).reshape(-1, 2, 2), np.array(visible, np.bool_), np.array(still, np.bool_))
 
 
 def summary(errors_px: list[float]) -> dict[str, float] | None:
-    """{"n", "rms_px", "p95_px", "max_px"}; None where there is nothing to sum up."""
+    """{"n", "rms_px", "p95_px", "max_px"}; None without data."""
     if not errors_px:
         return None
     found = np.array(errors_px)

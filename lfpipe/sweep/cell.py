@@ -14,7 +14,7 @@ QUALITY, TABLE, REPLAY, TRUTH = "quality", "table", "replay", "truth"
 BENCH = ("tracker", "filters", "synthesis", "anaglyph", "stability", "plan")  # as `lfpipe bench` names them
 SUBJECTS = (REPLAY, TRUTH, QUALITY, TABLE, *BENCH)
 NEEDS_SEQUENCE, NEEDS_SCENE = (REPLAY, TRUTH), (QUALITY, TABLE)
-TIMED = (TABLE, *BENCH)  # have a host to themselves
+TIMED = (TABLE, *BENCH)  # timed cells run alone on a host
 
 OK, DIFFERS, FAILED, LEFT_OUT = "ok", "differs", "failed", "left out"
 DONE = (OK, DIFFERS, LEFT_OUT)  # not measured again
@@ -24,7 +24,7 @@ DONE = (OK, DIFFERS, LEFT_OUT)  # not measured again
 class Cell:
     """sequence, scene: paths, "" for none. sets: KEY=VALUE texts of the configuration. options: of the subject, by name.
 
-    key: hash of everything that the outcome depends on. why_not: why it cannot be measured, "" if it can.
+    key: hash of everything that affects the outcome. why_not: why the cell cannot be measured, "" if it can.
     """
 
     subject: str
@@ -41,7 +41,7 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """Equal for equal cells of two versions: files are named, not hashed."""
+        """Equal for the same cell of two versions: contains names of files, not hashes."""
         parts = [self.subject, *(Path(path).name for path in (self.sequence, self.scene) if path), *self.sets]
         return " ".join([*parts, *(f"{name}={value}" for name, value in self.options)])
 
@@ -53,7 +53,7 @@ class Cell:
 
 @attrs.frozen
 class Outcome:
-    """What came of a cell. figures: numbers and digests by name. seconds: its own work. overhead_s: what the sweep added."""
+    """The outcome of a cell. figures: numbers and digests by name. seconds: its own work. overhead_s: what the sweep added."""
 
     key: str
     name: str
@@ -80,7 +80,7 @@ def outcome(cell: Cell, state: str, reason: str = "", **more: Any) -> Outcome:
 
 
 def parsed(values: dict[str, Any]) -> Outcome:
-    """An outcome from its line. Raises TypeError or ValueError if it is none."""
+    """An outcome from its line. Raises TypeError or ValueError for other lines."""
     found = Outcome(**values)
     if not isinstance(found.key, str) or found.state not in (*DONE, FAILED) or not isinstance(found.figures, dict):
         raise ValueError("not an outcome")

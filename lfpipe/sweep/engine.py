@@ -1,7 +1,7 @@
-"""Cells on Dask distributed: a cluster of this machine's own, or any scheduler by its address, by the same code.
+"""Runs cells on Dask distributed: on a local cluster, or on any scheduler by its address.
 
-Cells that are timed ask for the resource `quiet` and run after all others, one per host at a time; the others share. A worker
-that dies costs its cells another try.
+Timed cells need the resource `quiet` and run after all others, one per host at a time. If a worker dies, its cells are tried
+again.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from lfpipe.sweep.work import Parcel, do_cell, packed
 
 QUIET = "quiet"
 TRIES = 3  # deaths of workers that a cell survives
-IN_FLIGHT = 32  # cells per worker that the scheduler knows of: its memory stays the same for any number of cells
+IN_FLIGHT = 32  # cells per worker that the scheduler knows of; limits its memory
 AGAIN = "start it again, then run the same command"
 SCHEDULER_WAIT_S = 8.0
 WORKER_WAIT_S = 30.0
@@ -50,9 +50,9 @@ class Job:
 
 @contextlib.contextmanager
 def cluster(address: str, jobs: int) -> Iterator[Client]:
-    """A client of the scheduler at address, or of `jobs` workers of this machine's own without one. Raises UserError."""
+    """A client of the scheduler at address, or of a local cluster with `jobs` workers if address is "". Raises UserError."""
     for name in ("distributed", "distributed.client"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what a person has to know is an error of ours
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # we report errors ourselves
     with dask.config.set(SETTINGS), contextlib.ExitStack() as stack:
         if address:
             try:
@@ -76,7 +76,7 @@ def cluster(address: str, jobs: int) -> Iterator[Client]:
 
 
 class Sweep:
-    """Sends jobs to the cluster and takes their outcomes. work: what is done with a cell, `do_cell` but in tests."""
+    """Sends jobs to the cluster and takes their outcomes. work: measures a cell; always `do_cell` except in tests."""
 
     def __init__(self, client: Client, address: str, done: Done, work: Callable[..., tuple[Outcome, bytes]] = do_cell) -> None:
         self._client, self._address, self._done, self._work = client, address, done, work
@@ -112,13 +112,13 @@ class Sweep:
                 self._take()
 
     def _parcel(self, path: str, digest: str) -> Any:
-        """What a cell gets for a path: contents travel once to each worker of a cluster, if they are small."""
+        """The parcel for a path. Small contents are sent once to each worker of a cluster."""
         if not self._address:
             return Parcel(path)
         if path not in self._parcels:
             try:
                 parcel = packed(path, digest)
-            except OSError:  # the worker says what is wrong with it
+            except OSError:  # the worker reports the error
                 parcel = Parcel(path)
             self._parcels[path] = self._client.scatter(parcel, broadcast=True) if parcel.tar else parcel
         return self._parcels[path]
@@ -153,12 +153,12 @@ class Sweep:
             found, new = future.result()
             self._done(found, new)
         elif future.status == "error" and isinstance(future.exception(), KilledWorker):
-            self._done(outcome(job.cell, FAILED, f"its worker died {TRIES + 1} times: too little memory, or a crash"), b"")
+            self._done(outcome(job.cell, FAILED, f"its worker died {TRIES + 1} times: out of memory, or a crash"), b"")
         elif future.status == "error":
             self._done(outcome(job.cell, FAILED, f"{type(future.exception()).__name__}: {future.exception()}"), b"")
         elif self._client.status != "running" or not self._reachable():
             raise self._gone()
-        elif tries < TRIES:  # what was sent with it is lost with the worker that held it
+        elif tries < TRIES:  # data sent with it is lost with its worker
             self._parcels.clear()
             self._send(job, tries + 1)
         else:

@@ -1,4 +1,4 @@
-"""PLAN.toml: what a sweep goes through, as cells with keys.
+"""PLAN.toml: the contents of a sweep, as cells with keys.
 
 sequences = ["recordings/*"]             # folders of `lfpipe record`, relative to the plan; patterns allowed
 scenes = ["scenes/buddha", "lytro/*"]
@@ -7,7 +7,7 @@ subjects = ["replay", "truth", "quality", "table", "synthesis"]
 [config]                                 # every combination of the lists
 "render.method" = ["warp", "warp2"]
 
-[table]                                  # of quality and table, as `lfpipe bench table` takes them
+[table]                                  # options of quality and table, as for `lfpipe bench table`
 keep = [2, 3]
 crop = ["central", "top-left"]
 border = [22]
@@ -61,7 +61,7 @@ class Plan:
 
 
 def read_plan(path: Path) -> Plan:
-    """Raises UserError that names the key, the value and the remedy."""
+    """Raises UserError with the key, the value and the remedy."""
     table = parse_toml(read_text(path, PLAN_BYTES, str(path), REMEDY), str(path), REMEDY)
     for key in table:
         if key not in KEYS:
@@ -71,14 +71,14 @@ def read_plan(path: Path) -> Plan:
         if subject not in SUBJECTS:
             raise UserError(f"{path}: subjects: {subject!r}", _suggestion(subject, SUBJECTS))
     if not texts["subjects"]:
-        raise UserError(f"{path}: subjects: none named", f"one of {', '.join(SUBJECTS)}")
+        raise UserError(f"{path}: subjects: the list is empty", f"name at least one of {', '.join(SUBJECTS)}")
     protocol = PROTOCOL | _lists(path, "table", table.get("table", {}))
     for name, values in protocol.items():
         if name not in ALLOWED:
             raise UserError(f"{path}: table.{name}: no such key", _suggestion(name, tuple(ALLOWED)))
         for value in values:
             if not ALLOWED[name](value):
-                raise UserError(f"{path}: table.{name}: {value!r}", "values that `lfpipe bench table` takes")
+                raise UserError(f"{path}: table.{name}: {value!r}", "see the values in `lfpipe bench table --help`")
     settings = _lists(path, "config", table.get("config", {}))
     sets = {key: [f"{key}={_toml(value)}" for value in values] for key, values in settings.items()}
     combined = tuple(itertools.product(*sets.values()))
@@ -86,7 +86,7 @@ def read_plan(path: Path) -> Plan:
         config.load(None, each)  # refuses wrong keys and values before anything runs
     count = len(combined) * len(texts["subjects"])
     if count > MAX_CELLS:
-        raise UserError(f"{path}: {count} combinations of configurations and subjects", f"at most {MAX_CELLS}")
+        raise UserError(f"{path}: {count} combinations of configurations and subjects", f"reduce them to at most {MAX_CELLS}")
     plan = Plan(
         _expanded(path, texts["sequences"]), _expanded(path, texts["scenes"]), texts["subjects"], combined,
         tuple(tuple(zip(protocol, map(str, each), strict=True)) for each in itertools.product(*protocol.values())),
@@ -95,25 +95,25 @@ def read_plan(path: Path) -> Plan:
     for key, (subjects, paths) in needed.items():
         for subject in plan.subjects:
             if subject in subjects and not paths:
-                raise UserError(f"{path}: subject {subject} needs {key}, and none are named", f"{key} = [...]")
+                raise UserError(f"{path}: subject {subject} needs {key}", f"add {key} = [...]")
     return plan
 
 
 def _suggestion(word: str, known: tuple[str, ...]) -> str:
     close = difflib.get_close_matches(word, known, 1, 0.5)
-    return f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}"
+    return f"did you mean {close[0]!r}?" if close else f"use one of {', '.join(known)}"
 
 
 def _texts(path: Path, key: str, values: Any) -> tuple[str, ...]:
     if not isinstance(values, list) or not all(isinstance(value, str) and value for value in values):
-        raise UserError(f"{path}: {key}: {values!r:.100}", f'a list of texts: {key} = ["..."]')
+        raise UserError(f"{path}: {key}: {values!r:.100}", f'write a list of strings: {key} = ["..."]')
     return tuple(dict.fromkeys(values))
 
 
 def _lists(path: Path, key: str, table: Any) -> dict[str, list[Any]]:
     """A table of values or lists of values, nested tables as dotted keys."""
     if not isinstance(table, dict):
-        raise UserError(f"{path}: {key}: {table!r:.100}", f"a table: [{key}]")
+        raise UserError(f"{path}: {key}: {table!r:.100}", f"write a table: [{key}]")
     found: dict[str, list[Any]] = {}
     for name, value in table.items():
         if isinstance(value, dict):
@@ -121,17 +121,17 @@ def _lists(path: Path, key: str, table: Any) -> dict[str, list[Any]]:
         else:
             found[name] = value if isinstance(value, list) else [value]
             if not found[name]:
-                raise UserError(f"{path}: {key}.{name}: an empty list", "at least one value, or leave the key out")
+                raise UserError(f"{path}: {key}.{name}: an empty list", "give at least one value, or leave the key out")
     return found
 
 
 def _toml(value: Any) -> str:
-    """A value as `--set` takes it."""
+    """A value in the syntax of `--set`."""
     return value if isinstance(value, str) else json.dumps(value)
 
 
 def _expanded(plan: Path, patterns: tuple[str, ...]) -> tuple[str, ...]:
-    """Paths that the patterns match, in order; a pattern without a match stays, so that it is missed."""
+    """Paths that the patterns match, in order. A pattern without a match is kept, so that it is reported as missing."""
     found: dict[str, None] = {}
     for pattern in patterns:
         whole = str(plan.resolve().parent / Path(pattern).expanduser())
@@ -141,7 +141,7 @@ def _expanded(plan: Path, patterns: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def cells(plan: Plan, version: str) -> Iterator[Cell]:
-    """Every cell of a plan. version: hash of the code and of what it computes with."""
+    """Every cell of a plan. version: hash of the code and the versions of its libraries."""
     for subject, sets in itertools.product(plan.subjects, plan.configs):
         sequences = plan.sequences if subject in (*NEEDS_SEQUENCE, *BENCH) else ()
         protocols = plan.protocols if subject in (QUALITY, TABLE) else ((),)

@@ -1,4 +1,4 @@
-"""What a sweep writes: a line per finished cell, and from them a table, a page and JUnit XML."""
+"""Writes the results of a sweep: one line per finished cell, then a table, a page and JUnit XML."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from lfpipe.files.safe_files import reason, replaced
 from lfpipe.sweep.cell import DIFFERS, FAILED, LEFT_OUT, OK, Outcome, parsed
 
 LINES, TABLE, PAGE, JUNIT = "results.jsonl", "table.csv", "report.html", "junit.xml"
-PLACE = "a folder that you may write to, on a disk with room: --out DIR"
+PLACE = "name a folder that you may write to, on a disk with free space: --out DIR"
 STATES = (OK, DIFFERS, FAILED, LEFT_OUT)
 COLOURS = {OK: "ok", DIFFERS: "failed", FAILED: "failed", LEFT_OUT: "degraded"}
 ABOUT = ("state", "subject", "sequence", "scene", "config", "options", "seconds", "host", "reason")
 
 
 class Store:
-    """results.jsonl of a folder: outcomes by key, the last line of a key counts. Half a line of a killed writer is dropped."""
+    """results.jsonl of a folder: outcomes by key; the last line of a key counts. A partial last line is ignored."""
 
     def __init__(self, folder: Path, read_only: bool = False) -> None:
         """Raises UserError if the folder cannot be read or written."""
@@ -39,19 +39,19 @@ class Store:
                 for line in file:
                     try:
                         found = parsed(json.loads(line))
-                    except (ValueError, TypeError):  # of another version; the cell is measured again
+                    except (ValueError, TypeError):  # a line of another version: the cell is measured again
                         continue
                     self.outcomes[found.key] = found
         except OSError as error:
-            raise UserError(f"{self.path}: {reason(error)}", "a folder that a sweep wrote" if read_only else PLACE) from None
+            raise UserError(f"{self.path}: {reason(error)}", "name a folder that a sweep wrote" if read_only else PLACE) from None
 
     def append(self, found: Outcome) -> None:
-        """Raises UserError if there is no room; what was written before stays whole."""
+        """Raises UserError if the disk is full; earlier lines stay intact."""
         try:
             self._file.append(found.line())
         except OSError as error:
             what = f"{self.path}: {reason(error)}; finished cells are kept"
-            raise UserError(what, "make room, then run the same command") from None
+            raise UserError(what, "free disk space, then run the same command") from None
         self.outcomes[found.key] = found
 
     def close(self) -> None:
@@ -64,14 +64,14 @@ def figure_names(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def about(one: Outcome) -> list[str]:
-    """What a cell is and what came of it, as ABOUT names it."""
+    """The columns ABOUT of a cell."""
     names = (Path(path).name for path in (one.sequence, one.scene))
     options = " ".join(f"{name}={value}" for name, value in one.options)
     return [one.state, one.subject, *names, " ".join(one.sets), options, f"{one.seconds:.2f}", one.host, one.reason]
 
 
 def rows(outcomes: Sequence[Outcome]) -> list[list[str]]:
-    """A table with its head: what each cell is, and its figures."""
+    """A table with its header: the columns ABOUT of each cell, and its figures."""
     figures = figure_names(outcomes)
     body = [[*about(one), *(shown(one.figures.get(name, "")) for name in figures)] for one in outcomes]
     return [[*ABOUT, *figures], *body]
@@ -88,7 +88,7 @@ def verdict(outcomes: Sequence[Outcome]) -> str:
 
 
 def write(outcomes: Sequence[Outcome], folder: Path, junit: Path | None) -> Path:
-    """table.csv, the page, and JUnit; returns the path of the page. Raises UserError if there is no room."""
+    """table.csv, the page, and JUnit; returns the path of the page. Raises UserError if the disk is full."""
     table = rows(outcomes)
     text = io.StringIO()
     csv.writer(text).writerows([[plain(cell, 4000) for cell in row] for row in table])

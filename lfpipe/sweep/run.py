@@ -1,4 +1,4 @@
-"""A sweep from its plan to its report."""
+"""Runs a sweep, from its plan to its report."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from lfpipe.sweep.results import Store
 from lfpipe.sweep.work import do_cell
 
 FIGURES = "figures.json"  # reference of a cell without pictures
-CLOSE = 1e-3  # share by which a figure may differ from its reference: rounding of other processors
+CLOSE = 1e-3  # relative tolerance of figures, for rounding on other processors
 Say = Callable[[str, int, int], None]
 
 
 @attrs.frozen
 class References:
-    """Folder of --expect. update: write it instead of comparing with it."""
+    """Folder of --expect. update: write it instead of comparing."""
 
     folder: Path
     update: bool = False
 
     def of(self, cell: Cell) -> Path | None:
-        """Where the reference of a cell is, None if its subject has none."""
+        """Path of the reference of a cell; None if its subject has none."""
         return self.folder / cell.folder if cell.subject in (REPLAY, QUALITY) else None
 
     def tar(self, cell: Cell) -> bytes:
@@ -52,7 +52,7 @@ class References:
         return buffer.getvalue()
 
     def mark(self, cell: Cell) -> str:
-        """Part of a cell's key: what it is compared with."""
+        """Part of a cell's key: the digest of its reference."""
         place = self.of(cell)
         if place is None:
             return ""
@@ -65,7 +65,7 @@ class References:
         return digest.hexdigest()
 
     def store(self, found: Outcome, tar: bytes) -> None:
-        """Writes the reference of a finished cell. Raises UserError if there is no room."""
+        """Writes the reference of a finished cell. Raises UserError if the disk is full."""
         place = self.folder / _cell_of(found).folder
         new = place.with_name(f".{place.name}.new")
         try:
@@ -79,12 +79,12 @@ class References:
             shutil.rmtree(place, ignore_errors=True)
             new.replace(place)
         except OSError as error:
-            raise UserError(f"--expect {self.folder}: {reason(error)}", "a folder on a disk with room") from None
+            raise UserError(f"--expect {self.folder}: {reason(error)}", "use a folder on a disk with free space") from None
 
     def judged(self, found: Outcome, tar: bytes) -> Outcome:
-        """The outcome, `differs` if it is not as its reference says. A cell without a reference fails; with update it is stored.
+        """The outcome; `differs` if it differs from its reference. A cell without a reference fails; with update it is stored.
 
-        tar: what the cell gave for a reference. Raises UserError if there is no room.
+        tar: the cell's new reference. Raises UserError if the disk is full.
         """
         place = self.of(_cell_of(found))
         if place is None or found.state != OK:
@@ -95,7 +95,7 @@ class References:
         if not place.is_dir():
             return attrs.evolve(found, state=FAILED, reason=f"no reference {place.name}: write it with --update")
         if found.subject == REPLAY:
-            return found  # `lfpipe replay` compared it
+            return found  # `lfpipe replay` has already compared it
         try:
             was = json.loads((place / FIGURES).read_text())
             wrong = [
@@ -113,7 +113,7 @@ def _cell_of(found: Outcome) -> Cell:
 
 
 def version() -> str:
-    """Hash of the code, and of the versions of what it computes with."""
+    """Hash of the code and of the versions of its libraries."""
     return f"{source_digest()} {sorted((name, each) for name, each in versions().items() if name != 'processor')}"
 
 
@@ -126,13 +126,13 @@ def sweep(
     say: Say,
     work: Callable[..., tuple[Outcome, bytes]] = do_cell,
 ) -> list[Outcome]:
-    """Measures the cells that out does not hold yet; returns the outcomes of all, in the order of the plan.
+    """Measures the cells that are not yet in out; returns the outcomes of all cells, in the order of the plan.
 
     Raises UserError if the plan has no cell, out cannot be written, or the cluster is gone. Finished cells are kept.
     """
     every = [_marked(cell, references) for cell in cells(plan, version())]
     store = Store(out)
-    todo: dict[str, Job] = {}  # two scenes of one name and content are one cell
+    todo: dict[str, Job] = {}  # scenes of equal name and content are one cell
     for cell in every:
         known = store.outcomes.get(cell.key)
         if cell.why_not:
@@ -160,7 +160,7 @@ def sweep(
 
 
 def _marked(cell: Cell, references: References | None) -> Cell:
-    """The cell with a key that depends on its reference, too."""
+    """The cell with a key that also depends on its reference."""
     if references is None or not (mark := references.mark(cell)):
         return cell
     return attrs.evolve(cell, key=cell.key + hashlib.blake2b(mark.encode(), digest_size=4).hexdigest())

@@ -1,4 +1,4 @@
-"""What a worker does with a cell. Nothing here raises for what a user got wrong: it becomes the cell's reason."""
+"""Measures a cell on a worker. A user's mistake raises nothing here: it becomes the cell's reason."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from lfpipe.scene.pack import open_scene
 from lfpipe.sweep.cell import DIFFERS, FAILED, LEFT_OUT, OK, QUALITY, REPLAY, TABLE, TRUTH, Cell, Outcome, outcome
 
 REASON_CHARS = 2000
-SENT_BYTES = 8 << 20  # a folder up to this size travels with its cells
-# A command ends with the worker that started it, as one that stopped in the middle of a session would keep its stages.
+SENT_BYTES = 8 << 20  # folders up to this size are sent with their cells
+# A command ends with the worker that started it; otherwise the stages of its session would continue.
 COMMAND = (
     "import runpy, sys; from lfpipe.host.parent import end_with_parent; sys.argv[0] = 'lfpipe';"
     " end_with_parent(int(sys.argv.pop(1))) and runpy.run_module('lfpipe', run_name='__main__')"
@@ -41,7 +41,7 @@ COMMAND = (
 
 @attrs.frozen
 class Parcel:
-    """A folder or file that is sent along. digest: of its contents. tar: empty if it is named by its path only."""
+    """A folder or file that a cell needs. digest: of its contents. tar: empty if only its path is sent."""
 
     path: str
     digest: str = ""
@@ -61,7 +61,7 @@ def packed(path: str, digest: str, most_bytes: int = SENT_BYTES) -> Parcel:
 
 
 def unpacked(parcel: Parcel) -> str:
-    """The path of a parcel on this host. What was sent is unpacked once, into the cache. Raises OSError."""
+    """The path of a parcel on this host. A tar is unpacked once, into the cache. Raises OSError."""
     if not parcel.tar:
         return parcel.path
     place = cache_dir(config.load().scene) / "sent" / parcel.digest
@@ -70,14 +70,14 @@ def unpacked(parcel: Parcel) -> str:
         place.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=place) as new, tarfile.open(fileobj=io.BytesIO(parcel.tar)) as tar:
             tar.extractall(new, filter="data")
-            with contextlib.suppress(OSError):  # another worker was quicker
+            with contextlib.suppress(OSError):  # another worker was faster
                 (Path(new) / there.name).replace(there)
     return str(there)
 
 
 @contextlib.contextmanager
 def alone(host: str) -> Iterator[None]:
-    """Waits until no other timed cell runs on this host. host: its address, as containers may share /tmp."""
+    """Waits until no other timed cell runs on this host. host: its address, because containers may share /tmp."""
     name = f"lfpipe-quiet-{os.environ.get('USER', '')}-{re.sub(r'[^0-9A-Za-z.-]', '_', host)}.lock"
     with file_lock.waited_for(Path(tempfile.gettempdir()) / name):
         yield
@@ -102,7 +102,7 @@ def do_cell(cell: Cell, sequence: Parcel, scene: Parcel, reference: bytes, updat
                 state, reason, figures = _bench(here)
         except UserError as error:
             state, reason, figures = FAILED, str(error), {}
-        except Exception as error:  # one cell's mistake is not the sweep's
+        except Exception as error:  # one cell's mistake must not end the sweep
             state, reason, figures = FAILED, f"{type(error).__name__}: {error}", {}
         numbers = {name: value for name, value in figures.items() if isinstance(value, str) or math.isfinite(value)}
         took_s = round(time.perf_counter() - start, 4)
@@ -138,7 +138,7 @@ def _table(cell: Cell) -> tuple[str, str, dict[str, Any]]:
 
 
 def _command(*words: str) -> subprocess.CompletedProcess[str]:
-    """`lfpipe WORDS`, ended with this process."""
+    """Runs `lfpipe WORDS`; it ends with this process."""
     return subprocess.run(
         [sys.executable, "-c", COMMAND, str(os.getpid()), *words], capture_output=True, text=True, errors="replace", check=False,
         stdin=subprocess.DEVNULL,

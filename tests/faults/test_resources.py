@@ -207,7 +207,7 @@ def test_a_recording_ends_with_its_last_whole_frame_where_the_disk_is_full(world
     assert "No space left on device" in done.stderr and "nothing is left to run" in done.stderr
     if size == "size=2m":
         found = open_sequence(kept)
-        assert 2 <= len(found.packets) < 30 and f"ends with its frame {len(found.packets) - 1}" in done.stderr
+        assert 2 <= len(found.packets) < 30 and f"last frame is {len(found.packets) - 1}" in done.stderr
         found.frame(len(found.packets) - 1)
     assert not list(kept.glob("*.new")) and not world.left()
 

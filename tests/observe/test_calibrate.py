@@ -85,7 +85,7 @@ def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
         assert refused.returncode == 2 and "not stored" in refused.stderr and "measure again" in refused.stderr
     assert tomllib.loads((settings / "cameras.toml").read_text()) == {"demo": written}
     card = world.run("calibrate", "--camera", "demo", "--by", "card")
-    assert card.returncode == 2 and "no screen" in card.stderr and "--by eyes" in card.stderr
+    assert card.returncode == 2 and "needs a screen" in card.stderr and "--by eyes" in card.stderr
     listed = world.run("cameras", "--json")
     assert listed.returncode == 0 and isinstance(json.loads(listed.stdout)["cameras"], list)
 
@@ -195,5 +195,5 @@ def test_nobody_to_be_seen_is_said(world: World, tmp_path: Path) -> None:
         writer.write(np.full((480, 640, 3), 120, np.uint8))
     writer.release()
     done = world.run("calibrate", "--camera", "file:wall.avi")
-    assert done.returncode == 2 and "no face was seen" in done.stderr and "lfpipe up" in done.stderr
+    assert done.returncode == 2 and "no face was detected" in done.stderr and "lfpipe up" in done.stderr
     assert not (world.root / "settings").exists()

@@ -91,12 +91,12 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
     terminal.press("p")
     terminal.until("resumed")
     terminal.press("r")
-    terminal.until("counts from now on")
+    terminal.until("counts reset")
     terminal.press("t")
-    terminal.until("tracing to")
+    terminal.until("recording timeline")
     world.wait_for(lambda: any(part.stat().st_size > 2000 for part in world.root.glob("lfpipe-*.part")), "traced pictures")
     terminal.press("t")
-    terminal.until(r"trace: ")
+    terminal.until(r"timeline: ")
     assert [path.suffix for path in world.root.glob("lfpipe-*")] == [".json"]
     assert world.run("ctl", "--session", world.name, "stop").returncode == 0
     terminal.until("no session")

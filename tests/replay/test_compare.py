@@ -115,7 +115,7 @@ def test_other_versions_are_told_and_a_rounding_passes(run: Path) -> None:
     found = compare(copy, run)
     assert found.differences == [], [str(difference) for difference in found.differences]
     was, is_now = "4.12.0.88 in the reference", json.loads((run / "report.json").read_text())["versions"][OPENCV]
-    assert found.notes[0] == f"compared with tolerances, not bit by bit: {OPENCV} {was}, {is_now} here"
+    assert found.notes[0] == f"compared with tolerances, not bit by bit: {OPENCV} {was}, {is_now} now"
     assert "300 of 300 digests differ, least PSNR 5" in found.notes[1]
     assert not (run / "difference").exists()
 

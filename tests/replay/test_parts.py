@@ -39,9 +39,9 @@ def test_a_broken_budget_names_stage_and_figure(tmp_path: Path) -> None:
     )
     over = broken(found, REPORT, {"rate_hz": 40.0})
     assert over == [
-        f"track: {track} is 6, 5 at most (on any)",
-        f"track: {track} is 2, 1.9 at most (x latency.render.busy.p95_ms)",
-        "run: rate_hz is 0.75, 0.9 at least (x reference)",
+        f"track: {track} is 6, above the limit 5 (on any)",
+        f"track: {track} is 2, above the limit 1.9 (x latency.render.busy.p95_ms)",
+        "run: rate_hz is 0.75, below the limit 0.9 (x reference)",
     ]
     with pytest.raises(UserError, match="needs a reference"):
         broken(found, REPORT, None)

@@ -125,9 +125,9 @@ def _manifest(**changes: object) -> Callable[[Path], None]:
         (lambda f: (f / PACKETS).write_bytes((f / PACKETS).read_bytes()[:-5]), r"\.bin ends after \d+ bytes, within frame 59"),
         (lambda f: (f / INDEX).write_bytes((f / INDEX).read_bytes()[:-5]), "its last line is cut off"),
         (lambda f: (f / INDEX).write_text("".join(_lines(f)[:-1])), "59 frames, 60 were recorded"),
-        (_without_line, "frame 7 is missing, frame 8 stands in its place"),
+        (_without_line, "frame 7 is missing; frame 8 is in its place"),
         (_line(t_sensor_ns=-(10**9)), "frame 9: its time stamp .* is not after"),
-        (_line(offset=1), "frame 9 does not begin where the one before it ends"),
+        (_line(offset=1), "frame 9 does not begin where the previous frame ends"),
         *((_line(**wrong), rf"frames\.jsonl:10: {said}") for wrong, said in (
             ({"codec": "gif"}, "codec is 'gif', one of jpeg, png, raw"),
             ({"offset": -(10**12)}, "offset is -9"),
@@ -142,9 +142,9 @@ def _manifest(**changes: object) -> Callable[[Path], None]:
         (lambda f: (f / "truth.csv").unlink(), r"truth\.csv is missing"),
         (lambda f: (f / MANIFEST).unlink(), "manifest.json is missing"),
         (lambda f: (f / MANIFEST).write_text("["), "not valid JSON"),
-        (lambda f: (f / MANIFEST).write_text("[]"), "a JSON object is expected, not"),
-        (_manifest(version=2), "a sequence of version 2, this lfpipe reads version 1"),
-        (_manifest(width_px="wide"), "width_px is 'wide', a whole number"),
+        (lambda f: (f / MANIFEST).write_text("[]"), "expected a JSON object, not"),
+        (_manifest(version=2), "the sequence has version 2; this lfpipe reads version 1"),
+        (_manifest(width_px="wide"), "width_px is 'wide', expected a whole number"),
     ],
 )
 def test_every_damage_is_named(short: Path, tmp_path: Path, damage: Callable[[Path], object], said: str) -> None:

@@ -222,7 +222,7 @@ CASES: list[tuple[Callable[[Path], Path], str]] = [
     (other_depth, r"input_Cam003\.png: 16-bit, but"),
     (no_picture, r"input_Cam003\.png: not a readable picture"),
     (bomb, "1000000x1000000"),
-    (link_out, "leads out of the folder"),
+    (link_out, "outside of the folder"),
     (link_to_nothing, r"input_Cam005\.png"),
     (nan_disparity, "1 of 3072 values are no numbers"),
     (small_disparity, "64x40 values, the views 64x48"),

@@ -157,7 +157,7 @@ def test_all_broken_frames_are_named_and_those_before_can_be_cut_out(whole: Path
     for seq in (2, 4):
         found[seq] = (found[seq][0], found[seq][1][:-20])
     hostile_sequences.put_packets(folder, found)
-    with pytest.raises(UserError, match=r"(?s)frame 2: .*frame 4: .*`lfpipe sequence cut` copies those before it"):
+    with pytest.raises(UserError, match=r"(?s)frame 2: .*frame 4: .*`lfpipe sequence cut` copies the frames before it"):
         typed("sequence", "check", "SEQ")(folder, tmp_path / "out")
     typed("sequence", "cut", "SEQ", "OUT", "--to", "0.06")(folder, tmp_path / "out")
     part = open_sequence(tmp_path / "out")
@@ -351,7 +351,7 @@ def test_a_link_out_of_the_folder_is_not_followed(whole: Path, tmp_path: Path) -
         shutil.copytree(whole, folder)
         (folder / name).unlink()
         (folder / name).symlink_to(whole / name)
-        with pytest.raises(UserError, match=f"{name}: a link that leads out of the folder, to"):
+        with pytest.raises(UserError, match=f"{name}: a link to .*outside of the folder"):
             open_sequence(folder)
         shutil.copy(whole / name, folder / "kept")
         (folder / name).unlink()

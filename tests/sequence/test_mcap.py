@@ -127,15 +127,15 @@ def test_files_of_others_are_refused_by_name(tmp_path: Path, folder: Path, monke
     for number, (path, why) in enumerate(
         (
             (tmp_path / "nothing.mcap", "cannot be read"),
-            (folder / "frames.bin", "no whole MCAP file"),
+            (folder / "frames.bin", "not a whole MCAP file"),
             (Path("/dev/zero"), "cannot be read"),
-            (written(tmp_path / "empty.mcap"), "holds no manifest.json"),
-            (written(tmp_path / "other.mcap", ("/tf", {})), "holds no manifest.json"),
+            (written(tmp_path / "empty.mcap"), "contains no manifest.json"),
+            (written(tmp_path / "other.mcap", ("/tf", {})), "contains no manifest.json"),
             (written(tmp_path / "zip.mcap", ("/camera", {"data": "0" * 10**6}), compression=CompressionType.ZSTD), "compressed"),
-            (written(tmp_path / "stamps.mcap", ("/camera/stamps", line)), "has stamps and no picture"),
-            (written(tmp_path / "list.mcap", ("/camera", [])), "holds no picture"),
+            (written(tmp_path / "stamps.mcap", ("/camera/stamps", line)), "has stamps but no picture"),
+            (written(tmp_path / "list.mcap", ("/camera", [])), "contains no picture"),
             (written(tmp_path / "fields.mcap", ("/camera", {"data": ""}), ("/camera/stamps", {"seq": 1})), "frame 0"),
-            (written(tmp_path / "swapped.mcap", ("/camera", {"data": "AAAA"}), ("/camera/stamps", line)), "not the one that was"),
+            (written(tmp_path / "swapped.mcap", ("/camera", {"data": "AAAA"}), ("/camera/stamps", line)), "after recording"),
         )
     ):
         with pytest.raises(UserError) as caught:

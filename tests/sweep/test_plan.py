@@ -59,11 +59,11 @@ def test_a_key_follows_contents_not_the_place(tmp_path: Path, corpus: Path, monk
     [
         ("subjects = [", "not valid TOML"),
         ('subjects = ["qualty"]', "did you mean 'quality'"),
-        ("subjects = []", "none named"),
+        ("subjects = []", "the list is empty"),
         ('subject = ["quality"]', "did you mean 'subjects'"),
         ('subjects = ["quality"]', "needs scenes"),
         ('subjects = ["replay"]\nscenes = ["a"]', "needs sequences"),
-        ('subjects = "quality"', "a list of texts"),
+        ('subjects = "quality"', "a list of strings"),
         ('subjects = ["plan"]\n[config]\n"render.methd" = ["warp"]', "render.method"),
         ('subjects = ["plan"]\n[config]\n"render.method" = ["wrap"]', "wrap"),
         ('subjects = ["plan"]\n[config]\n"render.method" = []', "empty"),

@@ -184,7 +184,7 @@ def test_names_that_may_point_here(name: str, port: int) -> None:
 
 @pytest.mark.parametrize("text", ["", "x", ":x", ":70000", "host:", ":-1", ":٣", ":" + 9 * "0"])
 def test_wrong_addresses(text: str) -> None:
-    with pytest.raises(UserError, match="no port"):
+    with pytest.raises(UserError, match="not a port"):
         parse_address(text, "--web")
 
 

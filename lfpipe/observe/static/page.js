@@ -1,5 +1,5 @@
 "use strict";
-// The page of `lfpipe monitor --web`: draws what /events tells and shows, sends commands to /ctl.
+// The page of `lfpipe monitor --web`: draws the samples of /events and sends commands to /ctl.
 
 const PERIOD_MS = 250, POINTS = 480;
 const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
@@ -7,7 +7,7 @@ const inkOf = (key) => ink(key) || ink("other"); // of a stage, or of the age
 const $ = (id) => document.getElementById(id);
 const page = { events: 0, latency: null, hists: {}, last: null };
 window.lfpipe = page; // for the tests
-history.replaceState(null, "", document.baseURI); // without the token, which the cookie keeps for this path
+history.replaceState(null, "", document.baseURI); // removes the token from the address; the cookie keeps it for this path
 
 const axis = { stroke: () => ink("dim"), grid: { stroke: () => ink("line"), width: 1 }, ticks: { stroke: () => ink("line") } };
 const rows = { t: [], age: [], stages: {} };
@@ -78,7 +78,7 @@ function table(told) {
   }));
 }
 
-// Controls: what the session says wins, except over the one the person is moving right now.
+// Controls show the session's values, except for the control that the user is moving.
 let held = "", heldUntil = 0;
 const hold = (id) => { held = id; heldUntil = performance.now() + 1500; };
 const free = (id) => held !== id || performance.now() > heldUntil;
@@ -91,7 +91,7 @@ async function command(message) {
   } catch { $("note").textContent = "the monitor has ended"; }
 }
 
-let waiting = null, busy = false; // the newest setting, and whether one is under way: a slider moves faster than a session answers
+let waiting = null, busy = false; // the newest setting, and whether a request is running: a slider moves faster than a session answers
 async function set(key, value) {
   waiting = { ...(waiting || {}), [key]: value };
   if (busy) return;
