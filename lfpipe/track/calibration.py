@@ -1,4 +1,4 @@
-"""The camera's focal length from one thing of known size at a known distance: the viewer's eyes, or a bank card."""
+"""The camera's focal length from an object of known size at a known distance: the viewer's eyes, or a bank card."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 
 from lfpipe.track.engine import Face
 
-FRAMES = 45  # measured for one answer
-SPREAD = 0.05  # quartiles further apart than that share of the median mean that the viewer moved
+FRAMES = 45  # frames per measurement
+SPREAD = 0.05  # the viewer has moved if the quartiles differ by more than this share of the median
 
 
 class EyeGauge:
-    """Distance between the eyes in px over the last FRAMES frames with a face: median and how sure it is."""
+    """Distance between the eyes in px over the last FRAMES frames with a face: median and spread."""
 
     def __init__(self) -> None:
         self._apart_px: deque[float] = deque(maxlen=FRAMES)
 
     def add(self, face: Face | None) -> None:
-        """One frame's face; a frame without one says nothing."""
+        """Adds a frame's face; ignores a frame without one."""
         if face is not None:
             self._apart_px.append(float(np.hypot(*(face.eyes_px[0] - face.eyes_px[1]))))
 
     @property
     def full(self) -> bool:
-        """Whether there are FRAMES of them."""
+        """Whether FRAMES frames are collected."""
         return len(self._apart_px) == FRAMES
 
     @property
@@ -35,6 +35,6 @@ class EyeGauge:
 
     @property
     def steady(self) -> bool:
-        """Whether the viewer kept still enough for the median to mean something."""
+        """Whether the viewer kept still enough for a reliable median."""
         low, middle, high = np.percentile(self._apart_px, [25, 50, 75]) if self._apart_px else (0.0, 0.0, 1.0)
         return bool(high - low <= SPREAD * middle)

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from lfpipe.track.network import Network, model_file
 from lfpipe.track.roi import Roi, Warp, fill, warp
 
-MIN_OVERLAP = 0.3  # boxes that share more than this are one face
+MIN_OVERLAP = 0.3  # boxes that overlap more are one face
 
 
 @attrs.frozen
 class Range:
-    """A detection network. size_px: side of its input. grids: (cells per side, anchors per cell). Scores under min_score are
+    """A detection network. size_px: side of its input. grids: (cells per side, anchors per cell). Scores below min_score are
     dropped."""
 
     file: str
@@ -24,7 +24,7 @@ class Range:
     min_score: float
 
 
-# A viewer at a desk, 1.1 ms; and, in 11 ms, faces down to a fortieth of the picture's width: 3 m from an ordinary webcam.
+# short: a viewer at a desk, 1.1 ms. full: faces down to 1/40 of the picture's width (3 m from an ordinary webcam), 11 ms.
 SHORT = Range("modules/face_detection/face_detection_short_range.tflite", 128, ((16, 2), (8, 6)), 0.5)
 FULL = Range("modules/face_detection/face_detection_full_range_sparse.tflite", 192, ((48, 1),), 0.3)
 
@@ -39,7 +39,7 @@ class Detection:
 
 
 def anchors(grids: tuple[tuple[int, int], ...]) -> NDArray[np.float32]:
-    """Centres (n, 2) of the anchors as (x, y) in 0..1: all are squares of the network's whole input, so centres say it all."""
+    """Centres (n, 2) of the anchors as (x, y) in 0..1: all anchors have the size of the whole input, so only centres matter."""
     out = []
     for cells, repeats in grids:
         centres = (np.arange(cells, dtype=np.float32) + np.float32(0.5)) / np.float32(cells)
@@ -49,7 +49,7 @@ def anchors(grids: tuple[tuple[int, int], ...]) -> NDArray[np.float32]:
 
 
 def overlap(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Intersection over union of box a (4,) with each of b (n, 4), as (x0, y0, x1, y1); 0 where the union is empty."""
+    """Intersection over union of box a (4,) with each of b (n, 4), as (x0, y0, x1, y1); 0 if the union is empty."""
     low, high = np.maximum(a[:2], b[:, :2]), np.minimum(a[2:], b[:, 2:])
     common = np.prod(np.clip(high - low, 0, None), axis=1)
     union = np.prod(a[2:] - a[:2]) + np.prod(b[:, 2:] - b[:, :2], axis=1) - common
@@ -58,9 +58,9 @@ def overlap(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.floa
 
 
 def suppressed(rows: NDArray[np.floating], scores: NDArray[np.floating]) -> list[tuple[NDArray[np.float64], float]]:
-    """One (row, score) for each cluster of overlapping boxes, best first: the mean of its rows, weighted with their scores.
+    """One (row, score) for each cluster of overlapping boxes, best first: the mean of its rows, weighted by their scores.
 
-    rows (n, 4 + anything): the box (x0, y0, x1, y1), then what is averaged along with it.
+    rows (n, 4 + anything): the box (x0, y0, x1, y1), then values to average with it.
     """
     left = list(np.argsort(-scores, kind="stable"))
     out = []
@@ -76,7 +76,7 @@ def suppressed(rows: NDArray[np.floating], scores: NDArray[np.floating]) -> list
 
 
 class Detector:
-    """Finds faces at a range. Raises UserError where the network is missing or wrong."""
+    """Finds faces at one range. Raises UserError if the network is missing or wrong."""
 
     def __init__(self, range_: Range = SHORT, warp: Warp = warp) -> None:
         self._range, self._warp = range_, warp
@@ -86,7 +86,7 @@ class Detector:
         self.model = self._network.name
 
     def detect(self, image: NDArray[np.uint8], region: Roi | None = None) -> list[Detection]:
-        """Faces in uint8 (height, width, 3) BGR, surest first. region: where to look; None: the whole picture."""
+        """Faces in uint8 (height, width, 3) BGR, highest score first. region: the part to search; None: the whole picture."""
         height_px, width_px = image.shape[:2]
         size_px = self._range.size_px
         whole = region or Roi(width_px / 2, height_px / 2, max(width_px, height_px), 0.0)

@@ -7,10 +7,10 @@ from lfpipe.track.engine import Engine
 
 
 def make_engine(track: Track, portable: bool = False) -> Engine:
-    """The engine that track names, ready. Each imports its own libraries, and only when chosen.
+    """Returns the engine that track names, ready. Its libraries are imported only now.
 
-    portable: see `LitertEngine`; MediaPipe's graph has an OpenCV of its own in it.
-    Raises UserError where its libraries or models are missing or of another version.
+    portable: see `LitertEngine`; MediaPipe's graph contains its own OpenCV.
+    Raises UserError if its libraries or models are missing or have another version.
     """
     if track.engine == "mediapipe":
         from lfpipe.track.mediapipe_engine import MediapipeEngine

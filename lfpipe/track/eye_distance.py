@@ -1,6 +1,7 @@
-"""The viewer's own distance between the eyes, learnt from the size of the iris, which is nearly the same in everybody.
+"""The viewer's own distance between the eyes, learnt from the size of the iris, which is nearly the same for everybody.
 
-Visible iris of 11.7 +- 0.5 mm across: so the result is good to 4 %. People differ by +-10 % from the mean of 63 mm.
+The visible iris is 11.7 +- 0.5 mm wide, so the result is accurate to 4 %. People's distances differ by +-10 % from the mean, 63
+mm.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ IRIS_MM = 11.7
 WINDOW_NS = 4 * SECOND_NS
 LEAST_NS = SECOND_NS  # shortest time observed
 LEAST_COUNT = 20
-SPREAD = 0.05  # half of the samples must lie within this share of their median, else no distance is reported
+SPREAD = 0.05  # a distance is reported if half of the samples are within this share of the median
 PLAUSIBLE_MM = (45.0, 80.0)  # adults and children; anything else is a wrong measurement
 CHANGED_MM = 1.0  # smallest change that is reported
 EVERY = 8  # samples between two updates of the median
 
 
 class EyeDistance:
-    """Running median over frontal faces. mm: the distance once it is steady, 0.0 before; it stays while there is no face."""
+    """Running median over frontal faces. mm: the distance once it is steady, 0.0 before; it is kept while there is no face."""
 
     def __init__(self) -> None:
         self.mm = 0.0
@@ -31,16 +32,16 @@ class EyeDistance:
         self._count = 0
 
     def reset(self) -> None:
-        """Forgets the samples: the next face may be another person's."""
+        """Discards the samples: the next face may be another person's."""
         self._seen.clear()
 
     def update(self, t_ns: int, face: Face) -> float:
-        """Takes the face of a frame and returns `mm`. Frames without a known iris, or not numbers, change nothing."""
+        """Adds the face of a frame and returns `mm`. Ignores faces without a known iris, and values that are not numbers."""
         apart_px = float(np.hypot(*(face.eyes_px[0] - face.eyes_px[1])))
         if not (face.iris_px > 0 and 0 < apart_px < np.inf):
             return self.mm
         if self._seen and t_ns < self._seen[-1][0]:
-            self.reset()  # a clock that was set back
+            self.reset()  # the clock was set back
         self._seen.append((t_ns, IRIS_MM * apart_px / face.iris_px))
         while t_ns - self._seen[0][0] > WINDOW_NS:
             self._seen.popleft()

@@ -1,4 +1,4 @@
-"""Engine, filter and the viewer's own eye distance behind one call a frame: what the stage runs, without processes."""
+"""Combines engine, filter and the viewer's eye distance: one call per frame. The stage runs this; it needs no processes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lfpipe.track.smoothing import MAX_STEP_NS
 class EyeTracker:
     """engine: finds faces. seen: whether the last frame had a face.
 
-    portable: see `LitertEngine`. Raises UserError where an engine's libraries or models are missing.
+    portable: see `LitertEngine`. Raises UserError if an engine's libraries or models are missing.
     """
 
     def __init__(self, settings: Track, portable: bool = False) -> None:
@@ -30,36 +30,36 @@ class EyeTracker:
         self.seen = False
 
     def set(self, settings: Track) -> None:
-        """Takes another filter; the engine stays."""
+        """Replaces the filter, but not the engine."""
         if settings != self._settings:
             self._settings, self._filter = settings, make_filter(settings)
 
     def reset(self) -> None:
-        """Chooses the face anew."""
+        """Starts a new choice of the face."""
         self.engine.reset()
         self.seen = False
 
     def update(self, face: Face | None, t_sensor_ns: int, epoch: int = 0) -> bool:
-        """Takes what the engine found in a frame; whether a face was found or lost with it. epoch: another one is another run."""
+        """Adds the engine's result for a frame. Returns whether a face was found or lost. epoch: a new value means a new run."""
         self._face = face
         if face is not None:
             away_ns = t_sensor_ns - self._seen_ns
             if epoch != self._epoch or away_ns >= MAX_STEP_NS or not same_place(self._box_px, face.box_px):
-                self._epoch, self._generation = epoch, self._generation + 1  # nothing before this run says anything about it
+                self._epoch, self._generation = epoch, self._generation + 1  # earlier runs say nothing about this one
                 self._filter.reset()
                 self._apart.reset()
             self._apart.update(t_sensor_ns, face)
             self._raw_px, self._box_px, self._seen_ns = face.eyes_px, face.box_px, t_sensor_ns
             self._position_px, self._velocity_px_s = self._filter.update(t_sensor_ns, face.eyes_px)
         else:
-            self._velocity_px_s = np.zeros((2, 2))  # hold: nothing says where the eyes went
+            self._velocity_px_s = np.zeros((2, 2))  # hold the position: the motion is unknown
             if self._settings.filter == "mean":
-                self._filter.reset()  # the average may not mix what is before a loss with what is after it
+                self._filter.reset()  # the average must not mix positions before and after a loss
         changed, self.seen = (face is not None) != self.seen, face is not None
         return changed
 
     def write(self, record: NDArray[np.void], image: NDArray[np.uint8]) -> None:
-        """Fills a record of dtype EYES, but for t_tracked_ns. image: the frame."""
+        """Fills a record of dtype EYES, except t_tracked_ns. image: the frame."""
         face = self._face
         record["raw_px"], record["filtered_px"] = self._raw_px, self._position_px
         record["velocity_px_s"] = self._velocity_px_s

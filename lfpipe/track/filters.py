@@ -2,7 +2,7 @@
 
 Constants of the default were chosen on videos of heads and on sequences of known motion, by the rule in
 profiling/results/eyes.md, and checked on others (`profiling/eyes_tracks.py`, `profiling/eyes_heldout.py`). All are in distances
-between the eyes and in seconds, so they hold for any camera, picture size and viewer distance.
+between the eyes and in seconds, so they are valid for any camera, picture size and viewer distance.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from lfpipe.track.smoothing import EyeFilter, Mean, OneEuro
 
 
 def make_filter(track: Track) -> EyeFilter:
-    """The filter that track names, at its start."""
+    """Returns a new filter of the name in track."""
     if track.filter == "mean":
         return Mean(track.mean_k)
     if track.filter == "one-euro":

@@ -1,7 +1,7 @@
-"""How the head is turned, from the face mesh: the rotation that fits MediaPipe's canonical face model to the network's points.
+"""Rotation of the head: fits MediaPipe's canonical face model to the network's points.
 
-The fit is that of Kabsch (Acta Cryst. A32, 1976) over points that neither jaw nor mouth moves. The mesh has the camera's rays
-parallel, so the angles are those against the line of sight from the camera to the head, not against the camera's axis.
+The fit (Kabsch, Acta Cryst. A32, 1976) uses points that jaw and mouth do not move. The mesh assumes parallel camera rays, so the
+angles are relative to the line of sight from the camera to the head, not to the camera's axis.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 HeadTurn = tuple[float, float, float]  # yaw, pitch, roll in degrees
 
-# Point of the mesh -> its place in the canonical model, cm: x to the face's left, y up, z out of the face.
+# Point of the mesh -> its position in the canonical model, cm: x to the face's left, y up, z out of the face.
 _MODEL_CM = {
     1: (0.0, -1.126865, 7.475604),  # tip of the nose
     10: (0.0, 8.261778, 4.481535),  # top of the forehead
@@ -23,7 +23,7 @@ _MODEL_CM = {
     263: (4.445859, 2.663991, 3.173422),
     127: (-7.743095, 2.364999, -2.005167),  # temples
     356: (7.743095, 2.364999, -2.005167),
-    234: (-7.664182, 0.673132, -2.435867),  # before the ears
+    234: (-7.664182, 0.673132, -2.435867),  # in front of the ears
     454: (7.664182, 0.673132, -2.435867),
 }
 HEAD_POINTS = np.array(list(_MODEL_CM))
@@ -33,7 +33,7 @@ _CENTRED = _MODEL - _MODEL.mean(axis=0)  # its rows sum to 0, so the points need
 
 def head_turn(points: ArrayLike) -> HeadTurn:
     """Yaw, pitch, roll in degrees, 0 for a face that looks along the line of sight: yaw to the person's own right, pitch up, roll
-    towards their right shoulder. Turned in the order yaw, pitch, roll, about axes that turn along.
+    towards their right shoulder. Applied in the order yaw, pitch, roll, about axes that turn with the head.
 
     points: (10, 3), those of HEAD_POINTS, on the picture's axes in any unit: x right, y down, z away from the camera.
     """
@@ -41,7 +41,7 @@ def head_turn(points: ArrayLike) -> HeadTurn:
     rotation = u @ vt
     x, y, z = rotation.tolist()
     if x[0] * (y[1] * z[2] - y[2] * z[1]) - x[1] * (y[0] * z[2] - y[2] * z[0]) + x[2] * (y[0] * z[1] - y[1] * z[0]) < 0:
-        u[:, 2] *= -1  # a mirror would fit better, but no head does that
+        u[:, 2] *= -1  # a reflection would fit better, but is impossible
         rotation = u @ vt
     return turn_of(rotation)
 

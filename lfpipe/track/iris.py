@@ -1,4 +1,4 @@
-"""Where the irises are, and how large: MediaPipe's iris network on a crop of each eye (arXiv:2006.11341)."""
+"""Position and size of the irises: MediaPipe's iris network on a crop of each eye (arXiv:2006.11341)."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from lfpipe.track.network import Network, model_file
 from lfpipe.track.roi import Roi, Warp, around, fill, warp
 
 SIZE_PX = 64
-_SCALE = 2.3  # of the crop over the distance between the eye's corners
+_SCALE = 2.3  # width of the crop in distances between the eye's corners
 _CORNERS = ((362, 263), (33, 133))  # inner and outer of the viewer's left eye, outer and inner of the right: both left to right
 
 
 class Irises:
-    """Raises UserError where the network is missing or of another version."""
+    """Raises UserError if the network is missing or has another version."""
 
     def __init__(self, warp: Warp = warp) -> None:
         self._warp = warp
@@ -25,7 +25,7 @@ class Irises:
     def find(self, image: NDArray[np.uint8], points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Irises in px of image, uint8 (h, w, 3) BGR. points: (468, 2) px of the face mesh.
 
-        Returns (2, 5, 2), left first: the centre and four points around it, as `landmarks.iris_diameter` takes them.
+        Returns (2, 5, 2), left first: the centre and four points around it, as for `landmarks.iris_diameter`.
         """
         out = np.empty((2, 5, 2))
         for eye, (start, end) in enumerate(_CORNERS):
@@ -33,7 +33,7 @@ class Irises:
             corners = (*(middle - reach), *(middle + reach))
             roi: Roi = around(corners, points[start], points[end], _SCALE)
             crop = roi.crop(image, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
-            # the network knows right eyes only: the left one is shown to it in a mirror
+            # the network knows only right eyes, so the left one is mirrored
             crop = crop if eye else np.ascontiguousarray(crop[:, ::-1])
             fill(self._network.input, crop, 0.0, 1.0)
             found = self._network.run()[0].reshape(5, 3)[:, :2].astype(np.float64)

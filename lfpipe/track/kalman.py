@@ -1,4 +1,4 @@
-"""Kalman filter of constant velocity."""
+"""Kalman filter with a constant-velocity model."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from lfpipe.track.smoothing import Filter, Points
 
 @attrs.frozen
 class Covariance:
-    """[[a, b], [b, c]] of (position, velocity), with its determinant carried along.
+    """Covariance [[a, b], [b, c]] of (position, velocity), stored with its determinant.
 
     Both steps are the exact ones for white acceleration (Bar-Shalom, Li, Kirubarajan 2001, section 6.2.2), rearranged so that
-    they only add, multiply and divide numbers that are not negative: nothing cancels, so every entry keeps nearly all of its
-    digits and the matrix stays symmetric and positive semi-definite, where the Joseph form loses digits of c. b >= 0 holds
-    from a diagonal start on.
+    they only add, multiply and divide non-negative numbers. Nothing cancels, so every entry keeps nearly all of its digits, and
+    the matrix stays symmetric and positive semi-definite. (The Joseph form loses digits of c.) b >= 0 holds if the start is
+    diagonal.
     """
 
     a: float
@@ -40,12 +40,13 @@ class Covariance:
 
 
 class Kalman(Filter):
-    """Constant velocity, the same covariance for the four coordinates. Velocity as it is estimated.
+    """Constant-velocity model with one covariance for the four coordinates. Reports the estimated velocity.
 
-    agility: density of the acceleration noise over variance of the measurement, 1/s^3; only the ratio decides the gains.
+    agility: density of the acceleration noise divided by the variance of the measurement, 1/s^3. Only this ratio affects the
+    gains.
     """
 
-    START_SPREAD = 1e6  # variance of the first velocity over that of a measurement, 1/s^2: all that a head can do
+    START_SPREAD = 1e6  # variance of the first velocity over that of a measurement, 1/s^2: covers all head motion
 
     def __init__(self, agility: float) -> None:
         self._agility = agility

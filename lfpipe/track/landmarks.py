@@ -1,4 +1,4 @@
-"""Which of the face mesh's points stand around the eyes.
+"""The points of the face mesh around the eyes.
 
 The 468 points, and the 5 + 5 of the iris that follow them when refined, are those of MediaPipe's canonical face model.
 """
@@ -18,21 +18,21 @@ LEFT_EYE = np.array([263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385,
 RIGHT_EYE = np.array([33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 159, 160, 161, 246])
 LEFT_IRIS, RIGHT_IRIS = 473, 468  # the centre points; each is followed by four around it
 TURN = (263, 33, 1)  # outer corners of the viewer's left eye and of the right, tip of the nose
-FRONTAL = 0.12  # of `turn`: a head turned by some 7 degrees, in which eyes stand 1 % closer together
+FRONTAL = 0.12  # of `turn`: a head turned by about 7 degrees, whose eyes appear 1 % closer together
 
 EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the face
 
-EYE_LINE = (33, 263)  # outer corners of the eyes, right to left: what a face's region is turned by
+EYE_LINE = (33, 263)  # outer corners of the eyes, right to left: defines the rotation of a face's region
 _LIDS = 9  # corners and lower lid: the first of LEFT_EYE and RIGHT_EYE. A blink moves the upper lid by a third of an eye
 _KEY = np.concatenate([LEFT_EYE[:_LIDS], RIGHT_EYE[:_LIDS], EYE_LINE])
 # From the mean of these points to that of all 16 in open eyes, in distances between the eyes: upwards, and away from the nose.
-# Medians of 60 pictures of 10 people (0.0355, 0.0073) and of 429 frames of one who talks (0.0370, 0.0062).
+# Medians over 60 pictures of 10 people (0.0355, 0.0073) and 429 frames of a talking person (0.0370, 0.0062).
 _RAISE, _SPREAD = 0.036, 0.0067
 
 
 @attrs.frozen
 class EyePoints:
-    """Centres of the eyes and outer corners, (x, y) each. apart: distance between the centres in space, in the same unit."""
+    """Centres of the eyes and outer corners, (x, y) each. apart: 3-D distance between the centres, in the same unit."""
 
     left: tuple[float, float]
     right: tuple[float, float]
@@ -42,12 +42,12 @@ class EyePoints:
 
 
 def eye_points(points: NDArray[np.floating], depth: NDArray[np.floating]) -> EyePoints:
-    """Eye centres that stay where they are in a blink, from points (2, 468), x and y of the mesh, and depth (468,), its z.
+    """Eye centres that a blink does not move, from points (2, 468), x and y of the mesh, and depth (468,), its z.
 
-    A centre is the mean of the eye's corners and lower lid, moved to where the mean of all 16 periocular points, the paper's
-    centre, is while the eye is open.
+    A centre is the mean of the eye's corners and lower lid, shifted to the paper's centre: the mean of
+    all 16 periocular points of an open eye.
     """
-    xs, ys = points[:, _KEY].tolist()  # then plain numbers: a call to numpy that follows a pause costs 15 us
+    xs, ys = points[:, _KEY].tolist()  # plain numbers from here: a numpy call after a pause costs 15 us
     zs = depth[_KEY[: 2 * _LIDS]].tolist()
     n = _LIDS
     lx, ly, lz = add(xs[:n]) / n, add(ys[:n]) / n, add(zs[:n]) / n
@@ -64,14 +64,15 @@ def eye_points(points: NDArray[np.floating], depth: NDArray[np.floating]) -> Eye
 
 
 def iris_diameter(irises: NDArray[np.float64]) -> float:
-    """Mean diameter in px of irises (2, 5, 2), upright and level: the lids hide some of the one, the gaze turns the other."""
+    """Mean diameter in px of irises (2, 5, 2), vertical and horizontal: lids hide part of the former, the gaze shortens the
+    latter."""
     across = irises[:, [1, 2]] - irises[:, [3, 4]]
     return float(np.hypot(across[..., 0], across[..., 1]).mean())
 
 
 def turn(points: NDArray[np.float64]) -> float:
-    """How far the tip of the nose stands off the middle between the eyes' outer corners, in halves of their distance: 0 where
-    the face looks at the camera, about the tangent of the angle to the side. points: (3, 2) px, those of TURN."""
+    """Distance of the tip of the nose from the middle between the eyes' outer corners, in halves of their distance. 0 if the
+    face looks at the camera; about the tangent of the angle to the side. points: (3, 2) px, those of TURN."""
     left, right, nose = points
     along = left - right
     return float(2 * np.dot(nose - (left + right) / 2, along) / max(float(np.dot(along, along)), 1e-9))

@@ -1,8 +1,8 @@
-"""Engine "litert": MediaPipe's landmark network run in this thread, on a region of interest kept from picture to picture.
+"""Engine "litert": MediaPipe's landmark network run in this thread, on a region of interest that follows the face.
 
 The same network and regions as the FaceMesh graph, without its scheduler. A detector runs for the first face, after a loss, and
-about once a second on the side. Where FaceMesh takes the surest face, this takes the viewer's (`selector.py`), and where the
-landmark network refuses a candidate it tries the next.
+about once a second in addition. FaceMesh takes the face with the highest score; this engine takes the viewer's (`selector.py`).
+If the landmark network rejects a candidate, it tries the next.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ from lfpipe.track.selector import FaceSelector
 
 SIZE_PX = 192
 POINTS = 468
-# In distances between the eyes: a gaze moves both irises off the middle of the lids equally, and only as far as the lids allow.
-# Where the two irises disagree, glasses or glare hide them, and the lids are the better estimate.
+# In distances between the eyes. A gaze moves both irises off the middle of the lids equally, and only as far as the lids allow.
+# If the two irises disagree, glasses or glare hide them, and the lids are the better estimate.
 APART, ASIDE = 0.06, 0.13
 FOUND = 0.5  # confidence that a new face needs
-FOUND_FAR = 0.9  # the same of a small face: its detector has many false alarms, and the landmark network is sure of real faces
-KEPT = 0.2  # confidence that a followed face needs: a hand in front of it lowers the confidence before the accuracy
+FOUND_FAR = 0.9  # the same for a small face: its detector has many false alarms, and real faces get high confidence
+KEPT = 0.2  # confidence that a followed face needs: a hand in front of it lowers confidence more than accuracy
 CANDIDATES = 6  # faces per picture that the landmark network tries, 1.3 ms each
-FAR_EVERY = 8  # pictures without a face between two runs of the full-range detector, which takes 10 ms
-UPRIGHT_DEG = 80.0  # no head leans further; a face that does is in a rotated picture
+FAR_EVERY = 8  # pictures without a face between runs of the full-range detector (10 ms each)
+UPRIGHT_DEG = 80.0  # no head leans further; such a face is in a rotated picture
 LEANING_DEG, REPEATS = 30.0, 4  # a new face that leans further is measured again, at most REPEATS times
 QUARTERS = (math.pi, math.pi / 2, -math.pi / 2)
-ROTATED_FACES = 3  # such faces before the hint appears
+ROTATED_FACES = 3  # number of such faces before the hint appears
 
 
 class LitertEngine:
-    """refine: eye centres are those of the irises, at the price of two small networks more. portable: the same eyes to the last
-    bit in every version of OpenCV, at the price of 0.14 ms.
+    """refine: eye centres are those of the irises, at the cost of two small networks. portable: the same eyes to the last bit in
+    every version of OpenCV, at the cost of 0.14 ms.
 
-    Raises UserError where mediapipe's network files are missing or of another version.
+    Raises UserError if mediapipe's network files are missing or have another version.
     """
 
     name = "litert"
@@ -58,7 +58,7 @@ class LitertEngine:
         self._irises = Irises(self._warp) if refine else None
         self.model = self._network.name + (f" + {self._irises.model}" if self._irises else "")
         self.rotated_deg = 0
-        self._rotated: dict[int, int] = {}  # turn -> faces seen so
+        self._rotated: dict[int, int] = {}  # rotation -> number of faces
         self._size: tuple[int, ...] = ()
         self.reset()
 
@@ -74,7 +74,7 @@ class LitertEngine:
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
         """See Engine.detect; also takes grey, BGRA and 16-bit pictures. Raises UserError for other arrays."""
         bgr = as_bgr8(image)
-        if bgr.shape[:2] != self._size:  # px of another picture mean nothing here
+        if bgr.shape[:2] != self._size:  # regions in px of another size are invalid
             self._size = bgr.shape[:2]
             self.reset()
         face = self._measure(bgr, self._roi, KEPT) if self._roi else None
@@ -89,7 +89,7 @@ class LitertEngine:
         return face
 
     def examine(self, image: NDArray[np.uint8]) -> None:
-        """See Engine.examine. A face that should be followed instead is followed from the next picture on."""
+        """See Engine.examine. If another face should be followed, that starts with the next picture."""
         if self._followed is None or not self._selector.due:
             return
         bgr = as_bgr8(image)
@@ -102,7 +102,7 @@ class LitertEngine:
         self._selector.change(face.box_px)
 
     def _search(self, bgr: NDArray[np.uint8]) -> Face | None:
-        """A face anywhere in the picture."""
+        """Searches the whole picture for a face."""
         height_px, width_px = bgr.shape[:2]
         looks = [(FOUND, self._near.detect(bgr))]
         if self._without % FAR_EVERY == FAR_EVERY - 1:
@@ -116,7 +116,7 @@ class LitertEngine:
         return None
 
     def _acquire(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Face | None:
-        """A new face in roi. A leaning face is measured again until its own region is found. The detector often takes an
+        """Measures a new face in roi. A leaning face is measured again until its own region is found. The detector often takes an
         upside-down face for an upright one, but the landmark network is more confident in the rotated region."""
         face = self._measure(bgr, roi, least)
         for _ in range(REPEATS):
@@ -135,7 +135,7 @@ class LitertEngine:
         return None if sum(self._rotated.values()) > counted else face
 
     def _look_far(self, bgr: NDArray[np.uint8]) -> list[Detection]:
-        """Small faces: alternately in the whole picture and, enlarged, in one of three parts that cover its width."""
+        """Searches small faces, alternately in the whole picture and, enlarged, in one of three parts that cover its width."""
         if self._far is None:
             self._far = Detector(FULL, self._warp)
         height_px, width_px = bgr.shape[:2]
@@ -148,7 +148,7 @@ class LitertEngine:
         return self._far.detect(bgr, Roi(x_px, y_px, side_px, 0.0))
 
     def _look_rotated(self, bgr: NDArray[np.uint8]) -> None:
-        """Counts faces that are upside down or sideways; the detector misses many of them in the unrotated picture."""
+        """Counts faces that are upside down or sideways; the detector misses many of them unless the picture is rotated."""
         height_px, width_px = bgr.shape[:2]
         angle = QUARTERS[self._without // FAR_EVERY % 3]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), angle)
@@ -156,14 +156,14 @@ class LitertEngine:
             self._measure(bgr, _region(candidate), FOUND)
 
     def _run(self, bgr: NDArray[np.uint8], roi: Roi) -> tuple[NDArray[np.float32], float]:
-        """The network's points in px of the crop, flat, and the logit of its confidence."""
+        """Returns the network's points in px of the crop, flat, and the logit of its confidence."""
         crop = roi.crop(bgr, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
         fill(self._network.input, crop, 0.0, 1.0)
         values, logit = self._network.run()
         return values, float(logit[0])
 
     def _measure(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Face | None:
-        """The face in roi; its own region becomes the one for the next picture. least: the confidence it needs."""
+        """Measures the face in roi; its region is used for the next picture. least: the required confidence."""
         values, logit = self._run(bgr, roi)
         confidence = 1 / (1 + math.exp(-min(max(logit, -80.0), 80.0)))
         if confidence < least:
@@ -177,7 +177,7 @@ class LitertEngine:
         edges = x0 + x, y0 + y, x1 + x, y1 + y
         region = around(edges, found.right_corner, found.left_corner)
         lean_deg = math.degrees(region.angle)
-        # narrower than a pixel, or not a number: no region for the next picture
+        # narrower than a pixel, or NaN: no region for the next picture
         if not 1.0 <= region.side_px < math.inf or not self._upright(lean_deg):
             return None
         self._roi = region
@@ -195,7 +195,7 @@ class LitertEngine:
         return Face(eyes, confidence, edges, iris_px, found.apart, lean_deg, turn_deg)
 
     def _upright(self, lean_deg: float) -> bool:
-        """Whether a head can lean this far, clockwise. Counts faces that lean further: the picture may be rotated."""
+        """Whether a head can lean this far, clockwise. Counts faces that lean further, because the picture may be rotated."""
         if abs(lean_deg) <= UPRIGHT_DEG:
             return True
         turned = round(-lean_deg / 90) * 90 % 360

@@ -33,10 +33,10 @@ _BLANK = np.zeros((64, 64, 3), np.uint8)
 
 
 class MediapipeEngine:
-    """FaceMesh of one face on the CPU. refine: with the iris network, eye centres are then those of the irises.
+    """FaceMesh of one face on the CPU. refine: use the iris network; eye centres are then those of the irises.
 
     The graph reports no score, so confidence is 1. It chooses among several faces itself.
-    Raises UserError where mediapipe is missing or of a version without FaceMesh.
+    Raises UserError if mediapipe is missing or has no FaceMesh.
     """
 
     name = "mediapipe"
@@ -46,20 +46,20 @@ class MediapipeEngine:
         os.environ.setdefault("GLOG_minloglevel", "2")
         os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
         try:
-            import mediapipe  # half a second: only where this engine is used
+            import mediapipe  # takes half a second, so only if this engine is used
 
             version = str(getattr(mediapipe, "__version__", "unknown"))
             make: Any = mediapipe.solutions.face_mesh.FaceMesh
         except (ImportError, AttributeError) as error:
             raise UserError(
                 f"track.engine = mediapipe: this installation has no FaceMesh ({error})",
-                "set track.engine=litert, or install mediapipe==0.10.21, the last version that carries it (Python 3.12 at most)",
+                "set track.engine=litert, or install mediapipe==0.10.21, the last version that includes it (up to Python 3.12)",
             ) from None
         self.model = f"FaceMesh{' with iris refinement' if refine else ''}, mediapipe {version}"
         self._refine = refine
         irises = tuple(tuple(range(first, first + 5)) for first in (LEFT_IRIS, RIGHT_IRIS))
         self._eyes = irises if refine else (tuple(LEFT_EYE.tolist()), tuple(RIGHT_EYE.tolist()))
-        self._noisy = True  # the graph logs while it starts, at its first picture and at its first face
+        self._noisy = True  # the graph logs at its start, first picture and first face
         with quiet_stderr():
             self._mesh: Any = make(max_num_faces=1, refine_landmarks=refine)
             self._mesh.process(_BLANK)
@@ -73,7 +73,7 @@ class MediapipeEngine:
             return None
         self._noisy = False
         height_px, width_px = bgr.shape[:2]
-        marks = found[0].landmark  # each access is a call into protobuf: all 468 would take 0.4 ms
+        marks = found[0].landmark  # each access calls protobuf: reading all 468 would take 0.4 ms
         eyes, edges = (
             np.array([[(marks[j].x, marks[j].y) for j in part] for part in parts]) * (width_px, height_px)
             for parts in (self._eyes, (EDGES,))
@@ -92,7 +92,7 @@ class MediapipeEngine:
         return Face(np.ascontiguousarray(eyes[:, 0]), 1.0, box(edges[0]), iris_px, apart_px, turn_deg=turn_deg)
 
     def examine(self, image: NDArray[np.uint8]) -> None:
-        """Does nothing: the graph keeps the face that it found."""
+        """Does nothing: the graph keeps following its face."""
 
     def reset(self) -> None:
         with quiet_stderr():

@@ -1,12 +1,12 @@
-"""The default filter: several models of how a head moves, run side by side and mixed by how well each predicts.
+"""The default filter: several models of head motion, run in parallel and weighted by how well each predicts.
 
 Interacting multiple models (Blom and Bar-Shalom 1988; Bar-Shalom, Li, Kirubarajan 2001, section 11.6.6), on the point midway
-between the eyes: one model of rest, the others of constant velocity under accelerations of different strength. At rest the model
-of rest is believed and noise does not move the picture; as soon as the eyes leave it by more than noise explains, a livelier
-model takes over, within a frame. The eyes' half distance, which changes slowly, is smoothed separately.
+between the eyes: one model of rest, the others of constant velocity under accelerations of different strength. At rest, the model
+of rest dominates, and noise does not move the picture. If the eyes move by more than noise explains, a livelier model takes over
+within a frame. The eyes' half distance, which changes slowly, is smoothed separately.
 
-What noise explains is measured while running: third differences of the half distance, in which the motion of a head cancels.
-Lengths are in distances between the eyes, so all holds for any camera and any seat.
+The noise is measured while running, from third differences of the half distance, in which head motion cancels. Lengths are in
+distances between the eyes, so the constants are valid for any camera and viewing distance.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from lfpipe.track.smoothing import Filter, Points
 
 @attrs.frozen
 class Motion:
-    """A model of constant velocity. acceleration: density of its noise, squared distances between the eyes per s^3. trust: share
-    of its velocity that is predicted with; a lively model sees velocities that are over before the picture is shown."""
+    """A model of constant velocity. acceleration: density of its noise, squared distances between the eyes per s^3. trust:
+    share of its velocity used for prediction; a lively model sees velocities that end before the picture is shown."""
 
     acceleration: float
     trust: float
@@ -33,10 +33,10 @@ class Motion:
 class Tuning:
     """Constants of the filter, by the rule in profiling/results/eyes.md.
 
-    motions: the models. wander: variance by which a head at rest wanders, squared distances between the eyes per s. stay_s: mean
-    time in a model. common: noise of the point between the eyes over that of their half distance. caution: power of the
-    likelihoods, for noise that is not independent from frame to frame. half_band: changes of the half distance
-    below this many deviations count as noise. speed_band: the same of the speed, per 1/30 s. noise_s: time constant of the noise
+    motions: the models. wander: variance of the drift of a head at rest, squared distances between the eyes per s. stay_s: mean
+    time in a model. common: noise of the point between the eyes divided by that of their half distance. caution: exponent of
+    the likelihoods, because noise is correlated between frames. half_band: changes of the half distance below this many
+    standard deviations count as noise. speed_band: the same for the speed, per 1/30 s. noise_s: time constant of the noise
     estimate. first, least: initial and smallest noise, in distances between the eyes.
     """
 
@@ -54,7 +54,7 @@ class Tuning:
 
 @attrs.define
 class _Estimate:
-    """Of one model: position and velocity (px, px/s) along both axes, and their covariance, the same for both."""
+    """State of one model: position and velocity (px, px/s) along both axes, and one covariance for both axes."""
 
     x: float
     y: float
@@ -66,7 +66,7 @@ class _Estimate:
 
 
 class Predictive(Filter):
-    """See the module. All arithmetic is on plain numbers: arrays of so few cost more than what is done with them."""
+    """See the module. All arithmetic uses plain numbers: numpy's overhead would dominate for so few."""
 
     def __init__(self, tuning: Tuning | None = None) -> None:
         self._tuning = tuning or Tuning()
@@ -98,14 +98,15 @@ class Predictive(Filter):
             for share, motion, model in zip(self._shares[1:], self._tuning.motions, self._models[1:], strict=True)
         ]
         u, v = add(share * model.u for share, model in trusted), add(share * model.v for share, model in trusted)
-        band = (30 * self._tuning.speed_band) ** 2 * self._noise  # what looks like a speed of this size may be noise
+        band = (30 * self._tuning.speed_band) ** 2 * self._noise  # a smaller speed may be noise
         fast = (u * u + v * v) / max(u * u + v * v + band, 1e-300)
         u, v = fast * u, fast * v
         hx, hy = self._half
         return np.array(((x + hx, y + hy), (x - hx, y - hy))), np.array(((u, v), (u, v)))
 
     def _measure_noise(self, half: tuple[float, float], apart: float, dt_s: float) -> None:
-        """Variance of a third difference is 20 times that of what it is taken of; one glitch counts as three deviations."""
+        """The variance of a third difference is 20 times that of its input. A glitch counts as at most three standard
+        deviations."""
         halves = self._halves
         halves.append(half)
         if len(halves) < 4:
@@ -117,7 +118,7 @@ class Predictive(Filter):
         self._noise = max(self._noise, (self._tuning.least * apart) ** 2)
 
     def _update(self, x: float, y: float, apart: float, dt_s: float) -> None:
-        """One cycle of the models: mixed, predicted, compared with the point (x, y) between the eyes, and weighed anew."""
+        """One cycle of the models: mix, predict, compare with the point (x, y) between the eyes, and update the weights."""
         tuning, before, shares = self._tuning, self._models, self._shares
         count, noise = len(before), self._noise * tuning.common**2
         stay = math.exp(-dt_s / tuning.stay_s)
@@ -149,7 +150,7 @@ class Predictive(Filter):
         self._models, self._shares = after, [value / total for value in likely]
 
     def _follow_half(self, half: tuple[float, float]) -> None:
-        """Large changes of the half distance pass unchanged; changes within the band of its noise hardly pass."""
+        """Passes large changes of the half distance unchanged, and attenuates changes within its noise band."""
         dx, dy = half[0] - self._half[0], half[1] - self._half[1]
         off = dx * dx + dy * dy
         share = off / max(off + self._noise * self._tuning.half_band**2, 1e-300)

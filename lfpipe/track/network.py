@@ -16,7 +16,8 @@ from lfpipe.track import models
 
 
 def model_file(relative: str) -> Path:
-    """Path of a file of the mediapipe wheel, as "modules/face_landmark/face_landmark.tflite". Raises UserError if absent."""
+    """Path of a file of the mediapipe wheel, for example "modules/face_landmark/face_landmark.tflite". Raises UserError if
+    absent."""
     path = models.find_model(relative)
     if path is None:
         folder = models.package_folder()
@@ -27,11 +28,11 @@ def model_file(relative: str) -> Path:
 
 
 class Network:
-    """One .tflite network, single-threaded: one float32 input, float32 outputs told apart by their number of values.
+    """One .tflite network, single-threaded: one float32 input, float32 outputs identified by their number of values.
 
-    path: the file. input_shape: what it must take. outputs: how many values each wanted output must have. input: the network's
-    own memory, float32 of input_shape, to be filled before each run.
-    Raises UserError where the file is unreadable, no network, or a network of another shape (another version).
+    path: the file. input_shape: the required shape. outputs: number of values of each wanted output. input: the network's own
+    memory, float32 of input_shape; fill it before each run.
+    Raises UserError if the file is unreadable, not a network, or a network of another shape (another version).
     """
 
     def __init__(self, path: Path, input_shape: tuple[int, ...], outputs: tuple[int, ...]) -> None:
@@ -39,7 +40,7 @@ class Network:
 
         try:
             content = path.read_bytes()
-            with quiet_stderr():  # the delegate announces itself
+            with quiet_stderr():  # the delegate logs
                 self._interpreter: Any = Interpreter(model_content=content, num_threads=1)
                 self._interpreter.allocate_tensors()
         except (OSError, ValueError, RuntimeError) as error:
@@ -50,28 +51,28 @@ class Network:
         taken = tuple(int(size) for size in inputs[0]["shape"])
         if taken != input_shape or any(size not in by_size for size in outputs):
             raise UserError(
-                f"track.engine = litert: {path}: a network of another version: takes {taken} and gives {sorted(by_size)} values,"
-                f" wanted {input_shape} and {sorted(outputs)}",
+                f"track.engine = litert: {path}: another version: input {taken}, outputs of {sorted(by_size)} values,"
+                f" expected {input_shape} and {sorted(outputs)}",
                 models.remedy(path),
             )
-        self._interpreter.invoke()  # the first run sets things up: not on the first frame's time
+        self._interpreter.invoke()  # the first run is slow: do it before the first frame
         self.input = self._memory(int(inputs[0]["index"])).reshape(input_shape)
         self._outputs = [self._memory(by_size[size]) for size in outputs]
         sha256 = hashlib.sha256(content).hexdigest()
         self.name = f"{path.name} ({_version(sha256)}, sha256 {sha256[:8]})"
 
     def run(self) -> list[NDArray[np.float32]]:
-        """The wanted outputs, flat, for what is in `input`; valid until the next run."""
+        """The wanted outputs, flat, for the contents of `input`; valid until the next run."""
         self._interpreter.invoke()
         return self._outputs
 
     def _memory(self, index: int) -> NDArray[np.float32]:
-        """A tensor where it lies, flat. It stays there: nothing is allocated after the first run. (LiteRT's own views must be
-        gone before each run, so they cannot be kept.)"""
+        """A flat view of a tensor's memory. Its address does not change: nothing is allocated after the first run. (LiteRT's
+        own views must be dropped before each run, so they cannot be stored.)"""
         tensor = self._interpreter.tensor(index)()
         return np.frombuffer((ctypes.c_float * tensor.size).from_address(tensor.ctypes.data), np.float32)
 
 
 def _version(sha256: str) -> str:
-    """Which mediapipe a network is of: its contents tell."""
+    """The mediapipe version of a network, by its checksum."""
     return f"mediapipe {models.VERSION}" if sha256 in models.SHA256.values() else "mediapipe of unknown version"

@@ -1,4 +1,4 @@
-"""Pictures of any common depth and channel count as the engines want them."""
+"""Converts pictures of any common depth and channel count for the engines."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from lfpipe.errors import UserError
 
 
 def as_bgr8(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """image as uint8 (height, width, 3) BGR, without a copy where it is that already.
+    """image as uint8 (height, width, 3) BGR, without a copy if it already is.
 
-    Takes uint8 or uint16 (scaled by 1/256), grey (h, w) or (h, w, 1), BGR, BGRA. Raises UserError for anything else.
+    Accepts uint8 or uint16 (scaled by 1/256), grey (h, w) or (h, w, 1), BGR, BGRA. Raises UserError for anything else.
     """
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)

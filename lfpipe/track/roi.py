@@ -1,6 +1,6 @@
 """The square, rotated part of the picture that a network sees: region of interest and crop.
 
-Proportions follow the face graphs that the networks were trained for (MediaPipe, modules/face_landmark).
+Proportions are those of the face graphs for which the networks were trained (MediaPipe, modules/face_landmark).
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from numpy.typing import NDArray
 # (image (h, w, 4), affine (2, 3) from crop px to image px, size_px, border) -> crop, uint8 (size_px, size_px, 4)
 Warp = Callable[[NDArray[np.uint8], NDArray[np.float64], int, int], NDArray[np.uint8]]
 
-SCALE = 1.5  # the region over the face, so that the face of the next picture is still inside
+SCALE = 1.5  # size of the region relative to the face, so that it also contains the next picture's face
 
 
 def warp(image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int) -> NDArray[np.uint8]:
-    """OpenCV's own way: OpenCV 5 interpolates between pixels exactly, OpenCV 4 at places rounded to 1/32 px."""
+    """OpenCV's own: OpenCV 5 interpolates exactly, OpenCV 4 at positions rounded to 1/32 px."""
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(cv2.warpAffine(image, matrix, (size_px, size_px), flags=flags, borderMode=border), np.uint8)
 
 
 def portable_warp(image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int) -> NDArray[np.uint8]:
-    """At places rounded to 1/32 px, to the same bits in every OpenCV from 4.10 on; 0.14 ms slower than `warp` for 192x192."""
+    """At positions rounded to 1/32 px, with the same bits in every OpenCV from 4.10 on; 0.14 ms slower than `warp` for
+    192x192."""
     steps = np.arange(size_px)
     along_px, down_px = matrix[:, 0, None] * steps, matrix[:, 1, None] * steps + matrix[:, 2, None]
     along, down = (np.rint(1024 * part).astype(np.int32) for part in (along_px, down_px))
@@ -55,12 +56,12 @@ class Roi:
         return np.array([[c, -s, self.x_px - half * (c - s)], [s, c, self.y_px - half * (s + c)]])
 
     def crop(self, image: NDArray[np.uint8], size_px: int, border: int, warp: Warp = warp) -> NDArray[np.uint8]:
-        """The region as uint8 BGRA (size_px, size_px, 4). border: cv2.BORDER_*, how to fill what lies outside of the picture.
+        """The region as uint8 BGRA (size_px, size_px, 4). border: cv2.BORDER_*, how to fill pixels outside of the picture.
 
-        Four channels are warped in 0.4 of the time of three, to the same values.
+        Warping four channels takes 0.4 of the time of three, with the same values.
         """
         matrix = self.matrix(size_px)
-        # half of the turned square's extent, and what interpolation looks at
+        # half of the rotated square's extent, plus the margin for interpolation
         reach = 0.5 * self.side_px * (abs(math.cos(self.angle)) + abs(math.sin(self.angle))) + 2
         height, width = image.shape[:2]
         x0, x1 = (min(max(int(self.x_px + d), 0), width) for d in (-reach, reach))

@@ -1,6 +1,6 @@
-"""Which face is the viewer's, where there are several: the nearest and most central at first, then continuity.
+"""Chooses the viewer's face among several: first the nearest and most central one, then the same one.
 
-`FaceSelector` counts pictures, not time: an engine has no clock, and a replay must decide as the session did.
+`FaceSelector` counts pictures, not time: an engine has no clock, and a replay must make the same decisions as the session.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from collections.abc import Sequence
 
 from lfpipe.track.detector import Detection
 
-SAME = 0.2  # overlap of one face's boxes in neighbouring pictures: 2 m/s at arm's length and 30 Hz still share 0.3
-HOME = 0.45  # overlap with the viewer's usual place: sides that differ by less than a third, so nobody who stands behind
+SAME = 0.2  # overlap of one face's boxes in successive pictures: 0.3 at 2 m/s, arm's length and 30 Hz
+HOME = 0.45  # overlap with the viewer's usual place: sides differ by less than a third, which excludes people behind
 SCAN_PERIOD = 30  # pictures between two scans of the whole picture: about a second
-FAST_SCAN_PERIOD = 10  # the same while another face may be the viewer's
-WINS = 4  # scans in a row that a nearer face must win: FAST_SCAN_PERIOD pictures apart, about a second
-NEARER = 1.6  # factor by which its prominence must win; two equal faces never change places
-HOME_SHARE = 0.02  # of the newest picture in the viewer's usual place: 50 pictures
+FAST_SCAN_PERIOD = 10  # the same while another face may be the viewer
+WINS = 4  # consecutive scans that a nearer face must win, FAST_SCAN_PERIOD pictures apart: about a second
+NEARER = 1.6  # required ratio of prominence; equal faces never alternate
+HOME_SHARE = 0.02  # weight of the newest picture in the viewer's usual place: 50 pictures
 MEMORY = 150  # pictures at another place after which that place becomes the usual one
 
 Box = tuple[float, float, float, float]
@@ -31,7 +31,7 @@ def overlap(a: Box, b: Box) -> float:
 
 
 def same_place(a: Box, b: Box) -> bool:
-    """Whether boxes of two pictures can be one face's: where it was, and of its size."""
+    """Whether boxes of two pictures can be the same face: near in position and size."""
     return overlap(a, b) > SAME
 
 
@@ -43,10 +43,10 @@ def prominence(box: Box, width_px: int, height_px: int) -> float:
 
 
 class FaceSelector:
-    """Remembers where the viewer usually is. Ranks the faces of a picture, and says who should be followed instead.
+    """Remembers where the viewer usually is. Ranks the faces of a picture, and decides whether to follow another one.
 
-    A face at the usual place, while another one elsewhere is followed, is the viewer whom a passer-by hid: it is taken back at
-    once. A face that is clearly nearer and more central (NEARER) for WINS scans takes over.
+    If another face is followed, a face at the usual place is the viewer, who was hidden by a passer-by; the selector returns to
+    it at once. A face that is clearly nearer and more central (NEARER) for WINS scans takes over.
     """
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class FaceSelector:
         self._wins = 0
 
     def follow(self, box: Box) -> None:
-        """The face followed in this picture is in box."""
+        """Reports the box of the followed face in this picture."""
         self._pictures += 1
         if self._home is None or self._away > MEMORY:
             self._home, self._away = box, 0
@@ -73,7 +73,7 @@ class FaceSelector:
         return self._pictures >= (FAST_SCAN_PERIOD if self._away or self._wins else SCAN_PERIOD)
 
     def rank(self, found: Sequence[Detection], width_px: int, height_px: int) -> list[Detection]:
-        """Faces of a picture in which none is followed, the most promising first: at the usual place, else by prominence."""
+        """Faces of a picture in which none is followed, best first: at the usual place, then by prominence."""
 
         def order(face: Detection) -> tuple[bool, float]:
             return self._at_home(face.box_px), prominence(face.box_px, width_px, height_px)
@@ -81,7 +81,7 @@ class FaceSelector:
         return sorted(found, key=order, reverse=True)
 
     def rival(self, found: Sequence[Detection], followed: Box, width_px: int, height_px: int) -> Detection | None:
-        """Who among found should be followed instead of the face in the box followed; None: nobody, or not yet."""
+        """The face of found to follow instead of the one in the box followed; None: no change, or not yet."""
         self._pictures = 0
         others = [face for face in found if not same_place(followed, face.box_px)]
         back = [face for face in others if self._at_home(face.box_px)]
@@ -99,7 +99,7 @@ class FaceSelector:
         return best if self._wins >= WINS else None
 
     def change(self, box: Box) -> None:
-        """The face in box is followed from now on: its place is the usual one."""
+        """Starts to follow the face in box; its place becomes the usual one."""
         self._home, self._away, self._wins, self._rival = box, 0, 0, None
 
     def _at_home(self, box: Box) -> bool:

@@ -1,8 +1,8 @@
-"""Smoothing and prediction of the eye positions: what the filters share, the paper's mean and One-Euro.
+"""Smoothing and prediction of the eye positions: common parts of the filters, the paper's mean, and One-Euro.
 
-No filter reads a clock. Stamps are subtracted as integers before anything becomes a float, so that nothing is lost on a machine
-that has been up for years. Speeds count in distances between the eyes per second: a head that is near moves more pixels, and
-its landmarks carry more noise in pixels, in proportion.
+No filter reads a clock. Stamps are subtracted as integers before conversion to float, so no precision is lost on a machine that
+has been up for years. Speeds are in distances between the eyes per second: a near head moves by more pixels, and the noise of its
+landmarks grows in proportion.
 """
 
 from __future__ import annotations
@@ -19,34 +19,34 @@ from lfpipe.eyes import extrapolated
 
 Points = NDArray[np.float64]
 
-LIMIT_PX = 1e6  # no camera has a pixel there: such a measurement is a fault, not an eye
-MIN_STEP_NS = 200_000  # nothing moves in 0.2 ms; a stamp that near is a doubled frame, and noise / dt would be a wild velocity
-MAX_STEP_NS = 500_000_000  # after a gap that long the past says nothing
+LIMIT_PX = 1e6  # beyond every camera's picture: such a measurement is a fault
+MIN_STEP_NS = 200_000  # a stamp that near means a duplicate frame; noise / dt would give a wild velocity
+MAX_STEP_NS = 500_000_000  # after a longer gap, the past is meaningless
 
 
 class EyeFilter(Protocol):
-    """position + velocity * horizon is the prediction: a filter reports the velocity it wants to be extrapolated with."""
+    """The prediction is position + velocity * horizon: a filter reports the velocity to use for extrapolation."""
 
     def update(self, t_ns: int, measurement: Points) -> tuple[Points, Points]:
-        """Takes the eyes measured at t_ns, float64 (2, 2) px; returns (position, velocity), both (2, 2), px and px/s.
+        """Adds the eyes measured at t_ns, float64 (2, 2) px; returns (position, velocity), both (2, 2), px and px/s.
 
-        A measurement that is not finite or beyond LIMIT_PX counts as missing; a stamp not after the last one (or less than
-        MIN_STEP_NS after it) as a frame doubled, and is left out; a step of MAX_STEP_NS and more, forwards or backwards, is
-        another run: all starts afresh. Before the first good measurement the position is NaN.
+        A measurement that is not finite or beyond LIMIT_PX counts as missing. A stamp less than MIN_STEP_NS after the last one
+        means a duplicate frame, which is ignored. A step of at least MAX_STEP_NS, forwards or backwards, starts a new run.
+        Before the first good measurement, the position is NaN.
         """
         ...
 
     def predict(self, t_ns: int) -> Points:
-        """Where the eyes will be at t_ns, (2, 2) px; at most `lfpipe.eyes.MAX_HORIZON_S` ahead, never back."""
+        """The predicted eyes at t_ns, (2, 2) px; at most `lfpipe.eyes.MAX_HORIZON_S` ahead, never back."""
         ...
 
     def reset(self) -> None:
-        """Forgets all: the next measurement is the first."""
+        """Discards everything: the next measurement is the first."""
         ...
 
 
 class Filter(ABC):
-    """What all filters share: which measurements count, and the straight line ahead. Subclasses fill in _start and _step."""
+    """Common part of all filters: validation of measurements, and linear prediction. Subclasses implement _start and _step."""
 
     def __init__(self) -> None:
         self.reset()
@@ -57,7 +57,7 @@ class Filter(ABC):
         self._velocity = np.zeros((2, 2))
 
     def update(self, t_ns: int, measurement: Points) -> tuple[Points, Points]:
-        t_ns = int(t_ns)  # a numpy integer would wrap where these are subtracted
+        t_ns = int(t_ns)  # a numpy integer could overflow in subtractions
         measured = np.array(measurement, np.float64)
         if not np.abs(measured).max() <= LIMIT_PX:  # true for NaN too
             return self.predict(t_ns), self._velocity.copy()
@@ -76,7 +76,7 @@ class Filter(ABC):
 
     @abstractmethod
     def _start(self, t_ns: int, measured: Points) -> None:
-        """Takes the first measurement of a run."""
+        """Processes the first measurement of a run."""
 
     @abstractmethod
     def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
@@ -84,9 +84,9 @@ class Filter(ABC):
 
 
 class Mean(Filter):
-    """Moving average of the last k measurements, of fewer while there are fewer; what the paper does. Predicts nothing.
+    """Moving average of the last k measurements (or all, if there are fewer), as in the paper. No prediction.
 
-    The ring is summed anew each time: a running sum would keep every rounding and every glitch for ever.
+    The sum is computed afresh each time: a running sum would accumulate rounding errors and keep glitches for ever.
     """
 
     def __init__(self, k: int) -> None:
@@ -104,7 +104,7 @@ class Mean(Filter):
 
 
 class OneEuro(Filter):
-    """Low-pass whose cutoff rises with speed (Casiez, Roussel, Vogel, CHI 2012). Predicts nothing.
+    """Low-pass whose cutoff rises with speed (Casiez, Roussel, Vogel, CHI 2012). No prediction.
 
     cutoff = min_cutoff_hz + beta * speed, the speed (distances between the eyes per second, both eyes together) itself low-passed
     at d_cutoff_hz.
@@ -134,11 +134,11 @@ def weight(cutoff_hz: float, dt_s: float) -> float:
 
 
 def blended(old: Points, new: Points, share: float) -> Points:
-    """old + share * (new - old), never outside of what lies between them, by rounding neither."""
+    """old + share * (new - old), always between old and new, despite rounding."""
     return np.clip(old + share * (new - old), np.minimum(old, new), np.maximum(old, new))
 
 
 def speed(velocity_px_s: Points, eyes_px: Points) -> float:
-    """Speed of the head in distances between the eyes per second, both (2, 2); the distance counts as a pixel at least."""
+    """Speed of the head in distances between the eyes per second, both (2, 2); the distance counts as at least one pixel."""
     apart_px = max(float(np.hypot(*(eyes_px[0] - eyes_px[1]))), 1.0)
     return math.sqrt(float(np.square(velocity_px_s).sum()) / 2) / apart_px

@@ -1,9 +1,9 @@
-"""Track: the viewer's eyes in every frame.
+"""Stage track: the viewer's eyes in every frame.
 
 Reads: ring "frames", the newest.
-Writes: ring "eyes", one record per frame taken, with or without a face.
-Commands: recentre (chooses the face anew), stop; filter settings by configuration; frames to leave out by option "level".
-Emits: engine (name and model), face (found or lost), notice (faces that do not stand upright).
+Writes: ring "eyes", one record per processed frame, with or without a face.
+Commands: recentre (chooses the face again), stop; filter settings by configuration; frames to leave out by option "level".
+Emits: engine (name and model), face (found or lost), notice (faces that are not upright).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from lfpipe.transport.context import Context
 
 
 def main(context: Context) -> None:
-    """Runs the stage until the stop."""
+    """Runs the stage until it is stopped."""
     tracker = EyeTracker(context.config.track, portable=context.options.replay is not None)
     engine = tracker.engine
     frames, eyes = context.input("frames"), context.output("eyes")
@@ -36,12 +36,12 @@ def main(context: Context) -> None:
             t_taken_ns = now_ns()
             stamp, image = peeked
             if stamp.source_seq % tracked_every(context.options):
-                context.row["left_out"] += 1  # at a lowered quality; nothing is measured, so nothing is published
+                context.row["left_out"] += 1  # at a lowered quality, nothing is measured or published
                 context.row["source_seq"] = stamp.source_seq
                 continue
             face = engine.detect(image)
             if not frames.still_valid(stamp):
-                continue  # the writer has lapped us: what was seen may be half of another frame
+                continue  # the writer overtook us: the picture may mix two frames
             if tracker.update(face, stamp.t_sensor_ns, stamp.epoch):
                 context.emit("face", found=tracker.seen, source_seq=stamp.source_seq)
             record = eyes.begin()
@@ -51,11 +51,11 @@ def main(context: Context) -> None:
             eyes.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
             context.row.tick(stamp.source_seq)
             context.row.measure(t_taken_ns - stamp.t_publish_ns, t_tracked_ns - t_taken_ns, t_tracked_ns - stamp.t_sensor_ns)
-            engine.examine(image)  # after the eyes are on their way
+            engine.examine(image)  # after the eyes are published
             if engine.rotated_deg != hinted and not tracker.seen:
                 hinted = engine.rotated_deg
                 upright = (context.config.camera.rotate + hinted) % 360
-                context.emit("notice", text=f"a face stands in the picture, but not upright: camera.rotate={upright} turns it")
+                context.emit("notice", text=f"a face is visible, but not upright: set camera.rotate={upright}")
             context.row["face"], context.row["cpu_ns"] = tracker.seen, time.process_time_ns()
     finally:
         engine.close()
