@@ -55,7 +55,7 @@ class Listing:
             linked = path.is_symlink() or (path.parent != self.folder and path.parent.is_symlink())
             if linked and not path.resolve().is_relative_to(self.folder.resolve()):
                 raise UserError(
-                    f"{path}: a link that leads out of the folder, to {path.resolve()}", "copy the files (`cp -rL` follows links)"
+                    f"{path}: a link to {path.resolve()}, outside of the folder", "copy the files (`cp -rL` follows links)"
                 )
         except (OSError, RuntimeError) as error:  # Python 3.11, 3.12: RuntimeError for a loop of links
             why = reason(error) if isinstance(error, OSError) else "links that lead in a circle"

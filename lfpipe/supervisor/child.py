@@ -1,4 +1,4 @@
-"""What every stage's process does before and after its `main`: signals, death with the parent, cores, last words."""
+"""Runs before and after the `main` of every stage's process: signals, death with the parent, cores, error reports."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from lfpipe.transport.context import Context
 from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import State
 
-EXIT_USER = 2  # a mistake of the user's: starting again cannot help
+EXIT_USER = 2  # a user's mistake: a restart cannot help
 EXIT_TERMINATED = 128 + signal.SIGTERM
 
 
 def error_file(run_dir: Path, stage: str) -> Path:
-    """Where a stage leaves what it died of."""
+    """The file in which a stage leaves its error."""
     return run_dir / f"error.{stage}"
 
 
 def stack_file(run_dir: Path, stage: str) -> Path:
-    """Where the last stack of a stage goes: of a hung one, on SIGUSR1, of one that fails, and of one that crashes."""
+    """The file for the last stack of a stage that hangs (on SIGUSR1), fails or crashes."""
     return run_dir / f"stack.{stage}"
 
 
 def run(spec: StageSpec, parent_pid: int) -> None:
     """Entry of a spawned process."""
-    signals.ignore()  # the terminal sends them to the whole group; the supervisor decides
+    signals.ignore()  # the terminal sends signals to the whole group; only the supervisor acts on them
     streams.protect("stdout", "stderr")
     if not end_with_parent(parent_pid):
         return
@@ -59,7 +59,7 @@ def run(spec: StageSpec, parent_pid: int) -> None:
         settle(spec.cpus, spec.nice)
         import cv2
 
-        cv2.setNumThreads(1)  # a core each is the plan; a thread pool per process would break it
+        cv2.setNumThreads(1)  # the plan is one core per stage; thread pools would break it
         importlib.import_module(spec.module).main(context)
     except UserError as error:
         error_file(run_dir, spec.name).write_text(f"{error.message}\n{error.remedy}")
@@ -71,11 +71,11 @@ def run(spec: StageSpec, parent_pid: int) -> None:
             sys.excepthook(*sys.exc_info())
             code = 1
     if terminated and code == 0:
-        code = EXIT_TERMINATED  # not the end of the work: who was told to stop by the supervisor is not asked for a code
+        code = EXIT_TERMINATED  # the work is not finished; the supervisor ignores this code if it asked for the stop
     context.row["state"] = State.STOPPING
     context.close()
     if os.getppid() != parent_pid:
-        rundir.sweep()  # the supervisor was killed: the last one out puts the lights off
+        rundir.sweep()  # the supervisor was killed: the last stage cleans up
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(code)  # libraries with threads of their own (MediaPipe, SDL) may not hold up the end
+    os._exit(code)  # threads of libraries (MediaPipe, SDL) must not block the exit

@@ -1,4 +1,4 @@
-"""Rollback: a stage that fails on a change of configuration or scene takes that change back, and never ends the session by it."""
+"""Rollback: if a stage fails on a change of configuration or scene, the change is undone, and the session continues."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from lfpipe.supervisor.child import EXIT_TERMINATED
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 
-TRIAL_NS = 2 * SECOND_NS  # after all stages have applied a change; one that cannot work by it fails sooner
+TRIAL_NS = 2 * SECOND_NS  # counted after all stages have applied a change; a stage that cannot use it fails sooner
 
 
 class ConfigRollback:
-    """Watches whether the stages work by the newest change."""
+    """Watches whether the stages can use the newest change."""
 
     def __init__(self) -> None:
         self._since_ns: int | None = None
         self._outputs: dict[str, int] = {}
 
     def watch(self, state: SessionState, applied: bool, outputs: Mapping[str, int], t_ns: int) -> SessionState:
-        """Call often. A change that every stage has worked by for TRIAL_NS, producing outputs, is settled: the state says so.
+        """Call often. A change is settled, and the state marked so, when every stage has used it and produced outputs for
+        TRIAL_NS.
 
         outputs: number of outputs of each stage so far.
         """
@@ -35,7 +36,7 @@ class ConfigRollback:
     def to_blame(self, state: SessionState, code: int, applied: bool) -> bool:
         """Whether a stage that ended with code most likely failed because of the newest change.
 
-        applied: the stage had reported that it works by the change; after that only an error of its own counts.
+        applied: the stage had acknowledged the change; after that, only its own error counts.
         """
         own_error = code > 0 and code != EXIT_TERMINATED
         if state.basis == state.known_good or (applied and not own_error):

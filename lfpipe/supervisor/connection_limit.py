@@ -1,6 +1,6 @@
-"""Bounds the connections to a session's sockets: libzmq aborts the process where accepting one finds no file descriptor left.
+"""Bounds the connections to a session's sockets: libzmq aborts the process if no file descriptor is left for a new connection.
 
-Connections beyond the limit are closed as they come; ZeroMQ clients try again by themselves until there is room.
+Connections beyond the limit are closed at once; ZeroMQ clients retry by themselves until there is room.
 """
 
 from __future__ import annotations
@@ -13,24 +13,25 @@ from zmq.utils.monitor import parse_monitor_message
 from lfpipe.host import endpoints
 from lfpipe.host.limits import OPEN_FILES, allowed_files
 
-MOST_CONNECTIONS, FEWEST_CONNECTIONS = 512, 24  # the stages alone have two each
-HANDSHAKE_MS = 2000  # a connection that says nothing for so long is closed
+MOST_CONNECTIONS, FEWEST_CONNECTIONS = 512, 24  # the stages need two each
+HANDSHAKE_MS = 2000  # a connection that is silent for longer is closed
 
 
 class ConnectionLimit:
-    """Counts the connections of sockets that will be bound, by libzmq's own events. sockets: for a poller. log: for people."""
+    """Counts the connections of sockets, from libzmq's events. Create it before they are bound. sockets: for a poller. log: for
+    people."""
 
     def __init__(self, sockets: Iterable[zmq.Socket[bytes]], log: Callable[[str], None]) -> None:
         self._watched, self._log = list(sockets), log
         self._limit = min(MOST_CONNECTIONS, max(FEWEST_CONNECTIONS, (allowed_files() - OPEN_FILES) // 2))
-        self._open: set[int] = set()  # file descriptors of connections, as the events name them
+        self._open: set[int] = set()  # file descriptors of connections, from the events
         self._refusing = False
         for each in self._watched:
             each.setsockopt(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
         self.sockets = [each.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED) for each in self._watched]
 
     def serve(self) -> None:
-        """Takes what has happened since the last call."""
+        """Processes the events since the last call."""
         for monitor in self.sockets:
             while monitor.poll(0):
                 event = parse_monitor_message(monitor.recv_multipart())
@@ -45,10 +46,10 @@ class ConnectionLimit:
     def _refuse(self, fd: int) -> None:
         if not self._refusing:
             self._refusing = True
-            self._log(f"{self._limit} programs are connected to the session; further ones are refused until some have left")
+            self._log(f"{self._limit} programs are connected to the session; further ones are refused until some disconnect")
         endpoints.shut_down(fd)
 
     def close(self) -> None:
-        """Ends the counting; the sockets are their owner's."""
+        """Stops counting; does not close the sockets."""
         for each in self._watched:
             each.disable_monitor()

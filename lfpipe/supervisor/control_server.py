@@ -1,7 +1,6 @@
-"""The supervisor's sockets: takes requests over ctl, answers them, passes telemetry from bus on to tap. Nothing here waits.
+"""The supervisor's sockets: receives requests on ctl, answers them, and forwards telemetry from bus to tap. Never blocks.
 
-Whatever a request or a message does, the session continues: an unexpected exception is answered as an internal error, and its
-stack goes to the log.
+No request or message can end the session: an unexpected exception is answered as an internal error, and its stack is logged.
 """
 
 from __future__ import annotations
@@ -28,15 +27,15 @@ from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.control import BadMessage
 from lfpipe.transport.session import Session
 
-APPLY_NS = SECOND_NS  # how long an answer waits for the stages to apply a change
-APPLY_POLL_MS = 4  # how often it looks
+APPLY_NS = SECOND_NS  # time limit for the stages to apply a change before the answer
+APPLY_POLL_MS = 4  # polling period meanwhile
 MAX_ERROR_CHARS = 2000
-INTERNAL = {"ok": False, "error": "internal error", "remedy": "the session continues; its log has the stack, please report it"}
+INTERNAL = {"ok": False, "error": "internal error", "remedy": "the session continues; please report the stack in its log"}
 
 
 @attrs.define
 class _Waiting:
-    """A client whose answer waits until the stages work by revision rev."""
+    """A client whose answer waits until the stages have applied revision rev."""
 
     client: bytes
     answer: dict[str, Any]
@@ -46,7 +45,7 @@ class _Waiting:
 
 @attrs.define
 class _Checking:
-    """A client whose request waits for a look at its files."""
+    """A client whose request waits for a check of its files."""
 
     client: bytes
     message: dict[str, Any]
@@ -56,8 +55,8 @@ class _Checking:
 class ControlServer:
     """ctl, bus and tap of a session, bound in its run directory.
 
-    applied: whether every stage works by a revision. stages: the figures of the stages. stop: ends the session.
-    hear: takes telemetry. log: takes lines for people. Raises UserError where a socket cannot be bound.
+    applied: whether every stage has applied a revision. stages: returns the figures of the stages. stop: ends the session.
+    hear: receives telemetry. log: receives lines for people. Raises UserError if a socket cannot be bound.
     """
 
     def __init__(
@@ -74,7 +73,7 @@ class ControlServer:
         self._store, self._applied, self._stages = store, applied, stages
         self._stop, self._hear, self._log = stop, hear, log
         self._ctl, self._bus, self._tap = (ctx.socket(kind) for kind in (zmq.ROUTER, zmq.PULL, zmq.XPUB))
-        self._ctl.setsockopt(zmq.ROUTER_HANDOVER, 1)  # a restarted stage comes back under its old name
+        self._ctl.setsockopt(zmq.ROUTER_HANDOVER, 1)  # a restarted stage reconnects under its old name
         named = {"ctl": self._ctl, "bus": self._bus, "tap": self._tap}
         self._connections = ConnectionLimit(named.values(), log)
         for name, socket in named.items():
@@ -85,7 +84,7 @@ class ControlServer:
         self._checking: list[_Checking] = []
 
     def close(self) -> None:
-        """Ends the checks under way and closes the sockets."""
+        """Ends the running checks and closes the sockets."""
         for checking in self._checking:
             checking.checker.close()
         self._connections.close()
@@ -93,7 +92,7 @@ class ControlServer:
             socket.close()
 
     def register(self, poller: zmq.Poller) -> None:
-        """Adds what is worth waking for now."""
+        """Registers what should wake the supervisor now."""
         for intake in (self._requests, self._telemetry):
             if not intake.rest_ns():
                 poller.register(intake.socket, zmq.POLLIN)
@@ -104,36 +103,36 @@ class ControlServer:
                 poller.register(fd, zmq.POLLIN)
 
     def wait_ms(self, most_ms: int) -> int:
-        """How long the supervisor may sleep, most_ms at most, where nothing registered wakes it."""
+        """How long the supervisor may sleep, at most most_ms, unless a registered descriptor wakes it."""
         rests = [intake.rest_ns() // MS_NS + 1 for intake in (self._requests, self._telemetry) if intake.rest_ns()]
         return min([most_ms, *rests, *([APPLY_POLL_MS] if self._waiting else [])])
 
     def send(self, stage: str, message: bytes) -> None:
-        """To one stage, encoded; lost if it is not connected (it says hello when it is)."""
+        """Sends an encoded message to one stage. It is lost if the stage is not connected; the stage will send hello later."""
         self._ctl.send_multipart([stage.encode(), message], zmq.NOBLOCK)
 
     def broadcast(self, message: bytes) -> None:
-        """To every stage, encoded."""
+        """Sends an encoded message to every stage."""
         for name in NAMES:
             self.send(name, message)
 
     def flush(self) -> None:
-        """Broadcasts the state where it is new."""
+        """Broadcasts the state if it is new."""
         if message := self._store.take_message():
             self.broadcast(message)
 
     def publish(self, topic: str, **values: Any) -> None:
-        """To every subscriber of the tap."""
+        """Sends a message to every subscriber of the tap."""
         self._tap.send(control.encode({"topic": topic, "t_ns": now_ns(), **values}), zmq.NOBLOCK)
 
     def serve(self) -> None:
-        """Takes what has arrived, as far as its share of time goes."""
+        """Processes arrived messages, within its share of time."""
         for identity, *parts in self._requests.messages():
             self._guard(identity, lambda client=identity, parts=parts: self._take(client, parts))  # type: ignore[misc]
         for parts in self._telemetry.messages():
             self._guard(None, lambda parts=parts: self._pass_on(parts))  # type: ignore[misc]
         while self._tap.poll(0):
-            self._tap.recv()  # subscriptions are reported here, and would pile up
+            self._tap.recv()  # discard subscription messages, which would accumulate
         self._connections.serve()
         for checking in list(self._checking):
             checking.checker.read()
@@ -144,7 +143,7 @@ class ControlServer:
         self._answer_applied()
 
     def refuse_waiting(self, why: str) -> None:
-        """Answers every client that waits for a change to be applied that the change was rolled back."""
+        """Answers every client that waits for a change: it was rolled back."""
         while self._waiting:
             self._answer(self._waiting.popleft().client, {"ok": False, "error": why})
 
@@ -157,18 +156,18 @@ class ControlServer:
         except UserError as error:
             answer = {"ok": False, "error": error.message, "remedy": error.remedy}
         except Exception:
-            self._log(f"internal error while a message was handled; the session continues\n{traceback.format_exc()}")
+            self._log(f"internal error while handling a message; the session continues\n{traceback.format_exc()}")
             answer = INTERNAL
         else:
             return
         if client is not None:
-            if client.decode(errors="replace") in NAMES:  # a stage waits for no answer: the person at the window presses a key
+            if client.decode(errors="replace") in NAMES:  # a stage does not read answers: log it for the user
                 self._log(f"{answer['error']}{' (' + str(answer['remedy']) + ')' if answer.get('remedy') else ''}")
             self._answer(client, answer)
 
     def _take(self, client: bytes, parts: list[bytes]) -> None:
         if len(parts) != 1:
-            raise BadMessage(f"{len(parts)} parts in a message; one is allowed")
+            raise BadMessage(f"a message has {len(parts)} parts; one is allowed")
         message = control.decode(parts[0])
         self._carry_out(client, message, respond(self._store.state, message, now_ns()))
 
@@ -177,10 +176,10 @@ class ControlServer:
         self._carry_out(checking.client, checking.message, respond_checked(self._store.state, checking.message, result, now_ns()))
 
     def _carry_out(self, client: bytes, message: dict[str, Any], reply: Reply) -> None:
-        """Does what a reply asks for, and answers now or when it is done."""
+        """Carries out a reply, and answers now or when it is done."""
         if reply.check is not None:
             if any(each.message["cmd"] == message["cmd"] for each in self._checking):
-                raise UserError(f"another {message['cmd']} is under way", "wait until it is done")
+                raise UserError(f"another {message['cmd']} is running", "wait until it is done")
             self._checking.append(_Checking(client, message, FileChecker(reply.check, self._store.state.config)))
             return
         answer = {"ok": True, **reply.answer, **(self._stages() if reply.with_stages else {})}
@@ -197,7 +196,7 @@ class ControlServer:
             self._stop()
 
     def _answer_applied(self) -> None:
-        """Answers the clients whose change is in force, or has taken too long."""
+        """Answers the clients whose change has been applied, or has taken too long."""
         while self._waiting:
             waiting = self._waiting[0]
             done = self._applied(waiting.rev)
@@ -212,7 +211,7 @@ class ControlServer:
             data = control.encode({"rev": self._store.state.rev, **short})
         except BadMessage as error:
             data = control.encode({"rev": self._store.state.rev, "ok": False, "error": f"the answer cannot be sent: {error}"})
-        with contextlib.suppress(zmq.ZMQError):  # a client that is gone, or does not read
+        with contextlib.suppress(zmq.ZMQError):  # a client that has disconnected or does not read
             self._ctl.send_multipart([client, data], zmq.NOBLOCK)
 
     def _pass_on(self, parts: list[bytes]) -> None:
@@ -225,5 +224,5 @@ class ControlServer:
 
 
 def _shortened(value: object) -> object:
-    """A text that fits an answer: whatever stands in it came from outside."""
+    """Limits a text to the size of an answer: parts of it came from outside."""
     return value if not isinstance(value, str) or len(value) <= MAX_ERROR_CHARS else f"{value[:MAX_ERROR_CHARS]} ..."

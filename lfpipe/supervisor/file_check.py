@@ -1,8 +1,8 @@
-"""The child process that looks at files, and looks up hosts, for the supervisor: whatever they do to it, the session continues.
+"""A child process that checks files and hosts for the supervisor. Whatever happens to it, the session continues.
 
-Run as `python -m lfpipe.supervisor.file_check` with the request as JSON in the argument. Prints empty lines as a sign of
-progress, then one line of JSON, {"ok": true, "result": {...}} or {"ok": false, "error": ..., "remedy": ...}. Ends when its
-standard input does: the supervisor is gone.
+Run as `python -m lfpipe.supervisor.file_check` with the request as JSON in the argument. Prints empty lines to show progress,
+then one line of JSON, {"ok": true, "result": {...}} or {"ok": false, "error": ..., "remedy": ...}. Ends with its standard
+input, when the supervisor is gone.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MEMORY_BYTES = 3 << 30  # for packing; mapped files do not count
 
 
 def check(request: dict[str, Any]) -> dict[str, Any]:
-    """The result of one check: of a "scene" its summary, packed where necessary. Raises UserError."""
+    """The result of one check; for a "scene" its summary, after packing if necessary. Raises UserError."""
     path = Path(request["path"])
     if request["check"] == "trace":
         from lfpipe.files.trace import check_trace
@@ -71,7 +71,7 @@ def main(text: str) -> int:
     except UserError as error:
         answer = {"ok": False, "error": error.message, "remedy": error.remedy}
     except MemoryError:
-        answer = {"ok": False, "error": f"opening it takes more than {MEMORY_BYTES >> 30} GiB", "remedy": "a smaller scene"}
+        answer = {"ok": False, "error": f"opening it needs more than {MEMORY_BYTES >> 30} GiB", "remedy": "use a smaller scene"}
     print(json.dumps(answer), flush=True)
     return 0
 
@@ -79,4 +79,4 @@ def main(text: str) -> int:
 if __name__ == "__main__":
     code = main(sys.argv[1])
     sys.stdout.flush()
-    os._exit(code)  # the thread still reads
+    os._exit(code)  # the thread still blocks in read

@@ -1,4 +1,4 @@
-"""Runs `file_check` children: their output is drained and bounded, their time is limited, and they end with the session."""
+"""Runs `file_check` children with limits on output and time; they end with the session."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ MAX_ANSWER_BYTES = 64 << 10
 MAX_LOG_BYTES = 2000  # the end of what the child wrote to stderr
 LIMITS_S = {"scene": 60.0}  # without progress: packing a large scene takes minutes
 LAST_WORDS_S = 0.5  # how long what a child wrote before its end may take to arrive
-LIMIT_S = 10.0  # everything else looks at one path
+LIMIT_S = 10.0  # all others check one path
 
 
 class FileChecker:
-    """One child at work. fds: for a poller; call `read` when they are readable."""
+    """One running child. fds: for a poller; call `read` when they are readable."""
 
     def __init__(self, request: dict[str, Any], config: Config) -> None:
         self._limit_s = LIMITS_S.get(request["check"], LIMIT_S)
@@ -30,7 +30,7 @@ class FileChecker:
         argument = json.dumps({**request, "config": to_dict(config)})
         self._process = subprocess.Popen(
             [*COMMAND, argument],
-            stdin=subprocess.PIPE,  # its end tells the child that this process is gone
+            stdin=subprocess.PIPE,  # end of file tells the child that this process is gone
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )
@@ -48,11 +48,11 @@ class FileChecker:
         return [fd for pipe, _ in self._pipes if pipe not in self._ended for fd in pipe.fds]
 
     def read(self) -> None:
-        """Takes what the child has written, as far as it is of use."""
+        """Reads the child's output, up to the limits."""
         for pipe, kept in self._pipes:
             if pipe in self._ended:
                 continue
-            for _ in range(16):  # 1 MB at a time: a child that never stops writing does not hold up the session
+            for _ in range(16):  # at most 1 MB per call, so that an endlessly writing child does not block the session
                 data = pipe.read()
                 if data is None:
                     break
@@ -67,11 +67,11 @@ class FileChecker:
 
     @property
     def done(self) -> bool:
-        """Whether the child has ended, or its time has."""
+        """Whether the child has ended, or has exceeded its time."""
         return self._process.poll() is not None or now_ns() >= self._end_ns
 
     def result(self) -> dict[str, Any]:
-        """The child's result, once it has ended. Raises UserError where it refuses, failed or took too long."""
+        """The child's result, once it has ended. Raises UserError if it refused, failed or took too long."""
         ended = self._process.poll()
         self.read()
         for pipe, _ in self._pipes if ended is not None else ():
@@ -79,7 +79,7 @@ class FileChecker:
                 self.read()
         self.close()
         if ended is None:
-            raise UserError(f"{self._path}: no progress within {self._limit_s:g} s", "is its disk or network drive there?")
+            raise UserError(f"{self._path}: no progress within {self._limit_s:g} s", "check its disk or network drive")
         try:
             answer = json.loads(self._out)
             if answer["ok"]:
@@ -90,12 +90,12 @@ class FileChecker:
             log = self._log.decode(errors="replace").strip()
             raise UserError(
                 f"{self._path}: the process that read it ended with {how}" + (f": {log.splitlines()[-1]}" if log else ""),
-                "`lfpipe scene info` on it says more",
+                "`lfpipe scene info` on it reports more",
             ) from None
         raise refusal
 
     def close(self) -> None:
-        """Ends the child, whatever it does."""
+        """Kills the child."""
         self._process.kill()
         self._process.wait()
         assert self._process.stdin is not None

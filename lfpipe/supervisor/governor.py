@@ -1,7 +1,7 @@
-"""When to lower the quality and when to raise it: a decision on measured load alone, with no process, clock or file in it.
+"""Decides when to lower and raise the quality, from measured load alone. Uses no process, clock or file.
 
-A stage lags where it misses more than a tenth of what was due, or works nearly all the time; it has room where it misses nothing
-and works little. Half a second of lag takes one level, five seconds of room give one back. A level that is given back and
+A stage lags if it misses more than a tenth of what was due, or works nearly all the time. It has room if it misses nothing and
+works little. Half a second of lag lowers the quality by one level; five seconds of room raise it. A level that is restored and
 lost again at once is tried less and less often.
 """
 
@@ -12,19 +12,19 @@ from collections.abc import Mapping, Sequence
 import attrs
 
 LAG_S, ROOM_S = 0.5, 5.0
-LONGEST_S = 300.0  # the least often that a higher level is tried
-LATE_SHARE = 0.1  # of the outputs due; a camera frame or two in half a second is the scheduler, not lag
+LONGEST_S = 300.0  # longest wait before a higher level is tried
+LATE_SHARE = 0.1  # of the outputs due; one or two frames in half a second are the scheduler's fault, not lag
 FULL_SHARE, ROOM_SHARE = 0.9, 0.6  # of the time spent working: more is lag, less is room
-FORGET = 0.5  # s of lag that one second without makes up for
-HICCUP_S = 0.25  # the most that one sample counts for: a process that was stopped or starved once does not lag
-SPOILT = 5.0  # s of room that one second without takes away
-SILENT_S = 1.0  # of a stage that has made nothing for so long nobody knows whether it has room
-GAP_S = 1.0  # between two samples: the machine slept, or the supervisor did
+FORGET = 0.5  # s of lag that one second without lag cancels
+HICCUP_S = 0.25  # limit of one sample: a process that was stopped or starved once does not lag
+SPOILT = 5.0  # s of room that one second without room cancels
+SILENT_S = 1.0  # after this time without output, it is unknown whether a stage has room
+GAP_S = 1.0  # between two samples: the machine or the supervisor was suspended
 
 
 @attrs.frozen
 class Load:
-    """A stage's work since the sample before. done: outputs made. missed: outputs that were due and were never made."""
+    """A stage's work since the previous sample. done: completed outputs. missed: outputs that were due but never made."""
 
     done: int
     missed: int
@@ -33,7 +33,7 @@ class Load:
 
 @attrs.frozen
 class Step:
-    """A change of level by one. stage: which lagged, "" on the way up. load: what it did while it lagged, over span_s."""
+    """A change of level by one. stage: the lagging one, "" when raising. load: its work while it lagged, over span_s."""
 
     level: int
     stage: str = ""
@@ -45,14 +45,14 @@ class Step:
 class _Stage:
     lag_s: float = 0.0
     since_s: float = 0.0  # since it last made or missed something
-    busy_ns: int = 0  # of the same time
-    done: int = 0  # these three: while it has lagged
+    busy_ns: int = 0  # within the same time
+    done: int = 0  # these three: while the stage has lagged
     missed: int = 0
     spent_ns: int = 0
     span_s: float = 0.0
 
     def take(self, load: Load, dt_s: float) -> bool | None:
-        """Counts a sample; whether there was room, None where nobody knows."""
+        """Adds a sample; returns whether there was room, None if unknown."""
         self.since_s += dt_s
         self.busy_ns += load.busy_ns
         due = load.done + load.missed
@@ -75,9 +75,9 @@ class _Stage:
 
 
 class Governor:
-    """The level of a session. relieves: for each level from 1 on, the stages that it gives relief.
+    """The level of a session. relieves: for each level from 1 on, the stages that it relieves.
 
-    The other parameters are those of the module, for tests that cannot wait.
+    The other parameters default to the module's constants; tests use shorter ones.
     """
 
     def __init__(
@@ -85,19 +85,19 @@ class Governor:
     ) -> None:
         self.level = 0
         self._relieves, self._lag_s, self._least_s, self._longest_s = tuple(relieves), lag_s, room_s, longest_s
-        self._hold_s = room_s  # how much room a step up needs
+        self._hold_s = room_s  # room required to raise the level
         self._raised_ns: int | None = None
         self._t_ns: int | None = None
         self._room_s = 0.0
         self._stages: dict[str, _Stage] = {}
 
     def forget(self) -> None:
-        """Nothing before the next sample says anything about the load: a stage starts, the machine was asleep, ..."""
+        """Discards the past, because it does not describe the load: a stage starts, the machine was suspended, ..."""
         self._t_ns, self._room_s = None, 0.0
         self._stages.clear()
 
     def update(self, t_ns: int, loads: Mapping[str, Load]) -> Step | None:
-        """Takes what every stage did since the last sample; the step that follows, if one does."""
+        """Adds the work of every stage since the last sample; returns the resulting step, if any."""
         last_ns, self._t_ns = self._t_ns, t_ns
         dt_s = 0.0 if last_ns is None else (t_ns - last_ns) / 1e9
         if last_ns is None or dt_s > GAP_S:

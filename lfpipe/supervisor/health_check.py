@@ -1,17 +1,16 @@
-"""When a stage counts as hung: a rule for each phase, such that neither a slow machine nor a slow disk ends a stage.
+"""Decides when a stage counts as hung. The rule for each phase tolerates slow machines and slow disks.
 
-Time in which the process was ready to run and had no CPU never counts (`time_spent`). Time in which nobody checked for ASLEEP_S
-does not count either: then the machine slept, or starved every process alike.
+Time in which the process was ready to run but had no CPU never counts (`time_spent`). A gap of ASLEEP_S between two checks
+does not count either: the machine was suspended, or starved all processes alike.
 
-Setting up (from the start to READY, and within `Context.setting_up`): hung after startup_timeout_s without computing or moving a
-byte, or after LONGEST_S of computing without a byte.
-Running or stopping within `Context.busy_with` and `saving`, calls that may wait for a disk: hung after startup_timeout_s of
-computing without a byte, or after STALL_S of doing nothing.
-Running otherwise: hung hang_timeout_s after its last beat. Waiting for a disk undeclared (a page of a mapped file) does not
-count. Stopping otherwise: `shutdown` has the limits.
+Setting up (from the start to READY, and within `Context.setting_up`): hung after startup_timeout_s without computing or moving
+a byte, or after LONGEST_S of computing without a byte. Running or stopping within `Context.busy_with` and `saving`, around
+calls that may wait for a disk: hung after startup_timeout_s of computing without a byte, or after STALL_S of doing nothing.
+Running otherwise: hung hang_timeout_s after its last beat. Undeclared waiting for a disk (a page of a mapped file) does not
+count. Stopping otherwise: see the limits of `shutdown`.
 
-In every phase, a stage that waits for a disk is hung when no byte has come for STALL_S; one that is stopped (SIGSTOP) is hung
-after startup_timeout_s while it sets up, after hang_timeout_s when it runs.
+In every phase, a stage that waits for a disk is hung if no byte arrives for STALL_S. A stopped stage (SIGSTOP) is hung
+after startup_timeout_s while it sets up, and after hang_timeout_s while it runs.
 """
 
 from __future__ import annotations
@@ -28,10 +27,10 @@ from lfpipe.supervisor.time_spent import TimeSpent
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.status import State, busy_words
 
-ASLEEP_S = 1.0  # a supervisor that has not checked for so long was stopped or starved, most likely the stages too
-STALL_S = 60.0  # a disk that wakes up, a network that comes back
-LONGEST_S = 600.0  # of computing in one go: imports and tables of a large scene on an emulated machine
-SAMPLE_AFTER_NS, SAMPLE_NS = 500 * MS_NS, 50 * MS_NS  # /proc is read only of a stage that has been silent for a while
+ASLEEP_S = 1.0  # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
+STALL_S = 60.0  # time for a disk to spin up, or for a network to return
+LONGEST_S = 600.0  # of continuous computing: imports and tables of a large scene on an emulated machine
+SAMPLE_AFTER_NS, SAMPLE_NS = 500 * MS_NS, 50 * MS_NS  # /proc is read only for a stage that has been silent for a while
 
 
 class HealthCheck:
@@ -47,7 +46,7 @@ class HealthCheck:
         self._last: tuple[int, Sample] | None = None
 
     def problem(self) -> str:
-        """Why the process counts as hung, or nothing. Call often."""
+        """Why the process counts as hung, or "". Call often."""
         t_ns = now_ns()
         if t_ns - self._checked_ns > ASLEEP_S * 1e9:
             self._excused_ns, self._sign = t_ns, (0, 0, 0, 0)
@@ -66,7 +65,7 @@ class HealthCheck:
         return self._diagnose(state == State.STARTING or not ready_ns, words, silent_ns / 1e9)
 
     def _take_sample(self, t_ns: int, silent_ns: int) -> bool:
-        """Samples the process where it is time to; returns whether it is there."""
+        """Samples the process if it is time to; returns whether it exists."""
         if self._last is not None and t_ns - self._last[0] < SAMPLE_NS:
             return True
         now = self._sample(self._pid)
@@ -83,9 +82,9 @@ class HealthCheck:
         spent, stage = self._spent, self._stage
         at = f"{words}: " if words else ""
         if spent.stalled > STALL_S * 1e9:
-            return f"{at}its disk has given nothing for {spent.stalled / 1e9:.0f} s"
+            return f"{at}no data from its disk for {spent.stalled / 1e9:.0f} s"
         if sets_up and (spent.idle > stage.startup_timeout_s * 1e9 or spent.unmoved > LONGEST_S * 1e9):
-            return f"{at}not ready after {silent_s:.0f} s, in {spent.idle / 1e9:.0f} s of which it did nothing"
+            return f"{at}not ready after {silent_s:.0f} s, {spent.idle / 1e9:.0f} s of them idle"
         if sets_up:
             return ""
         if words and spent.waited > STALL_S * 1e9:

@@ -1,4 +1,4 @@
-"""Rings that exist only while somebody asks for them; which ones follows from the state of the session."""
+"""Rings that exist only while a client needs them. The state of the session determines which ones."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from lfpipe.transport.session import Session
 
 
 class OnDemandRings:
-    """The segments of these rings, made and removed by the supervisor alone."""
+    """The segments of these rings. Only the supervisor creates and removes them."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self._segments: dict[str, Segment] = {}
 
     def make(self, wanted: Mapping[str, RingSpec]) -> None:
-        """Makes the rings that are wanted and missing. Raises UserError, and leaves none of them, where memory is short."""
+        """Creates wanted rings that do not exist yet: all, or none and a UserError if memory is short."""
         made: list[str] = []
         try:
             for name in wanted.keys() - self._segments.keys():
@@ -31,7 +31,7 @@ class OnDemandRings:
             raise
 
     def keep(self, wanted: Mapping[str, RingSpec]) -> None:
-        """Removes the rings that are not wanted; a process that maps one keeps what it maps."""
+        """Removes the rings that are not wanted; existing mappings stay valid."""
         for name in self._segments.keys() - wanted.keys():
             self._remove(name)
 

@@ -11,8 +11,8 @@ SOURCE_ENDED = "the source has ended"
 
 @attrs.define
 class Outcome:
-    """reason: in a few words. failure: None for a normal end, else what the user must know. user_error: starting again
-    cannot help until the user has changed something. final: the state at the end, as `snapshot` gives it."""
+    """reason: in a few words. failure: None for a normal end, else the message for the user. user_error: a restart cannot help
+    until the user has changed something. final: the state at the end, from `snapshot`."""
 
     reason: str
     failure: str | None = None

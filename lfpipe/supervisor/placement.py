@@ -1,4 +1,4 @@
-"""Which cores a stage runs on, and how it gives way to others: `governor.affinity` and `governor.nice` in words."""
+"""Cores and niceness of stages: parses `governor.affinity` and `governor.nice`."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from collections.abc import Iterable, Mapping
 from lfpipe.errors import UserError
 from lfpipe.host.processes import set_scheduling
 
-LOWEST, HIGHEST = -20, 19  # niceness, as the kernel has it
+LOWEST, HIGHEST = -20, 19  # limits of niceness in the kernel
 
 
 def _pairs(key: str, text: str, names: Iterable[str], example: str) -> dict[str, str]:
-    """`a=1,b=2` as a map. Raises UserError for anything else, and for a name that is none of names."""
+    """`a=1,b=2` as a map. Raises UserError for anything else, and for an unknown name."""
     known, found = list(names), {}
     for part in filter(None, (part.strip() for part in text.split(","))):
         name, sign, value = part.partition("=")
         if not sign or name.strip() not in known:
-            raise UserError(f"{key}: {part!r} is not STAGE=VALUE with a stage of {', '.join(known)}", f"for example {example}")
+            raise UserError(f"{key}: {part!r} is not STAGE=VALUE with a stage of {', '.join(known)}", f"for example: {example}")
         found[name.strip()] = value.strip()
     return found
 
 
 def cores(text: str, stages: Mapping[str, bool], allowed: Iterable[int]) -> dict[str, tuple[int, ...]]:
-    """stage -> cores, from `governor.affinity`; a stage that is not in it runs where the operating system will.
+    """stage -> cores, from `governor.affinity`; the operating system places stages that are not listed.
 
-    stages: name -> whether it keeps off the first core. auto: on two cores, those stages have the second; with more the operating
-    system knows better, with one there is no choice. Raises UserError for a wrong text and for a core that is not allowed.
+    stages: name -> whether it avoids the first core. auto: on two cores, those stages get the second; with more, the operating
+    system decides. Raises UserError for invalid text and for a core that is not allowed.
     """
     usable = sorted(allowed)
     if text == "auto":
@@ -39,32 +39,32 @@ def cores(text: str, stages: Mapping[str, bool], allowed: Iterable[int]) -> dict
     for name, value in _pairs("governor.affinity", text, stages, example).items():
         parts = value.split("+")
         if not all(part.isdecimal() for part in parts):
-            raise UserError(f"governor.affinity: {name}={value}: expected a core, or cores joined by +", f"for example {example}")
+            raise UserError(f"governor.affinity: {name}={value}: expected cores joined by +", f"for example: {example}")
         found[name] = tuple(sorted({int(part) for part in parts}))
         if missing := set(found[name]) - set(usable):
-            remedy = f"this process may use {', '.join(map(str, usable))}"
+            remedy = f"use one of {', '.join(map(str, usable))}"
             raise UserError(f"governor.affinity: {name}={value}: core {min(missing)} does not exist on this machine", remedy)
     return found
 
 
 def niceness(text: str, names: Iterable[str]) -> dict[str, int]:
-    """stage -> niceness, from `governor.nice`. Raises UserError for a wrong text."""
+    """stage -> niceness, from `governor.nice`. Raises UserError for invalid text."""
     example = "render=0,track=5"
     found: dict[str, int] = {}
     for name, value in _pairs("governor.nice", text, names, example).items():
         try:
             found[name] = int(value)
         except ValueError:
-            raise UserError(f"governor.nice: {name}={value}: not a whole number", f"for example {example}") from None
+            raise UserError(f"governor.nice: {name}={value}: not a whole number", f"for example: {example}") from None
         if not LOWEST <= found[name] <= HIGHEST:
-            raise UserError(f"governor.nice: {name}={value}: out of range: {LOWEST} to {HIGHEST}", f"for example {example}")
+            raise UserError(f"governor.nice: {name}={value}: out of range: {LOWEST} to {HIGHEST}", f"for example: {example}")
     return found
 
 
 def settle(cores: tuple[int, ...], nice: int | None) -> None:
-    """Moves the calling process there. Raises UserError where it may not have that niceness."""
+    """Applies cores and niceness to the calling process. Raises UserError if that niceness is not permitted."""
     try:
         set_scheduling(cores, nice)
     except PermissionError:
-        remedy = "a higher number, or a higher limit (`ulimit -e`; `nice` in limits.conf)"
+        remedy = "use a higher number, or raise the limit (`ulimit -e`; `nice` in limits.conf)"
         raise UserError(f"governor.nice: {nice} needs a privilege that you do not have", remedy) from None

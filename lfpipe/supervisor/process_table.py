@@ -22,9 +22,9 @@ def _feeds(options: SessionOptions) -> bool:
 class Stage:
     """A process. needed: whether a session with these options runs it.
 
-    source: it makes frames, and when it has ended by itself the session ends. shows: it presents pictures, whose age is the
-    session's. optional: few sessions run it, and no picture waits for it. own_core: on two cores it does not share the first.
-    startup_timeout_s: from spawn to READY. hang_timeout_s: without a beat after that.
+    source: it makes frames, and when it ends by itself, the session ends. shows: it presents pictures; their age is the
+    session's. optional: few sessions run it, and no picture waits for it. own_core: on two cores it avoids the first.
+    startup_timeout_s: from spawn to READY. hang_timeout_s: longest time without a beat after that.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Stage:
     hang_timeout_s: float = 2.0
 
 
-FRAMES_BYTES = 16 << 20  # a recorder may fall behind by as many frames as there are slots, less two
+FRAMES_BYTES = 16 << 20  # a recorder may fall behind by the number of slots minus two
 
 STAGES = (
     Stage("capture", "lfpipe.capture.stage", _feeds, writes=("frames",), source=True),
@@ -60,7 +60,7 @@ STAGES = (
         lambda options: bool(options.record),
         reads=("frames", "eyes"),
         optional=True,
-        own_core=True,  # its work can wait, so it does not disturb capture and render
+        own_core=True,  # its work can wait, so it must not disturb capture and render
     ),
     Stage(
         "share",
@@ -99,9 +99,9 @@ def picture_ring(height_px: int, width_px: int) -> RingSpec:
 
 
 def packet_ring(config: Config, jpeg_px: Sequence[int]) -> RingSpec:
-    """The ring of a source's JPEGs, (width, height) jpeg_px: it takes any JPEG that is no larger than its decoded picture.
+    """The ring of a source's JPEGs, (width, height) jpeg_px. A slot fits any JPEG that is no larger than its decoded picture.
 
-    A packet stays longer than the frame decoded from it, because that frame is published after it.
+    A packet is kept longer than the frame decoded from it, because that frame is published later.
     """
     width_px, height_px = jpeg_px
     return RingSpec((), packet_dtype(width_px * height_px * 3), slots=_frame_ring(config).slots + 2)

@@ -1,4 +1,4 @@
-"""The quality of a running session: the load of its stages, read from the status table, and the level that follows from it."""
+"""The quality of a running session: reads the load of its stages from the status table and decides the level."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class QualityControl:
         self._due_ns = self._settled_ns = 0
 
     def sample(self, state: SessionState, rows: Rows, t_ns: int) -> Step | None:
-        """Looks at the table, every SAMPLE_NS at most; the change of level that follows, if one does."""
+        """Reads the table, at most every SAMPLE_NS; returns the resulting change of level, if any."""
         if state.levels != self._levels:
             self._begin(state.levels)
         if len(self._levels) == 1 or t_ns < self._due_ns:
@@ -61,20 +61,20 @@ class QualityControl:
         return self._governor.update(t_ns, loads)
 
     def _begin(self, levels: tuple[QualityLevel, ...]) -> None:
-        """Takes other levels, at full quality."""
+        """Replaces the levels, and starts at full quality."""
         self._levels = levels
         helped = [self._relieved(level.stage) for level in levels[1:]]
-        # Levels are taken in order: a stage that only a later level helps asks for the earlier ones, too.
+        # Levels are lowered in order: a stage that only a later level relieves needs the earlier ones too.
         self._governor = Governor([frozenset[str]().union(*helped[number:]) for number in range(len(helped))])
 
     def _relieved(self, stage: str) -> frozenset[str]:
-        """The stages that run faster when `stage` has less to do: those that may have to share a core with it."""
+        """The stages that run faster if `stage` has less work: those that may share a core with it."""
         cores = {name: set(self._cores(name)) for name in CORE}
         alone = [name for name, of in cores.items() if of and cores[stage] and not of & cores[stage]]
         return frozenset(CORE).difference(alone)
 
 
 def _counts(row: NDArray[np.void], on_display: bool) -> tuple[int, int, int]:
-    """Outputs made, outputs missed, ns of work, so far. A display's clock misses refreshes; the eyes that it skips between two
-    refreshes are no loss."""
+    """Completed outputs, missed outputs, ns of work, so far. For a display's clock, only refreshes count as missed, not the eyes
+    skipped between two refreshes."""
     return int(row["seq"]), int(row["missed" if on_display else "drops"]), int(row["busy_ns"])

@@ -1,7 +1,7 @@
-"""What a session can be asked over ctl. Each request is a pure function: state and request give a reply, or a refusal.
+"""The requests of a session on ctl. Each handler is a pure function of state and request; it returns a reply or refuses.
 
-Requests that name files come in two steps: `respond` asks for a check by a child process (`file_check`), `respond_checked` takes
-its result. A refusal is a BadMessage (not a request at all) or a UserError (with a remedy); either changes nothing.
+Requests that name files come in two steps: `respond` asks for a check by a child process (`file_check`), `respond_checked`
+processes its result. A refusal is a BadMessage (not a request at all) or a UserError (with a remedy); either changes nothing.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
 
 @attrs.frozen
 class Reply:
-    """answer: sent back. state: to apply; where that is a new revision, the answer waits until the stages have applied it.
+    """answer: sent back. state: to apply; if it is a new revision, the answer waits until the stages have applied it.
     broadcast: a message for every stage. check: a request for `file_check`, whose result gives the real reply. with_stages:
-    the figures of the stages join the answer. stop: the session ends.
+    add the figures of the stages to the answer. stop: the session ends.
     """
 
     answer: dict[str, Any] = attrs.field(factory=dict)
@@ -85,12 +85,12 @@ def _stop(_state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
 
 
 def _pictures(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
-    """A lease of the ring of pictures; a client that goes on reading asks again in time."""
+    """Leases the ring of pictures; a client that keeps reading must renew the lease in time."""
     lease_s = message.get("lease_s", LEASE_S)
     if isinstance(lease_s, bool) or not isinstance(lease_s, int | float) or not 0 < lease_s <= MAX_LEASE_S:
         raise BadMessage(f"pictures: lease_s {lease_s!r:.100} is not a time of up to {MAX_LEASE_S:g} s")
     if state.options.scene is None:
-        raise UserError("the session shows no pictures", "`lfpipe up SCENE` starts one that does")
+        raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
     new = state.with_pictures(t_ns + int(lease_s * SECOND_NS))
     return Reply({"ring": new.options.pictures}, new)
 
@@ -99,17 +99,17 @@ def _load(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     at = _place(state, message)
     scene = message.get("scene") if at is None or "scene" in message else state.options.playlist[at]
     if not isinstance(scene, str) or not _absolute(scene):
-        raise BadMessage("load needs the absolute path of a scene, or a place `at` or a `step` in the playlist")
+        raise BadMessage("load needs the absolute path of a scene, or an index `at` or a `step` in the playlist")
     if not state.options.show:
-        raise UserError("the session shows no pictures", "`lfpipe up SCENE` starts one that does")
+        raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
     how: dict[str, Any] = {key: message[key] for key in ("layout", "grid") if key in message}
-    config_module.updated(state.config, {f"scene.{key}": value for key, value in how.items()})  # for its refusals
+    config_module.updated(state.config, {f"scene.{key}": value for key, value in how.items()})  # only for its checks
     return Reply(check={"check": "scene", "path": scene, **how})
 
 
 def _place(state: SessionState, message: dict[str, Any]) -> int | None:
-    """The place in the playlist of the scene that `load` asks for: by path, `at` a place, or a `step` from the one shown; None
-    for a scene that is not in it."""
+    """The playlist index of the scene that `load` requests: by path, `at` an index, or a `step` from the one shown; None
+    if it is not in the playlist."""
     scenes, scene = state.options.playlist, message.get("scene")
     if scene is not None:
         return scenes.index(scene) if scene in scenes else None
@@ -118,46 +118,46 @@ def _place(state: SessionState, message: dict[str, Any]) -> int | None:
     if isinstance(number, bool) or not isinstance(number, int) or (at is None) == (step is None):
         return None
     if not scenes:
-        raise UserError("the session has no playlist", "`lfpipe up SCENE SCENE ...`, or a folder of scenes, starts one that has")
+        raise UserError("the session has no playlist", "start one with `lfpipe up SCENE SCENE ...`, or with a folder of scenes")
     if step is not None:
         return (state.options.playlist_at + number) % len(scenes)
     if not 0 <= number < len(scenes):
-        raise UserError(f"no scene {number} in the playlist", f"0 to {len(scenes) - 1}")
+        raise UserError(f"no scene {number} in the playlist", f"choose 0 to {len(scenes) - 1}")
     return number
 
 
 def _trace(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
-    """Starts a timeline into the file `path`; ends the running one where path is empty."""
+    """Starts a timeline to the file `path`; ends the running one if path is empty."""
     path, running = message.get("path"), state.options.timeline
     if not isinstance(path, str) or not (_absolute(path) or not path):
-        raise BadMessage("trace needs an absolute path, an empty one to stop")
+        raise BadMessage("trace needs an absolute path, or an empty one to stop")
     if path and running:
-        raise UserError(f"a trace is already running, into {running}", "`lfpipe trace stop` ends it")
+        raise UserError(f"a timeline is already being recorded to {running}", "`lfpipe trace stop` ends it")
     if not path and not running:
-        raise UserError("no trace is running", "`lfpipe trace start OUT.json` starts one")
+        raise UserError("no timeline is being recorded", "`lfpipe trace start OUT.json` starts one")
     if path:
         return Reply(check={"check": "trace", "path": path})
     return Reply({"path": running}, state.changed(timeline=""))
 
 
 def _record(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
-    """Starts a recording of the camera into the folder `path`; ends the running one where path is empty."""
+    """Starts recording the camera to the folder `path`; ends the running recording if path is empty."""
     path, eyes, running = message.get("path"), message.get("eyes", False), state.options.record
     if not isinstance(path, str) or not (_absolute(path) or not path) or not isinstance(eyes, bool):
-        raise BadMessage("record needs an absolute path, an empty one to stop")
+        raise BadMessage("record needs an absolute path, or an empty one to stop")
     if path and running:
-        raise UserError(f"a recording is already running, into {running}", "`lfpipe ctl record stop` ends it")
+        raise UserError(f"a recording to {running} is already running", "`lfpipe ctl record stop` ends it")
     if not path and not running:
         raise UserError("no recording is running", "`lfpipe ctl record start OUT` starts one")
     if path and not state.options.tracking:
-        raise UserError("there is no camera in use: the scene is a single view", "`lfpipe record OUT` records without a scene")
+        raise UserError("no camera is in use: the scene is a single view", "`lfpipe record OUT` records without a scene")
     if path:
         return Reply(check={"check": "record", "path": path})
     return Reply({"path": running}, state.changed(record=""))
 
 
 def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
-    """Sends the eyes to the targets `start` as well; no longer to `stop`, to none where that is empty."""
+    """Adds the targets `start`, or removes the targets `stop` (all, if it is empty)."""
     start, stop, running = message.get("start"), message.get("stop"), state.options.share
     texts = stop if start is None else start
     if (start is None) == (stop is None) or not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
@@ -166,13 +166,13 @@ def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
         if not start:
             raise UserError("no target given", FORMS)
         if len(start) > MAX_TARGETS:
-            raise BadMessage(f"share: {len(start)} targets; {MAX_TARGETS} are allowed")
+            raise BadMessage(f"share: {len(start)} targets; at most {MAX_TARGETS} are allowed")
         if not state.options.tracking:
-            raise UserError("the session tracks no eyes: its scene is a single view", "`lfpipe up --no-picture --share TARGET`")
+            raise UserError("no eyes are tracked: the scene is a single view", "use `lfpipe up --no-picture --share TARGET`")
         return Reply(check={"check": "share", "path": ", ".join(start)[:200], "targets": start, "running": list(running)})
     named = {text: [each for each in running if text in (each, each.partition("?")[0])] for text in texts}
     if missing := [text for text, found in named.items() if not found]:
-        raise UserError(f"{shown(missing[0])}: nothing is shared there", f"shared are: {', '.join(running) or 'none'}")
+        raise UserError(f"{shown(missing[0])}: not a current target", f"current targets: {', '.join(running) or 'none'}")
     if not running:
         raise UserError("nothing is shared", "`lfpipe ctl share start TARGET` starts it")
     ended = [each for found in named.values() for each in found] or list(running)
@@ -181,7 +181,7 @@ def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
 
 
 def respond_checked(state: SessionState, message: dict[str, Any], result: dict[str, Any], t_ns: int) -> Reply:
-    """The reply to a request whose files were checked; the state may have changed meanwhile. Raises as `respond` does."""
+    """The reply to a request after its files were checked. The state may have changed meanwhile. Raises like `respond`."""
     if message["cmd"] == "load":
         scene = SceneSummary(**result)
         check_geometry(state.config, scene)
@@ -200,7 +200,7 @@ def respond_checked(state: SessionState, message: dict[str, Any], result: dict[s
 
 
 def _absolute(path: str) -> bool:
-    """Whether a path means the same to the supervisor as to its sender."""
+    """Whether a path means the same for the supervisor as for its sender."""
     return path.startswith("/") and "\0" not in path
 
 

@@ -19,7 +19,7 @@ PAUSE_S = 0.01
 
 
 def is_own_directory(path: Path) -> bool:
-    """Whether path is a directory of this user, no link: in /tmp anybody may create one under our name. Raises OSError."""
+    """Whether path is a directory of this user and not a link: in /tmp, anybody may create one with our name. Raises OSError."""
     found = path.lstat()
     return stat.S_ISDIR(found.st_mode) and found.st_uid == user_id()
 
@@ -31,20 +31,20 @@ def _make_directory(path: Path) -> None:
             path.mkdir(mode=0o700)
             return
         except FileExistsError:
-            with contextlib.suppress(FileNotFoundError):  # another process has just removed it: create it after all
+            with contextlib.suppress(FileNotFoundError):  # another process has just removed it: create it
                 if not is_own_directory(path):
-                    raise UserError(f"{path} is not a directory of yours", "remove it, or another --session name") from None
+                    raise UserError(f"{path} is not a directory of yours", "remove it, or use another --session name") from None
                 path.chmod(0o700)
                 return
         except OSError as error:
-            raise UserError(f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory you may write to") from None
+            raise UserError(f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory that you may write to") from None
 
 
 def take(path: Path, make: bool = False) -> Lock | None:
     """Locks the file at path, created if missing; None if another process holds it.
 
     make: also creates its directory. Otherwise None if that is missing. Raises OSError, and UserError for a directory of another
-    user. A sweep treats a directory that is not locked yet as a dead session's, so a lock counts only if the file is still there.
+    user. A sweep treats an unlocked directory as a dead session's, so a lock is valid only if the file still exists.
     """
     while True:
         if make:
@@ -63,7 +63,7 @@ def take(path: Path, make: bool = False) -> Lock | None:
 
 
 def take_patiently(path: Path) -> Lock | None:
-    """As `take` with make, but tries for 0.3 s: a process that sweeps or lists sessions holds a lock for a moment."""
+    """As `take` with make, but retries for 0.3 s: a process that sweeps or lists sessions holds a lock briefly."""
     for _ in range(ATTEMPTS):
         if (lock := take(path, make=True)) is not None:
             return lock

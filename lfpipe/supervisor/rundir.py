@@ -1,4 +1,4 @@
-"""The run directory: one session owns it and locks it while it lives; any process of the user may sweep one without an owner.
+"""The run directory: one session owns and locks it while it lives. Any process of the user may sweep one without an owner.
 
 A sweep unlinks shared memory only if it belongs to this user and its session is dead (`transport.segment`).
 """
@@ -23,18 +23,18 @@ from lfpipe.supervisor.outcome import Outcome
 from lfpipe.transport import control, segment, status
 from lfpipe.transport.session import PREFIX, Session, base_dir
 
-ENDING_S = 3.0  # how long a session that lost its run directory may take to end
+ENDING_S = 3.0  # time limit for a session that lost its run directory to end
 
 
 def _sessions() -> Iterator[Session]:
-    """This user's sessions that have a run directory. Skips what cannot be read and what is no run directory."""
+    """This user's sessions that have a run directory. Skips anything unreadable or not a run directory."""
     base = base_dir()
     try:
         names = sorted(path.name for path in base.iterdir() if path.name.startswith(PREFIX))
     except OSError:
         return
     for name in names:
-        with contextlib.suppress(OSError, UserError):  # it has just ended; it is not the name of a session
+        with contextlib.suppress(OSError, UserError):  # it has just ended, or it is not the name of a session
             session = Session(name.removeprefix(PREFIX))
             if run_lock.is_own_directory(base / name):
                 yield session
@@ -47,7 +47,7 @@ def filled(session: Session) -> Iterator[None]:
         yield
     except (OSError, zmq.ZMQError) as error:
         path = getattr(error, "filename", None) or session.run_dir
-        what = "make room there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
+        what = "free space there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
         raise UserError(f"{path}: {error.strerror}", f"{what}, or set XDG_RUNTIME_DIR to another directory") from None
 
 
@@ -62,7 +62,7 @@ def acquire(session: Session) -> Lock:
     lock = run_lock.take_patiently(session.lock)
     if lock is None:
         option = "" if session.name == "default" else f" --session {session.name}"
-        remedy = f"another --session NAME, or end that one: `lfpipe ctl{option} stop`"
+        remedy = f"use another --session NAME, or end it: `lfpipe ctl{option} stop`"
         raise UserError(f"session {session.name!r} is already running", remedy)
     try:
         _empty(session.run_dir)
@@ -84,12 +84,13 @@ def _empty(run_dir: Path) -> None:
 
 
 def _free_names(session: Session) -> None:
-    """Unlinks what a dead session left. Waits for a living one that lost its run directory: it keeps its memory until it ends."""
+    """Unlinks the memory of a dead session. Waits for a living one that lost its run directory and keeps its memory until it
+    ends."""
     end_s = time.monotonic() + ENDING_S
     while segment.owned(session.segment("")):
         _unlink_abandoned(session)
         if time.monotonic() > end_s:
-            remedy = "try again in a few seconds, or another --session NAME"
+            remedy = "try again in a few seconds, or use another --session NAME"
             raise UserError(f"session {session.name!r} lost its run directory and has not ended yet", remedy)
         time.sleep(run_lock.PAUSE_S)
 
@@ -102,17 +103,17 @@ def _unlink_abandoned(session: Session) -> None:
 def lost(session: Session, lock: Lock) -> Outcome | None:
     """How the session that holds the lock must end if its run directory is no longer its own; None as long as it is.
 
-    No command reaches such a session any more, and the next one of that name cannot see that it lives.
+    Such a session receives no commands any more, and the next one of that name cannot detect it.
     """
     if lock.in_place():
         return None
     what = f"{session.run_dir} was removed while the session ran"
-    return Outcome("its run directory was removed", what, "set XDG_RUNTIME_DIR to a directory that nothing cleans up")
+    return Outcome("its run directory was removed", what, "set XDG_RUNTIME_DIR to a directory that no program cleans")
 
 
 def release(session: Session, lock: Lock) -> None:
-    """Removes everything that the session created, the lock last, and releases it. Leaves what cannot be removed, and everything
-    of another session that owns the directory by now. The caller has unlinked its own memory before.
+    """Removes everything that the session created, the lock last, and releases it. Leaves what cannot be removed, and everything if
+    another session owns the directory by now. The caller must have unlinked its own memory.
     """
     try:
         if lock.in_place():
@@ -121,13 +122,13 @@ def release(session: Session, lock: Lock) -> None:
             return
     finally:
         lock.release()
-    with contextlib.suppress(OSError):  # only the lock may be missing: then the rest goes like a dead session's
+    with contextlib.suppress(OSError):  # if only the lock is missing, the rest is removed like a dead session's
         if (again := run_lock.take(session.lock)) is not None:
             release(session, again)
 
 
 def _resume_stages(name: str) -> None:
-    """Resumes the stopped stages of a dead supervisor, so that the SIGTERM that the kernel sent them ends them.
+    """Resumes the stopped stages of a dead supervisor, so that the kernel's SIGTERM can end them.
 
     name: of a segment; nothing happens unless it holds a status table of this version.
     """
@@ -141,9 +142,9 @@ def _resume_stages(name: str) -> None:
 
 
 def sweep() -> list[str]:
-    """Removes what dead sessions of this user left and returns their names. Skips what cannot be removed.
+    """Removes what dead sessions of this user left, and returns their names. Skips what cannot be removed.
 
-    Covers the run directories of this runtime directory, and all memory whose run directory is gone, wherever that was.
+    Covers the run directories of this runtime directory, and all memory whose run directory is gone, wherever it was.
     """
     swept = []
     for session in _sessions():
@@ -175,14 +176,14 @@ def running() -> list[str]:
     """Names of this user's living sessions in this runtime directory."""
     names = []
     for session in _sessions():
-        with contextlib.suppress(OSError):  # it starts, has just ended, or may not be read
+        with contextlib.suppress(OSError):  # it is starting, has just ended, or is unreadable
             if file_lock.is_held(session.lock):
                 names.append(session.name)
     return sorted(names)
 
 
 def find(name: str) -> Session:
-    """The living session of that name. Raises UserError that names those that run."""
+    """The running session of that name. Raises UserError with the names of running ones."""
     session = Session(name)
     living = running()
     if name not in living:

@@ -1,4 +1,4 @@
-"""The memory of a session: status table, rings, wake-ups. Only the supervisor makes and removes it."""
+"""The memory of a session: status table, rings, wake-ups. Only the supervisor creates and removes it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lfpipe.transport.session import Session
 class SessionMemory:
     """The segments and FIFOs of a session with this configuration.
 
-    Raises UserError where memory is short, OSError where no FIFO can be made; leaves nothing behind then.
+    Raises UserError if memory is short, OSError if no FIFO can be created; then nothing is left behind.
     """
 
     def __init__(self, session: Session, config: Config) -> None:
@@ -37,17 +37,17 @@ class SessionMemory:
 
     @property
     def table(self) -> status.Table:
-        """The status table. No one may hold a row of it when the memory is removed."""
+        """The status table. Drop all references to its rows before the memory is removed."""
         assert self._table is not None
         return self._table
 
     def remove(self) -> None:
-        """Unlinks every segment; the FIFOs go with the run directory."""
+        """Unlinks every segment; the FIFOs are removed with the run directory."""
         for memory in self._segments:
             with contextlib.suppress(FileNotFoundError):
                 memory.unlink()
         if self._table is not None:
-            gc.collect()  # frames of an exception may still hold rows of the table
+            gc.collect()  # frames of an exception may still reference rows of the table
             self._table.close()
         for memory in self._segments:
             memory.close()

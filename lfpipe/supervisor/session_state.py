@@ -16,7 +16,7 @@ from lfpipe.transport.ring import RingSpec
 
 @attrs.frozen
 class Basis:
-    """The part of the state that a stage may be unable to work with: it can be rolled back."""
+    """The part of the state that a stage may fail on; it can be rolled back."""
 
     config: Config
     scene: SceneSummary | None
@@ -25,10 +25,10 @@ class Basis:
 
 @attrs.frozen
 class SessionState:
-    """config, options, paused: what the stages work by. rev: counts changes. pictures_until_ns: end of the lease of the ring of
-    pictures, 0 without one. pictures_px: (height, width) of that ring. rings_made: numbers the rings made on demand, whose
-    names are never used twice, so that no reader maps an old one. zero_planes_px: of scenes shown
-    before, by pack. known_good: the basis that is known to work.
+    """config, options, paused: used by the stages. rev: counts changes. pictures_until_ns: end of the lease of the ring of
+    pictures, 0 without one. pictures_px: (height, width) of that ring. rings_made: counts the rings created on demand; their
+    names are never reused, so no reader maps an old one. zero_planes_px: of scenes shown before, by pack. known_good: the basis
+    that is known to work.
     """
 
     config: Config
@@ -48,23 +48,23 @@ class SessionState:
 
     @property
     def basis(self) -> Basis:
-        """What the stages work by now, as far as it can be rolled back."""
+        """The part of the current state that can be rolled back."""
         return Basis(self.config, self.options.scene, self.options.tracking)
 
     @property
     def levels(self) -> tuple[QualityLevel, ...]:
-        """The quality levels allowed here; full alone where nothing may depend on load."""
+        """The quality levels allowed here; only full quality if nothing may depend on load."""
         all_levels = ladder(self.config, self.options)
         fixed = self.options.lossless or self.config.governor.quality == "fixed"
         return all_levels[:1] if fixed else all_levels
 
     @property
     def level(self) -> QualityLevel:
-        """The level in force."""
+        """The current level."""
         return self.options.level or self.levels[0]
 
     def message(self) -> dict[str, Any]:
-        """What a stage must know, as a control message."""
+        """The control message for the stages."""
         return {
             "cmd": "config",
             "rev": self.rev,
@@ -74,7 +74,7 @@ class SessionState:
         }
 
     def rings(self) -> dict[str, RingSpec]:
-        """The rings on demand that this state asks for, by name."""
+        """The on-demand rings that this state needs, by name."""
         found: dict[str, RingSpec] = {}
         if self.options.pictures:
             found[self.options.pictures] = picture_ring(*self.pictures_px)
@@ -85,7 +85,7 @@ class SessionState:
     # Changes. Each returns a new state with a new revision.
 
     def changed(self, config: Config | None = None, paused: bool | None = None, **options: Any) -> SessionState:
-        """With another configuration, pause or options; where that changes the quality levels, quality is full again."""
+        """With another configuration, pause or options. If that changes the quality levels, quality is full again."""
         new = attrs.evolve(
             self,
             config=self.config if config is None else config,
@@ -98,8 +98,7 @@ class SessionState:
         return new._with_packets()
 
     def loaded(self, scene: SceneSummary) -> SessionState:
-        """With another scene, at the zero plane that it had when it was last shown, or at the default: a zero plane is in
-        px of its own scene."""
+        """With another scene, at the zero plane of its last showing, or the default: a zero plane is in px of its own scene."""
         old = self.options.scene
         if old is None or old.pack == scene.pack:
             return self.changed(scene=scene, tracking=scene.needs_tracking)
@@ -113,7 +112,7 @@ class SessionState:
         return self.changed(level=self.levels[number] if number else None)
 
     def with_pictures(self, until_ns: int) -> SessionState:
-        """With the ring of pictures leased until then at least; self where only the lease grows longer."""
+        """With the ring of pictures leased at least until then; self if only the lease is extended."""
         scene = self.options.scene
         assert scene is not None
         until_ns, size_px = max(until_ns, self.pictures_until_ns), (scene.height_px, scene.width_px)
@@ -128,16 +127,16 @@ class SessionState:
         return attrs.evolve(self.changed(pictures=""), pictures_until_ns=0)
 
     def settled(self) -> SessionState:
-        """With the basis in force known to work; the revision stays."""
+        """With the current basis marked as known to work; same revision."""
         return attrs.evolve(self, known_good=self.basis)
 
     def rolled_back(self) -> SessionState:
-        """Back on the basis that is known to work; all else stays."""
+        """With the basis that is known to work; all else unchanged."""
         good = self.known_good
         return self.changed(config=good.config, scene=good.scene, tracking=good.tracking)
 
     def _with_packets(self) -> SessionState:
-        """With the ring of JPEGs that a recording of a source of JPEGs needs, and else without it."""
+        """With the ring of JPEGs if a source of JPEGs is recorded, else without it."""
         wanted = bool(self.options.record and self.options.jpeg_px)
         if wanted == bool(self.options.packets):
             return self

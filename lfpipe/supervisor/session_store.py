@@ -1,4 +1,4 @@
-"""The one place that stores the state of a session and makes the rings it asks for."""
+"""The only place that stores the state of a session and creates its rings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lfpipe.transport.session import Session
 
 
 class SessionStore:
-    """state: what the session works by."""
+    """state: the current state."""
 
     def __init__(self, session: Session, state: SessionState) -> None:
         self.state = state
@@ -17,13 +17,13 @@ class SessionStore:
         self._rings = OnDemandRings(session)
 
     def begin(self) -> None:
-        """Makes the rings of the first state. Raises UserError where memory is short."""
+        """Creates the rings of the first state. Raises UserError if memory is short."""
         self._rings.make(self.state.rings())
 
     def apply(self, state: SessionState) -> None:
-        """Stores a state; a new revision is for the stages, see `take_message`.
+        """Stores a state; `take_message` returns a new revision for the stages.
 
-        Raises UserError where memory is short, BadMessage where the stages could not read it; then nothing has changed.
+        Raises UserError if memory is short, BadMessage if the stages could not read it; then nothing has changed.
         """
         message = control.encode(state.message()) if state.rev != self.state.rev else self._unsent
         rings = state.rings()
@@ -32,7 +32,8 @@ class SessionStore:
         self._rings.keep(rings)
 
     def take_message(self) -> bytes | None:
-        """The newest state as a message for every stage, once; None where they have it. Of many changes they hear the last."""
+        """The newest state as a message for every stage, once; None if already sent. Of several changes, only the last is
+        sent."""
         message, self._unsent = self._unsent, None
         return message
 

@@ -1,4 +1,4 @@
-"""The end of a session's processes: in order, with time for those that still write results."""
+"""Ends the processes of a session, with time for stages that still write results."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lfpipe.host import signals
 from lfpipe.supervisor.stage_process import StageProcess
 from lfpipe.transport.clock import now_ns
 
-STOP_S, TERM_S, KILL_S = 0.9, 0.5, 5.0  # how long a stage may take after "stop", after SIGTERM, after SIGKILL
+STOP_S, TERM_S, KILL_S = 0.9, 0.5, 5.0  # time limits after "stop", after SIGTERM, after SIGKILL
 PASSES = ((STOP_S, signals.END), (TERM_S, signals.KILL), (KILL_S, None))
 
 
@@ -23,8 +23,8 @@ class _Ending:
 
 
 def wait_for_end(processes: Iterable[StageProcess], log: Callable[[str], None]) -> None:
-    """Waits until all processes, which were asked to stop before, have ended. A late one gets SIGTERM, then SIGKILL, unless
-    it saves results and makes progress. log: reports to people what the session waits for.
+    """Waits until all processes have ended; the caller has asked them to stop. A late one gets SIGTERM, then SIGKILL, unless it
+    saves results and makes progress. log: reports to people what the session waits for.
     """
     begin_ns = now_ns()
     waiting = [_Ending(process, begin_ns + int(STOP_S * 1e9)) for process in processes if process.alive]
@@ -40,7 +40,7 @@ def wait_for_end(processes: Iterable[StageProcess], log: Callable[[str], None]) 
             elif words := process.saves:
                 each.due_ns = now_ns() + int(STOP_S * 1e9)
                 if not each.logged:
-                    log(f"{process.stage.name}: {words}; Ctrl-C again ends it at once")
+                    log(f"{process.stage.name}: {words}; press Ctrl-C again to end it at once")
                 each.logged = True
             elif (signum := PASSES[each.passes][1]) is None:
                 waiting.remove(each)

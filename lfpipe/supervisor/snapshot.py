@@ -1,4 +1,4 @@
-"""The state of a session as one plain map, read from the status table alone."""
+"""The state of a session as one plain map, read only from the status table."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import summary_ms
 from lfpipe.transport.status import State, Table, busy_words, rate_hz
 
-FACELESS_S = 4.0  # a turned head is no reason to complain
-BUSY_SHOWN_S = 0.5  # what keeps a stage for less is nobody's business
+FACELESS_S = 4.0  # a head may be turned away briefly
+BUSY_SHOWN_S = 0.5  # shorter work is not shown
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
 
 
 def spans(cpus: Iterable[int]) -> str:
-    """Cores in short: `0-3 6`."""
+    """Cores in compact form: `0-3 6`."""
     found: list[list[int]] = []
     for core in sorted(cpus):
         if found and core == found[-1][1] + 1:
@@ -32,7 +32,7 @@ def spans(cpus: Iterable[int]) -> str:
 
 
 def ms(value: float) -> str:
-    """A time in ms as five characters: as many decimals as have a place."""
+    """A time in ms in five characters, with as many decimals as fit."""
     return f"{value:5.2f}" if value < 99.995 else f"{value:5.1f}" if value < 999.95 else f"{value:5.0f}"
 
 
@@ -42,14 +42,14 @@ def placed(name: str, cpus: Iterable[int], nice: int) -> str:
 
 
 def busy(row: NDArray[np.void]) -> str:
-    """What keeps a stage from its loop, and how long already: `reading the recording, 3 s`; empty below BUSY_SHOWN_S."""
+    """The work that blocks a stage, and since when: `reading the recording, 3 s`; empty below BUSY_SHOWN_S."""
     words, since_s = busy_words(row), (now_ns() - int(row["busy_since_ns"])) / 1e9
     return f"{words}, {since_s:.0f} s" if words and since_s > BUSY_SHOWN_S else ""
 
 
 def quality(table: Table) -> dict[str, Any]:
-    """`{"level", "lowest_level", "level_words"}`: 0 for full quality, the last one's number, what is taken away. Read while it
-    changes, the words may be those of another level.
+    """`{"level", "lowest_level", "level_words"}`: 0 for full quality, the last level, what is
+    reduced. If read during a change, the words may be those of another level.
     """
     now = table.session
     words = now["words"].item().decode(errors="replace")
@@ -57,18 +57,18 @@ def quality(table: Table) -> dict[str, Any]:
 
 
 def light(table: Table) -> str:
-    """`too little light for 30 Hz` where the camera delivers clearly fewer frames than it agreed to; else empty."""
+    """`too little light for 30 Hz` if the camera delivers clearly fewer frames than agreed; else empty."""
     row = table.rows[SOURCE]
     return f"too little light for {int(row['nominal_mhz']) / 1000:.3g} Hz" if row["dim"] else ""
 
 
 def viewer(table: Table) -> str:
-    """Who is before the screen, in a word of `ViewerState`."""
+    """The viewer's state, a word of `ViewerState`."""
     return ViewerState(int(table.rows[SHOWN_BY]["viewer"])).word
 
 
 def judder_percent(row: NDArray[np.void]) -> float | None:
-    """Refreshes of the screen that showed another picture than planned, in %; None where no screen reports its blanks."""
+    """Refreshes of the screen that showed another picture than planned, in %; None if no screen reports its blanks."""
     planned = int(row["planned"])
     return round(100 * int(row["juddered"]) / planned, 3) if planned else None
 
@@ -85,14 +85,14 @@ def photon_words(latency: Mapping[str, float | None]) -> str:
 
 
 def notices(table: Table) -> list[str]:
-    """What a person should know of the session now, as the window shows it too."""
+    """Current messages for people, also shown in the window."""
     found, rows = [], table.rows
     capture, shown = rows[SOURCE], rows[SHOWN_BY]
     if capture["state"] == State.READY:
         found.append("camera lost, trying again")
     away_s = (now_ns() - int(shown["t_face_ns"])) / 1e9
     if capture["state"] == State.RUNNING and shown["state"] == State.RUNNING and shown["t_face_ns"] and away_s > FACELESS_S:
-        found.append(f"no face for {away_s:.0f} s: come into the camera's view")
+        found.append(f"no face for {away_s:.0f} s: move into the camera's view")
     if int(table.session["level"]):
         found.append(f"quality lowered: {quality(table)['level_words']}")
     return found
@@ -102,10 +102,10 @@ def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
     """`{"session", "uptime_s", "camera_fps", "camera_light", "level", "viewer", "stages": {...}, "end_to_end": {...},
     "judder": {...}, "horizon": {...}, "motion_to_photon": {...}}`, as `lfpipe monitor --once --json` prints it.
 
-    A stage's p50_ms.. are its busy time; wait and busy hold both in full. end_to_end: the age of a picture, from the
+    A stage's p50_ms.. describe its busy time; wait and busy contain all quantiles. end_to_end: the age of a picture, from the
     sensor's stamp to its presentation. horizon: how far ahead of the sensor's stamp the eyes are predicted, over all refreshes.
-    busy_with: see `busy`; level: see `quality`. left_out: inputs that a stage was told not to use by it;
-    missed: refreshes of the display. cpus, nice: as the kernel has them now.
+    busy_with: see `busy`; level: see `quality`. left_out: inputs left out on purpose; missed: refreshes of
+    the display. cpus, nice: from the kernel, now.
     """
     stages: dict[str, Any] = {}
     for name, row in table.rows.items():

@@ -1,4 +1,4 @@
-"""A row of the process table at run time: its process, its failures, the restart policy."""
+"""A row of the process table at run time: its process, failures and restart policy."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from lfpipe.transport.status import State, busy_words
 
 MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5
 FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0
-MAX_STACK = 4000  # characters of it that are reported
+MAX_STACK = 4000  # characters reported
 
 
 class StageProcess:
-    """Starts, judges and ends one stage. row: its record of the status table, writable."""
+    """Starts, checks and ends one stage. row: its record of the status table, writable."""
 
     def __init__(self, stage: Stage, session: Session, row: NDArray[np.void]) -> None:
         self.stage, self.row, self._session = stage, row, session
@@ -34,7 +34,7 @@ class StageProcess:
         self.next_start_ns = 0
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
         self.wanted = False
-        self._killed = False  # for a hang, and not ended yet
+        self._killed = False  # killed for a hang, but not ended yet
         self._health: HealthCheck | None = None
 
     @property
@@ -42,7 +42,7 @@ class StageProcess:
         return self.process is not None
 
     def start(self, spec: StageSpec) -> None:
-        """Spawns the process. From the main thread only: PR_SET_PDEATHSIG follows the thread that started it."""
+        """Spawns the process. Only from the main thread: PR_SET_PDEATHSIG is tied to the starting thread."""
         for path in (child.error_file, child.stack_file):
             path(self._session.run_dir, self.stage.name).unlink(missing_ok=True)
         if self.row["pid"] and self.row["state"] != State.FINISHED:
@@ -67,20 +67,20 @@ class StageProcess:
         self.process.close()
         self.process = None
         in_order = (0,) if self.wanted else (0, child.EXIT_TERMINATED)
-        finished = code in in_order and (not self.wanted or self.stage.source or self.stage.optional)  # nothing is left to do
+        finished = code in in_order and (not self.wanted or self.stage.source or self.stage.optional)  # no work is left
         self.row["state"], self.row["dead_ns"] = State.FINISHED if finished else State.DEAD, now_ns()
         self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
         if code == 0:
-            self.row["taken_seq"] = 0  # its work was done: the next one has missed nothing
+            self.row["taken_seq"] = 0  # its work was done, so its successor has missed nothing
         return int(code)
 
     def overdue(self) -> str:
-        """Why the process counts as hung, or nothing; see `health_check`. Call often."""
+        """Why the process counts as hung, or ""; see `health_check`. Call often."""
         return "" if self.process is None or self._health is None or self._killed else self._health.problem()
 
     @property
     def saves(self) -> str:
-        """The results that the process writes at its end, in words, while it makes progress; else nothing."""
+        """The results that the process is writing at its end, in words, while it makes progress; else ""."""
         if self.row["state"] != State.STOPPING or self.overdue():
             return ""
         return busy_words(self.row)
@@ -101,7 +101,7 @@ class StageProcess:
         return stack
 
     def last_stack(self) -> str:
-        """The stack that the process left, on request or when it failed; empty where it was killed."""
+        """The stack that the process left, on request or when it failed; empty if it was killed."""
         path = child.stack_file(self._session.run_dir, self.stage.name)
         return path.read_text(errors="replace")[-MAX_STACK:].rstrip() if path.exists() else ""
 
@@ -115,7 +115,7 @@ class StageProcess:
         return len(recent) >= MAX_FAILURES
 
     def died_of(self) -> tuple[str, str] | None:
-        """(message, remedy) where the stage ended because of a user's mistake."""
+        """(message, remedy) if the stage ended because of a user's mistake."""
         path = child.error_file(self._session.run_dir, self.stage.name)
         if not path.exists():
             return None

@@ -1,4 +1,4 @@
-"""The processes of all stages: started when they are needed, judged, restarted, and ended in two passes."""
+"""The processes of all stages: started when needed, checked, restarted, and ended in two passes."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from lfpipe.transport.session import Session
 from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import ENDED, Table
 
-DRAIN_NS = 2 * SECOND_NS  # how long the stages may take for what is under way when the source has ended
+DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended
 
 
 @attrs.frozen
 class Ended:
-    """A stage that ended and was not supposed to."""
+    """A stage that ended unexpectedly."""
 
     process: StageProcess
     code: int
 
 
 class StageProcesses:
-    """table: the status table. spec: what a stage receives at its start. ask_to_stop: sends a stage the stop."""
+    """table: the status table. spec: the data a stage receives at its start. ask_to_stop: sends the stop to a stage."""
 
     def __init__(
         self, session: Session, table: Table, spec: Callable[[Stage], StageSpec], ask_to_stop: Callable[[str], None]
@@ -41,7 +41,7 @@ class StageProcesses:
         return iter(self._all.values())
 
     def ensure_running(self, options: SessionOptions) -> None:
-        """Starts what is needed, and asks what is not needed any more to stop."""
+        """Starts stages that are needed, and asks stages that are no longer needed to stop."""
         for process in self:
             needed = process.stage.needed(options)
             process.wanted = needed and not self._drain_since_ns
@@ -51,7 +51,7 @@ class StageProcesses:
                 self._ask_to_stop(process.stage.name)
 
     def judge(self, log: Callable[[str], None]) -> list[Ended]:
-        """Kills the stages that hang, and returns those that ended and were not supposed to."""
+        """Kills hung stages, and returns stages that ended unexpectedly."""
         ended = []
         for process in self:
             name = process.stage.name
@@ -67,7 +67,7 @@ class StageProcesses:
         return ended
 
     def finished(self, every: int) -> bool:
-        """Whether the source has ended and every stage has dealt with its last frame. every: n, one frame in n is tracked."""
+        """Whether the source has ended and every stage has processed its last frame. every: n, one frame in n is tracked."""
         if not self._drain_since_ns:
             return False
         last = int(self._table.rows[SOURCE]["source_seq"]) - every + 1
@@ -84,7 +84,7 @@ class StageProcesses:
         return all(int(process.row["ready_ns"]) > 0 for process in self if process.stage.needed(options))
 
     def applied(self, rev: int, options: SessionOptions) -> bool:
-        """Whether every stage that is needed works by revision rev, and no other runs."""
+        """Whether every needed stage has applied revision rev, and no other stage runs."""
         return all(int(p.row["config_rev"]) >= rev for p in self if p.alive or p.stage.needed(options))
 
     def outputs(self, options: SessionOptions) -> dict[str, int]:
@@ -97,12 +97,12 @@ class StageProcesses:
             process.signal(signals.KILL)
 
     def stop(self, log: Callable[[str], None]) -> None:
-        """Two passes: all are asked, then all are waited for."""
+        """Asks all stages to stop, then waits for all."""
         for process in self:
             process.wanted = False
             self._ask_to_stop(process.stage.name)
         shutdown.wait_for_end(self._all.values(), log)
 
     def close(self) -> None:
-        """Lets go of the status table."""
+        """Releases the status table."""
         self._all.clear()

@@ -1,4 +1,4 @@
-"""The supervisor: makes the memory of a session, keeps its stages running, serves its commands, ends it clean.
+"""The supervisor: creates the memory of a session, keeps its stages running, serves its commands, and cleans up.
 
 One loop in the main thread; it never blocks on a child, and polls sockets and sentinels in one place.
 """
@@ -39,9 +39,9 @@ TICK_MS = 100
 
 
 class Supervisor:
-    """A session. log: takes lines for people.
+    """A session. log: receives lines for people.
 
-    Raises UserError where a stage is configured to run on a core that is not there, or with a niceness that is none.
+    Raises UserError if a stage is configured for a missing core or an invalid niceness.
     """
 
     def __init__(self, session: Session, config: Config, options: SessionOptions, log: Callable[[str], None] = print) -> None:
@@ -53,7 +53,7 @@ class Supervisor:
         self._nice = placement.niceness(config.governor.nice, NAMES)
         self._store = SessionStore(session, SessionState.first(config, options))
         self._rollback = ConfigRollback()
-        self._parallax: list[str] = []  # as reported last
+        self._parallax: list[str] = []  # last reported
         self._quality = QualityControl(lambda name: self._cpus.get(name, ()))
         self._memory: SessionMemory | None = None
         self._server: ControlServer | None = None
@@ -63,7 +63,7 @@ class Supervisor:
         """Runs the session to its end: a command, a signal, duration_s (from when all stages are ready), the end of the
         source, or too many failures.
 
-        Raises UserError before any process starts where the session is impossible (name taken, /dev/shm too small, ...).
+        Raises UserError before any process starts if the session is impossible (name in use, /dev/shm too small, ...).
         """
         limits.allow_files()
         with rundir.filled(self._session):
@@ -72,19 +72,19 @@ class Supervisor:
         streams.protect("stdout", "stderr")
         before = signals.handle(self._signalled)
         try:
-            with control.context() as ctx, contextlib.ExitStack() as steps:  # each step runs, whatever another one raises
+            with control.context() as ctx, contextlib.ExitStack() as steps:  # each step runs, even if another one raises
                 steps.callback(self._remove_memory)
                 with rundir.filled(self._session):
                     server, stages = self._build(ctx)
                 steps.callback(server.close)
                 steps.callback(stages.close)
-                steps.callback(stages.stop, self._log)  # at once where they have ended
+                steps.callback(stages.stop, self._log)  # returns at once if they have ended
                 self._loop(server, stages, duration_s)
                 assert self._outcome is not None
                 self._outcome.final = self._snapshot()
                 stages.stop(self._log)
                 self._check_results(stages)
-                server.serve()  # last words of the stages
+                server.serve()  # final messages of the stages
         finally:
             signals.restore(before)
             rundir.release(self._session, self._lock)
@@ -93,7 +93,7 @@ class Supervisor:
     def _signalled(self, signum: int, _frame: FrameType | None) -> None:
         again = signum in self._signals and signum not in signals.SENT_TWICE
         self._signals.append(signum)
-        if again and self._stages is not None:  # the second Ctrl-C means now
+        if again and self._stages is not None:  # the second Ctrl-C ends at once
             self._stages.kill()
 
     def _build(self, ctx: zmq.Context[zmq.Socket[bytes]]) -> tuple[ControlServer, StageProcesses]:
@@ -147,7 +147,7 @@ class Supervisor:
         while self._outcome is None:
             stages.ensure_running(self._state.options)
             if duration_s is not None and end_ns is None and stages.ready(self._state.options):
-                end_ns = now_ns() + int(duration_s * SECOND_NS)  # --duration counts pictures, not imports
+                end_ns = now_ns() + int(duration_s * SECOND_NS)  # --duration excludes the start
             poller = zmq.Poller()
             server.register(poller)
             for process in stages:
@@ -166,15 +166,15 @@ class Supervisor:
             if stages.finished(self._state.level.every):
                 self._end(Outcome(SOURCE_ENDED))
             if stages.idle(self._state.options):
-                why = "nothing is left to run"  # the recording has ended, and it was all
-                self._end(Outcome(why, why, "the lines above say why"))
+                why = "nothing is left to run"  # the recording was the only work, and it has ended
+                self._end(Outcome(why, why, "see the messages above"))
             if self._signals:
                 self._end(Outcome("interrupted"))
             elif end_ns is not None and now_ns() >= end_ns:
                 self._end(Outcome("finished (--duration reached)"))
 
     def _follow_up(self, stages: StageProcesses) -> None:
-        """Changes of state that nobody asks for: a change has proved good, a lease has run out, the load asks for less."""
+        """Changes of state without a request: a change has proved good, a lease has expired, the load requires another level."""
         state, t_ns = self._state, now_ns()
         state = self._rollback.watch(state, self._applied(state.rev), stages.outputs(state.options), t_ns)
         if state.options.pictures and t_ns > state.pictures_until_ns:
@@ -192,7 +192,7 @@ class Supervisor:
             self._log(f"quality {way if level.number else 'restored'}: {why}")
 
     def _end(self, outcome: Outcome) -> None:
-        """The first reason to end counts."""
+        """Records the outcome; only the first one counts."""
         self._outcome = self._outcome or outcome
 
     def _stop(self) -> None:
@@ -204,10 +204,10 @@ class Supervisor:
         name, row = process.stage.name, process.row
         died_of = process.died_of() if code == child.EXIT_USER else None
         if self._rollback.to_blame(state, code, int(row["config_rev"]) >= state.rev):
-            self._roll_back(name, f"{died_of[0]} ({died_of[1]})" if died_of else f"{name} does not work with it")
+            self._roll_back(name, f"{died_of[0]} ({died_of[1]})" if died_of else f"{name} fails with it")
             return
         first = not row["ready_ns"] and not row["restarts"]
-        if died_of and (first or state.options.lossless):  # later in a live session: what it misses may come back
+        if died_of and (first or state.options.lossless):  # later in a live session, the missing thing may return
             self._end(Outcome(f"{name} could not {'start' if first else 'continue'}", died_of[0], died_of[1], user_error=True))
             return
         phase = "RUNNING" if row["ready_ns"] else "STARTING"
@@ -226,12 +226,12 @@ class Supervisor:
                 many,
                 f"{many}, last in {phase} with {how}{said}, "
                 f"after source_seq {last}" + (f"; its last stack:\n{stack}" if stack else "; it left no stack"),
-                "the lines above say what it died of; `lfpipe doctor` checks the machine",
+                "see the messages above; `lfpipe doctor` checks the machine",
             )
         )
 
     def _roll_back(self, name: str, why: str) -> None:
-        """Takes the newest change back. It does not count as a failure of the stage: `ctl set` must not end a session."""
+        """Undoes the newest change. This does not count as a failure of the stage: `ctl set` must not end a session."""
         self._store.apply(self._state.rolled_back())
         assert self._server is not None
         self._server.refuse_waiting(why)
@@ -239,7 +239,7 @@ class Supervisor:
         self._log(f"the last change is rolled back: {why}")
 
     def _check_results(self, stages: StageProcesses) -> None:
-        """Where nothing may be lost, output that a stage could not write at its very end fails the session."""
+        """In a lossless session, output that a stage could not write at its end is a failure."""
         assert self._outcome is not None
         for process in stages if self._state.options.lossless else ():
             died_of = process.died_of()
@@ -256,7 +256,7 @@ class Supervisor:
                     self._log(text)
 
     def _new_lines(self, parallax: str) -> str:
-        """What is new in it: a key that moves alpha changes one line of six."""
+        """The changed lines only: a key that changes alpha changes one line of six."""
         lines, before = parallax.splitlines(), self._parallax
         self._parallax = lines
         return "\n".join(line for line in lines if line not in before)

@@ -1,4 +1,4 @@
-"""A socket that is read at a limited rate, so that a flood delays neither frames nor other clients."""
+"""A socket that is read at a limited rate. A flood of messages delays neither frames nor other clients."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import zmq
 
 from lfpipe.transport.clock import MS_NS, now_ns
 
-SLICE, SLICE_NS = 32, 20 * MS_NS  # messages per time: at most 15 % of a core
+SLICE, SLICE_NS = 32, 20 * MS_NS  # messages per interval: at most 15 % of a core
 
 
 @attrs.define
 class ThrottledSocket:
-    """Gives SLICE messages per SLICE_NS; the rest waits in the senders. ZeroMQ takes one of each client in turn."""
+    """Returns SLICE messages per SLICE_NS; the rest waits in the senders. ZeroMQ serves the clients in turn."""
 
     socket: zmq.Socket[bytes]
     _left: int = SLICE
     _until_ns: int = 0
 
     def messages(self) -> Iterator[list[bytes]]:
-        """The messages that have arrived and may be taken now."""
+        """The messages that have arrived and may be read now."""
         if now_ns() >= self._until_ns:
             self._left, self._until_ns = SLICE, now_ns() + SLICE_NS
         while self._left and self.socket.poll(0):
@@ -29,5 +29,5 @@ class ThrottledSocket:
             yield self.socket.recv_multipart()
 
     def rest_ns(self) -> int:
-        """How long it takes no more messages."""
+        """Time until more messages may be read."""
         return 0 if self._left else max(0, self._until_ns - now_ns())

@@ -1,4 +1,4 @@
-"""Where the time of a silent process goes: it computes, moves data, waits for a CPU or a disk, or does nothing."""
+"""How a silent process spends its time: computing, moving data, waiting for a CPU or a disk, or idle."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import attrs
 
 from lfpipe.host.sample import Sample, Thread
 
-WORKS_SHARE = 0.05  # of the time on a CPU: less is what a thread with a timer needs to find that there is nothing to do
+WORKS_SHARE = 0.05  # share of CPU time; a thread that only polls a timer needs less
 
 
 @attrs.define
 class TimeSpent:
-    """Where the time of a process went, in ns, since it last gave a sign of life. Time in which it was ready to run and had no
-    CPU is in none of these: nobody can tell what it would have done.
+    """Time of a process in ns, by activity, since its last sign of life. Time in which it was ready to run but had no CPU is not
+    counted, because its activity is unknown.
 
-    able: it could have gone on: neither a disk nor a CPU kept it. stopped: part of it, held by a signal or a debugger.
-    worked: part of it, on a CPU. idle: part of it, doing nothing. stalled: waiting for a disk, since the last byte came.
-    waited: doing nothing or stalled, since it last worked and the last byte came. unmoved: all of it without a byte.
+    able: not blocked by a disk or a CPU. Parts of it: stopped, by a signal or a debugger; worked, on a CPU; idle, doing
+    nothing. stalled: waiting for a disk since the last byte arrived. waited: idle or stalled, since it last worked and the last
+    byte arrived. unmoved: total without a byte.
     """
 
     able: int = 0
@@ -28,7 +28,7 @@ class TimeSpent:
     unmoved: int = 0
 
     def add(self, before: Sample, now: Sample, dt_ns: int) -> None:
-        """Counts the time from one sample to the next."""
+        """Adds the time between two samples."""
         pairs = [(before.threads.get(tid, Thread()), thread) for tid, thread in now.threads.items()]
         left_ns = dt_ns - min(dt_ns, max((_starved_ns(then, thread, dt_ns) for then, thread in pairs), default=0))
         states = {thread.state for thread in now.threads.values()}
@@ -56,6 +56,7 @@ class TimeSpent:
 
 
 def _starved_ns(then: Thread, now: Thread, dt_ns: int) -> int:
-    """For how much of dt_ns a thread waited for a CPU. The kernel counts a wait at its end: one that lasts shows as no change."""
+    """The part of dt_ns in which a thread waited for a CPU. The kernel counts a wait only at its end, so a lasting wait shows no
+    change."""
     queued_ns = now.queued_ns - then.queued_ns
     return dt_ns if now.state == "R" and not queued_ns and now.cpu_ns == then.cpu_ns else min(queued_ns, dt_ns)

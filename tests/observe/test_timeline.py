@@ -83,7 +83,7 @@ def test_a_timeline_of_a_running_session(world: World, scene: Path) -> None:
     assert world.run("trace", "stop", *named).returncode == 2, "none runs"
     assert world.run("trace", "start", "t.json", *named).returncode == 0
     again = world.run("trace", "start", "u.json", *named)
-    assert again.returncode == 2 and "already running" in again.stderr
+    assert again.returncode == 2 and "already being recorded" in again.stderr
     world.pictures(len(world.lines()) + 40)
     done = world.run("trace", "stop", *named)
     assert done.returncode == 0 and "t.json" in done.stdout

@@ -31,7 +31,7 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
 
     assert ctl("start", out, "--with-eyes")["path"] == str(out)
     second = world.run("ctl", "--session", world.name, "record", "start", world.root / "other")
-    assert second.returncode == 2 and "a recording is already running" in second.stderr
+    assert second.returncode == 2 and "is already running" in second.stderr
     world.wait_for(lambda: (out / "frames.jsonl").exists() and (out / "frames.jsonl").read_text().count("\n") > 60, "recording")
     stage = world.monitor()["stages"]["record"]
     assert stage["state"] == "RUNNING" and stage["dropped"] == 0

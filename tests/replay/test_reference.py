@@ -135,9 +135,9 @@ def test_a_reference_of_another_scene_or_sequence_is_bad_input(
     world: World, short: Path, walk: Path, blocks: Path, scene: Path, of_short: Path
 ) -> None:
     other = world.run("replay", short, "--scene", scene, "--expect", of_short)
-    assert other.returncode == 2 and "made with another scene: name 'blocks' there, 'grid' here" in other.stderr
+    assert other.returncode == 2 and "made with another scene: name 'blocks' in the reference, 'grid' now" in other.stderr
     other = world.run("replay", walk, "--scene", blocks, "--expect", of_short)
-    assert other.returncode == 2 and "made with another sequence: frames 60 there, 300 here" in other.stderr
+    assert other.returncode == 2 and "made with another sequence: frames 60 in the reference, 300 now" in other.stderr
 
 
 def test_psnr_of_a_step_of_one_is_48_db() -> None:

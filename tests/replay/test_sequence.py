@@ -124,12 +124,12 @@ def _manifest(**changes: object) -> Callable[[Path], None]:
     [
         (lambda f: (f / PACKETS).write_bytes((f / PACKETS).read_bytes()[:-5]), r"\.bin ends after \d+ bytes, within frame 59"),
         (lambda f: (f / INDEX).write_bytes((f / INDEX).read_bytes()[:-5]), "its last line is cut off"),
-        (lambda f: (f / INDEX).write_text("".join(_lines(f)[:-1])), "59 frames, 60 were recorded"),
+        (lambda f: (f / INDEX).write_text("".join(_lines(f)[:-1])), "59 frames, but 60 were recorded"),
         (_without_line, "frame 7 is missing; frame 8 is in its place"),
         (_line(t_sensor_ns=-(10**9)), "frame 9: its time stamp .* is not after"),
         (_line(offset=1), "frame 9 does not begin where the previous frame ends"),
         *((_line(**wrong), rf"frames\.jsonl:10: {said}") for wrong, said in (
-            ({"codec": "gif"}, "codec is 'gif', one of jpeg, png, raw"),
+            ({"codec": "gif"}, "codec is 'gif', expected one of jpeg, png, raw"),
             ({"offset": -(10**12)}, "offset is -9"),
             ({"bytes": -(10**12)}, "bytes is -9"),
             ({"crc32": "x"}, "crc32 is 'x'"),

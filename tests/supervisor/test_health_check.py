@@ -229,7 +229,7 @@ def test_a_disk_is_given_a_minute_for_every_byte_declared_or_not(monkeypatch: py
         assert script.after(health_check.STALL_S - 1) == ""
         script.disk += 1
         assert script.after(health_check.STALL_S - 1) == ""
-        assert "nothing for" in script.after(3)
+        assert "no data from its disk" in script.after(3)
 
 
 def test_computing_has_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
