@@ -57,4 +57,4 @@ def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(world:
     _, err = process.communicate(timeout=20)
     assert process.returncode == 0, err
     assert err.count("the last change is rolled back: render.loop_ms = 7: not for me") == 3
-    assert err.count("the last change is rolled back: render does not work with it") == 3
+    assert err.count("the last change is rolled back: render fails with it") == 3

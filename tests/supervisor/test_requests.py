@@ -95,7 +95,7 @@ def test_targets_are_shared_with_until_they_are_stopped() -> None:
         respond(made_state(), {"cmd": "share", "stop": []}, 0)
     with pytest.raises(BadMessage, match="9 targets"):
         respond(made_state(), {"cmd": "share", "start": ["lsl"] * 9}, 0)
-    with pytest.raises(UserError, match="tracks no eyes"):
+    with pytest.raises(UserError, match="no eyes are tracked"):
         respond(made_state(tracking=False), {"cmd": "share", "start": ["lsl"]}, 0)
     state = made_state(share=running)
     with pytest.raises(UserError, match=r"osc:127\.0\.0\.1:1"):
