@@ -50,9 +50,9 @@ def outlined(inset: NDArray[np.uint8], area: NDArray[np.bool_] | None) -> NDArra
 
 
 def advice(area: NDArray[np.bool_]) -> str:
-    """How to move the camera so that the screen is in the middle of its picture; "" if it already is."""
+    """How to move the camera so that the screen is in the middle of its picture; "" if it is."""
     place = float(np.nonzero(area)[0].mean() + 0.5) / len(area) - 0.5
-    return f"The screen is too {'high' if place < 0 else 'low'} in the picture: aim the camera at its middle." if abs(place) > SPAN else ""
+    return f"Screen too {'high' if place < 0 else 'low'}: aim the camera at its middle." if abs(place) > SPAN else ""
 
 
 def measure_loop(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor]:

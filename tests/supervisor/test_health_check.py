@@ -121,7 +121,7 @@ def test_who_ends_a_session_waits_for_what_is_being_saved_and_for_nothing_else(b
     _stop(process)
     wait_for_end([process], told.append)
     assert process.row["seq"] == SAVED and process.row["state"] == State.FINISHED
-    assert told == ["render: writing what is left; Ctrl-C again ends it at once"]
+    assert told == ["render: writing what is left; press Ctrl-C again to end it at once"]
     process.wanted = True
     bench.start("hangs at its end")
     assert process.row["restarts"] == 0, "a stage that begins again after its work was done is not restarted"

@@ -76,7 +76,7 @@ def test_what_another_client_did_meanwhile_is_respected() -> None:
     message = {"cmd": "record", "path": "/mine", "eyes": True}
     started = respond_checked(made_state(), message, {}, 0)
     assert started.state is not None and started.state.options.record == "/mine" and started.state.options.record_eyes
-    with pytest.raises(UserError, match="already running, into /theirs"):
+    with pytest.raises(UserError, match="a recording to /theirs is already running"):
         respond_checked(made_state(record="/theirs"), message, {}, 0)
 
 
