@@ -72,7 +72,7 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
     times = (p.t_sensor_ns - first_ns for p in sequence.packets)
     chosen = [seq for seq, t_ns in enumerate(times) if begin_s * 1e9 <= t_ns < end_s * 1e9]
     if not chosen:
-        raise UserError(f"no frame from {begin_s:g} s to {end_s:g} s", f"choose times within {sequence.duration_s:.3f} s, the length of {sequence.path}")
+        raise UserError(f"no frame from {begin_s:g} s to {end_s:g} s", f"{sequence.path} lasts {sequence.duration_s:.3f} s")
     about = {key: value for key, value in sequence.manifest.items() if key in ("versions", "config", "cut_from")}
     about["cut_from"] = {"name": plain(sequence.path.name, 255), "begin_s": begin_s, "end_s": min(end_s, sequence.duration_s)}
     source = str(sequence.manifest.get("source", ""))

@@ -112,8 +112,8 @@ def lost(session: Session, lock: Lock) -> Outcome | None:
 
 
 def release(session: Session, lock: Lock) -> None:
-    """Removes everything that the session created, the lock last, and releases it. Leaves what cannot be removed, and everything if
-    another session owns the directory by now. The caller must have unlinked its own memory.
+    """Removes everything that the session created, the lock last, and releases it. Leaves what cannot be removed, and
+    everything if another session owns the directory by now. The caller must have unlinked its own memory.
     """
     try:
         if lock.in_place():
