@@ -5,8 +5,7 @@ does not count either: the machine was suspended, or starved all processes alike
 
 Setting up (from the start to READY, and within `Context.setting_up`): hung after startup_timeout_s without computing or moving
 a byte, or after LONGEST_S of computing without a byte. Running or stopping within `Context.busy_with` and `saving`, around
-around calls that may wait for a disk: hung after startup_timeout_s of
-computing without a byte, or after STALL_S of doing nothing.
+calls that may wait for a disk: hung after startup_timeout_s of computing without a byte, or after STALL_S of doing nothing.
 Running otherwise: hung hang_timeout_s after its last beat. Undeclared waiting for a disk (a page of a mapped file) does not
 count. Stopping otherwise: see the limits of `shutdown`.
 
