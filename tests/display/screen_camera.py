@@ -149,7 +149,7 @@ if __name__ == "__main__":
     from lfpipe.render.window import Window
 
     camera.open_camera = open_screen
-    loop_calibration.MEASURE_S = 6.0  # the whole time is for people and their mirrors
+    loop_calibration.MEASURE_S, loop_calibration.GOOD_MS = 6.0, 2.0  # the whole time is for people and their mirrors
     heard: dict[int, int] = {}
     shown: dict[int, float] = {}
     watched(Window, heard, shown)

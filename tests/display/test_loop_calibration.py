@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -18,7 +19,7 @@ def calibrated(world: World, screen: Screen, node: Path, **optics: object) -> tu
     node.write_text(json.dumps({"buffer": str(screen.buffer), **optics}))
     world.module, world.env["DISPLAY"] = "tests.display.screen_camera", screen.name
     process = world.start("calibrate", "--latency", "--camera", f"camera:{node}", *SMALL)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=100)
     return process.returncode, out, err
 
 
@@ -30,7 +31,8 @@ def test_a_made_delay_is_found_through_the_real_window(world: World, screen: Scr
     stamps_ms = stamp_offset_ms(Optics("", **optics))
     truth_ms = optics["screen_ms"] + stamps_ms + json.loads(Path(f"{node}.truth").read_text())
     written = tomllib.loads((world.root / "settings" / "lfpipe" / "config.toml").read_text())["render"]
-    assert abs(written["loop_ms"] - truth_ms) < 1.5, (written, truth_ms)
+    low_ms, high_ms = map(float, re.findall(r"90 %: ([\d.]+) to ([\d.]+) ms", out)[0])
+    assert low_ms - 1 < truth_ms < high_ms + 1 and low_ms < written["loop_ms"] < high_ms, (out, truth_ms)
     assert str(node) in written["loop_measured"] and "160x120" in written["loop_measured"]
     assert "90 %" in out and "next session" in out
     doctor = world.run("doctor").stdout
