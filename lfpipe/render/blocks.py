@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+BAND_BYTES = 1 << 20  # of blocks that are laid out and sampled at a time
 MARGIN = 1  # blocks before the first pixel: the border is repeated outwards for each of a block's pixels
 
 
@@ -31,31 +32,53 @@ def near_array(shape: tuple[int, ...]) -> NDArray[np.uint8]:
     return np.zeros(math.prod(shape) + 1, np.uint8)[1:].reshape(shape)
 
 
+def bands_of(rows: int, row_bytes: int, most_bytes: int = BAND_BYTES) -> list[slice]:
+    """Rows in bands of about most_bytes, which stay in a core's cache; all in one where they are not much more."""
+    count = 1 if rows * row_bytes < 3 * most_bytes else math.ceil(rows * row_bytes / most_bytes)
+    each = math.ceil(rows / count)
+    return [slice(first, min(first + each, rows)) for first in range(0, rows, each)]
+
+
 class Blocks:
     """Lays planes of one size out in blocks and back; owns its buffers, so a call allocates nothing."""
 
-    def __init__(self, height_px: int, width_px: int) -> None:
+    def __init__(self, height_px: int, width_px: int, band_bytes: int = BAND_BYTES) -> None:
         self._size = height_px, width_px
         rows, cols = size_of(height_px, width_px)
+        self._bands = bands_of(rows, 8 * width_px, band_bytes)
         self._padded = np.empty((height_px + 2, width_px + 2), np.uint8)
-        # One long row, so that the merge is one call deep; what wraps round at the end of a row is never looked at.
-        flat, wide = self._padded.reshape(1, -1), width_px + 2
-        count = flat.size - wide - 1
-        self._corners = [flat[:, start : start + count] for start in (0, 1, wide, wide + 1)]
-        whole = near_array((height_px + 1, wide, 4))
-        self._flat = whole.reshape(1, -1, 4)[:, :count]
-        self._laid = whole[:, : width_px + 1]
+        self._whole = near_array((height_px + 1, width_px + 2, 4))
         self._even = np.empty((2 * rows, 2 * cols), np.uint8)
+        self._y = np.empty((self._bands[0].stop, cols), np.float32)
 
-    def lay(self, plane: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Blocks at every pixel, MARGIN before the first: uint8 (height + 1, width + 1, 4), valid until the next call."""
-        cv2.copyMakeBorder(plane, MARGIN, MARGIN, MARGIN, MARGIN, cv2.BORDER_REPLICATE, self._padded)
-        cv2.merge(self._corners, self._flat)
-        return self._laid
+    def lay(self, plane: NDArray[np.uint8], first: int = 0, last: int | None = None) -> NDArray[np.uint8]:
+        """Blocks at every pixel, MARGIN before the first: uint8 (height + 1, width + 1, 4), valid until the next call; or the
+        rows of it from first to last, both included."""
+        height, width = self._size
+        last = height if last is None else last
+        above, below, count = int(first == 0), int(last == height), last - first + 1
+        padded = self._padded[: count + 1]
+        part = plane[first - 1 + above : last + 1 - below]
+        cv2.copyMakeBorder(part, above, below, MARGIN, MARGIN, cv2.BORDER_REPLICATE, padded)
+        # One long row, so that the merge is one call deep; what wraps round at the end of a row is never looked at.
+        flat, wide = padded.reshape(1, -1), width + 2
+        length = flat.size - wide - 1
+        corners = [flat[:, start : start + length] for start in (0, 1, wide, wide + 1)]
+        cv2.merge(corners, self._whole.reshape(1, -1, 4)[:, :length])
+        return self._whole[:count, : width + 1]
 
     def sample(self, plane: NDArray[np.uint8], x: NDArray[np.float32], y: NDArray[np.float32], out: NDArray[np.uint8]) -> None:
         """out[i, j] = the block of plane at (x, y)[i, j], between pixels bilinear; x, y from `places` plus a displacement."""
-        cv2.remap(self.lay(plane), x, y, cv2.INTER_LINEAR, out, borderMode=cv2.BORDER_REPLICATE)
+        if len(self._bands) == 1:
+            cv2.remap(self.lay(plane), x, y, cv2.INTER_LINEAR, out, borderMode=cv2.BORDER_REPLICATE)
+            return
+        height = self._size[0]
+        for band in self._bands:
+            at = y[band]
+            first = min(max(int(at.min()), 0), height)
+            last = min(max(math.ceil(at.max()), first), height)
+            below = np.subtract(at, np.float32(first), out=self._y[: len(at)])
+            cv2.remap(self.lay(plane, first, last), x[band], below, cv2.INTER_LINEAR, out[band], borderMode=cv2.BORDER_REPLICATE)
 
     def pixels(self, blocks: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
         """Blocks side by side, uint8 (rows, columns, 4), as a plane: out, uint8 (height, width), its rows contiguous."""

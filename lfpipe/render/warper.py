@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.blocks import MARGIN, places
+from lfpipe.render.blocks import MARGIN, bands_of, places, size_of
 from lfpipe.render.view_weights import Position, ViewWeight, cell_of
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 
@@ -32,6 +32,9 @@ class Warper:
         self._offsets = field.offsets.astype(np.float64)
         self._unit_px = float(field.disparity_scale_px)
         self._span_px = field.disparity_max_px - field.disparity_min_px
+        same = self._stored.shape[3:] == size_of(field.height_px, field.width_px)
+        self._bands = bands_of(self._stored.shape[3], 16 * self._stored.shape[4]) if same else [slice(0, self._stored.shape[3])]
+        self._known: dict[tuple[int, int, int], bool] = {}  # maps without UNKNOWN, of those looked at
         self._size = field.width_px, field.height_px
         self._most_px = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
         self._last = field.height_px + MARGIN - 2, field.width_px + MARGIN - 2  # places of the last whole block (y, x)
@@ -39,6 +42,7 @@ class Warper:
         low = self._stored.shape[3:]
         self._step = (field.height_px / low[0], field.width_px / low[1])  # px of a view per px of its disparity
         self._low, self._landed, self._again = (np.empty(low, np.float32) for _ in range(3))
+        self._read = self._stored[0, 0, 0]  # the map that the last maps were made of
         self._low_there = np.empty(low, np.float32), np.empty(low, np.float32)
         self._bytes = np.empty((2, *low), np.uint8)
         y, x = np.mgrid[0 : low[0], 0 : low[1]].astype(np.float32)
@@ -47,7 +51,7 @@ class Warper:
         self._each, self._x, self._y = (np.empty(self._at_x.shape, np.float32) for _ in range(3))
         self._weights = np.empty(self._at_x.shape, np.uint8)
         self._found = self._at_x, self._at_y  # the last maps
-        self._move = (0.0, 0.0, 0.0, 0.0)  # of the last maps, in px of the disparity: (x, y) per stored unit, (x, y) in all
+        self._move = (0.0, 0.0), (0.0, 0.0)  # of the last maps, along x and y: px of the disparity per stored unit, and in all
         self._unsure = 0.0  # stored units of disparity that move a pixel by UNSEEN_PX; 0 where everything is seen
 
     def offset(self, view: ViewWeight, position: Position) -> Position:
@@ -70,34 +74,44 @@ class Warper:
         """
         down, right = steps
         shift_y, shift_x = shift_px
-        stored = self._stored[min(frame, len(self._stored) - 1), view.row, view.col]
+        stored, known = self._map(frame, view)
+        self._read = stored
         np.copyto(self._low, stored)
-        if stored.min() == UNKNOWN:
+        if not known:
             self._low[stored == UNKNOWN] = 0
         per_x, per_y = right * self._unit_px, down * self._unit_px
-        each = self._landing(down, right, shift_px)
-        if each.shape != self._each.shape:
-            cv2.resize(each, self._each.shape[::-1], self._each, interpolation=cv2.INTER_LINEAR)
-            each = self._each
-        cv2.scaleAdd(each, per_x, self._at_x, self._x)
-        if shift_x:
-            np.add(self._x, shift_x, out=self._x)
         self._reach = math.ceil((self._most_px * max(abs(right), abs(down)) + max(abs(shift_x), abs(shift_y))) / 2) + 1
-        if not per_y and not shift_y:
-            self._found = self._x, self._at_y
-            return self._found
-        cv2.scaleAdd(each, per_y, self._at_y, self._y)
-        if shift_y:
-            np.add(self._y, shift_y, out=self._y)
-        self._found = self._x, self._y
+        self._found = self._x, self._y if per_y or shift_y else self._at_y
+        moves = ((per_x, shift_x, self._at_x, self._x), (per_y, shift_y, self._at_y, self._found[1]))
+        self._prepare(down, right, shift_px)
+        same = self._low.shape == self._each.shape
+        for band in self._bands:
+            each = self._landing(band)
+            if not same:
+                cv2.resize(each, self._each.shape[::-1], self._each, interpolation=cv2.INTER_LINEAR)
+                each = self._each
+            rows = band if same else slice(None)
+            for per_unit, shift, start, out in moves:
+                if out is not start:
+                    part = cv2.scaleAdd(each, per_unit, start[rows], out[rows])
+                    if shift:
+                        np.add(part, shift, out=part)
         return self._found
+
+    def _map(self, frame: int, view: ViewWeight) -> tuple[NDArray[np.int8], bool]:
+        """The stored disparity of a view, and whether it is known everywhere."""
+        place = min(frame, len(self._stored) - 1), view.row, view.col
+        stored: NDArray[np.int8] = self._stored[place]
+        if place not in self._known:
+            self._known[place] = bool(stored.min() > UNKNOWN)
+        return stored, self._known[place]
 
     def unknown(self, frame: int, views: Sequence[ViewWeight]) -> NDArray[np.float32] | None:
         """How far to cross-fade each pixel for want of disparity, float32 (height, width), 0 to 1; None where all is known."""
-        maps = [self._stored[min(frame, len(self._stored) - 1), view.row, view.col] for view in views]
-        if all(stored.min() > UNKNOWN for stored in maps):
+        maps = [self._map(frame, view) for view in views]
+        if all(known for _, known in maps):
             return None
-        faded = sum((view.weight * (stored == UNKNOWN) for view, stored in zip(views, maps, strict=True)), np.zeros(1))
+        faded = sum((view.weight * (stored == UNKNOWN) for view, (stored, _) in zip(views, maps, strict=True)), np.zeros(1))
         most = np.clip(2 * np.asarray(faded, np.float32) - 1, 0, 1)  # what one view alone does not know, others do
         soft = cv2.blur(most, (SOFT, SOFT))
         return np.asarray(cv2.resize(soft, self._size, interpolation=cv2.INTER_LINEAR), np.float32)
@@ -112,7 +126,7 @@ class Warper:
         if not self._unsure:
             self._weights.fill(round(full))
             return self._without_outside()
-        off = self._look_up(self._again, self._landed)
+        off = self._look_up(slice(None), self._again, self._landed)
         cv2.absdiff(off, self._again, off)
         np.minimum(off, np.float32(self._unsure), out=off)
         weights = self._weights if off.shape == self._weights.shape else self._bytes[0]
@@ -133,39 +147,46 @@ class Warper:
                     weights[part] = np.where(outside, np.maximum(weights[part] // OUTSIDE, 1), weights[part])
         return self._weights
 
-    def _landing(self, down: float, right: float, shift_px: Position) -> NDArray[np.float32]:
-        """The view's disparity, in stored units, at the place where each pixel of the new picture lands: d(x + d * steps).
+    def _prepare(self, down: float, right: float, shift_px: Position) -> None:
+        """What `_landing` works by: how far pixels move, and the nearest thing in reach of each."""
+        per_px = self._unit_px / self._step[1], self._unit_px / self._step[0]
+        self._move = (right * per_px[0], shift_px[1] / self._step[1]), (down * per_px[1], shift_px[0] / self._step[0])
+        apart_x, apart_y = abs(right) * self._span_px, abs(down) * self._span_px
+        self._unsure = 0.0
+        if max(apart_x, apart_y) < CAREFUL_PX:
+            return
+        self._unsure = UNSEEN_PX / (max(abs(down), abs(right)) * self._unit_px)
+        reach = (math.ceil(apart_y / self._step[0]), math.ceil(apart_x / self._step[1]))
+        rows, cols = len(self._low), len(self._low[0])
+        steps, nearest = self._bytes  # four times as many bytes as floats fit into a register
+        np.bitwise_xor(self._read.view(np.uint8), np.uint8(128), out=steps)
+        cv2.dilate(steps, _box(min(reach[0], rows), min(reach[1], cols)), nearest)
+
+    def _landing(self, band: slice) -> NDArray[np.float32]:
+        """The view's disparity, in stored units, at the place where each pixel of a band lands: d(x + d * steps).
 
         One round of the fixed point from d(x) does where little is hidden. Where near and far part by more than
         CAREFUL_PX, the search starts from the nearest thing in reach, so that what is in front wins. What was hidden in the
         view never settles but jumps between the thing in front and what is behind it: the nearer value then samples the
         background right beside the thing.
         """
-        per_px = self._unit_px / self._step[1], self._unit_px / self._step[0]
-        self._move = right * per_px[0], down * per_px[1], shift_px[1] / self._step[1], shift_px[0] / self._step[0]
-        apart_x, apart_y = abs(right) * self._span_px, abs(down) * self._span_px
-        if max(apart_x, apart_y) < CAREFUL_PX:
-            self._unsure = 0.0
-            return self._look_up(self._low, self._landed)
-        self._unsure = UNSEEN_PX / (max(abs(down), abs(right)) * self._unit_px)
-        reach = (math.ceil(apart_y / self._step[0]), math.ceil(apart_x / self._step[1]))
-        rows, cols = len(self._low), len(self._low[0])
-        steps, nearest = self._bytes  # four times as many bytes as floats fit into a register
-        np.add(self._low, 128.0, out=steps, casting="unsafe")
-        cv2.dilate(steps, _box(min(reach[0], rows), min(reach[1], cols)), nearest)
-        start = np.subtract(nearest, np.float32(128.0), out=self._again)
-        first = self._look_up(start, self._landed)
-        second = self._look_up(first, self._again)
+        landed, again = self._landed[band], self._again[band]
+        if not self._unsure:
+            return self._look_up(band, self._low[band], landed)
+        start = np.subtract(self._bytes[1][band], np.float32(128.0), out=again)
+        first = self._look_up(band, start, landed)
+        second = self._look_up(band, first, again)
         cv2.max(first, second, second)
         return second
 
-    def _look_up(self, at: NDArray[np.float32], out: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The stored disparity where each pixel lands if its own is `at`. The nearest value: between two is neither."""
-        for start, per_unit, shift, there in zip(self._low_at, self._move[:2], self._move[2:], self._low_there, strict=True):
-            cv2.scaleAdd(at, per_unit, start, there)
-            if shift:
-                np.add(there, shift, out=there)  # cv2.add takes 4x1 arrays for scalars
-        cv2.remap(self._low, *self._low_there, cv2.INTER_NEAREST, out, borderMode=cv2.BORDER_REPLICATE)
+    def _look_up(self, band: slice, at: NDArray[np.float32], out: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The stored disparity where each pixel of a band lands if its own is `at`. The nearest value: between two is neither."""
+        places = [start[band] for start in self._low_at]
+        for k, (per_unit, shift) in enumerate(self._move):
+            if per_unit or shift:
+                there = cv2.scaleAdd(at, per_unit, places[k], self._low_there[k][: len(at)])
+                places[k] = np.add(there, shift, out=there) if shift else there  # cv2.add takes 4x1 arrays for scalars
+        cv2.remap(self._low, places[0], places[1], cv2.INTER_NEAREST, out, borderMode=cv2.BORDER_REPLICATE)
         return out
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lfpipe.render.blocks import MARGIN, Blocks, near_array, places, size_of
+from lfpipe.render.blocks import MARGIN, Blocks, bands_of, near_array, places, size_of
 
 SIZES = [(1, 1), (1, 6), (5, 1), (2, 2), (7, 9), (8, 12)]
 
@@ -20,10 +20,13 @@ def picture(height: int, width: int) -> NDArray[np.uint8]:
 
 def through(plane: NDArray[np.uint8], dx: NDArray[np.float32], dy: NDArray[np.float32]) -> NDArray[np.uint8]:
     """plane, each block displaced by its (dx, dy)."""
-    subject = Blocks(*plane.shape)
+    subject, banded = Blocks(*plane.shape), Blocks(*plane.shape, band_bytes=1)
     x, y = places(*plane.shape)
     drawn = np.empty((*x.shape, 4), np.uint8)
     subject.sample(plane, x + dx, y + dy, drawn)
+    again = np.empty_like(drawn)
+    banded.sample(plane, x + dx, y + dy, again)
+    np.testing.assert_array_equal(again, drawn)
     out = np.full(plane.shape, 99, np.uint8)
     subject.pixels(drawn, out)
     return out
@@ -63,3 +66,9 @@ def test_arrays_that_are_read_at_once_stand_at_odd_addresses() -> None:
     assert array.shape == (3, 5, 4)
     assert array.flags.c_contiguous
     assert array.ctypes.data % 2 == 1
+
+
+def test_large_planes_are_sampled_in_bands_that_cover_them() -> None:
+    assert bands_of(256, 4096) == [slice(0, 256)], "512x512 stays whole"
+    bands = bands_of(540, 8 * 1920)
+    assert len(bands) > 4 and [band.start for band in bands[1:]] == [band.stop for band in bands[:-1]] and bands[-1].stop == 540
