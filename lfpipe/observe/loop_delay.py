@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.observe.screen_light import ScreenLight
 
 DELAYS_MS = (-20.0, 300.0)  # searched
 COARSE_STEP_MS, COARSE_EXPOSURES_MS = 2.0, (4.0, 16.0, 33.0)
@@ -65,32 +66,6 @@ class LoopDelay:
         return (self.high_ms - self.low_ms) / 2
 
 
-class _Light:
-    """The screen's light over time, 0..1, integrated exactly. tau_ms: of the pixels' exponential response."""
-
-    def __init__(self, flips_ms: Float, bright: NDArray[np.bool_], tau_ms: float) -> None:
-        self._flips_ms, self._goal, self._tau_ms = flips_ms, bright.astype(float), tau_ms
-        gaps = np.diff(flips_ms)
-        decay = np.exp(-gaps / tau_ms)
-        above = np.empty(len(flips_ms))  # light above its goal at each flip
-        above[0] = 1.0 - 2.0 * self._goal[0]
-        for j in range(len(gaps)):
-            above[j + 1] = self._goal[j] + above[j] * decay[j] - self._goal[j + 1]
-        self._above = above
-        steps = self._goal[:-1] * gaps + above[:-1] * tau_ms * (1 - decay)
-        self._sum = np.concatenate([[0.0], np.cumsum(steps)])
-
-    def integral(self, t_ms: Float) -> Float:
-        at = np.clip(np.searchsorted(self._flips_ms, t_ms, "right") - 1, 0, None)
-        since = np.maximum(t_ms - self._flips_ms[at], 0.0)
-        fading = self._tau_ms * -np.expm1(-since / self._tau_ms)
-        return np.asarray(self._sum[at] + self._goal[at] * since + self._above[at] * fading)
-
-    def mean(self, t_ms: Float, width_ms: float) -> Float:
-        """Of the light within width_ms around each of t_ms."""
-        return (self.integral(t_ms + width_ms / 2) - self.integral(t_ms - width_ms / 2)) / width_ms
-
-
 def _without_slow(series: Float, frames: int) -> Float:
     """series (n, ...) less its running mean over so many frames."""
     n, half = len(series), frames // 2
@@ -109,7 +84,7 @@ def find_area(recording: Recording) -> tuple[NDArray[np.float64], float, float]:
     seen = _without_slow(recording.pictures.reshape(len(times), -1).astype(float), slow)
     seen /= np.maximum(np.linalg.norm(seen, axis=0), 1e-9 + 0.3 * np.sqrt(len(times)))  # less than 0.3 levels is no signal
     delays = np.arange(*DELAYS_MS, COARSE_STEP_MS)
-    light = _Light(flips, recording.bright, 1.0)
+    light = ScreenLight(flips, recording.bright, 1.0)
     best: tuple[float, float, float, Float] | None = None
     for width in COARSE_EXPOSURES_MS:
         looks = _without_slow(light.mean(times[:, None] - delays, width), slow)
@@ -220,7 +195,7 @@ class _Fit:
 
     def _model(self, vector: Float) -> Float:
         delay, slope, width, tau, gamma, stray = vector
-        light = _Light(self._flips, self._bright, float(np.exp(tau)))
+        light = ScreenLight(self._flips, self._bright, float(np.exp(tau)))
         # the response's mean is tau after the flip, and is part of the delay
         at = self._times[:, None] - (delay - np.exp(tau)) + slope * self._places
         x = light.mean(at, float(np.exp(width)))
