@@ -36,6 +36,7 @@ class SceneLoader:
         self._context, self._notices = context, notices
         self._loading: _Request | None = None
         self._next = ""  # scene to load after it
+        self._step = "", ""  # what is loaded now, and how far it is
         self._first_due_ns = 0
 
     def step(self, step: int) -> None:
@@ -70,11 +71,16 @@ class SceneLoader:
                 scene, self._next = self._next, ""
                 self.load(Path(scene))
 
+    def report_step(self, scene: str, step: str) -> None:
+        """Takes how far a scene is loaded, whoever asked for it; "" at the end."""
+        self._step = scene, step
+
     def serve(self, t_ns: int) -> None:
         """Says what is being loaded; in an exhibition the next visitor begins with the first scene."""
         waited_s = (t_ns - self._loading.since_ns) // SECOND_NS if self._loading else 0
-        words = self._loading.words if self._loading else ""
-        self._notices.state("loading", f"{words}, {waited_s} s" if waited_s else words)
+        (scene, step), loading = self._step, self._loading
+        words = loading.words if loading else f"loading {scene}" if step else ""
+        self._notices.state("loading", ", ".join(filter(None, [words, step, f"{waited_s} s" if waited_s else ""])))
         options, alone_ns = self._context.options, t_ns - int(self._context.row["t_face_ns"])
         if options.kiosk and options.playlist_at and alone_ns > ALONE_NS and t_ns > self._first_due_ns:
             self._first_due_ns = t_ns + ALONE_NS  # it may have to be packed again

@@ -2,8 +2,8 @@
 
 Reads: ring "eyes", the newest record; the packed scene named by option "pack".
 Writes: the display of option "display"; the trace of option "trace"; the last picture to option "still".
-Commands: recentre, stop; settings and another scene by configuration, a lowered quality by option "level". Asks: set, recentre,
-stop (keys of the window).
+Commands: recentre, loading (how far it is), stop; settings and another scene by configuration, a lowered quality by option
+"level". Asks: set, recentre, load, pause, resume, stop (keys of the window).
 Emits: parallax (alpha and what it rests on), viewer (nobody, arriving, seated, lost, exchanged), notice (an output was lost).
 """
 
@@ -87,6 +87,8 @@ def main(context: Context) -> None:
                 if word == "recentre":
                     viewer.recentre()
                     presenter.redraw()
+                elif word == "loading":
+                    keys.scenes.report_step(message["scene"], message["step"])
                 elif not word:
                     keys.scenes.answered(message)
             fresh = presenter.take()

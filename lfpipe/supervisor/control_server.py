@@ -9,6 +9,7 @@ import contextlib
 import traceback
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import attrs
@@ -18,7 +19,7 @@ from lfpipe.errors import UserError
 from lfpipe.host import endpoints
 from lfpipe.supervisor.connection_limit import ConnectionLimit
 from lfpipe.supervisor.file_checker import FileChecker
-from lfpipe.supervisor.process_table import NAMES
+from lfpipe.supervisor.process_table import NAMES, SHOWN_BY
 from lfpipe.supervisor.requests import Reply, respond, respond_checked
 from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.supervisor.throttled_socket import ThrottledSocket
@@ -29,7 +30,8 @@ from lfpipe.transport.session import Session
 
 APPLY_NS = SECOND_NS  # time limit for the stages to apply a change before the answer
 APPLY_POLL_MS = 4  # polling period meanwhile
-MAX_ERROR_CHARS = 2000
+STEP_NS = SECOND_NS // 5  # between two reports of progress
+MAX_ERROR_CHARS, MAX_NAME_CHARS = 2000, 200
 INTERNAL = {"ok": False, "error": "internal error", "remedy": "the session continues; please report the stack in its log"}
 
 
@@ -50,6 +52,8 @@ class _Checking:
     client: bytes
     message: dict[str, Any]
     checker: FileChecker
+    step: str = ""  # reported last
+    report_ns: int = 0  # of the next
 
 
 class ControlServer:
@@ -136,11 +140,20 @@ class ControlServer:
         self._connections.serve()
         for checking in list(self._checking):
             checking.checker.read()
+            self._report_step(checking, checking.checker.progress)
             if checking.checker.done:
                 self._checking.remove(checking)
+                self._report_step(checking, "")
                 self._guard(checking.client, lambda each=checking: self._checked(each))  # type: ignore[misc]
         self.flush()
         self._answer_applied()
+
+    def _report_step(self, checking: _Checking, step: str) -> None:
+        """Sends the stage that shows pictures how far a scene is loaded, whoever asked for it; "" at the end."""
+        if checking.message["cmd"] == "load" and step != checking.step and (not step or now_ns() >= checking.report_ns):
+            checking.step, checking.report_ns = step, now_ns() + STEP_NS
+            scene = Path(checking.checker.path).name[:MAX_NAME_CHARS]
+            self.send(SHOWN_BY, control.encode({"cmd": "loading", "scene": scene, "step": step}))
 
     def refuse_waiting(self, why: str) -> None:
         """Answers every client that waits for a change: it was rolled back."""

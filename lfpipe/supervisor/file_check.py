@@ -1,7 +1,7 @@
 """A child process that checks files and hosts for the supervisor. Whatever happens to it, the session continues.
 
-Run as `python -m lfpipe.supervisor.file_check` with the request as JSON in the argument. Prints empty lines to show progress,
-then one line of JSON, {"ok": true, "result": {...}} or {"ok": false, "error": ..., "remedy": ...}. Ends with its standard
+Run as `python -m lfpipe.supervisor.file_check` with the request as JSON in the argument. Prints a line of words for each
+step, then one line of JSON, {"ok": true, "result": {...}} or {"ok": false, "error": ..., "remedy": ...}. Ends with its standard
 input, when the supervisor is gone.
 """
 
@@ -49,10 +49,14 @@ def check(request: dict[str, Any]) -> dict[str, Any]:
 
     how = {key: request[key] for key in ("layout", "grid") if key in request}
     settings = attrs.evolve(config_module.trusted(request["config"]).scene, **how)
-    found = attrs.asdict(summarize(open_scene(path, settings, lambda *_: print(flush=True), choose_method), settings))
+    found = attrs.asdict(summarize(open_scene(path, settings, _step, choose_method), settings))
     if not path.is_relative_to(cache_dir(settings)):  # the demo is always there
         remember_scene(path)
     return found
+
+
+def _step(what: str, done: int, total: int) -> None:
+    print(f"{what} {done} of {total}", flush=True)
 
 
 def _end_with_parent() -> None:

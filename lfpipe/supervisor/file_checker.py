@@ -14,6 +14,7 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 
 COMMAND = (sys.executable, "-m", "lfpipe.supervisor.file_check")
 MAX_ANSWER_BYTES = 64 << 10
+MAX_PROGRESS_BYTES = 80
 MAX_LOG_BYTES = 2000  # the end of what the child wrote to stderr
 LIMITS_S = {"scene": 60.0}  # without progress: packing a large scene takes minutes
 LAST_WORDS_S = 0.5  # how long what a child wrote before its end may take to arrive
@@ -21,12 +22,12 @@ LIMIT_S = 10.0  # all others check one path
 
 
 class FileChecker:
-    """One running child. fds: for a poller; call `read` when they are readable."""
+    """One running child. path: what it checks. fds: for a poller; call `read` when they are readable."""
 
     def __init__(self, request: dict[str, Any], config: Config) -> None:
         self._limit_s = LIMITS_S.get(request["check"], LIMIT_S)
-        self._progress()
-        self._path = request["path"]
+        self._delay_end()
+        self.path = request["path"]
         argument = json.dumps({**request, "config": to_dict(config)})
         self._process = subprocess.Popen(
             [*COMMAND, argument],
@@ -39,7 +40,7 @@ class FileChecker:
         self._pipes = ((PipeReader(self._process.stdout), self._out), (PipeReader(self._process.stderr), self._log))
         self._ended: list[PipeReader] = []
 
-    def _progress(self) -> None:
+    def _delay_end(self) -> None:
         self._end_ns = now_ns() + int(self._limit_s * SECOND_NS)
 
     @property
@@ -61,9 +62,15 @@ class FileChecker:
                     break
                 kept += data
                 if kept is self._out:
-                    self._progress()
+                    self._delay_end()
                     del kept[: kept.rfind(b"\n", 0, -1) + 1]  # the last line is the answer
                 del kept[: -MAX_ANSWER_BYTES if kept is self._out else -MAX_LOG_BYTES]
+
+    @property
+    def progress(self) -> str:
+        """The child's last step, in a few words; empty before the first."""
+        line = self._out.partition(b"\n")[0][:MAX_PROGRESS_BYTES].decode(errors="replace")
+        return "" if line.startswith("{") else line
 
     @property
     def done(self) -> bool:
@@ -79,7 +86,7 @@ class FileChecker:
                 self.read()
         self.close()
         if ended is None:
-            raise UserError(f"{self._path}: no progress within {self._limit_s:g} s", "check its disk or network drive")
+            raise UserError(f"{self.path}: no progress within {self._limit_s:g} s", "check its disk or network drive")
         try:
             answer = json.loads(self._out)
             if answer["ok"]:
@@ -89,7 +96,7 @@ class FileChecker:
             how = f"signal {-ended}" if ended < 0 else f"exit code {ended}"
             log = self._log.decode(errors="replace").strip()
             raise UserError(
-                f"{self._path}: the process that read it ended with {how}" + (f": {log.splitlines()[-1]}" if log else ""),
+                f"{self.path}: the process that read it ended with {how}" + (f": {log.splitlines()[-1]}" if log else ""),
                 "`lfpipe scene info` on it reports more",
             ) from None
         raise refusal

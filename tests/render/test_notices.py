@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import attrs
 import numpy as np
@@ -14,6 +15,8 @@ from lfpipe.render.depth_steps import depth_range_px, depth_step_px
 from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.notices import SHOWN_NS, Notices
 from lfpipe.render.picture_file import picture_folder
+from lfpipe.render.scene_loader import SceneLoader
+from lfpipe.transport.clock import now_ns
 
 
 def test_notices_pass_and_states_stay() -> None:
@@ -70,3 +73,29 @@ def test_screenshots_go_where_a_person_looks_for_pictures(tmp_path: Path, monkey
     assert picture_folder(home, {}) == home / "Bilder"
     (home / ".config" / "user-dirs.dirs").write_text('XDG_PICTURES_DIR="$HOME/gone"\n')
     assert picture_folder(home, {}) == tmp_path
+
+
+def test_the_picture_says_how_far_a_scene_is_loaded_whoever_asked() -> None:
+    asked: list[dict[str, object]] = []
+    options = SimpleNamespace(kiosk="", playlist_at=0, playlist=("/a", "/b"))
+    context = SimpleNamespace(options=options, row={"t_face_ns": 0}, request=lambda word, **more: asked.append({word: more}))
+    notices = Notices()
+    scenes = SceneLoader(context, notices)  # type: ignore[arg-type]
+
+    def shown() -> list[str]:
+        scenes.serve(now_ns())
+        return notices.lines(now_ns())
+
+    scenes.report_step("boxes", "views 3 of 81")
+    assert shown() == ["loading boxes, views 3 of 81"]
+    scenes.report_step("boxes", "")
+    assert shown() == []
+    scenes.step(1)
+    scenes.report_step("b", "disparity 3 of 81")
+    assert shown() == ["loading b: 2 of 2, disparity 3 of 81"]
+    scenes.step(1)  # from the one that is on its way: the first
+    scenes.answered({"ok": True, "pack": "/pack"})
+    assert asked == [{"load": {"scene": "/b"}}, {"load": {"scene": "/a"}}]
+    scenes.report_step("a", "")
+    scenes.answered({"ok": False, "error": "/a: the folder is empty"})
+    assert shown() == ["loading a: 1 of 2: refused", "/a: the folder is empty"]

@@ -46,7 +46,14 @@ def child(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-u
 
 
 def test_a_scene_gives_its_summary(tmp_path: Path) -> None:
-    result = finish(FileChecker({"check": "scene", "path": str(write_scene(tmp_path / "views", 2, 3))}, Config()), 60)
+    checker = FileChecker({"check": "scene", "path": str(write_scene(tmp_path / "views", 2, 3))}, Config())
+    steps = set()
+    while not checker.done:
+        checker.read()
+        steps.add(checker.progress)
+        time.sleep(0.001)
+    result = finish(checker, 60)
+    assert checker.progress == "" and any(step.startswith("views ") and step.endswith(" of 6") for step in steps), steps
     assert (result["rows"], result["cols"], result["height_px"], result["width_px"]) == (2, 3, 48, 64)
     assert Path(str(result["pack"])).is_dir()
 
@@ -98,7 +105,7 @@ def test_a_child_that_hangs_is_ended(child, monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_child_that_reports_progress_may_take_its_time(child, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
     monkeypatch.setattr(file_checker, "LIMIT_S", 1.0)
-    slow = "import time\nfor _ in range(15): print(flush=True); time.sleep(0.1)\nprint('{\"ok\": true, \"result\": {\"a\": 1}}')"
+    slow = 'import time\nfor _ in range(15): print(flush=True); time.sleep(0.1)\nprint(\'{"ok": true, "result": {"a": 1}}\')'
     assert finish(child(slow)) == {"a": 1}
 
 
