@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES
+from lfpipe.host import PORTABLE, shared_memory
 from lfpipe.transport import ring, segment
 from lfpipe.transport.ring import Reader, RingSpec, Writer
 
@@ -256,7 +257,7 @@ def interpreters() -> list[str]:
     for version in ("3.11", "3.12"):
         path = shutil.which(f"python{version}")
         same = version == f"{sys.version_info.major}.{sys.version_info.minor}"
-        check = [path or "", "-c", "import numpy, attrs"]
+        check = [path or "", "-c", f"import numpy, attrs{', psutil, platformdirs' if PORTABLE else ''}"]
         if path and not same and subprocess.run(check, capture_output=True).returncode == 0:
             found.append(path)
     return found
@@ -280,7 +281,7 @@ def test_no_room_is_a_clear_error_and_leaves_nothing(name: str) -> None:
     size = shutil.disk_usage(segment.SHM_DIR).total * 2
     with pytest.raises(UserError, match=r"MB free of .* needs") as error:
         segment.create(name, size)
-    assert "shm-size" in error.value.remedy
+    assert shared_memory.more_room(size).split(",")[0] in error.value.remedy
     assert not (segment.SHM_DIR / name).exists()
 
 
