@@ -162,7 +162,7 @@ for name in ("O_NONBLOCK", "O_NOFOLLOW", "O_DIRECTORY", "O_NOCTTY", "O_TMPFILE",
 import lfpipe
 for each in pkgutil.walk_packages(lfpipe.__path__, "lfpipe."):
     try:
-        importlib.import_module(each.name) if not each.name.endswith("__main__") else None
+        importlib.import_module(each.name) if ".sweep." not in each.name and not each.name.endswith("__main__") else None
     except ImportError as error:
         print(each.name)
 """
@@ -173,7 +173,7 @@ def test_everything_can_be_imported_without_what_windows_lacks(portable: World) 
     done = run(portable, WITHOUT)
     assert done.returncode == 0, done.stderr
     video4linux = {"camera", "camera_controls", "camera_list", "pixel_formats", "v4l2_device", "v4l2_stream"}
-    assert {name.removeprefix("lfpipe.capture.") for name in done.stdout.split() if ".sweep." not in name} == video4linux
+    assert {name.removeprefix("lfpipe.capture.") for name in done.stdout.split()} == video4linux
 
 
 def signatures(path: Path) -> dict[str, str]:
