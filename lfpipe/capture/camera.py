@@ -49,14 +49,14 @@ class Stream(Protocol):
 
 def _others(path: Path) -> str:
     there = ", ".join(f"camera:{camera.path} ({camera.name})" for camera in cameras() if camera.path != path)
-    return f"cameras here: {there}" if there else "no camera is here: use --camera demo, or a recording with --camera file:PATH"
+    return f"available cameras: {there}" if there else "no camera found: use --camera demo, or --camera file:PATH"
 
 
 def trouble(path: Path, error: OSError) -> UserError:
     """error of the device at path, in the user's words."""
     code, what = error.errno, f"camera {path}"
     if isinstance(error, SourceChangedError):
-        return UserError(f"{what}: its picture size or signal changed", "it is opened again")
+        return UserError(f"{what}: its picture size or signal changed", "it is reopened")
     if code == errno.ENOENT:
         return UserError(f"{what}: no such device", _others(path))
     if code in GONE:
@@ -64,7 +64,7 @@ def trouble(path: Path, error: OSError) -> UserError:
     if code == errno.EACCES:
         return UserError(f"{what}: no permission", "add yourself to the group `video` and log in again")
     if code == errno.EBUSY:
-        return UserError(f"{what}: busy", f"close the program that uses it: `fuser -v {path}` names it")
+        return UserError(f"{what}: busy", f"close the program that uses it: `fuser -v {path}` shows it")
     if code in (errno.ENOTTY, errno.EINVAL) and not path.is_char_device():
         return UserError(f"{what}: not a camera ({error.strerror})", _others(path))
     if code == errno.ENOTTY:
@@ -146,7 +146,7 @@ class CameraSource:
         while True:
             waited_s = (time.monotonic_ns() - began_ns) / 1e9
             if waited_s > STALL_S:
-                raise TimeoutError(f"camera {self._path}: nothing but damaged frames")
+                raise TimeoutError(f"camera {self._path}: only damaged frames")
             try:
                 raw = self._stream.read(STALL_S - waited_s)
             except TimeoutError:

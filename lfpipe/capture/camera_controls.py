@@ -89,7 +89,7 @@ class CameraControls:
             self._set(AUTO_GAIN, 0)
             self._set_in_range(GAIN, "camera.gain", camera.gain, 1, "")
         if camera.power_line_hz != "auto" and not self._set(POWER_LINE, POWER_LINE_HZ[camera.power_line_hz]):
-            self.notes.append(f"camera.power_line_hz = {camera.power_line_hz}: the camera cannot do that")
+            self.notes.append(f"camera.power_line_hz = {camera.power_line_hz}: not supported by the camera")
         if camera.dynamic_framerate != "auto":
             wanted = int(camera.dynamic_framerate == "on")
             if self._set(DYNAMIC_FRAMERATE, wanted) and self._before[-1:] == [(DYNAMIC_FRAMERATE, 1 - wanted)] and not wanted:
@@ -120,7 +120,7 @@ class CameraControls:
             steps = round((wanted * scale - span.minimum) / span.step)
             value = min(max(span.minimum + steps * span.step, span.minimum), span.maximum)
             if not self._set(control, value):
-                self.notes.append(f"{key} = {wanted:g}{unit}: the camera refuses")
+                self.notes.append(f"{key} = {wanted:g}{unit}: refused by the camera")
             elif abs(value - wanted * scale) > max(span.step, 1) / 2:
                 low, high = span.minimum / scale, span.maximum / scale
                 self.notes.append(f"{key} = {wanted:g}{unit}: using {value / scale:g} ({low:g} to {high:g}{unit} possible)")

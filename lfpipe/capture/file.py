@@ -55,7 +55,7 @@ class FileSource:
                 self._stamps.restart()
             stamp_ns = self._next(out)
             if stamp_ns is None:
-                raise UserError(f"{self._spec.path}: cannot be read a second time", "play it once, with loop=0")
+                raise UserError(f"{self._spec.path}: cannot be read a second time", "play it once with loop=0")
         if stamp_ns is None:
             return None
         now_ns = time.monotonic_ns()
@@ -78,7 +78,7 @@ class FileSource:
         except BrokenFrame as error:
             self._broken += 1
             if self._broken > MAX_BROKEN:
-                raise UserError(f"{error.message}; nor can the {MAX_BROKEN} before it", error.remedy) from None
+                raise UserError(f"{error.message}; the {MAX_BROKEN} before it are broken too", error.remedy) from None
             self._seq += 1
             raise
         self._broken = self._broken if stamp_ns is None else 0

@@ -38,7 +38,7 @@ def _path(number: int) -> Path:
 def _number(path: Path) -> int:
     digits = re.sub(r"\D", "", path.name)
     if not digits:
-        raise UserError(f"camera {path.as_posix()}: not a number of a camera", "for example camera:0")
+        raise UserError(f"camera {path.as_posix()}: not the number of a camera", "use for example camera:0")
     return int(digits)
 
 
@@ -99,7 +99,7 @@ class OpenCVCamera:
         whole, frame = self._capture.read() if self._capture.isOpened() else (False, None)
         if not whole or frame is None:
             self.close()
-            raise UserError(f"{self._name}: cannot be opened, or gives no picture", _HELP)
+            raise UserError(f"{self._name}: cannot be opened, or delivers no picture", _HELP)
         height_px, width_px = frame.shape[:2]
         rate_hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or camera.rate_hz
         notes = ["OpenCV gives no time stamps: using the time of reading"]
@@ -111,7 +111,7 @@ class OpenCVCamera:
         """See `FrameSource.read`. Raises UserError if the camera is gone; blocks as long as its driver does."""
         whole, frame = self._capture.read()
         if not whole:
-            raise UserError(f"{self._name}: gives no pictures any more", "plug it in again")
+            raise UserError(f"{self._name}: delivers no more pictures", "plug it in again")
         t_ns = now_ns()
         self._seq += 1
         fitted(np.asarray(frame, np.uint8), out)

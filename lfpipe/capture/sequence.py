@@ -57,7 +57,7 @@ class SequenceSource:
         try:
             data = self._file.read(packet.bytes)
         except OSError as error:
-            raise UserError(f"{self._spec.path}: frame {index}: {error.strerror}", "is its disk still there?") from None
+            raise UserError(f"{self._spec.path}: frame {index}: {error.strerror}", "check its disk or network drive") from None
         size = self._sequence.width_px, self._sequence.height_px
         fitted(decoded(packet, data, *size, self._sequence.path), out)
         if self._seq == 0:

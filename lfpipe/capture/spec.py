@@ -45,7 +45,7 @@ def _device(text: str, whole: str) -> CameraSpec:
     if text.startswith("/"):
         return CameraSpec(Path(text))
     if not text.strip():
-        raise UserError(f"{whole!r}: no camera given", "for example camera:0, camera:/dev/video0 or camera:NAME")
+        raise UserError(f"{whole!r}: no camera given", "use for example camera:0, camera:/dev/video0 or camera:NAME")
     return CameraSpec(Path(), text.strip())
 
 
@@ -71,12 +71,12 @@ def _file(text: str) -> FileSpec:
     if not mark:
         path, query = text, ""
     if not path:
-        raise UserError("file: no path given", "for example file:walk.mp4")
+        raise UserError("file: no path given", "use for example file:walk.mp4")
     spec = FileSpec(Path(path).expanduser())
     for item in query.split("&") if query else ():
         name, sign, value = item.partition("=")
         if not sign:
-            remedy = "a path that contains a '?' needs another '?' at its end"
+            remedy = "if the path contains a '?', append another '?'"
             raise UserError(f"{item!r} in {'file:' + text!r} is not NAME=VALUE", remedy)
         if name == "loop":
             if value not in ("0", "1"):
@@ -87,7 +87,7 @@ def _file(text: str) -> FileSpec:
         else:
             close = difflib.get_close_matches(name, ["loop", "pace"], 1, 0.4)
             hint = f", did you mean {close[0]!r}?" if close else ""
-            remedy = "a file takes loop=0|1 and pace=recorded|max|HZ"
+            remedy = "a file accepts loop=0|1 and pace=recorded|max|HZ"
             raise UserError(f"{name!r} in {'file:' + text!r}: unknown parameter{hint}", remedy)
     return spec
 
@@ -107,4 +107,4 @@ def parse_source(text: str) -> Spec:
     schemes = {"camera": "camera:0", "file": "file:PATH", "demo": "demo"}
     close = difflib.get_close_matches(scheme, schemes, 1, 0.5)
     hint = f" (did you mean {schemes[close[0]]!r}?)" if close else ""
-    raise UserError(f"{text!r}: not a frame source{hint}", f"one of {FORMS}")
+    raise UserError(f"{text!r}: not a frame source{hint}", f"use one of {FORMS}")

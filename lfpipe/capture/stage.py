@@ -51,7 +51,7 @@ class _LightWatch:
         dim, was = hz < (DIM_SHARE if not self._context.row["dim"] else BRIGHT_SHARE) * info.rate_hz, self._context.row["dim"]
         self._context.row["dim"] = dim
         if dim and not was:
-            text = f"{info.name} delivers {hz:.3g} instead of {info.rate_hz:.3g} Hz, most likely for too little light"
+            text = f"{info.name} delivers {hz:.3g} instead of {info.rate_hz:.3g} Hz, probably because of too little light"
             self._context.emit("notice", text=text)
 
 

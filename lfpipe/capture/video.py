@@ -83,7 +83,7 @@ class VideoFile:
             raise UserError(f"{self.path}: not a readable video, or too large to decode", REMEDY)
         if self.width_px * self.height_px > MAX_FRAME_PX:
             size = f"{self.width_px}x{self.height_px}"
-            raise UserError(f"{self.path}: frames of {size} px, limit {MAX_FRAME_PX} px", "scale the video down")
+            raise UserError(f"{self.path}: frames of {size} px; the limit is {MAX_FRAME_PX} px", "scale the video down")
 
     def close(self) -> None:
         self.capture.release()
@@ -164,7 +164,7 @@ class MotionJpeg:
             except BrokenFrame as error:
                 raise ValueError(error.message) from None
         if self.packet is None:
-            raise ValueError(f"{video.path}: no Motion JPEG, or two half pictures a packet")
+            raise ValueError(f"{video.path}: not Motion JPEG, or two half pictures per packet")
 
     def _decode_next(self) -> tuple[int, NDArray[np.uint8]] | None:
         """Stamp in ns and picture of the next non-empty packet (an AVI has empty ones); None at the end."""

@@ -21,4 +21,4 @@ if PORTABLE:
 def check_choice() -> None:
     """Raises UserError where LFPIPE_HOST names no implementation."""
     if _ASKED not in ("", "portable"):
-        raise UserError(f"LFPIPE_HOST={_ASKED!r} is not known", "portable, or unset it")
+        raise UserError(f"LFPIPE_HOST={_ASKED!r} is not known", "set it to portable, or unset it")

@@ -41,7 +41,7 @@ AHEAD_FRAMES = 2  # pictures that come faster than the rate are taken until the 
 def check_file(path: Path) -> None:
     """Raises UserError where no video can be written to path."""
     if path.suffix.lower() not in SUFFIXES:
-        remedy = "for example file:out.mkv, which holds RGB without loss like .avi; .mp4 is small, for any player"
+        remedy = "use for example file:out.mkv, lossless RGB like .avi; .mp4 is small and plays everywhere"
         raise UserError(f"--display file:{path}: not .mkv, .avi or .mp4", remedy)
     if path.suffix.lower() == ".mp4":
         try:
@@ -53,7 +53,7 @@ def check_file(path: Path) -> None:
         with path.open("ab"):
             pass
     except OSError as error:
-        remedy = "a file in a directory that exists and that you may write to"
+        remedy = "name a file in an existing directory that you may write to"
         raise UserError(f"--display file:{path}: {error.strerror}", remedy) from None
     if new:
         path.unlink()
@@ -82,7 +82,7 @@ class FileDisplay(NullDisplay):
         if self._lossless:
             self._writer = cv2.VideoWriter(opencv_name(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*CODEC), rate_hz, self._size)
             if not self._writer.isOpened():
-                raise UserError(f"--display file:{path}: the video cannot be written", "another file, or --display none")
+                raise UserError(f"--display file:{path}: the video cannot be written", "use another file, or --display none")
         else:
             self._writer = H264Writer(path, self._size, rate_hz)
         self._queue: queue.Queue[tuple[int, NDArray[np.uint8] | None]] = queue.Queue(QUEUE_PICTURES)
@@ -131,7 +131,7 @@ class FileDisplay(NullDisplay):
                 self._writer.release()
             opencv_log.set_log_level(before)
         if self.dropped and not self._lost.is_set():
-            self._notices.put(f"{self._path}: {self.dropped} pictures are missing, they came faster than they could be written")
+            self._notices.put(f"{self._path}: {self.dropped} pictures are missing: they came faster than they could be written")
 
     def _write_all(self) -> None:
         start_ns: int | None = None

@@ -105,7 +105,7 @@ class KeyBindings:
         elif event in ("next", "previous"):
             self.scenes.step(1 if event == "next" else -1)
         elif event == "drop":
-            self._notices.say("scene", "not loaded: its name is not UTF-8; `lfpipe ctl load` takes it", now_ns(), 2 * SHOWN_NS)
+            self._notices.say("scene", "not loaded: its name is not UTF-8; use `lfpipe ctl load`", now_ns(), 2 * SHOWN_NS)
         elif event.startswith("drop "):
             self.scenes.load(Path(event.removeprefix("drop ")).absolute())
         elif event == "swap":
@@ -129,10 +129,10 @@ class KeyBindings:
                 for name, value in changed.items():
                     write_key(user_file(), "render", name, value)
             except (OSError, ValueError) as error:
-                self._notices.say("kept", f"{user_file()}: not kept: {getattr(error, 'strerror', None) or error}", now_ns())
+                self._notices.say("kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}", now_ns())
             else:
                 if changed:
-                    self._notices.say("kept", f"kept for the next time: {', '.join(changed)}", now_ns())
+                    self._notices.say("kept", f"saved for the next session: {', '.join(changed)}", now_ns())
         self._presenter.pattern = self._glasses
 
     def _set(self, **values: object) -> None:

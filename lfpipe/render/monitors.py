@@ -73,7 +73,7 @@ def find_monitor(wanted: str, offered: list[Monitor]) -> Monitor:
     close = difflib.get_close_matches(wanted, [each.name for each in offered], 1, 0.6)
     hint = f" (did you mean {close[0]!r}?)" if close else ""
     what = "several monitors are called that" if part else f"no such monitor{hint}"
-    remedy = "a number or part of a name of: " + "; ".join(map(str, offered))
+    remedy = "use the number or part of the name of one of: " + "; ".join(map(str, offered))
     raise UserError(f"screen.monitor {wanted!r}: {what}", remedy)
 
 

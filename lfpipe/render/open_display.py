@@ -54,7 +54,7 @@ def check_display(spec: str, monitor: str = "") -> None:
         if not has_display():
             named = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
             why = f"{named} does not answer" if named else "neither WAYLAND_DISPLAY nor DISPLAY is set"
-            remedy = "use --display none or --display file:OUT.mkv, or run in a desktop"
+            remedy = "use --display none or --display file:OUT.mkv, or run on a desktop"
             raise UserError(f"--display {spec}: no screen here ({why})", remedy)
         if monitor:
             from lfpipe.render.monitors import detect_monitors, find_monitor
@@ -67,7 +67,7 @@ def check_display(spec: str, monitor: str = "") -> None:
     elif spec != "none":
         close = difflib.get_close_matches(spec.partition(":")[0], ["window", "fullscreen", "none", "file"], 1, 0.5)
         hint = f" (did you mean {close[0] + (':OUT.mkv' if close[0] == 'file' else '')!r}?)" if close else ""
-        raise UserError(f"--display {spec!r}: not a display{hint}", f"one of {FORMS}")
+        raise UserError(f"--display {spec!r}: not a display{hint}", f"use one of {FORMS}")
 
 
 def part_of(path: Path, part: int) -> Path:

@@ -43,7 +43,7 @@ class SurfacePainter:
         self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
         surface = window.get_surface()
         if surface.get_bytesize() != 4 or surface.get_masks()[0] not in RED_MASKS:
-            raise UserError(f"the screen has {surface.get_bitsize()} bits a pixel", "a screen of 24 or 32 bits a pixel is needed")
+            raise UserError(f"the screen has {surface.get_bitsize()} bits per pixel", "use a screen with 24 or 32 bits per pixel")
 
     def size_px(self) -> tuple[int, int]:
         return self._window.get_surface().get_size()

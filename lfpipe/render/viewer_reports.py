@@ -32,7 +32,7 @@ class ViewerReports:
             try:
                 self._visits.follow(before, state)
             except OSError as error:
-                self._context.emit("notice", text=f"{self._context.options.visits}: visits are not written: {reason(error)}")
+                self._context.emit("notice", text=f"{self._context.options.visits}: cannot write visits: {reason(error)}")
 
     def follow_parallax(self) -> None:
         """Emits parallax: what follows from the scene, the settings and the screen, but not every step of a viewer."""

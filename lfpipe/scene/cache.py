@@ -52,7 +52,7 @@ def prepare_cache(scene: config.Scene) -> Path:
 
 
 def _unwritten(root: Path, error: OSError) -> UserError:
-    return UserError(f"cache directory {root}: {error.strerror}", "name another with --set scene.cache_dir=DIR")
+    return UserError(f"cache directory {root}: {error.strerror}", "use another one with --set scene.cache_dir=DIR")
 
 
 def _settings_key(scene: config.Scene) -> str:

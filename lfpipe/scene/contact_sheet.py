@@ -25,7 +25,7 @@ def require_view_index(field: LightField, row: float, col: float) -> None:
     """Raises UserError where (row, col) is not finite or lies outside of the grid."""
     for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):
         if not 0 <= value <= count - 1:  # not a number compares false
-            raise UserError(f"--{name} {value:g}: the scene has {field.rows}x{field.cols} views", f"--{name} 0 to {count - 1}")
+            raise UserError(f"--{name} {value:g}: the scene has {field.rows}x{field.cols} views", f"use 0 to {count - 1}")
 
 
 def contact_sheet(field: LightField) -> NDArray[np.uint8]:

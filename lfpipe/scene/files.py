@@ -78,16 +78,16 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
         if stat.S_ISREG(mode):
             return Listing(given, given.parent, (given.name,), (), True)
         if not stat.S_ISDIR(mode):
-            raise UserError(f"{given}: neither a file nor a folder", "give the folder of the views, or the file that holds them")
+            raise UserError(f"{given}: neither a file nor a folder", "give the folder of the views, or their file")
         names, folders = _entries(given)
     except FileNotFoundError:
-        raise UserError(f"{given}: no such scene", "give the folder of the views, or the file that holds them") from None
+        raise UserError(f"{given}: no such scene", "give the folder of the views, or their file") from None
     except OSError as error:
         raise UserError(f"{given}: cannot be read: {reason(error)}", "check the path and its permissions") from None
     except ValueError as error:  # a NUL in the path
         raise UserError(f"{shown(str(given))}: not a path: {error}", "give the folder of the views") from None
     if not names and not folders:
-        raise UserError(f"{given}: the folder is empty", "give the folder of the views, or the file that holds them")
+        raise UserError(f"{given}: the folder is empty", "give the folder of the views, or their file")
     return Listing(given, given, tuple(sorted(names, key=natural)), tuple(sorted(folders, key=natural)), False)
 
 
@@ -119,7 +119,7 @@ def _require_entry(folder: Path, entry: os.DirEntry[str]) -> None:
         entry.stat(follow_symlinks=False)
     except PermissionError:
         remedy = f"chmod u+x {folder}"
-        raise UserError(f"{folder}: can be listed but not entered, search permission is missing", remedy) from None
+        raise UserError(f"{folder}: search permission is missing", remedy) from None
 
 
 @contextlib.contextmanager
@@ -130,10 +130,10 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except MemoryError:
-        raise UserError(f"{path}: there is not enough memory to read it", "smaller views or fewer of them") from None
+        raise UserError(f"{path}: not enough memory to read it", "use smaller or fewer views") from None
     except cv2.error as error:
         why = (error.err or str(error)).strip().splitlines()[0]
-        raise UserError(f"{path}: OpenCV cannot work with it: {why}", "check its pictures with another program") from None
+        raise UserError(f"{path}: OpenCV cannot read it: {why}", "check its pictures with another program") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {reason(error)}", _CHECK) from None
     finally:
@@ -149,7 +149,7 @@ def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BinaryIO:
     size = os.fstat(file.fileno()).st_size
     if size > most_bytes:
         file.close()
-        raise UserError(f"{path}: has {size} bytes, at most {most_bytes} allowed", "is this file what its name says?")
+        raise UserError(f"{path}: has {size} bytes; at most {most_bytes} are allowed", "check that its name is right")
     return file
 
 
@@ -198,7 +198,7 @@ def _examined(path: Path, file: BinaryIO) -> Header:
 
 
 def _unreadable(path: Path, why: str) -> UserError:
-    return UserError(f"{path}: not a readable picture ({why})", "fetch or export it again")
+    return UserError(f"{path}: not a readable picture ({why})", "download or export it again")
 
 
 def _decode(file: BinaryIO, out: NDArray[Any], colour: int) -> bool:
@@ -235,7 +235,7 @@ def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], 
         shape = (header.height_px, header.width_px) if header.grey else (header.height_px, header.width_px, 3)
         pixels = np.empty(shape, np.uint16 if header.max_value > 255 else np.uint8)
         if not _decode(file, pixels, cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR):
-            raise _unreadable(path, "truncated, damaged or of another kind than its header says")
+            raise _unreadable(path, "truncated, damaged or not what its header claims")
     if not header.grey:  # OpenCV's own IMREAD_COLOR_RGB leaves TIFF files of 16 bit as they are
         for top in range(0, header.height_px, _STRIP_ROWS):
             strip = pixels[top : top + _STRIP_ROWS]
@@ -259,7 +259,7 @@ def small_grey(path: Path, like: Header, most_px: float) -> NDArray[np.uint8]:
             raise UserError(f"{path}: changed while it was read", "try again once the files are complete")
         found = cv2.imread(descriptor_path(file), flags | cv2.IMREAD_IGNORE_ORIENTATION)
     if found is None:
-        raise _unreadable(path, "truncated, damaged or of another kind than its header says")
+        raise _unreadable(path, "truncated, damaged or not what its header claims")
     return np.asarray(found, np.uint8)
 
 
@@ -275,9 +275,9 @@ def read_pfm(path: Path) -> NDArray[np.float32]:
         width, height = int(found[1]), int(found[2])
         there = os.fstat(file.fileno()).st_size - found.end()
         if width * height == 0 or there < 4 * width * height:
-            raise UserError(f"{path}: {width}x{height} values promised, {there // 4} there", "fetch the file again")
+            raise UserError(f"{path}: {width}x{height} values claimed, {there // 4} present", "download the file again")
         if 4 * width * height > MAX_MAP_BYTES:
-            raise UserError(f"{path}: {width}x{height} values, no view is so large", "is this file a disparity map?")
+            raise UserError(f"{path}: {width}x{height} values: larger than any view", "check that the file is a disparity map")
         file.seek(found.end())
         body = file.read(4 * width * height)
     order = "<f4" if found[3].startswith(b"-") else ">f4"

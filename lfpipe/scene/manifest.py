@@ -59,12 +59,12 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     try:
         fields = json_fields(read_bytes(folder / NAME, _MAX_BYTES), str(folder / NAME), _REMEDY)
     except OSError as error:
-        raise damaged(folder, f"no whole pack: {NAME} cannot be read: {reason(error)}") from None
+        raise damaged(folder, f"not a whole pack: {NAME} cannot be read: {reason(error)}") from None
     except UserError as error:
         raise DamagedPackError(error.message, _REMEDY) from None
     manifest = dict(fields.values)
     if manifest.get("version") != VERSION:
-        raise damaged(folder, f"a pack of another version, this lfpipe reads version {VERSION}")
+        raise damaged(folder, f"a pack of another version; this lfpipe reads version {VERSION}")
     if manifest.get("seal") != _sealed(manifest):
         raise damaged(folder / NAME, "changed after the pack was made")
     return manifest
@@ -114,7 +114,7 @@ def open_content(folder: Path, manifest: dict[str, Any], name: str, whole: bool 
         file = open_regular(path)
         state = os.fstat(file.fileno())
         if state.st_size != size:
-            raise damaged(path, f"{state.st_size} bytes, {size} were written")
+            raise damaged(path, f"{state.st_size} bytes, but {size} were written")
         touched = state.st_mtime_ns != mtime_ns
         if _sampled(file, size) != sampled or ((whole or touched) and _checksum(file) != checksum):
             raise damaged(path, "wrong checksum: changed after the pack was made")

@@ -135,7 +135,7 @@ def _make(root: Path, key: str, examined: Examined, progress: Progress, choose: 
         write_manifest(folder, manifest)
         folder.replace(root / "scenes" / key)
     except OSError as error:
-        remedy = "check the disk, or name another with --set scene.cache_dir=DIR"
+        remedy = "check the disk, or use another one with --set scene.cache_dir=DIR"
         raise UserError(f"{folder.parent}: cannot write the pack: {error.strerror}", remedy) from None
     finally:
         shutil.rmtree(folder, ignore_errors=True)

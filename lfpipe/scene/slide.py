@@ -140,7 +140,7 @@ def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Pro
     """Frames at even steps along the longest slide, the sharpest ones near each step. Raises UserError."""
     numbers = list(range(0, count, -(-count // _MAX_FRAMES)))
     if len(numbers) < _FEWEST:
-        raise UserError(f"{len(numbers)} pictures are too few, at least {_FEWEST} are needed", "slide for two seconds or longer")
+        raise UserError(f"{len(numbers)} pictures are too few; at least {_FEWEST} are needed", "slide for at least two seconds")
     glances = []
     for number in numbers:
         glances.append(_grey(read(number), _GLANCE_PX))
@@ -156,7 +156,7 @@ def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Pro
             "slide the camera sideways by a hand's breadth without turning it, past something near",
         )
     if found.upright:
-        raise UserError("the camera moves up and down, not sideways", "slide it to the side; turn a clip that lies on its side")
+        raise UserError("the camera moves up and down, not sideways", "slide it sideways; rotate a clip that lies on its side")
     views = int(np.clip(travelled[-1] / (_STEP_SHARE * _GLANCE_PX), _FEWEST, _MOST))
     step, first = travelled[-1] / (views - 1), first + found.first
     chosen: set[int] = set()
@@ -169,7 +169,7 @@ def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Pro
     if np.median(sharp[sorted(chosen)]) < least or across < _SMEARED * down:
         raise UserError("the pictures are blurred", "slide more slowly, in more light")
     if len(chosen) < _FEWEST:
-        raise UserError(f"only {len(chosen)} steps of the slide have a picture: the camera moves too fast", "slide more slowly")
+        raise UserError(f"only {len(chosen)} steps of the slide have a picture: the camera moved too fast", "slide more slowly")
     return [numbers[k] for k in sorted(chosen)]
 
 

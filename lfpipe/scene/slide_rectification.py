@@ -56,7 +56,7 @@ def follow(views: list[Grey]) -> tuple[Points, list[Points]]:
     middle = len(views) // 2
     start = corners(views[middle], _CORNERS)
     if not len(start):
-        raise UserError("the pictures have no detail to follow", "film something with texture, in good light")
+        raise UserError("the pictures have no detail to track", "film something with texture, in good light")
     good = np.ones(len(start), bool)
     at = [start] * len(views)
     for order in (range(middle + 1, len(views)), range(middle - 1, -1, -1)):

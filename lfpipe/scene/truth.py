@@ -15,7 +15,7 @@ def without_implausible_truth(source: SceneSource) -> SceneSource:
     Such values leave a range in which the whole scene looks flat. Raises UserError where a map has another size than the views,
     holds values that are no numbers, or cannot be read.
     """
-    size, remedy = (source.height_px, source.width_px), "move the map away to have it estimated"
+    size, remedy = (source.height_px, source.width_px), "remove the map to have disparity estimated"
     largest: dict[tuple[int, int], float] = {}
     for (row, col), read in source.truth.items():
         found = read()
@@ -23,7 +23,7 @@ def without_implausible_truth(source: SceneSource) -> SceneSource:
         if found.shape != size:
             raise UserError(f"{where} has {found.shape[1]}x{found.shape[0]} values, the views {size[1]}x{size[0]} px", remedy)
         if bad := int(np.count_nonzero(~np.isfinite(found))):
-            raise UserError(f"{where}: {bad} of {found.size} values are no numbers (NaN or infinite)", remedy)
+            raise UserError(f"{where}: {bad} of {found.size} values are NaN or infinite", remedy)
         most = float(np.abs(found).max())
         if most > max(size):
             largest[row, col] = most

@@ -53,13 +53,13 @@ def examine(path: Path) -> About:
     fields = json_fields(head or b"{}", str(path), _REMEDY)
     width, height = (fields.integer(key, 0, 1 << 31) if head else 0 for key in ("width_px", "height_px"))
     if width * height > MAX_FRAME_PX:
-        raise UserError(f"{path}: a video of {width}x{height} px, at most {MAX_FRAME_PX} px are decoded", _REMEDY)
+        raise UserError(f"{path}: a video of {width}x{height} px; at most {MAX_FRAME_PX} px are decoded", _REMEDY)
     if not width * height:
         raise UserError(f"{path}: not a readable video", _REMEDY)
     if not end:
         raise UserError(f"{path}: its decoder stopped or crashed after {dots} frames", _REMEDY)
     if not dots:
-        raise UserError(f"{path}: a video without a frame that can be decoded", "export it again")
+        raise UserError(f"{path}: a video without decodable frames", "export it again")
     rate = float(fields.values.get("rate_hz") or 0.0)
     return About(dots, width, height, rate if 0.1 <= rate <= 1000 else USUAL_RATE_HZ)
 

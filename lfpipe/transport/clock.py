@@ -1,4 +1,4 @@
-"""One clock for every process: CLOCK_MONOTONIC as int64 nanoseconds. Subtract first, then go to float seconds."""
+"""One clock for every process: CLOCK_MONOTONIC as int64 nanoseconds. Subtract first, then convert to float seconds."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from lfpipe.host.clock import now_ns as now_ns
 
 SECOND_NS = 1_000_000_000
 MS_NS = 1_000_000
-SLEPT_NS = SECOND_NS // 2  # as long as a gap in which filters forget
+SLEPT_NS = SECOND_NS // 2  # as long as the gap after which filters start anew
 
 
 def sleep_until(t_ns: int) -> None:
-    """Sleeps to an absolute time; returns at once when it has passed."""
+    """Sleeps until an absolute time; returns at once if it has passed."""
     wait_ns = t_ns - now_ns()
     if wait_ns > 0:
         time.sleep(wait_ns / 1e9)
 
 
 class SleepWatch:
-    """Notices that the machine was suspended. asleep: as `asleep_ns`."""
+    """Detects that the machine was suspended. asleep: a function like `asleep_ns`."""
 
     def __init__(self, asleep: Callable[[], int] = asleep_ns) -> None:
         self._asleep, self._known_ns = asleep, asleep()
 
     def woke(self) -> bool:
-        """Whether the machine was suspended for SLEPT_NS or more since the last call that said so."""
+        """Whether the machine was suspended for at least SLEPT_NS since the last call that returned True."""
         slept_ns = self._asleep()
         if slept_ns - self._known_ns < SLEPT_NS:
             return False
@@ -36,7 +36,7 @@ class SleepWatch:
 
 
 class Ticker:
-    """Absolute deadlines t0 + k * period that never drift; missed ones are skipped and counted, never made up for."""
+    """Absolute deadlines t0 + k * period without drift. Missed deadlines are skipped and counted."""
 
     def __init__(self, rate_hz: float, t0_ns: int) -> None:
         self.rate_hz = rate_hz
@@ -53,7 +53,7 @@ class Ticker:
         self._t0_ns += by_ns
 
     def advance(self, t_ns: int) -> None:
-        """Goes to the first deadline after the present one that is not yet past at t_ns."""
+        """Advances to the first later deadline that is not yet past at t_ns."""
         self._k += 1
         behind = int((t_ns - self._t0_ns) * self.rate_hz / 1e9) + 1
         if behind > self._k:

@@ -1,4 +1,4 @@
-"""What a stage works with: its configuration, its rings with their wake-ups, its status row, and one place to wait."""
+"""The interface of a stage: its configuration, its rings with wake-ups, its status row, and one place to wait."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from lfpipe.transport.ring_ends import RingInput, RingOutput
 from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import State
 
-BEAT_NS = 100 * MS_NS  # the longest a stage may wait without showing that it lives
+BEAT_NS = 100 * MS_NS  # longest wait of a stage without a beat
 
 
 class Context:
-    """Everything a stage needs. It sleeps in `wait` only, which beats, takes commands and notices the stop."""
+    """Everything a stage needs. A stage sleeps only in `wait`, which beats, receives commands and detects the stop."""
 
     def __init__(self, spec: StageSpec) -> None:
         self.spec = spec
@@ -34,7 +34,7 @@ class Context:
         self.paused = False
         self._poller = zmq.Poller()
         self._inputs: list[RingInput] = []
-        self._open: list[RingInput | RingOutput] = []  # kept to the end: their mappings must outlive their views
+        self._open: list[RingInput | RingOutput] = []  # kept until the end: mappings must outlive their views
         self._commands: list[tuple[str, dict[str, Any]]] = []
         self._zmq = control.context()
         self._ctl = self._zmq.socket(zmq.DEALER)
@@ -48,7 +48,7 @@ class Context:
         self._rev = spec.rev
 
     def input(self, name: str) -> RingInput:
-        """Opens a ring for reading and makes `wait` wake for it."""
+        """Opens a ring for reading; `wait` then wakes for it."""
         made = RingInput(self.spec, name, self.row)
         self._inputs.append(made)
         self._open.append(made)
@@ -56,23 +56,23 @@ class Context:
         return made
 
     def output(self, name: str) -> RingOutput:
-        """Opens a ring for writing; one stage a ring."""
+        """Opens a ring for writing; each ring has one writing stage."""
         made = RingOutput(self.spec, name, self.table, self._wait_for, self.done)
         self._open.append(made)
         return made
 
     def ready(self) -> None:
-        """Ends the set-up: from now on a missing beat means a hang."""
+        """Ends the setup: from now on, a missing beat means a hang."""
         self.row["epoch"] += 1
-        self.row.beat()  # first: a stage held up between these lines has not hung
+        self.row.beat()  # first: a stage delayed between these lines is not hung
         self.row["ready_ns"] = now_ns()
         self.row["state"] = State.RUNNING
 
     @contextlib.contextmanager
     def busy_with(self, words: str) -> Iterator[None]:
-        """Wrap calls that may wait for a disk: meanwhile the stage is judged by its progress, not by its beat.
+        """Wraps calls that may wait for a disk: the stage is then judged by its progress, not by its beat.
 
-        words: what it does, for monitors, at most 32 bytes. See `lfpipe.supervisor.health_check`.
+        words: a description for monitors, at most 32 bytes. See `lfpipe.supervisor.health_check`.
         """
         self.row.set_busy(words)
         try:
@@ -82,7 +82,7 @@ class Context:
 
     @contextlib.contextmanager
     def setting_up(self, words: str) -> Iterator[None]:
-        """As `busy_with`, around work that may also compute for long: the stage is judged as at its start."""
+        """Like `busy_with`, for work that may also compute for long: the stage is judged as during its start."""
         before, self.row["state"] = self.row["state"], State.STARTING
         try:
             with self.busy_with(words):
@@ -92,50 +92,51 @@ class Context:
 
     @contextlib.contextmanager
     def saving(self, words: str) -> Iterator[None]:
-        """As `busy_with`, around what writes results at the end: who ends the session waits for it."""
+        """Like `busy_with`, for writing results at the end: the end of the session waits for it."""
         self.row["state"] = State.STOPPING
         with self.busy_with(words):
             yield
 
     def wait_for_others(self) -> bool:
-        """Waits until every other stage is ready: no frame of a recording is lost. Returns False once the stage must end."""
+        """Waits until every other stage is ready, so that no frame of a recording is lost. Returns False once the stage must
+        end."""
         while not all(int(self.table.rows[name]["ready_ns"]) for name in self.spec.others):
             if not self.wait(now_ns() + 5 * MS_NS):
                 return False
         return True
 
     def emit(self, topic: str, **values: Any) -> None:
-        """Sends telemetry to the subscribers of the tap; it is lost where nobody takes it."""
+        """Sends telemetry to the subscribers of the tap; without a subscriber it is lost."""
         try:
             self._bus.send(control.encode({"topic": topic, "stage": self.spec.name, "t_ns": now_ns(), **values}), zmq.NOBLOCK)
         except zmq.Again:
             return
 
     def request(self, word: str, **values: Any) -> None:
-        """Sends the supervisor a command, as `lfpipe ctl` would; its answer is one of `commands`."""
+        """Sends the supervisor a command, as `lfpipe ctl` would; its answer appears in `commands`."""
         self._ctl.send(control.encode({"cmd": word, **values}))
 
     def ack_config(self) -> None:
-        """Reports that the stage works by `config`, `options` and `paused` as they are now."""
+        """Acknowledges the current `config`, `options` and `paused`."""
         self.row["config_rev"] = self._rev
 
     def commands(self) -> list[tuple[str, dict[str, Any]]]:
         """Commands since the last call, as (command, message). A change of configuration is already in `config`. The answer to
-        a `request` comes as ("", answer)."""
+        a `request` is ("", answer)."""
         taken, self._commands = self._commands, []
         return taken
 
     def wait(self, until_ns: int | None = None, instead_fd: int | None = None) -> bool:
-        """Sleeps until an input has something, a command or the stop comes, or until_ns; for BEAT_NS at most.
+        """Sleeps until an input has a new slot, a command or the stop arrives, or until_ns; at most BEAT_NS.
 
-        Returns False once the stage must end. The poll counts in ms: the rest below 1 ms is slept. instead_fd: a descriptor that
-        wakes it instead of the inputs, while it has no use for what they have.
+        Returns False once the stage must end. poll has a resolution of 1 ms; the remainder is slept. instead_fd: a descriptor
+        that wakes it instead of the inputs, if it cannot use their data now.
         """
         t_ns = now_ns()
         limit_ns = t_ns + BEAT_NS
         until_ns = limit_ns if until_ns is None else min(until_ns, limit_ns)
         self.row.beat()
-        self.done()  # a stage that waits is done with what it took
+        self.done()  # a waiting stage has processed what it took
         for each in self._inputs if self.spec.options.lock_step else ():
             each.give_credit()
         left_ms, rest = divmod(max(0, until_ns - t_ns), MS_NS)
@@ -150,12 +151,12 @@ class Context:
         return not self.stopping
 
     def done(self) -> None:
-        """Everything taken from the inputs is dealt with."""
+        """Reports that everything taken from the inputs has been processed."""
         for each in self._inputs:
             each.done()
 
     def _wait_for(self, condition: Callable[[], bool], credits: Sequence[Wake]) -> None:
-        """Waits until condition holds or the stop; woken by credits."""
+        """Waits until condition holds or the stop arrives; credits wake it."""
         poller = self._poller_of([credit.fd for credit in credits])
         while not condition() and not self.stopping:
             self.row.beat()
@@ -163,7 +164,7 @@ class Context:
                 self._take_messages()
 
     def _poller_of(self, fds: Sequence[int]) -> zmq.Poller:
-        """Of commands and of these descriptors."""
+        """Registers commands and these descriptors."""
         poller = zmq.Poller()
         poller.register(self._ctl, zmq.POLLIN)
         for fd in fds:
@@ -185,7 +186,7 @@ class Context:
                 self._commands.append((word, message))
 
     def close(self) -> None:
-        """Lets go of sockets; the mappings end with the process."""
+        """Closes the sockets; the mappings end with the process."""
         self._ctl.close()
-        self._bus.close(linger=200)  # last words: why an output ended
+        self._bus.close(linger=200)  # final messages: why an output ended
         self._zmq.term()

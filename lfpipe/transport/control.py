@@ -1,8 +1,8 @@
-"""Control messages: msgpack maps in single-part ZeroMQ messages, checked before anybody looks inside.
+"""Control messages: msgpack maps in single-part ZeroMQ messages, checked before use.
 
-    ctl   ROUTER bound by the supervisor; stages and commands are DEALERs; it takes the words of COMMANDS
-    bus   PULL bound by the supervisor; stages PUSH telemetry, dropped when nobody takes it
-    tap   XPUB bound by the supervisor; monitors subscribe to what happens
+    ctl   ROUTER bound by the supervisor; stages and commands are DEALERs; it accepts COMMANDS
+    bus   PULL bound by the supervisor; stages PUSH telemetry, dropped if not received
+    tap   XPUB bound by the supervisor; monitors subscribe to events
 
 State is never sent over tap: `hello` answers with a snapshot. Every message carries the version "v".
 """
@@ -21,13 +21,13 @@ from lfpipe.host import endpoints
 VERSION = 1
 MAX_BYTES = 64 * 1024
 MAX_DEPTH = 8
-FILE_CHECK_TIMEOUT_S = 15.0  # for an answer to `trace` and `record`, whose paths are looked at first
-QUEUE = 64  # messages that wait on either side of a socket, per client
+FILE_CHECK_TIMEOUT_S = 15.0  # for an answer to `trace` and `record`, whose paths are checked first
+QUEUE = 64  # messages that may wait on either side of a socket, per client
 COMMANDS = ("hello", "status", "set", "pause", "resume", "recentre", "load", "pictures", "trace", "record", "share", "stop")
 
 
 class BadMessage(ValueError):
-    """Not a message of ours; the text says why and is sent back."""
+    """An invalid message; the text explains why and is sent back."""
 
 
 def _depth(value: object, left: int = MAX_DEPTH) -> bool:
@@ -39,43 +39,43 @@ def _depth(value: object, left: int = MAX_DEPTH) -> bool:
 
 
 def encode(message: dict[str, Any]) -> bytes:
-    """A map of plain values as bytes, with the version put in. Paths that are not UTF-8 travel as Python holds them.
+    """Encodes a map of plain values, adding the version. Paths that are not UTF-8 are encoded with surrogates, as in Python.
 
-    Raises BadMessage where it cannot be sent: other types, integers beyond 64 bits, more than MAX_BYTES.
+    Raises BadMessage if it cannot be sent: other types, integers beyond 64 bits, more than MAX_BYTES.
     """
     try:
         data = bytes(msgpack.packb({"v": VERSION, **message}, unicode_errors="surrogateescape"))
     except (TypeError, ValueError, OverflowError) as error:  # UnicodeEncodeError is a ValueError
         raise BadMessage(f"not a map of plain values: {type(error).__name__}") from None
     if len(data) > MAX_BYTES:
-        raise BadMessage(f"{len(data)} bytes; {MAX_BYTES} are allowed")
+        raise BadMessage(f"{len(data)} bytes; at most {MAX_BYTES} are allowed")
     return data
 
 
 def decode(data: bytes) -> dict[str, Any]:
-    """The map in data. Raises BadMessage for anything else: size, depth, types, version; never another exception."""
+    """Decodes the map in data. Raises BadMessage for a wrong size, depth, type or version; never another exception."""
     if len(data) > MAX_BYTES:
-        raise BadMessage(f"{len(data)} bytes; {MAX_BYTES} are allowed")
+        raise BadMessage(f"{len(data)} bytes; at most {MAX_BYTES} are allowed")
     try:
         message = msgpack.unpackb(data, raw=False, strict_map_key=True, max_ext_len=0, unicode_errors="surrogateescape")
-    except Exception as error:  # msgpack raises half a dozen kinds for hostile bytes; all mean the same here
+    except Exception as error:  # msgpack raises several types for hostile bytes; all mean the same here
         raise BadMessage(f"not msgpack: {type(error).__name__}") from None
     if not isinstance(message, dict) or not _depth(message):
-        raise BadMessage(f"not a map of plain values at most {MAX_DEPTH} deep")
+        raise BadMessage(f"not a map of plain values, nested at most {MAX_DEPTH} levels")
     if message.get("v") != VERSION or message["v"] is True:
-        raise BadMessage(f"version {message.get('v')!r}, {VERSION} is spoken here")
+        raise BadMessage(f"version {message.get('v')!r}, expected {VERSION}")
     return message
 
 
 def context() -> zmq.Context[zmq.Socket[bytes]]:
-    """A ZeroMQ context whose sockets never hold up an exit."""
+    """A ZeroMQ context whose sockets never delay an exit."""
     made: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     made.linger = 0
     return made
 
 
 def limit(socket: zmq.Socket[bytes]) -> None:
-    """Bounds what a socket that anybody may talk to holds: beyond MAX_BYTES an answer says so, beyond twice that none."""
+    """Limits the memory of a public socket: a message beyond MAX_BYTES gets an error answer, one beyond twice that none."""
     socket.setsockopt(zmq.MAXMSGSIZE, 2 * MAX_BYTES)
     socket.set_hwm(QUEUE)
 
@@ -85,12 +85,12 @@ def check_place(run_dir: Path, name: str) -> None:
     if length := endpoints.too_long(run_dir, name):
         raise UserError(
             f"{run_dir / name} has {length} characters, a socket takes {endpoints.LONGEST}",
-            "a shorter --session name, or a shorter XDG_RUNTIME_DIR",
+            "use a shorter --session name, or a shorter XDG_RUNTIME_DIR",
         )
 
 
 def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
-    """Connects to the session's ctl, bus or tap. Raises UserError where the path is too long for a socket."""
+    """Connects to the session's ctl, bus or tap. Raises UserError if the path is too long for a socket."""
     check_place(run_dir, name)
     endpoints.connect(socket, run_dir, name)
 
@@ -98,7 +98,7 @@ def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
 def request(run_dir: Path, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:
     """Sends one command to the session in run_dir and returns its answer.
 
-    Raises UserError when nobody answers, or when the answer is an error.
+    Raises UserError if there is no answer, or if the answer is an error.
     """
     with context() as ctx, ctx.socket(zmq.DEALER) as socket:
         connect(socket, run_dir, "ctl")
@@ -107,11 +107,11 @@ def request(run_dir: Path, message: dict[str, Any], timeout_s: float = 2.0) -> d
 
 
 def exchange(socket: zmq.Socket[bytes], message: dict[str, Any], timeout_s: float, silence: str, remedy: str) -> dict[str, Any]:
-    """One command and its answer, over a socket that is connected. Raises UserError, with silence and remedy where none comes."""
+    """Sends one command over a connected socket and returns the answer. Raises UserError(silence, remedy) without an answer."""
     try:
         socket.send(encode(message))
     except BadMessage as error:
-        raise UserError(f"{message['cmd']}: the request cannot be sent: {error}", "a shorter one, of plain values") from None
+        raise UserError(f"{message['cmd']}: the request cannot be sent: {error}", "use a shorter one, of plain values") from None
     if not socket.poll(int(timeout_s * 1000)):
         raise UserError(silence, remedy)
     answer = decode(socket.recv())

@@ -1,8 +1,8 @@
-"""Log-linear histogram on 64-bit counters that may lie in shared memory: constant size, exact count, sum and maximum.
+"""Log-linear histogram on 64-bit counters that may be in shared memory: constant size, exact count, sum and maximum.
 
-Values are microseconds. Below 64 us each value has its own bucket; above, every power of two is cut into 32, so a
-bucket is at most 1/32 of its value wide and its middle errs by 1/64 = 1.6 % at most (the layout of HdrHistogram).
-One writer; any process may read it while it is written: a reader then sees a count more or less, never nonsense.
+Values are microseconds. Below 64 us each value has its own bucket; above, every power of two is divided into 32. So the width
+of a bucket is at most 1/32 of its value, and the error of its middle at most 1/64 = 1.6 % (the layout of HdrHistogram). One
+writer. Any process may read it at any time; counts may then be off by one, but never corrupt.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-LAST_OCTAVE = 26  # values to 2^32 us, 71 minutes; longer ones land in the last bucket
+LAST_OCTAVE = 26  # values to 2^32 us, 71 minutes; longer values go to the last bucket
 BUCKETS = (LAST_OCTAVE << 5) + 64
 HISTOGRAM = np.dtype([("count", "<i8"), ("sum_ns", "<i8"), ("max_ns", "<i8"), ("buckets", "<i8", (BUCKETS,))])
 
 
 def bucket_of(us: int) -> int:
-    """Index of the bucket that holds us, a whole number of microseconds; negative counts as 0."""
+    """Index of the bucket that holds us, a whole number of microseconds; negative values count as 0."""
     if us < 64:
         return max(us, 0)
     shift = us.bit_length() - 6
@@ -24,7 +24,7 @@ def bucket_of(us: int) -> int:
 
 
 def middle_us(bucket: int) -> float:
-    """The value that stands for a bucket."""
+    """The value that represents a bucket."""
     if bucket < 64:
         return float(bucket)
     shift = (bucket >> 5) - 1
@@ -44,7 +44,7 @@ class Histogram:
         self._head = [self.record[name].reshape(1).data for name in ("count", "sum_ns", "max_ns")]
 
     def add_ns(self, value_ns: int) -> None:
-        """Counts one duration in nanoseconds; a negative one counts as 0."""
+        """Adds one duration in nanoseconds; a negative one counts as 0."""
         value_ns = max(value_ns, 0)
         self._buckets[bucket_of(value_ns // 1000)] += 1
         count, total, top = self._head
@@ -55,9 +55,9 @@ class Histogram:
 
 
 def summary_ms(record: NDArray[np.void]) -> dict[str, float]:
-    """{"n", "mean_ms", "p50_ms", "p95_ms", "p99_ms", "max_ms"} of a HISTOGRAM record; zeros when it is empty.
+    """{"n", "mean_ms", "p50_ms", "p95_ms", "p99_ms", "max_ms"} of a HISTOGRAM record; zeros if it is empty.
 
-    A percentile is the middle of the bucket that holds the value of that rank, and never more than the maximum.
+    A percentile is the middle of the bucket with the value of that rank, but never more than the maximum.
     """
     counts = record["buckets"].copy()
     total = int(counts.sum())

@@ -1,7 +1,7 @@
-"""The ring "packets": the JPEGs that frames came as, from capture to the recorder, while a recording runs and not else.
+"""The ring "packets": the original JPEGs of frames, from capture to the recorder. It exists only while a recording runs.
 
-A slot holds one packet, as long as it may be, and the frame's stamps: (epoch, source_seq) tell which frame was decoded from it.
-It is published before the frame.
+A slot contains one packet of variable length and the frame's stamps. (epoch, source_seq) identify the frame decoded from it.
+The packet is published before the frame.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ def packet_dtype(most_bytes: int) -> np.dtype[Any]:
 
 
 class PacketOutput:
-    """The writing end; which ring it is, if any, follows the session's options."""
+    """The writing end; the session's options determine the ring, if any."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self._part, self._ring = "", None  # type: tuple[str, ring.Writer | None]
 
     def follow(self, options: SessionOptions) -> None:
-        """Opens and closes what options ask for; costs nothing while that stays the same."""
+        """Opens and closes the ring as options require; cheap if nothing changes."""
         part = options.packets
         if part == self._part:
             return
@@ -41,10 +41,10 @@ class PacketOutput:
             try:
                 self._ring = ring.Writer(self._session.segment(part))
             except FileNotFoundError:
-                return  # taken back before it was used
+                return  # removed before use
 
     def publish(self, packet: NDArray[np.uint8] | None, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int) -> None:
-        """Publishes packet, uint8 (n,), where somebody records and there is one that fits. epoch: of the frame."""
+        """Publishes packet, uint8 (n,), if a recording runs and the packet fits. epoch: of the frame."""
         if self._ring is None or packet is None:
             return
         slot = self._ring.begin()
@@ -61,18 +61,18 @@ class PacketOutput:
 
 
 class PacketInput:
-    """The reading end. Raises FileNotFoundError where the ring has been taken back."""
+    """The reading end. Raises FileNotFoundError if the ring has been removed."""
 
     def __init__(self, session: Session, part: str) -> None:
         self._name = session.segment(part)
         self._ring = ring.Reader(self._name)
         self._identity = shared_memory.identity(self._name)
-        self._ring.last_seq = 0  # the packet of the first frame that we shall see may be there already
+        self._ring.last_seq = 0  # the packet of our first frame may already be there
         self._at = (-1, -1)
         self._data: bytes | None = None
 
     def of(self, stamp: Stamp) -> bytes | None:
-        """The packet of the frame with that stamp; frames are asked for in order. None where there was none, or it is gone."""
+        """The packet of the frame with that stamp; call in order of frames. None if there was none, or if it is overwritten."""
         wanted = (stamp.epoch, stamp.source_seq)
         while self._at < wanted and (peeked := self._ring.peek(in_order=True)) is not None:
             found, slot = peeked
@@ -83,7 +83,7 @@ class PacketInput:
 
     @property
     def ended(self) -> bool:
-        """Whether the ring has been taken back: from then on frames come without their packets."""
+        """Whether the ring has been removed: later frames have no packets."""
         try:
             return shared_memory.identity(self._name) != self._identity
         except FileNotFoundError:

@@ -1,15 +1,15 @@
-"""A ring of slots in shared memory: one writer, any number of readers, latest wins, nobody waits.
+"""A ring of slots in shared memory: one writer, any number of readers, latest wins, no waiting.
 
     page 0   0  magic "LFRING1\\0"      8  slots      16  slot stride      24  payload bytes      32  description bytes
-           128  published: slots ever published, alone on its cache line
+           128  published: number of slots ever published, alone on its cache line
            192  epoch: 0 for the ring's first writer; one more for each later writer, and for each gap that a writer reports
            256  description: JSON of shape and dtype, so that a reader needs no configuration
     slot i   0  seq | source_seq | epoch | t_sensor_ns | t_read_ns | t_publish_ns | kind | 0        (8 x int64)
             64  payload
              :  up to the stride, a multiple of 4096
 
-    published = p        slot (p-1) % N is the newest; slot p % N is the one the writer fills now, if any.
-    slot.seq = 0         is being filled, or was left so by a writer that died; nobody reads it.
+    published = p        slot (p-1) % N is the newest; the writer may be filling slot p % N.
+    slot.seq = 0         is being filled, or was left incomplete by a dead writer; it is never read.
     slot.seq = s         holds the s-th slot ever published, s = 1, 2, ...
 
 Write
@@ -20,12 +20,12 @@ Write
 Read
   1. Note p = published; fence.
   2. Copy slot (p-1) % N, which holds number p; fence.
-  3. Note q = published again. The writer may now be filling slot q % N, which held number q - N + 1.
+  3. Note q = published again. The writer may now be filling slot q % N, which contained number q - N + 1.
   4. The copy is valid if q - p <= N - 2. Otherwise it may be torn: start again.
 
-A reader in order takes number n, the one after its last, by the same rule with n for p; or the oldest that is still safe.
-A writer that is killed anywhere has published only whole slots, and the next writer continues from the same counter.
-Slots that a reader was too slow for are counted.
+A reader in order reads number n, the one after its last, by the same rule with n instead of p; or the oldest safe one.
+A killed writer has published only whole slots, and the next writer continues from the same counter.
+Slots that a slow reader missed are counted.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ SLOT_HEADER = 64
 
 @attrs.frozen
 class RingSpec:
-    """Shape and type of a slot. slots >= 3: a reader then has the time of a whole slot for its copy."""
+    """Shape and type of a slot. slots >= 3: a reader then has the period of at least one slot for its copy."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
@@ -72,7 +72,7 @@ class RingSpec:
 
 @attrs.frozen
 class Stamp:
-    """Header of a slot, as a reader got it; skipped: slots published since the last read that this reader never saw."""
+    """Header of a slot as read; skipped: number of slots since the last read that this reader missed."""
 
     seq: int
     source_seq: int
@@ -81,23 +81,23 @@ class Stamp:
     t_read_ns: int
     t_publish_ns: int
     skipped: int
-    kind: int = 0  # what t_sensor_ns was derived from, see `StampKind`
+    kind: int = 0  # source of t_sensor_ns, see `StampKind`
 
 
 def create(name: str, spec: RingSpec, run_dir: Path | None = None) -> Segment:
-    """Makes an empty ring for the session of run_dir; the caller keeps the segment and unlinks it. Raises UserError as
-    `segment.create` does."""
+    """Creates an empty ring for the session of run_dir; the caller keeps the segment and unlinks it. Raises UserError like
+    `segment.create`."""
     description = json.dumps({"shape": spec.shape, "dtype": np.lib.format.dtype_to_descr(spec.dtype)}).encode()
     if spec.slots < 3 or DESCRIPTION + len(description) > PAGE:
         raise ValueError(f"ring {name}: {spec.slots} slots (3 or more), {len(description)} bytes of description (a page or less)")
-    fence()  # a machine that has none is refused here, before the first process starts
+    fence()  # refuses a machine without fences here, before the first process starts
     memory = segment.create(name, spec.size_bytes, run_dir)
     buffer = segment.buffer(memory)
     head = np.frombuffer(buffer, "<i8", 5)
     head[1:] = spec.slots, spec.stride, spec.payload_bytes, len(description)
     buffer[DESCRIPTION : DESCRIPTION + len(description)] = description
     np.frombuffer(buffer, "<i8", 1, EPOCH)[0] = -1  # so that the first writer's epoch is 0
-    buffer[: len(MAGIC)] = MAGIC  # last: a reader that finds the magic finds the rest
+    buffer[: len(MAGIC)] = MAGIC  # last: a reader that sees the magic also sees the rest
     return memory
 
 
@@ -109,7 +109,7 @@ def _dtype(descr: Any) -> DTypeLike:
 
 
 class _Ring:
-    """Views over the segment, for both sides; `close` drops them before the segment."""
+    """Views of the segment, for both sides; `close` drops them before the segment."""
 
     def __init__(self, name: str, writable: bool) -> None:
         self.name = name
@@ -142,7 +142,7 @@ class _Ring:
         return int(self._epoch[0])
 
     def close(self) -> None:
-        """Drops the views, then the mapping: the other order would leave pointers into unmapped memory."""
+        """Drops the views, then the mapping; otherwise pointers into unmapped memory would remain."""
         del self._published, self._epoch
         self._heads.clear()
         self._payloads.clear()
@@ -158,7 +158,7 @@ class Writer(_Ring):
         self.new_epoch()
 
     def new_epoch(self) -> None:
-        """Marks a break: readers forget what they know from before."""
+        """Marks a break: readers discard their history."""
         self._epoch[0] += 1
 
     def begin(self) -> NDArray[Any]:
@@ -169,12 +169,12 @@ class Writer(_Ring):
         return self._payloads[i]
 
     def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None, kind: int = 0) -> int:
-        """Makes the slot of the last `begin` the newest; returns its seq. epoch, kind: of a frame that is passed on."""
+        """Makes the slot of the last `begin` the newest; returns its seq. epoch, kind: of a forwarded frame."""
         p = self.published
         head = self._heads[p % self.slots]
         head[1:7] = source_seq, self.epoch if epoch is None else epoch, t_sensor_ns, t_read_ns, now_ns(), kind
-        head[0] = p + 1  # in any order with the stamps and the payload: nobody looks before the counter says so
-        fence()  # SYNC: the slot is whole before the counter leads readers to it
+        head[0] = p + 1  # order relative to stamps and payload does not matter: readers wait for the counter
+        fence()  # SYNC: the slot is whole before the counter points readers to it
         self._published[0] = p + 1
         return p + 1
 
@@ -188,18 +188,19 @@ class Reader(_Ring):
         self.retries = 0
 
     def read(self, out: NDArray[Any]) -> Stamp | None:
-        """Copies the newest slot into out (shape and dtype of the ring) if there is one newer than the last read.
+        """Copies the newest slot to out (shape and dtype of the ring) if it is newer than the last read.
 
-        Returns None when there is none. Never returns a torn copy; retries are counted in `retries`.
+        Returns None otherwise. Never returns a torn copy; `retries` counts retries.
         """
         return self._read(out, in_order=False)
 
     def read_next(self, out: NDArray[Any]) -> Stamp | None:
-        """As `read`, but copies the slot after the last one read; or the oldest still there where the writer was too fast."""
+        """Like `read`, but copies the slot after the last one read, or the oldest remaining one if the writer was too fast."""
         return self._read(out, in_order=True)
 
     def peek(self, in_order: bool = False) -> tuple[Stamp, NDArray[Any]] | None:
-        """The slot itself instead of a copy, read-only: what is made of it counts only if `still_valid` says so afterwards."""
+        """The slot itself instead of a copy, read-only. Results made from it are valid only if `still_valid` confirms it
+        afterwards."""
         while (n := self._next(in_order)) is not None:
             stamp = self._stamp(n)
             if stamp is not None:
@@ -207,8 +208,8 @@ class Reader(_Ring):
         return None
 
     def still_valid(self, stamp: Stamp) -> bool:
-        """Whether the slot of stamp, peeked at before, has not been touched by the writer since."""
-        fence()  # SYNC: all that was read of the slot was read before the counter is looked at again
+        """Whether the writer has not touched the peeked slot of stamp since."""
+        fence()  # SYNC: all reads of the slot come before the counter is read again
         return self.published - stamp.seq <= self.slots - 2
 
     def _read(self, out: NDArray[Any], in_order: bool) -> Stamp | None:
@@ -216,7 +217,7 @@ class Reader(_Ring):
             slot = (n - 1) % self.slots
             if self.shape:
                 np.copyto(out, self._payloads[slot])
-            else:  # one record: as bytes, for numpy copies it field by field, ten times as slowly
+            else:  # one record: copy as bytes, because numpy copies field by field, ten times slower
                 out.reshape(1).view(np.uint8)[:] = self._bytes[slot]
             stamp = self._stamp(n)
             if stamp is not None:
@@ -224,7 +225,7 @@ class Reader(_Ring):
         return None
 
     def _next(self, in_order: bool) -> int | None:
-        """Number of the slot to read, None when there is no new one."""
+        """Number of the slot to read, None if there is no new one."""
         p = self.published
         if p == self.last_seq:
             return None
@@ -232,9 +233,9 @@ class Reader(_Ring):
         return max(self.last_seq + 1, p - self.slots + 2) if in_order else p
 
     def _stamp(self, n: int) -> Stamp | None:
-        """Header of slot number n, which is now the last read; None when the writer may have touched it meanwhile."""
+        """Header of slot number n, which becomes the last read; None if the writer may have touched it meanwhile."""
         seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, kind = self._heads[(n - 1) % self.slots][:7].tolist()
-        fence()  # SYNC: the copy is complete before the counter is looked at again
+        fence()  # SYNC: the copy is complete before the counter is read again
         if self.published - n > self.slots - 2 or seq != n:
             self.retries += 1
             return None

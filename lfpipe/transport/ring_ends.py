@@ -1,6 +1,6 @@
-"""The ends of rings as a stage holds them: wake-ups, the count of missed slots, and credit where nothing may be lost.
+"""The ends of rings in a stage: wake-ups, the count of missed slots, and credit in lossless sessions.
 
-Credit: with `lossless`, a reader reports in its status row how far it has taken a ring, and the writer waits for that.
+Credit: with `lossless`, a reader reports in its status row how far it has read a ring, and the writer waits for that.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ class RingInput:
         self._index = spec.ring_index(name)
         self._taken = row.record["taken_seq"].data
         taken = int(self._taken[self._index])
-        if options.lossless or taken:  # a process before this one died: what it left and what came since counts
+        if options.lossless or taken:  # a predecessor died: count what it left and what came since
             self.reader.last_seq = min(self.reader.last_seq, taken)
 
     def take(self, out: NDArray[Any], in_order: bool = False) -> ring.Stamp | None:
-        """Copies the newest slot into out, if there is a new one; the next in order where asked for, or where nothing may be
-        lost. Skipped slots count as drops.
+        """Copies the newest slot to out, if there is a new one; on request or in lossless sessions, the next in order.
+        Skipped slots count as drops.
         """
         self.wake.drain()
         stamp = self.reader.read_next(out) if in_order or self._credit else self.reader.read(out)
@@ -42,7 +42,8 @@ class RingInput:
         return stamp
 
     def peek(self, in_order: bool = False) -> tuple[ring.Stamp, NDArray[Any]] | None:
-        """As `take`, but the slot itself, read-only. Results made from it count only if it is `still_valid` afterwards."""
+        """Like `take`, but returns the slot itself, read-only. Results made from it are valid only if `still_valid` confirms
+        it."""
         self.wake.drain()
         found = self.reader.peek(in_order or self._credit is not None)
         if found is not None:
@@ -50,17 +51,17 @@ class RingInput:
         return found
 
     def still_valid(self, stamp: ring.Stamp) -> bool:
-        """Whether the writer has left a peeked slot alone until now; if not, it counts as a drop."""
+        """Whether the writer has not touched a peeked slot; if it has, the slot counts as a drop."""
         valid = self.reader.still_valid(stamp)
         self._row["drops"] += not valid
         return valid
 
     def _took(self, stamp: ring.Stamp) -> None:
         if self._credit and self.reader.published > stamp.seq:
-            self.wake.notify(stamp.seq)  # another slot waits, and its wake-up has just been drained
+            self.wake.notify(stamp.seq)  # another slot is waiting, but its wake-up has just been consumed
         self._row["drops"] += stamp.skipped
         if self._credit is None:
-            self._taken[self._index] = stamp.seq - 1  # those are counted
+            self._taken[self._index] = stamp.seq - 1  # they have already been counted
         elif not self._lock_step:
             self.give_credit()
 
@@ -70,12 +71,12 @@ class RingInput:
         self.give_credit()
 
     def done(self) -> None:
-        """Everything taken is dealt with. If this process dies, its successor counts what came after this as dropped."""
+        """Everything taken has been processed. If this process dies, its successor counts later slots as dropped."""
         if self._credit is None:
             self._taken[self._index] = self.reader.last_seq
 
     def give_credit(self) -> None:
-        """Tells the writer that the slots taken so far may be overwritten; in lock-step, that they are dealt with."""
+        """Reports to the writer that the slots taken so far may be overwritten; in lock-step, that they have been processed."""
         if self._credit is not None and self._taken[self._index] != self.reader.last_seq:
             self._taken[self._index] = self.reader.last_seq
             self._credit.notify(self.reader.last_seq)
@@ -84,7 +85,8 @@ class RingInput:
 class RingOutput:
     """The writing end of a ring with the wake-ups of its readers.
 
-    table: the status table. wait_for: waits until a condition holds, woken by credits. done: what the stage took is dealt with.
+    table: the status table. wait_for: waits until a condition holds, woken by credits. done: reports that the stage has
+    processed what it took.
     """
 
     def __init__(
@@ -98,7 +100,7 @@ class RingOutput:
         session, options, self._wait_for, self._done = spec.session, spec.options, wait_for, done
         self._index, self._lock_step = spec.ring_index(name), options.lock_step
         self.writer = ring.Writer(session.segment(name))
-        self._ahead = 0 if options.lock_step else max(0, self.writer.slots - 4)  # slots that readers need not have taken yet
+        self._ahead = 0 if options.lock_step else max(0, self.writer.slots - 4)  # number of slots that readers may be behind
         readers = spec.consumers.get(name, [])
         self._wakes = [Wake(session.wake(name, reader)) for reader in readers]
         self._rows = [table.rows[reader] for reader in readers] if options.lossless else []
@@ -109,13 +111,13 @@ class RingOutput:
         return self.writer.begin()
 
     def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None, kind: int = 0) -> int:
-        """Publishes the slot of `begin` and wakes the readers. Where nothing may be lost, it first waits until they are at most
-        a few slots behind; in lock-step, it then waits until they have dealt with this one.
+        """Publishes the slot of `begin` and wakes the readers. In lossless sessions, it first waits until they are at most a
+        few slots behind. In lock-step, it then waits until they have processed this one.
         """
         if self._rows:
             self._wait_for(self._all_taken, self.credits)
         seq = self.writer.publish(source_seq, t_sensor_ns, t_read_ns, epoch, kind)
-        self._done()  # at once: a kill before this line counts as lost what has just been published
+        self._done()  # at once: if the process is killed before this line, the new slot counts as lost
         for wake in self._wakes:
             wake.notify(seq)
         if self._lock_step:

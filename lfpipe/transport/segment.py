@@ -1,4 +1,4 @@
-"""Shared-memory segments: only the supervisor creates and unlinks them, everybody else attaches without tracking.
+"""Shared-memory segments: only the supervisor creates and unlinks them; all others attach without tracking.
 
 A segment names its owner, and whether that lives can be seen from outside: `lfpipe.host.shared_memory` says how.
 """
@@ -24,27 +24,27 @@ PAGE = 4096
 
 
 class WrongSegment(UserError, ValueError):
-    """A segment that holds something else than its reader expects, or another version of it."""
+    """A segment with other contents, or another version, than its reader expects."""
 
 
 def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
-    """Creates a segment of size_bytes zeros for the session of run_dir. Its pages exist: a full /dev/shm is an error here.
+    """Creates a segment of size_bytes zeros for the session of run_dir. Allocates its pages, so a full /dev/shm is an error here.
 
-    Raises UserError if there is no room, if the name is taken, and if shared memory cannot be created at all.
+    Raises UserError if there is no room, if the name is in use, or if shared memory cannot be created at all.
     """
     whole_bytes = -(-size_bytes // PAGE) * PAGE
     try:
         return shared_memory.create(name, whole_bytes, os.fsencode(run_dir) if run_dir else b"")
     except FileExistsError:
         raise UserError(
-            f"{SHM_DIR / name}: {_kind(SHM_DIR / name)} is in the way", "remove it, or another --session name"
+            f"{SHM_DIR / name}: {_kind(SHM_DIR / name)} is in the way", "remove it, or use another --session name"
         ) from None
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.ENOMEM):
-            raise UserError(f"{SHM_DIR}: no shared memory can be made: {error.strerror}", shared_memory.WRITABLE) from None
+            raise UserError(f"{SHM_DIR}: cannot create shared memory: {error.strerror}", shared_memory.WRITABLE) from None
         free, total = shared_memory.room()
         raise UserError(
-            f"{WHERE} has {free / 1e6:.1f} MB free of {total / 1e6:.1f} MB, {name} needs {whole_bytes / 1e6:.1f} MB",
+            f"{WHERE} has {free / 1e6:.1f} MB free of {total / 1e6:.1f} MB; {name} needs {whole_bytes / 1e6:.1f} MB",
             f"{shared_memory.more_room(whole_bytes)}, or smaller camera.width_px and camera.height_px",
         ) from None
 
@@ -58,7 +58,7 @@ def _kind(path: Path) -> str:
     kinds = {stat.S_IFDIR: "a directory", stat.S_IFLNK: "a link", stat.S_IFREG: "a file"}
     kind = kinds.get(stat.S_IFMT(found.st_mode), "something")
     if found.st_uid == user_id():
-        return f"{kind} that lfpipe did not make"
+        return f"{kind} that lfpipe did not create"
     return f"{kind} of user {user_name(found.st_uid)}"
 
 
@@ -76,7 +76,7 @@ def check(memory: SharedMemory, magic: bytes, what: str, size_bytes: int) -> Non
     memory.close()
     said = f"begins with {found!r}" if found != magic else f"has {size} bytes of {size_bytes}"
     raise WrongSegment(
-        f"{memory.name}: no {what} of this version (magic {magic!r}): it {said}",
+        f"{memory.name}: not a {what} of this version (magic {magic!r}): it {said}",
         "end that session with the version of lfpipe that started it, then start it again",
     )
 
@@ -87,7 +87,7 @@ def owned(prefix: str = PREFIX) -> dict[str, Path]:
 
 
 def abandoned(prefix: str = PREFIX) -> Iterator[tuple[str, Path]]:
-    """Name and run directory of those whose supervisor is dead. The caller may unlink each by name before it takes the next:
-    until then no other process unlinks it, so that the name cannot pass to another segment.
+    """Yields name and run directory of segments whose supervisor is dead. The caller may unlink each by name before it takes the
+    next. Until then, no other process unlinks it, so the name cannot pass to another segment.
     """
     return shared_memory.abandoned(prefix)

@@ -13,8 +13,8 @@ from lfpipe.errors import UserError
 from lfpipe.host.users import runtime_dir, user_word
 from lfpipe.transport import segment
 
-PREFIX = f"lfpipe-{user_word()}-"  # of run directories, so that users do not meet
-LONGEST_PART = 13  # characters of a ring's name within that of its segment
+PREFIX = f"lfpipe-{user_word()}-"  # of run directories, to separate users
+LONGEST_PART = 13  # characters of a ring's name in the name of its segment
 
 
 def base_dir() -> Path:
@@ -33,13 +33,13 @@ def base_dir() -> Path:
 def segment_prefix(run_dir: Path) -> str:
     """First part of the names of a session's segments: `lfp-`, 12 hexadecimal digits of a hash, `-`.
 
-    The hash is the SHA-256 of `DEVICE:INODE/NAME`: device and inode of the parent of the run directory, and its own name. It is
-    the same by any path to that directory, and differs in another container that shares /dev/shm.
+    The hash is the SHA-256 of `DEVICE:INODE/NAME`: device and inode of the run directory's parent, and its own name. It is
+    the same for any path to that directory, and differs in another container that shares /dev/shm.
     """
     try:
         found = run_dir.parent.stat()
         base = f"{found.st_dev}:{found.st_ino}"
-    except OSError:  # no session can be there
+    except OSError:  # no session can exist there
         base = str(run_dir.parent)
     return f"{segment.PREFIX}{_digest(f'{base}/{run_dir.name}')}-"
 
@@ -50,7 +50,7 @@ def _digest(text: str) -> str:
 
 def _check_name(name: str, said: str) -> None:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.]{0,31}", name):
-        raise UserError(f"{said} is not a name", "1 to 32 letters, digits, _ and ., the first a letter or digit")
+        raise UserError(f"{said} is not a valid name", "use 1 to 32 letters, digits, _ and ., beginning with a letter or digit")
 
 
 @attrs.frozen
@@ -72,10 +72,10 @@ class Session:
         return self.run_dir / "lock"
 
     def segment(self, part: str) -> str:
-        """Name of a shared-memory segment, at most 30 characters. part: a ring, "status", or "" for what all names begin with.
+        """Name of a shared-memory segment, at most 30 characters. part: a ring, "status", or "" for the prefix of all names.
 
         If this process's runtime directory has no such session, the name is that of the user's only session of this name
-        elsewhere, so that readers need not share the runtime directory of the session.
+        elsewhere, so readers need not use the session's runtime directory.
         """
         return self._segments() + (part if len(part) <= LONGEST_PART else f"_{_digest(part)}")
 
@@ -88,16 +88,16 @@ class Session:
         return elsewhere.pop() if len(elsewhere) == 1 else here
 
     def wake(self, ring: str, reader: str) -> Path:
-        """FIFO by which the writer of ring wakes reader."""
+        """FIFO with which the writer of ring wakes reader."""
         return self.run_dir / f"wake.{ring}.{reader}"
 
     def credit(self, ring: str, reader: str) -> Path:
-        """FIFO by which reader tells the writer of ring that it has taken a slot, where nothing may be lost."""
+        """FIFO with which reader reports to the writer of ring that it has read a slot, in lossless sessions."""
         return self.run_dir / f"credit.{ring}.{reader}"
 
 
 def default_name() -> str:
-    """The session that commands use when none is named. Raises UserError if LFPIPE_SESSION is no name."""
+    """The session that commands use by default. Raises UserError if LFPIPE_SESSION is not a valid name."""
     name = os.environ.get("LFPIPE_SESSION") or "default"
     _check_name(name, f"LFPIPE_SESSION={name!r}")
     return name

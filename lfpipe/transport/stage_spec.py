@@ -1,4 +1,4 @@
-"""What a stage's process gets at its start."""
+"""The data that a stage's process receives at its start."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lfpipe.transport.session import Session
 
 @attrs.frozen
 class StageSpec:
-    """Everything that a stage's process gets at its start, pickled.
+    """Everything that a stage's process receives at its start, pickled.
 
     consumers: ring -> stages that read it. others: the other stages of the session. source: the stage that
     makes frames. cpus: cores to run on, none for all.
@@ -30,5 +30,5 @@ class StageSpec:
     nice: int | None = None
 
     def ring_index(self, name: str) -> int:
-        """The place of a ring's credit in a status row."""
+        """The index of a ring's credit in a status row."""
         return list(self.consumers).index(name)

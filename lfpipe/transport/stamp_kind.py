@@ -1,4 +1,4 @@
-"""What a frame's sensor stamp was derived from."""
+"""The source of a frame's sensor stamp."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import enum
 
 
 class StampKind(enum.IntEnum):
-    """The number in a ring's slot; `word` is that of the trace."""
+    """The number in a ring's slot; `word` is its name in the trace."""
 
-    SCHEDULED = 0  # a recording's or the demo's own time
+    SCHEDULED = 0  # a recording's or the demo's scheduled time
     READ = 1  # no usable stamp: the time when the frame was read
     END_OF_FRAME = 2
     START_OF_EXPOSURE = 3

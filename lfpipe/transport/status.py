@@ -1,10 +1,10 @@
-"""The status table: one row per process in shared memory, read by the supervisor and by monitors with no message at all.
+"""The status table: one row per process in shared memory, read by the supervisor and by monitors without messages.
 
-    0    magic "LFSTAT1\0"      8  checksum of the types below, so that a table of other fields is never read as one of these
+    0    magic "LFSTAT1\0"      8  checksum of the types below, so that a table with other fields is never misread
     64   PAGE_ROWS rows of ROW, then SESSION
 
-A row has one writer at any time: the stage while it lives, the supervisor while no process of that row does; the fields
-from `name` to `dead_ns` are the supervisor's alone. Counters and histograms outlive a restart of the stage.
+A row has one writer at any time: the stage while it lives, otherwise the supervisor. Only the supervisor writes the fields from
+`name` to `dead_ns`. Counters and histograms survive a restart of the stage.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ RINGS = 8  # rings that a session may have
 
 
 class State(enum.IntEnum):
-    """Where a process is in its life. NONE: the session never needed it. FINISHED: it did its work and ended in order."""
+    """The state of a process. NONE: the session never needed it. FINISHED: it completed its work."""
 
     NONE = 0
     STARTING = 1
@@ -37,7 +37,7 @@ class State(enum.IntEnum):
     FINISHED = 6
 
 
-ENDED = (State.NONE, State.DEAD, State.FINISHED)  # there is no process
+ENDED = (State.NONE, State.DEAD, State.FINISHED)  # states without a process
 
 
 ROW = np.dtype(
@@ -49,38 +49,38 @@ ROW = np.dtype(
         ("dead_ns", "<i8"),
         ("state", "<i8"),
         ("ready_ns", "<i8"),
-        ("beat_ns", "<i8"),  # kicked from the main loop only
+        ("beat_ns", "<i8"),  # updated only by the main loop
         ("seq", "<i8"),  # outputs completed, over all restarts
         ("source_seq", "<i8"),  # of the input last completed
         ("taken_seq", "<i8", (RINGS,)),  # last taken of each ring, by `StageSpec.ring_index`: the credit of lossless running
         ("epoch", "<i8"),
-        ("drops", "<i8"),  # inputs this stage never saw, or could not use in time
-        ("left_out", "<i8"),  # inputs it left out as told: at a lowered quality, while paused, for a newer one
-        ("missed", "<i8"),  # of render: refreshes of the display that passed without it
+        ("drops", "<i8"),  # inputs that this stage lost, or could not use in time
+        ("left_out", "<i8"),  # inputs left out on purpose: at a lowered quality, while paused, for a newer one
+        ("missed", "<i8"),  # of render: refreshes of the display without a picture from it
         ("planned", "<i8"),  # of render: refreshes of a screen whose blanks are reported
         ("juddered", "<i8"),  # of render: those of them that showed another picture than was planned
         ("onset_ns", "<i8"),  # of render: latency at the onset of a motion; 0: not known
         ("steady_ns", "<i8"),  # of render: by how much pictures lag behind a head under way; 0: not known
-        ("config_rev", "<i8"),  # revision of the configuration it works by
+        ("config_rev", "<i8"),  # revision of the session state that it uses
         ("busy_ns", "<i8"),
         ("cpu_ns", "<i8"),
         ("face", "<i8"),
         ("nominal_mhz", "<i8"),  # of capture: frames per 1000 s that the camera agreed to deliver
-        ("dim", "<i8"),  # of capture: the camera delivers clearly fewer, although none gets lost
+        ("dim", "<i8"),  # of capture: the camera delivers clearly fewer, although none is lost
         ("t_face_ns", "<i8"),  # of render: when a picture was last made for a face, or the stage began
         ("viewer", "<i8"),  # of render: the viewer's state, a value of ViewerState
-        ("busy_since_ns", "<i8"),  # since when it has been at what busy_with says
-        ("busy_with", "S32"),  # what keeps it from its loop just now, in words; empty in its loop
+        ("busy_since_ns", "<i8"),  # start of the work in busy_with
+        ("busy_with", "S32"),  # work outside its loop, in words; empty in its loop
         ("recent_ns", "<i8", (RECENT,)),
-        ("wait", HISTOGRAM),  # from published by the stage before to taken by this one
+        ("wait", HISTOGRAM),  # from publication by the previous stage until taken by this one
         ("busy", HISTOGRAM),  # from taken to published
-        ("age", HISTOGRAM),  # from the sensor to published: what the output's age is
-        ("horizon", HISTOGRAM),  # of render: from the sensor to the time that eyes are predicted to, at every refresh
+        ("age", HISTOGRAM),  # from the sensor to publication: the output's age
+        ("horizon", HISTOGRAM),  # of render: from the sensor stamp to the time of the predicted eyes, at every refresh
     ]
 )
 PAGE_ROWS = 8
 
-# Of the session as a whole, by the supervisor: the level of quality in force, 0 for full, the number of the lowest, and in words.
+# Of the whole session, written by the supervisor: the current level of quality (0 is full), the last level, and in words.
 SESSION = np.dtype([("level", "<i8"), ("lowest", "<i8"), ("words", "S96")])
 
 MAGIC = b"LFSTAT1\0"
@@ -102,9 +102,9 @@ def create(name: str, rows: list[str], run_dir: Path | None = None) -> Segment:
 
 
 class Table:
-    """The table as attached by anybody. rows: name -> record of dtype ROW, shape (). session: record of dtype SESSION.
+    """An attached table. rows: name -> record of dtype ROW, shape (). session: record of dtype SESSION.
 
-    Raises FileNotFoundError where there is no such segment, WrongSegment where it holds something else.
+    Raises FileNotFoundError if the segment does not exist, WrongSegment if it has other contents.
     """
 
     def __init__(self, name: str, writable: bool = False) -> None:
@@ -125,7 +125,7 @@ class Table:
 
 
 class Row:
-    """A stage's side of its row: plain integers behind names, histograms beside them."""
+    """A stage's access to its row: named integers and histograms."""
 
     def __init__(self, record: NDArray[np.void]) -> None:
         self.record = record
@@ -140,16 +140,16 @@ class Row:
         self._int[name][0] = value
 
     def beat(self) -> None:
-        """I am alive and my loop turns."""
+        """Reports that the stage is alive and its loop is running."""
         self._int["beat_ns"][0] = now_ns()
 
     def set_busy(self, words: str) -> None:
-        """What keeps the stage from its loop from now on, at most 32 bytes; nothing any more where words are empty."""
+        """Sets the stage's current work outside its loop, at most 32 bytes; "" to clear it."""
         self._int["busy_since_ns"][0] = self._int["beat_ns"][0] = now_ns()
         self.record["busy_with"] = words.encode()
 
     def tick(self, source_seq: int) -> None:
-        """One output completed, made from input source_seq."""
+        """Counts one completed output, made from input source_seq."""
         t_ns = now_ns()
         seq = self._int["seq"][0]
         self._recent[seq % RECENT] = t_ns
@@ -158,7 +158,7 @@ class Row:
         self._int["beat_ns"][0] = t_ns
 
     def measure(self, wait_ns: int, busy_ns: int, age_ns: int) -> None:
-        """The three durations of one output."""
+        """Records the three durations of one output."""
         self._int["busy_ns"][0] += busy_ns
         self.wait.add_ns(wait_ns)
         self.busy.add_ns(busy_ns)
@@ -166,13 +166,13 @@ class Row:
 
 
 def busy_words(record: NDArray[np.void]) -> str:
-    """What keeps a stage from its loop just now; empty where nothing does."""
+    """A stage's current work outside its loop; "" if none."""
     words: bytes = record["busy_with"].item()
     return words.decode(errors="replace")
 
 
 def rate_hz(record: NDArray[np.void], t_ns: int | None = None) -> float:
-    """Outputs per second over the last RECENT of them; 0 before two, or when the newest is older than ten periods."""
+    """Outputs per second over the last RECENT of them; 0 before two outputs, or if the newest is older than ten periods."""
     stamps = np.sort(record["recent_ns"][record["recent_ns"] > 0])
     if stamps.size < 2:
         return 0.0

@@ -162,7 +162,7 @@ def test_a_source_of_broken_frames_only_gives_up(tmp_path: Path) -> None:
     for path in tmp_path.iterdir():
         path.unlink()
     broken = 0
-    with pytest.raises(UserError, match=f"nor can the {MAX_BROKEN} before it") as told:
+    with pytest.raises(UserError, match=f"the {MAX_BROKEN} before it are broken too") as told:
         while True:
             try:
                 source.read(OUT)

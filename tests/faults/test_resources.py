@@ -85,7 +85,7 @@ def packed(world: World, scene: Path, cache: Path) -> Path:
 
 @mounts
 @pytest.mark.native("/dev/shm")
-@pytest.mark.parametrize(("options", "says"), [("size=1m", "MB free of"), ("size=64m,ro", "no shared memory can be made")])
+@pytest.mark.parametrize(("options", "says"), [("size=1m", "MB free of"), ("size=64m,ro", "cannot create shared memory")])
 def test_too_little_shared_memory(world: World, packed: Path, options: str, says: str) -> None:
     done = in_mounts(world, ("up", packed, *PLAIN, "--session", world.name), (Path("/dev/shm"), options), after="ls /dev/shm")
     assert_said(done, world, "/dev/shm", says)

@@ -204,11 +204,11 @@ ATTACKS: list[tuple[str, Callable[[Path], Path], str]] = [
     ("HDF5 in chunks", claiming_h5("lf.h5", (9, 9, 4000, 4000, 3), chunks=(1, 1, 100, 100, 3)), "0 bytes are stored"),
     ("HDF5, no end", claiming_h5("lf.h5", (1, 2**40, 32, 32, 3)), "0 bytes are stored"),
     (".mat 7.3", claiming_h5("a.mat", (3, 4000, 4000, 9, 9)), "0 bytes are stored"),
-    ("chain of links", chained_links, "leads to another"),
-    ("virtual data set", virtual, "kept in other files"),
-    ("HDF5 bomb", chunk_bomb, "is packed to"),
-    (".mat bomb", mat_bomb("LF"), "unpack to more"),
-    (".mat bomb beside", mat_bomb("xx"), "unpack to more"),
+    ("chain of links", chained_links, "links to another"),
+    ("virtual data set", virtual, "stored in other files"),
+    ("HDF5 bomb", chunk_bomb, "is compressed to"),
+    (".mat bomb", mat_bomb("LF"), "decompress to more"),
+    (".mat bomb beside", mat_bomb("xx"), "decompress to more"),
     ("film, header", large_film, "9000x9000"),
     ("film, frames", large_frames, "film.avi"),
     ("playlist", playlist, "not a readable video"),
@@ -424,5 +424,5 @@ def test_libraries_that_give_up_are_a_message(tmp_path: Path, error: Exception, 
 
     monkeypatch.setattr("lfpipe.scene.orientation.flow", fail, raising=False)
     monkeypatch.setattr("lfpipe.scene.flow_check.flow", fail)
-    with pytest.raises(UserError, match=r"not enough memory|OpenCV cannot work with it"):
+    with pytest.raises(UserError, match=r"not enough memory|OpenCV cannot read it"):
         open_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache")))

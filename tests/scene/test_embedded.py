@@ -88,7 +88,7 @@ def test_a_damaged_portrait_is_refused_or_opens_flat(tmp_path: Path, at: int) ->
 
 def test_a_map_that_is_promised_but_not_there_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(with_segments(jpeg(PICTURE), XMP + b'<x GDepth:Format="RangeInverse"/>'))
-    with pytest.raises(UserError, match="holds none that can be read"):
+    with pytest.raises(UserError, match="has no readable one"):
         embedded_depth(tmp_path / "a.jpg")
 
 

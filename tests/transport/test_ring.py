@@ -203,7 +203,7 @@ def test_what_is_no_ring_is_said(name: str) -> None:
         with pytest.raises(ValueError, match=name):
             ring.create(name, RingSpec((4,), dtype, slots))
     memory = segment.create(name, 8192)
-    with pytest.raises(ValueError, match="no ring of this version"):
+    with pytest.raises(ValueError, match="not a ring of this version"):
         Reader(name)
     memory.close()
     memory.unlink()

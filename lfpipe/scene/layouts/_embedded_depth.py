@@ -86,7 +86,7 @@ def embedded_depth(path: Path) -> NDArray[Any]:
         coded = None
     header = header_of(coded) if coded else None
     if header is None or coded is None or header.decoded_bytes > _MAX_DEPTH_BYTES or header.problem(len(coded)):
-        raise UserError(f"{path}: says that it carries a depth map, but holds none that can be read", _REMEDY)
+        raise UserError(f"{path}: claims to contain a depth map, but has no readable one", _REMEDY)
     found = cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
     if found is None:
         raise UserError(f"{path}: its depth map is damaged", _REMEDY)

@@ -26,7 +26,7 @@ def parse_grid(text: str) -> ViewIndex | None:
         return None
     found = re.fullmatch(r"\s*(\d{1,4})\s*[xX×]\s*(\d{1,4})\s*", text)
     if not found or int(found[1]) * int(found[2]) == 0:
-        raise UserError(f"scene.grid: {text!r} is not ROWSxCOLS", "for example --set scene.grid=9x9")
+        raise UserError(f"scene.grid: {text!r} is not ROWSxCOLS", "use for example --set scene.grid=9x9")
     require_grid(int(found[1]), int(found[2]), "scene.grid")
     return int(found[1]), int(found[2])
 
@@ -44,7 +44,7 @@ def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
     """Raises UserError where no view is so large. what: who says so."""
     if min(height, width) < 1 or height * width * 3 * sample_bytes > MAX_DECODING_BYTES:
         most = f"at most {MAX_DECODING_BYTES / 1e6:.0f} MB each"
-        raise UserError(f"{what}: views of {width}x{height} px, {most} are expected", "export it with smaller views")
+        raise UserError(f"{what}: views of {width}x{height} px, expected {most}", "export it with smaller views")
 
 
 def true_max(values: list[int], full: int) -> int:

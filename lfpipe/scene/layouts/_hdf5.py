@@ -39,7 +39,7 @@ class Hdf5:
             try:
                 self._file = h5py.File(descriptor_path(file), "r")
             except _TROUBLE as error:
-                raise UserError(f"{path}: not a readable HDF5 file: {_first_line(error)}", "fetch it again") from None
+                raise UserError(f"{path}: not a readable HDF5 file: {_first_line(error)}", "download it again") from None
         self._h5py = h5py
 
     def shape(self, key: str) -> tuple[int, ...] | None:
@@ -49,12 +49,12 @@ class Hdf5:
             link = self._file.get(key, getlink=True)
             if isinstance(link, self._h5py.ExternalLink | self._h5py.SoftLink):  # a chain of them may end anywhere
                 there = getattr(link, "filename", "") or link.path
-                raise UserError(f"{self.path}: {key} leads to another file or place, {there}", "fetch the scene as one file")
+                raise UserError(f"{self.path}: {key} links to another file or place, {there}", "download the scene as one file")
             item = self._file.get(key)
             if not isinstance(item, self._h5py.Dataset) or item.dtype.kind not in "uif" or item.shape is None:
                 return None
             if item.external or item.is_virtual:
-                raise UserError(f"{self.path}: {key} is kept in other files", "fetch the whole scene as one file")
+                raise UserError(f"{self.path}: {key} is stored in other files", "download the whole scene as one file")
             shape = tuple(int(n) for n in item.shape)
             self._require_plausible(key, item, shape)
             return shape
@@ -123,12 +123,12 @@ def _require_bounded(dataset: Any) -> None:
     if not packers:
         return
     if len(packers) > 1 or filters[packers[0]] not in (_DEFLATE, _LZF) or _SHUFFLE in filters[packers[0] :]:
-        raise ValueError(f"filters {filters} are not read here; save it with gzip")
+        raise ValueError(f"filters {filters} are not supported; save it with gzip")
     stored: list[tuple[tuple[int, ...], int]] = []
     dataset.id.chunk_iter(lambda about: stored.append((about.chunk_offset, about.size)))
     for offset, packed in stored:
         if packed > size * 1.1 + 1024 or (filters[packers[0]] == _LZF and packed * _LZF_RATIO > _SMALL_BYTES):
-            raise ValueError(f"a chunk of {size} bytes is packed to {packed}")
+            raise ValueError(f"a chunk of {size} bytes is compressed to {packed}")
         mask, data = dataset.id.read_direct_chunk(offset)
         if filters[packers[0]] == _DEFLATE and not mask >> packers[0] & 1:
             engine = zlib.decompressobj()
@@ -137,7 +137,7 @@ def _require_bounded(dataset: Any) -> None:
             except zlib.error:
                 whole = False
             if not whole:
-                raise ValueError(f"the chunk at {offset} does not unpack to its {size} bytes")
+                raise ValueError(f"the chunk at {offset} does not decompress to its {size} bytes")
 
 
 def _first_line(error: Exception) -> str:
@@ -162,7 +162,7 @@ def unsigned(values: NDArray[Any], path: Path, full: Callable[[], float] = lambd
     if values.dtype.kind != "f":
         raise UserError(f"{path}: values of type {values.dtype}", "export them as uint8, uint16 or float")
     if not np.isfinite(values).all():
-        raise UserError(f"{path}: holds values that are no numbers (NaN or infinite)", "export it again")
+        raise UserError(f"{path}: contains NaN or infinite values", "export it again")
     with np.errstate(over="ignore"):
         share = np.clip(values.astype(np.float32) / np.float32(full()), 0, 1)
     return np.asarray(np.rint(share * np.float32(65535)), np.uint16)

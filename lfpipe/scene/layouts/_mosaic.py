@@ -176,5 +176,5 @@ def picture_loader(paths: list[Path]) -> LastPictures:
     for path, size in zip(paths, sizes, strict=True):
         if size != sizes[0]:
             what = f"{path}: {size} px, {paths[0].name} has {sizes[0]}"
-            raise UserError(what, "every frame of a light-field video has the same size")
+            raise UserError(what, "all frames of a light-field video must have the same size")
     return LastPictures(lambda frame: read_picture(paths[frame], headers[frame])[0])

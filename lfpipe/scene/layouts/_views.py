@@ -64,9 +64,9 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
     if runs and not numbered.runs:
         numbered = attrs.evolve(numbered, views=dict(_line(numbered)), rows=1, cols=len(numbered.views), runs=True)
     if not runs and numbered.runs:
-        raise UserError(f"{listing.path}: the names hold one running number, not row and column", "use --layout numbered")
+        raise UserError(f"{listing.path}: the names contain one running number, not row and column", "use --layout numbered")
     for first, second in numbered.clashes:
-        raise UserError(f"{listing.path}: {first} and {second} both stand for one view", f"move {second} away")
+        raise UserError(f"{listing.path}: {first} and {second} are the same view", f"move {second} away")
     grid, doubt, notes = parse_grid(scene.grid), "", []
     if runs:
         views, rows, cols, doubt, note = _arranged(listing, paths, headers, numbered, grid)
@@ -78,7 +78,7 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
             raise UserError(wrong, "leave out --grid")
     if rows * cols > max(len(views), _MAX_CELLS):
         wrong = f"{listing.path}: the names span {rows}x{cols} views, {len(views)} files are there"
-        raise UserError(wrong, "give a folder that holds the views of one scene only")
+        raise UserError(wrong, "give a folder with the views of only one scene")
     part = whole_part(views, rows, cols)
     require_grid(part.rows, part.cols, str(listing.path))
     used = set(part.views.values())
@@ -87,7 +87,7 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         notes.append(part.note)
     if unused:
         sizes = {name: f"{name} ({odd[name]})" if name in odd else name for name in unused}
-        notes.append(f"{len(used)} of {len(paths)} files used, the others are {some(list(sizes.values()))}")
+        notes.append(f"{len(used)} of {len(paths)} files used; the others are {some(list(sizes.values()))}")
     files = {index: paths[name] for index, name in part.views.items()}
     return files_source(
         layout,

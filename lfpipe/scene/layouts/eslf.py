@@ -74,7 +74,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         return np.ascontiguousarray(picture[row::all_rows, col::all_cols])
 
     top, left, rows, cols, dark = bright_part(view, all_rows, all_cols)
-    notes = (f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used, the others are dark",) if top or left else ()
+    notes = (f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used; the others are dark",) if top or left else ()
     return SceneSource(
         certain="eslf" in path.stem.lower(), layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
         read=lambda frame, row, col: view(row + top, col + left),

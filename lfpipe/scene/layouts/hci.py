@@ -41,7 +41,7 @@ def _parameters(path: Path) -> configparser.SectionProxy:
         parser.read_string(read_bytes(path).decode("utf-8", "replace"))
     except configparser.Error as error:
         reason = str(error).splitlines()[0]
-        raise UserError(f"{path}: not in the form of parameters.cfg: {reason}", _NOT_NEEDED) from None
+        raise UserError(f"{path}: not a valid parameters.cfg: {reason}", _NOT_NEEDED) from None
     whole = configparser.ConfigParser(interpolation=None)
     whole.read_dict({"all": {key: value for section in parser.sections() for key, value in parser[section].items()}})
     return whole["all"]
@@ -71,7 +71,7 @@ def _geometry(path: Path, table: configparser.SectionProxy) -> Geometry:
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     views = {int(found[1]): name for name in listing.names if (found := _VIEW.fullmatch(name))}
     if not views:
-        raise UserError(f"{listing.path}: no input_Cam000.png, input_Cam001.png, ...", "give the folder that holds them")
+        raise UserError(f"{listing.path}: no input_Cam000.png, input_Cam001.png, ...", "give the folder that contains them")
     cfg = listing.file("parameters.cfg") if "parameters.cfg" in listing.names else None
     geometry, grid = Geometry(), parse_grid(scene.grid)
     if cfg:
@@ -86,7 +86,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     rows, cols = grid
     if max(views) >= rows * cols:
         last = views[max(views)]
-        raise UserError(f"{listing.path}: {last} lies beyond the grid of {rows}x{cols}", "name it by --set scene.grid=ROWSxCOLS")
+        raise UserError(f"{listing.path}: {last} is outside of the grid of {rows}x{cols}", "use --set scene.grid=ROWSxCOLS")
     files = {divmod(index, cols): listing.file(name) for index, name in views.items()}
     require_whole(listing, files, rows, cols, views[min(views)])
     truth: dict[tuple[int, int], Callable[[], NDArray[np.float32]]] = {}

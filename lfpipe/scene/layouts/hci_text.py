@@ -56,13 +56,13 @@ def disparity_of_depth(depth: NDArray[np.float32], d_h: float, focal: float, shi
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     if "attributes.dat" not in listing.names or "lf" not in listing.folders:
-        raise UserError(f"{listing.path}: no attributes.dat beside a folder lf/", "give the folder that holds both")
+        raise UserError(f"{listing.path}: no attributes.dat next to a folder lf/", "give the folder that contains both")
     known = attributes(read_bytes(listing.file("attributes.dat")).decode("utf-8", "replace"))
     require_plausible(known, listing.folder / "attributes.dat")
     inner = list_scene(listing.file("lf"))
     pairs = {(int(found[1]), int(found[2])): name for name in inner.names if (found := _VIEW.fullmatch(name))}
     if not pairs:
-        raise UserError(f"{inner.path}: no views ROW_COLUMN.png", "fetch the scene again")
+        raise UserError(f"{inner.path}: no views ROW_COLUMN.png", "download the scene again")
     files, rows, cols = named_grid(pairs, inner)
     said = known.get("vRes", rows), known.get("hRes", cols)
     if said != (rows, cols) and all(1 <= n <= MAX_SIDE for n in said):

@@ -28,7 +28,7 @@ def detect(listing: Listing) -> int | None:
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     pairs = {(int(found[1]), int(found[2])): name for name in listing.names if (found := _VIEW.fullmatch(name))}
     if not pairs:
-        raise UserError(f"{listing.path}: no ROW_COLUMN.ppm with three digits each", "give the folder that holds the views")
+        raise UserError(f"{listing.path}: no ROW_COLUMN.ppm with three digits each", "give the folder of the views")
     files, rows, cols = named_grid(pairs, listing)
 
     def read(row: int, col: int) -> NDArray[Any] | None:
@@ -44,7 +44,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     kept = {place: path for place, path in inside.items() if place not in dark}
     notes = []
     if top or left:
-        notes.append(f"the central {rows}x{cols} views are used, the sides outside of them are dark")
+        notes.append(f"the central {rows}x{cols} views are used; those outside are dark")
     if len(kept) < rows * cols:
         notes.append(f"{rows * cols - len(kept)} corner views are absent or dark")
     return files_source(

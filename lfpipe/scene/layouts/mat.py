@@ -64,7 +64,7 @@ def _open(path: Path) -> tuple[str, tuple[int, ...], np.dtype[Any], Callable[[An
             if (shape := data.shape(key)) is not None:
                 return key, shape, data.type(key), partial(data.piece, key), data.keys()
         there = ", ".join(data.keys()[:8]) or "none"
-        raise UserError(f"{path}: no variable LF (there are: {there})", "save the light field as LF")
+        raise UserError(f"{path}: no variable LF (found: {there})", "save the light field as LF")
     try:
         import scipy.io
     except ImportError:
@@ -88,7 +88,7 @@ def _open(path: Path) -> tuple[str, tuple[int, ...], np.dtype[Any], Callable[[An
     for key in _KEYS:
         if isinstance(values := held.get(key), np.ndarray):
             if values.dtype.kind not in "uif":
-                raise UserError(f"{path}: {key} holds {values.dtype}, no pictures", "save it as uint8, uint16 or float")
+                raise UserError(f"{path}: {key} contains {values.dtype}, not pictures", "save it as uint8, uint16 or float")
             return key, values.shape, values.dtype, partial(np.ndarray.__getitem__, values), [key]
     raise UserError(f"{path}: no variable LF", "save the light field as LF")
 
@@ -107,7 +107,7 @@ def _require_whole(path: Path, file: BinaryIO) -> None:
     while at + 8 <= size:
         variables += 1
         if variables > _MAX_VARIABLES:  # zeros behind the last one read as variables of no bytes
-            raise UserError(f"{path}: more than {_MAX_VARIABLES} variables", "save the light field alone, as LF")
+            raise UserError(f"{path}: more than {_MAX_VARIABLES} variables", "save only the light field, as LF")
         file.seek(at)
         tag = file.read(8)
         kind, left = (int.from_bytes(tag[k : k + 4], order) for k in (0, 4))
@@ -126,14 +126,14 @@ def _require_whole(path: Path, file: BinaryIO) -> None:
             except zlib.error as error:
                 raise UserError(f"{path}: not a readable .mat file: {error}", "fetch or save it again") from None
             if unpacked - before > _MAX_PIECE_BYTES or unpacked > _SMALL_BYTES + _MAX_RATIO * size:
-                raise UserError(f"{path}: {size} bytes that unpack to more than {unpacked}", "save it again, with -v7.3")
+                raise UserError(f"{path}: {size} bytes that decompress to more than {unpacked}", "save it again, with -v7.3")
         if kind == 15 and not engine.eof:
             raise UserError(f"{path}: a variable ends before its data does", "fetch or save it again")
 
 
 def _wrong_axes(path: Path, key: str, shape: tuple[int, ...]) -> UserError:
     wrong = f"{path}: {key} has {len(shape)} axes of sizes {shape}"
-    return UserError(f"{wrong}; (rows, columns, y, x, planes) expected", "save it with these axes")
+    return UserError(f"{wrong}; expected (rows, columns, y, x, planes)", "save it with these axes")
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
@@ -166,7 +166,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     full = 255 if kind == np.uint8 else 65535
     top_value = true_max([int(view(top + r, left + c).max()) for r, c in ((rows // 2, cols // 2), (0, cols // 2))], full)
     toolbox = {"LFMetadata", "DecodeOptions", "RectOptions", "WhiteImageMetadata"} & set(keys)
-    notes = (f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used, the others are dark",) if top or left else ()
+    notes = (f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used; the others are dark",) if top or left else ()
     return SceneSource(
         layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
         read=lambda frame, row, col: view(row + top, col + left),

@@ -25,7 +25,7 @@ def detect(listing: Listing) -> int | None:
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     path = single_picture(listing)
     if path is None:
-        raise UserError(f"{listing.path}: holds {len(listing.pictures())} pictures, a mosaic is one", "give the picture itself")
+        raise UserError(f"{listing.path}: contains {len(listing.pictures())} pictures; a mosaic is one", "give one picture")
     picture, full = read_picture(path)
     cut = tiling(picture, path, scene)
     view = cut.cut(picture, 0, 0)

@@ -64,14 +64,14 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             raise UserError(f"{listing.path}: no pictures", "give a folder of numbered mosaics, or a video of mosaics")
         full = picture_header(paths[0]).max_value
         if len(paths) > 1 and not _alike(paths[0], paths[1]):
-            notes = (f"{len(paths)} pictures that do not belong together: this is {paths[0].name}; give another by its file",)
+            notes = (f"{len(paths)} unrelated pictures: showing {paths[0].name}; name another file to see it",)
             paths = paths[:1]
         frames, rate = len(paths), USUAL_RATE_HZ if len(paths) > 1 else 0.0
         load = picture_loader(paths)
     first = load(0)
     if not parse_grid(scene.grid) and find_tiles(first, f"{paths[0].parent.name}/{paths[0].stem}") is None:
         remedy = "give the tiles with --grid ROWSxCOLS; from a camera slid sideways, `lfpipe scene make` makes views"
-        raise UserError(f"{paths[0]}: its first frame is no mosaic of views", remedy)
+        raise UserError(f"{paths[0]}: its first frame is not a mosaic of views", remedy)
     cut = tiling(first, paths[0], scene)
     view = cut.cut(first, 0, 0)
     return SceneSource(

@@ -48,7 +48,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     path = single_picture(listing)
     if path is None:
         count = len(listing.pictures())
-        raise UserError(f"{listing.path}: holds {count} pictures, not one", f"give one file ({', '.join(PICTURES)})")
+        raise UserError(f"{listing.path}: contains {count} pictures, not one", f"give one file ({', '.join(PICTURES)})")
     picture, _ = read_picture(path)
     if not scene.force and is_anaglyph(picture):
         raise UserError(

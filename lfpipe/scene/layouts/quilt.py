@@ -26,12 +26,12 @@ def detect(listing: Listing) -> int | None:
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     path = single_picture(listing)
     if path is None:
-        raise UserError(f"{listing.path}: holds {len(listing.pictures())} pictures, a quilt is one", "give the picture itself")
+        raise UserError(f"{listing.path}: contains {len(listing.pictures())} pictures; a quilt is one", "give the picture itself")
     named, grid = _NAME.search(path.stem), parse_grid(scene.grid)
     if grid is None and named:
         grid = int(named[2]), int(named[1])
     if grid is None:
-        raise UserError(f"{path}: the name does not give the tiles (_qsCOLSxROWS)", "give them with --set scene.grid=ROWSxCOLS")
+        raise UserError(f"{path}: the name does not define the tiles (_qsCOLSxROWS)", "give them with --set scene.grid=ROWSxCOLS")
     picture, full = read_picture(path)
     height, width = picture.shape[:2]
     rows, cols = grid

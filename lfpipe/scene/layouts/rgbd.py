@@ -105,7 +105,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     plane = np.asarray(cv2.resize(plane, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
     low, high = (float(v) for v in np.percentile(plane, (1, 99)))
     if high - low < 1:
-        raise UserError(f"{paths[-1]}: a depth map of one value", "give one in which near is white and far is black")
+        raise UserError(f"{paths[-1]}: a depth map of one value", "use one in which near is white and far is black")
     disparity = np.asarray((np.clip((plane - low) / (high - low), 0, 1) - 0.5) * (_RANGE_SHARE * width), np.float32)
 
     @lru_cache(maxsize=8)
@@ -119,5 +119,5 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     return SceneSource(
         layout=NAME, path=listing.path, files=paths, rows=rows, cols=cols, read=read, height_px=height, width_px=width,
         max_value=full, truth=truth, turn=Turn(), turn_by="the views are made in order, white of the depth map is near",
-        notes=(f"{rows}x{cols} views are made from one picture and its depth, white is near",),
+        notes=(f"{rows}x{cols} views are made from one picture and its depth; white is near",),
     )  # fmt: skip

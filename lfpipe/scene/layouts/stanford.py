@@ -30,7 +30,7 @@ def detect(listing: Listing) -> int | None:
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     found = {name: match for name in listing.names if (match := _VIEW.fullmatch(name))}
     if not found:
-        raise UserError(f"{listing.path}: no out_ROW_COLUMN_Y_X_.png", "give the folder that holds the views")
+        raise UserError(f"{listing.path}: no out_ROW_COLUMN_Y_X_.png", "give the folder of the views")
     pairs = {(int(match[1]), int(match[2])): name for name, match in found.items()}
     if len(pairs) < len(found):
         raise UserError(f"{listing.path}: {len(found) - len(pairs)} files name a row and column twice", "keep one file per view")

@@ -131,7 +131,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     pair = _pair(listing)
     if pair is not None:
         others = [name for name in listing.pictures() if name not in pair]
-        notes = (f"2 of {len(others) + 2} files used, the others are {some(others)}",) if others else ()
+        notes = (f"2 of {len(others) + 2} files used; the others are {some(others)}",) if others else ()
         files = {(0, col): listing.file(name) for col, name in enumerate(pair)}
         return files_source(NAME, listing, files, 1, 2, turn=Turn(), turn_by="the names say left and right", notes=notes)
     path = _alone(listing)
@@ -184,7 +184,7 @@ def _mpo(path: Path) -> tuple[list[NDArray[Any]], int, Turn | None, str]:
         views.append(np.asarray(cv2.cvtColor(found, cv2.COLOR_BGR2RGB, dst=found)))
     if views[0].shape != views[1].shape:
         sizes = " and ".join(f"{view.shape[1]}x{view.shape[0]}" for view in views)
-        raise UserError(f"{path}: pictures of {sizes} px are no stereo pair", "give a file of two equal pictures")
+        raise UserError(f"{path}: pictures of {sizes} px are not a stereo pair", "give a file of two equal pictures")
     return views, 255, Turn(), "an .mpo file begins with the left eye's picture"
 
 
