@@ -102,13 +102,13 @@ def parallax(
         reasons.append(f"eyes {eyes_mm:.0f} mm apart, learnt from the iris")
     if config.screen.distance_mm != "auto":
         distance_mm = float(config.screen.distance_mm)
-        reasons.append(f"viewer {distance_mm:.0f} mm from the screen, as configured")
+        reasons.append(f"viewer {distance_mm:.0f} mm from the screen (configured)")
     elif seen is not None:
         distance_mm = min(max(focal_px * eyes_mm / seen, 50.0), 50000.0)
-        reasons.append(f"viewer {distance_mm:.0f} mm from the screen, from eyes {seen:.0f} px apart")
+        reasons.append(f"viewer {distance_mm:.0f} mm from the screen (eyes {seen:.0f} px apart)")
     else:
         distance_mm = SEAT_MM
-        reasons.append(f"assuming a viewer {distance_mm:.0f} mm from the screen until a face is seen")
+        reasons.append(f"assuming a viewer {distance_mm:.0f} mm from the screen until a face is detected")
     eyes = seen if seen is not None else focal_px * eyes_mm / distance_mm
 
     width_mm = picture_mm(config, shown_mm)
@@ -119,18 +119,18 @@ def parallax(
         if true is None:
             raise _unknown_capture(field.name)
         views = true
-        reasons.append(f"{views:.2f} views between the eyes is true to nature")
+        reasons.append(f"{views:.2f} views between the eyes give true depth")
     elif config.render.alpha_px == "auto":
         if config.screen.width_mm == "auto":
             known = f"picture {width_mm:.0f} mm wide, as the monitor reports"
             reasons.append(known if shown_mm else f"assuming a picture {width_mm:.0f} mm wide (monitor size unknown)")
-        limits = [(room, f"half of the {field.cols} columns, so that the other half is left to move in")]
+        limits = [(room, f"half of the {field.cols} columns; the other half is room to move")]
         if comfort is None:
             limits.append((DEFAULT_VIEWS, "disparities unknown"))
         else:
             limits.append((comfort, why))
         if true is not None:
-            limits.append((true, "true to nature"))
+            limits.append((true, "true depth"))
         views, reason = min(limits)
         views = max(views, LEAST_VIEWS)
         reasons.append(f"{views:.2f} views between the eyes: {reason}")
@@ -140,10 +140,10 @@ def parallax(
     exceeds = comfort is not None and views > comfort * (1 + 1e-9)
     if exceeds and comfort is not None:
         best = eyes / comfort
-        reasons.append(f"beyond comfort, which ends at {comfort:.2f} views ({why}): use render.alpha_px of {best:.1f} or more")
+        reasons.append(f"beyond the comfort limit of {comfort:.2f} views ({why}): use render.alpha_px of at least {best:.1f}")
     near_px = field.disparity_max_px  # with this for zero plane the edge of the screen cuts nothing that is before it
     if near_px > config.render.zero_plane_px:
-        reasons.append(f"near things stand before the screen; render.zero_plane_px={near_px:.2f} puts all behind it")
+        reasons.append(f"near objects are in front of the screen; render.zero_plane_px={near_px:.2f} puts everything behind it")
     return Parallax(
         alpha_px=eyes / views if isinstance(config.render.alpha_px, str) else config.render.alpha_px,
         views_between_eyes=views,
@@ -211,7 +211,7 @@ def check_geometry(config: Config, scene: SceneSummary) -> None:
 def _unknown_capture(name: str) -> UserError:
     return UserError(
         f'render.alpha_px = "true": the baseline and focus distance of {name or "this scene"} are not known',
-        'render.alpha_px = "auto", or a number',
+        'use render.alpha_px = "auto", or a number',
     )
 
 

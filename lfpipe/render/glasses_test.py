@@ -74,9 +74,9 @@ class GlassesTest:
     def words(self, render: Render) -> str:
         """What to do, in a few lines."""
         if render.anaglyph == "mono":
-            return "glasses test: this mode shows both eyes the same, m changes it"
+            return "glasses test: this mode shows both eyes the same picture; m changes the mode"
         ghost = (
-            f"a ghost of L too? right and left arrow: compensation {render.ghost_compensation:.0f} %"
+            f"a faint L too? adjust with right and left arrow: compensation {render.ghost_compensation:.0f} %"
             if render.anaglyph in MATRICES
             else ""
         )

@@ -35,7 +35,7 @@ MODES = choices("render.anaglyph")
 SETTLED_NS = SECOND_NS // 2  # a resize is over once the width stayed the same this long
 OVERLAY_NS = SECOND_NS // 2
 FACELESS_NS = 4 * SECOND_NS  # a turned head is no reason to complain
-INVITATION = "put the glasses on and come before the screen"
+INVITATION = "put on the glasses and stand in front of the screen"
 LOST = "camera lost, trying again"
 
 
@@ -158,7 +158,7 @@ class KeyBindings:
         self._notices.state("camera", LOST if lost else "")
         away_ns = t_ns - row["t_face_ns"]
         faceless = context.options.tracking and not lost and not context.paused and row["t_face_ns"] and away_ns > FACELESS_NS
-        words = INVITATION if context.options.kiosk else f"no face for {away_ns // SECOND_NS} s: come into the camera's view"
+        words = INVITATION if context.options.kiosk else f"no face for {away_ns // SECOND_NS} s: move into the camera's view"
         self._notices.state("face", words if faceless else "")
         self._notices.state("glasses", self._glasses.words(render) if self._glasses else "")
 

@@ -50,7 +50,7 @@ def loop_doubt(config: Config, camera: str, monitors: list[Monitor]) -> str:
     those here; without screen.monitor the window may be on any of them."""
     then = LoopConditions.parse(config.render.loop_measured)
     if then is None:
-        return "it was typed in, not measured" if config.render.loop_ms else ""
+        return "it was set by hand, not measured" if config.render.loop_ms else ""
     wanted = str(config.screen.monitor)
     chosen = [each for each in monitors if wanted in ("", str(each.number)) or wanted.lower() in each.name.lower()]
     nowhere = Monitor(0, "", 0, 0, 0, 0, None)

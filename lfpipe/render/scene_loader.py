@@ -16,7 +16,7 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 
 ALONE_NS = 60 * SECOND_NS  # after which the visitor is assumed to have left
-NO_OTHER = "there is no other scene: `lfpipe up` takes several"
+NO_OTHER = "there is no other scene: `lfpipe up` accepts several"
 REFUSED_NS, LINE_CHARS, MAX_LINES = 6 * SECOND_NS, 60, 5
 
 

@@ -32,7 +32,7 @@ class StatusOverlay:
             f"eyes predicted by p50 {horizon['p50_ms']:.1f} ms",
             *([f"judder {judder:.2f} %"] if (judder := self._judder()) is not None else []),
             *(f"{name} busy p50 {p50_ms:.2f} ms, dropped {drops}" for name, (p50_ms, drops) in busy.items()),
-            f"{self._viewer.method}, alpha {alpha.alpha_px:.1f} px/view" if alpha else f"{self._viewer.method}, no face seen yet",
+            f"{self._viewer.method}, alpha {alpha.alpha_px:.1f} px/view" if alpha else f"{self._viewer.method}, no face yet",
             f"{self._context.config.render.anaglyph}{', frozen' if self._context.paused else ''}",
             self._depth(),
             *self._lowered(),

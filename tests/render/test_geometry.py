@@ -74,7 +74,7 @@ def test_each_limit_of_comfort_by_hand(
         render = {"zero_plane_px": zero_px, "alpha_px": alpha}
         how = from_dict({"camera": {"focal_px": 600.0}, "screen": screen, "render": render})
         found = parallax(how, cotton(), 640, 63.0)
-        assert found.distance_mm == distance_mm and "as configured" in str(found)
+        assert found.distance_mm == distance_mm and "(configured)" in str(found)
         assert found.comfort_views == pytest.approx(limit_mm / (extent_px * width_mm / 512))
         assert (why in str(found)) == found.exceeds_comfort == (alpha < 1)
 
@@ -91,7 +91,7 @@ def test_the_least_of_room_comfort_and_nature_decides() -> None:
     close_up = attrs.evolve(shallow, geometry=Geometry(100.0, 1000.0))  # 100 mm of baseline, one metre away
     found = parallax(config(alpha_px="auto"), close_up, 640, 63.0)
     assert found.views_between_eyes == found.true_views == pytest.approx(63 / (0.1 * 600))
-    assert "true to nature" in str(found) and found.compression == 1.0
+    assert "true depth" in str(found) and found.compression == 1.0
     zeroed = parallax(config(alpha_px="auto", zero_plane_px=0.05), close_up, 640, 63.0)
     assert zeroed.true_views == found.true_views, "without the capture's focal length the zero plane's depth is not known"
     for rows, cols, room in ((9, 9, 4.0), (9, 1, 4.0), (1, 5, 2.0), (1, 1, 0.5)):
@@ -121,7 +121,7 @@ def test_alpha_by_hand_beyond_comfort_is_kept_and_said() -> None:
     found = parallax(config(alpha_px=3.5), cotton(), 640, 63.0)
     assert found.alpha_px == pytest.approx(3.5)
     assert found.exceeds_comfort
-    assert "beyond comfort" in str(found)
+    assert "beyond the comfort limit" in str(found)
     assert not parallax(config(alpha_px=20.0), cotton(), 640, 63.0).exceeds_comfort
 
 

@@ -33,7 +33,7 @@ def measured(**changes: object) -> config.Config:
         (CAMERA, {}, DESK[:1], "the monitor is eDP-1"),
         (CAMERA, {}, [], "the monitor is unknown"),
         (CAMERA, {}, [DESK[0], attrs.evolve(DESK[1], rate_hz=120.0)], "the screen's rate is 120 Hz, not 144 Hz"),
-        (CAMERA, {"render.loop_measured": ""}, DESK, "typed in"),
+        (CAMERA, {"render.loop_measured": ""}, DESK, "set by hand"),
     ],
 )
 def test_what_changed_is_said(camera: str, changes: dict[str, object], desk: list[Monitor], said: str) -> None:
