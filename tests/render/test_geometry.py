@@ -81,7 +81,7 @@ def test_each_limit_of_comfort_by_hand(
 
 def test_the_advice_beyond_comfort_ends_it() -> None:
     advised = 63.0 / (parallax(config(alpha_px=3.5), cotton(), 640, 63.0).comfort_views or 0)
-    assert f"use render.alpha_px of {advised:.1f} or more" in str(parallax(config(alpha_px=3.5), cotton(), 640, 63.0))
+    assert f"use render.alpha_px of at least {advised:.1f}" in str(parallax(config(alpha_px=3.5), cotton(), 640, 63.0))
     assert not parallax(config(alpha_px=1.01 * advised), cotton(), 640, 63.0).exceeds_comfort
     assert parallax(config(alpha_px=0.99 * advised), cotton(), 640, 63.0).exceeds_comfort
 
@@ -131,8 +131,8 @@ def test_the_zero_plane_moves_what_is_farthest_and_the_truth() -> None:
     assert window.true_views is not None
     assert here.true_views is not None
     assert window.true_views < here.true_views
-    assert "before the screen; render.zero_plane_px=1.50 puts all behind it" in str(here)
-    assert "before the screen" not in str(window)
+    assert "in front of the screen; render.zero_plane_px=1.50 puts everything behind it" in str(here)
+    assert "in front of the screen" not in str(window)
 
 
 def test_depth_follows_the_seat() -> None:

@@ -236,7 +236,7 @@ def test_one_large_picture_among_the_views_is_left_out_with_little_memory(tmp_pa
     command = [sys.executable, "-m", "lfpipe", "scene", "info", str(folder), "--set", f"scene.cache_dir={tmp_path / 'cache'}"]
     code, out, err, peak_mb = ended(command)
     assert code == 0 and not err.strip() and peak_mb < PEAK_MB
-    assert "8 of 9 files used, the others are view_02_02.png (8000x8000 px)" in " ".join(out.split())
+    assert "8 of 9 files used; the others are view_02_02.png (8000x8000 px)" in " ".join(out.split())
 
 
 def fifo(path: Path) -> None:
@@ -393,7 +393,7 @@ def test_permissions_are_named(base: Path) -> None:
         made.write_grid(folder, GRID)
     listed.chmod(0o444)
     (holding / "view_01_01.png").chmod(0)
-    with pytest.raises(UserError, match="listed: can be listed but not entered"):
+    with pytest.raises(UserError, match="listed: search permission is missing"):
         open_scene(listed, scene)
     with pytest.raises(UserError, match=r"view_01_01\.png: cannot be read: Permission denied"):
         open_scene(holding, scene)

@@ -224,7 +224,7 @@ CASES: list[tuple[Callable[[Path], Path], str]] = [
     (bomb, "1000000x1000000"),
     (link_out, "outside of the folder"),
     (link_to_nothing, r"input_Cam005\.png"),
-    (nan_disparity, "1 of 3072 values are no numbers"),
+    (nan_disparity, "1 of 3072 values are NaN or infinite"),
     (small_disparity, "64x40 values, the views 64x48"),
     (cut_disparity, "values claimed"),
     (bad_parameters, r"parameters\.cfg"),

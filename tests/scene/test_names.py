@@ -156,7 +156,7 @@ def test_one_file_too_many_is_left_out_and_named(tmp_path: Path) -> None:
     for scene in (AUTO, config.Scene(grid="5x5")):
         source = layouts.describe(tmp_path, scene)
         assert (source.rows, source.cols) == (5, 5)
-        assert any("25 of 26 files used, the others are v25.png" in note for note in source.notes)
+        assert any("25 of 26 files used; the others are v25.png" in note for note in source.notes)
 
 
 def test_an_odd_picture_among_the_views_is_named(tmp_path: Path) -> None:
@@ -165,7 +165,7 @@ def test_an_odd_picture_among_the_views_is_named(tmp_path: Path) -> None:
     made.write(tmp_path / "juntos.jpg", made.texture(80, 200, 1))
     source = layouts.describe(tmp_path, AUTO)
     assert (source.rows, source.cols) == (3, 4)
-    assert any("12 of 14 files used, the others are juntos.jpg, v12.png (200x80 px)" in note for note in source.notes)
+    assert any("12 of 14 files used; the others are juntos.jpg, v12.png (200x80 px)" in note for note in source.notes)
 
 
 def test_a_missing_view_is_made_and_told(tmp_path: Path) -> None:

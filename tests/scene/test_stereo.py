@@ -91,7 +91,7 @@ def test_the_left_eye_comes_first(tmp_path: Path, form: str) -> None:
 
 def test_files_beside_a_pair_are_named(tmp_path: Path) -> None:
     source = layouts.describe(FORMS["Middlebury"](tmp_path), AUTO)
-    assert source.notes == ("2 of 5 files used, the others are disp2.png, disp6.png, im3.png",)
+    assert source.notes == ("2 of 5 files used; the others are disp2.png, disp6.png, im3.png",)
 
 
 @pytest.mark.parametrize("above", [False, True])
