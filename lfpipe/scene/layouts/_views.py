@@ -46,7 +46,7 @@ def named_views(listing: Listing) -> NumberedNames | None:
 
 
 def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: bool) -> SceneSource:
-    """The scene of a folder with one picture per view. runs: the names hold one running number, not row and column.
+    """The scene of a folder with one picture per view. runs: the names contain one running number, not row and column.
 
     Raises UserError.
     """
