@@ -225,17 +225,36 @@ def open_device(path: Path) -> V4L2Device:
     return device
 
 
+def first_camera() -> Path | None:
+    """The first device that captures, left open as `check_camera` does; else the first that cannot be asked (no permission)."""
+    silent = None
+    for node in nodes():
+        try:
+            device = opened(node.path)
+        except OSError:
+            silent = silent or (node.path if node.path.exists() else None)
+            continue
+        if device.captures:
+            device.keep()
+            return node.path
+        device.close()
+    return silent
+
+
 def open_camera(path: Path, camera: config.Camera) -> CameraSource:
     """Opens, configures and starts the device. Raises UserError if it is missing, not permitted, no camera, or busy."""
     return CameraSource(path, camera, open_device(path))
 
 
 def check_camera(path: Path, camera: config.Camera) -> SourceInfo:
-    """What the camera will deliver; does not start it, because that takes up to a second. Raises UserError as `open_camera`."""
+    """What the camera will deliver. Configures it, does not start it, and leaves it open for the session that follows: to open a
+    webcam, and to start it, each take up to a second. Raises UserError as `open_camera`.
+    """
     device = open_device(path)
     try:
         mode, notes = negotiate(path, device, camera)
         jpeg = FrameDecoder(mode).jpeg
+        device.keep()
     except OSError as error:
         raise trouble(path, error) from None
     finally:

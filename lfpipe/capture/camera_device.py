@@ -26,5 +26,5 @@ def known() -> Any:
 
 
 def source() -> Any:
-    """Has `CameraFinder`, `open_camera` and `check_camera` of `camera`."""
+    """Has `CameraFinder`, `first_camera`, `open_camera` and `check_camera` of `camera`."""
     return import_module(f"lfpipe.capture.{SOURCE}")

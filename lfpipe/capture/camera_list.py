@@ -10,6 +10,7 @@ from typing import TypeVar
 from lfpipe.capture.camera_device import CameraDevice as CameraDevice
 from lfpipe.capture.time_limit import with_time_limit
 from lfpipe.capture.v4l2_device import V4L2Device
+from lfpipe.host import handover
 
 SYS, DEV = Path("/sys/class/video4linux"), Path("/dev")
 ANSWER_S = 3.0  # drivers answer in microseconds; one that is stuck never does
@@ -28,8 +29,12 @@ def _limited(call: Callable[[], T]) -> T:
 
 
 def opened(path: Path) -> V4L2Device:
-    """Raises OSError as the driver does, ETIMEDOUT after ANSWER_S."""
-    return _limited(lambda: V4L2Device(path))
+    """The device, taken over where this process keeps it open: see `V4L2Device.keep`.
+
+    Raises OSError as the driver does, ETIMEDOUT after ANSWER_S.
+    """
+    kept = handover.take(str(path))
+    return _limited(lambda: V4L2Device(path, kept))
 
 
 def asking(path: Path, question: Callable[[V4L2Device], T]) -> T:

@@ -24,10 +24,10 @@ def resolve(text: str) -> Spec:
     """
     if text:
         return parse_source(text)
-    found = known().cameras()
-    if not found:
+    found = camera_source().first_camera()
+    if found is None:
         raise UserError("no camera found", "use --camera demo, or a recording with --camera file:PATH")
-    return CameraSpec(found[0].path)
+    return CameraSpec(found)
 
 
 def camera_name(text: str) -> str:

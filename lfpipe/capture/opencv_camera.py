@@ -55,6 +55,11 @@ def nodes() -> list[CameraDevice]:
 cameras = nodes
 
 
+def first_camera() -> Path | None:
+    """The first camera, or None."""
+    return next((each.path for each in nodes()), None)
+
+
 def describe(path: Path) -> CameraDevice:
     """The camera of that number with its name."""
     return next((each for each in nodes() if each.path == path), CameraDevice(path, ""))

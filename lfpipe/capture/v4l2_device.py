@@ -15,6 +15,7 @@ from typing import TypeVar
 import attrs
 
 from lfpipe.capture import v4l2_abi as abi
+from lfpipe.host import handover
 
 MAX_LISTED = 256  # entries of one list; a driver that never ends it is cut off
 
@@ -61,9 +62,10 @@ class ControlRange:
 class V4L2Device:
     """Owns a descriptor of the device at path. Every call raises OSError as the driver does."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, fd: int | None = None) -> None:
+        """fd: of the device, where it is open already."""
         self.path = path
-        self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+        self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC) if fd is None else fd
         try:
             self._capability = self.ioctl(abi.QUERYCAP, abi.Capability())
         except OSError:
@@ -160,6 +162,11 @@ class V4L2Device:
 
     def set_control(self, control: int, value: int) -> None:
         self.ioctl(abi.S_CTRL, abi.Control(id=control, value=value))
+
+    def keep(self) -> None:
+        """Leaves the device open for who opens it next, in this process or in the stage that it starts."""
+        handover.keep(str(self.path), self.fd)
+        self.fd = -1
 
     def close(self) -> None:
         if self.fd >= 0:

@@ -18,6 +18,7 @@ _FLAT_PX = 0.05  # per step: below this the flow is noise
 _ALONG = 2.0  # motion along an axis over motion across it
 _ALIKE = 0.4  # correlation of rows and columns of a grid in order
 _FEW_VOTES, _VOTES_SHARE = 100, 0.71  # pixels that say what hides what, and the majority among them
+_MANY_VOTES, _UNEVEN = 250, 0.4  # fewer pixels, and motion across over motion along, as of a camera held by hand: less sure
 _LOWER = 0.5  # correlation from which what stands lower counts as nearer
 _LOWER_SURE = (0.5, 0.75), (0.82, 0.9)  # how often that is right, by the correlation
 _HELP = "scene.flip=rows, cols or both and scene.transpose=yes turn it"
@@ -80,12 +81,15 @@ def _half_turn(axes: list[tuple[Axis, int]]) -> tuple[int, float, str]:
     right, wrong = (sum(side) for side in zip(*votes, strict=True))
     share = max(right, wrong) / max(1, right + wrong)
     hidden = 0 if right + wrong < _FEW_VOTES else 1 if right > wrong else -1
+    uneven = max(axis.across_px / max(axis.along_px, 1e-6) for axis, _ in axes)
+    most = 0.75 if uneven > _UNEVEN else 0.85 if right + wrong < _MANY_VOTES else 1.0
     if hidden and share > _VOTES_SHARE:
-        return hidden, _vote_certainty(share), f"near surfaces hide far ones so in {share:.0%} of {right + wrong} pixels"
+        said = f"near surfaces hide far ones so in {share:.0%} of {right + wrong} pixels"
+        return hidden, min(most, _vote_certainty(share)), said
     lower = lower_is_nearer(axes)
     if abs(lower) > _LOWER and hidden * lower >= 0:
         sign = 1 if lower > 0 else -1
-        sure = float(np.interp(abs(lower), *_LOWER_SURE))
+        sure = min(most, float(np.interp(abs(lower), *_LOWER_SURE)))
         return sign, sure, f"what stands lower in the pictures is usually nearer, and is so (correlation {abs(lower):.2f})"
     return 1, 0.5, "nothing decides the half-turn, which exchanges near and far (`lfpipe scene sheet` shows both)"
 

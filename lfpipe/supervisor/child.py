@@ -12,7 +12,7 @@ from pathlib import Path
 from types import FrameType
 
 from lfpipe.errors import UserError
-from lfpipe.host import processes, signals, streams
+from lfpipe.host import handover, processes, signals, streams
 from lfpipe.host.parent import end_with_parent
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.placement import settle
@@ -34,8 +34,10 @@ def stack_file(run_dir: Path, stage: str) -> Path:
     return run_dir / f"stack.{stage}"
 
 
-def run(spec: StageSpec, parent_pid: int) -> None:
-    """Entry of a spawned process."""
+def run(spec: StageSpec, parent_pid: int, kept: handover.Kept | None = None) -> None:
+    """Entry of a spawned process. kept: what its parent opened for it."""
+    if kept is not None:
+        kept.adopt()
     signals.ignore()  # the terminal sends signals to the whole group; only the supervisor acts on them
     streams.protect("stdout", "stderr")
     if not end_with_parent(parent_pid):

@@ -6,8 +6,9 @@ does not count either: the machine was suspended, or starved all processes alike
 Setting up (from the start to READY, and within `Context.setting_up`): hung after startup_timeout_s without computing or moving
 a byte, or after LONGEST_S of computing without a byte. Running or stopping within `Context.busy_with` and `saving`, around
 calls that may wait for a disk: hung after startup_timeout_s of computing without a byte, or after STALL_S of doing nothing.
-Running otherwise: hung hang_timeout_s after its last beat. Undeclared waiting for a disk (a page of a mapped file) does not
-count. Stopping otherwise: see the limits of `shutdown`.
+Running otherwise: hung after hang_timeout_s without a beat, or COMPUTING times as long while it computes: on an emulated
+machine one search for a face takes seconds. Undeclared waiting for a disk (a page of a mapped file) does not count. Stopping
+otherwise: see the limits of `shutdown`.
 
 In every phase, a stage that waits for a disk is hung if no byte arrives for STALL_S. A stopped stage (SIGSTOP) is hung
 after startup_timeout_s while it sets up, and after hang_timeout_s while it runs.
@@ -30,6 +31,7 @@ from lfpipe.transport.status import State, busy_words
 ASLEEP_S = 1.0  # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
 STALL_S = 60.0  # time for a disk to spin up, or for a network to return
 LONGEST_S = 600.0  # of continuous computing: imports and tables of a large scene on an emulated machine
+COMPUTING = 5  # hang timeouts of computing without a beat
 SAMPLE_AFTER_NS, SAMPLE_NS = 500 * MS_NS, 50 * MS_NS  # /proc is read only for a stage that has been silent for a while
 
 
@@ -91,4 +93,6 @@ class HealthCheck:
             return f"{at}no byte for {spent.waited / 1e9:.0f} s"
         if words and spent.worked <= stage.startup_timeout_s * 1e9 and spent.stopped <= stage.hang_timeout_s * 1e9:
             return ""
-        return f"{at}no beat for {silent_s:.1f} s" if spent.able > stage.hang_timeout_s * 1e9 else ""
+        still_s = (spent.able - (0 if words else spent.worked)) / 1e9
+        hung = still_s > stage.hang_timeout_s or spent.worked / 1e9 > COMPUTING * stage.hang_timeout_s
+        return f"{at}no beat for {silent_s:.1f} s" if hung else ""

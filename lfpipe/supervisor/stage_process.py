@@ -11,7 +11,7 @@ from multiprocessing.process import BaseProcess
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host import signals
+from lfpipe.host import handover, signals
 from lfpipe.supervisor import child
 from lfpipe.supervisor.health_check import HealthCheck
 from lfpipe.supervisor.process_table import Stage
@@ -51,10 +51,15 @@ class StageProcess:
         self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
         self._killed = False
         self.process = multiprocessing.get_context("spawn").Process(
-            target=child.run, args=(spec, os.getpid()), name=f"lfpipe-{self.stage.name}", daemon=True
+            target=child.run,
+            args=(spec, os.getpid(), handover.Kept() if self.stage.source else None),
+            name=f"lfpipe-{self.stage.name}",
+            daemon=True,
         )
         with signals.blocked():
             self.process.start()
+        if self.stage.source:
+            handover.release()  # the child has them: the camera must close with it
         self.row["pid"] = self.process.pid
         self._health = HealthCheck(self.stage, self.row, int(self.row["pid"]))
 

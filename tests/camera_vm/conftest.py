@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from lfpipe.host import handover
 from tests.camera_vm import driver
 
 collect_ignore_glob = [] if os.environ.get("LFPIPE_GUEST") else ["test_*.py"]
@@ -18,4 +19,5 @@ def vivid() -> Iterator[Path]:
     """A vivid webcam that was just plugged in."""
     driver.unload("vivid")
     yield driver.plug()
+    handover.release()  # what a check left open for a session
     driver.unload("vivid")

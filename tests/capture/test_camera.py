@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import os
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -13,13 +15,14 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.capture import v4l2_abi as abi
-from lfpipe.capture.camera import CameraFinder, negotiate
-from lfpipe.capture.camera_list import cameras, describe, find_again, named, nodes
+from lfpipe.capture.camera import CameraFinder, negotiate, open_device
+from lfpipe.capture.camera_list import CameraDevice, cameras, describe, find_again, named, nodes
 from lfpipe.capture.open_source import check_source
 from lfpipe.capture.sensor_clock import MAX_AGE_NS, SensorClock, stamp_kind
 from lfpipe.capture.spec import CameraSpec
-from lfpipe.capture.v4l2_device import Mode, captures
+from lfpipe.capture.v4l2_device import Mode, V4L2Device, captures
 from lfpipe.errors import UserError
+from lfpipe.host import handover
 from lfpipe.transport.stamp_kind import StampKind
 from tests.capture.fake_camera import PATH, FakeCamera, source, unplugged
 
@@ -275,3 +278,50 @@ def test_a_name_means_one_camera(tmp_path: Path) -> None:
 
 def test_a_device_that_is_not_there_yet_keeps_its_path() -> None:
     assert CameraFinder(CameraSpec(Path("/dev/video96"))).path() == Path("/dev/video96")
+
+
+class CountedDevice:
+    """Stands for `V4L2Device` in front of a fake: counts how often the device is opened, and by which descriptor."""
+
+    opens: ClassVar[list[Path]] = []
+
+    def __init__(self, path: Path, fd: int | None = None) -> None:
+        self.path, self.fake = path, FakeCamera()
+        self.captures = path.name != "video0"  # a camera's node for metadata
+        self.fd = os.open(os.devnull, os.O_RDONLY) if fd is None else fd
+        if fd is None:
+            self.opens.append(path)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.fake, name)
+
+    keep, close = V4L2Device.keep, V4L2Device.close
+
+
+@pytest.mark.parametrize("given", ["", "camera:/dev/video1"])
+def test_a_session_opens_its_camera_once(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The check opens it, each further check and the session take that one over."""
+    monkeypatch.setattr(CountedDevice, "opens", [])
+    monkeypatch.setattr("lfpipe.capture.camera_list.V4L2Device", CountedDevice)
+    listed = [CameraDevice(Path(f"/dev/video{k}"), "Webcam", "usb-1") for k in range(2)]
+    monkeypatch.setattr("lfpipe.capture.camera.nodes", lambda: listed)
+    for _ in range(2):
+        checked = check_source(given, config.Camera())
+        assert checked.text == "camera:/dev/video1" and checked.rate_hz == 30
+    device = open_device(Path("/dev/video1"))
+    assert CountedDevice.opens.count(Path("/dev/video1")) == 1
+    device.close()
+    again = open_device(Path("/dev/video1"))  # after a restart
+    assert CountedDevice.opens.count(Path("/dev/video1")) == 2
+    again.close()
+
+
+def test_a_check_that_fails_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    def busy(*_: object) -> Mode:
+        raise OSError(errno.EBUSY, "Device or resource busy")
+
+    monkeypatch.setattr("lfpipe.capture.camera_list.V4L2Device", CountedDevice)
+    monkeypatch.setattr(FakeCamera, "configure", busy)
+    with pytest.raises(UserError, match="busy"):
+        check_source("camera:/dev/video7", config.Camera())
+    assert handover.take("/dev/video7") is None
