@@ -131,7 +131,7 @@ def main() -> None:
             print(rows[-1], flush=True)
     total = ", ".join(f"{word}: {count}" for word, count in sorted(counts.items()))
     most = f"Most memory of a refusal: {memory:.0f} MB; most processor time of an opened one: {seconds:.1f} s."
-    first = "The first run, before anything was changed for it: right 93, undecided 61, refused though it is a light field 17, WRONG 9;"
+    first = "The first run, before anything was changed for it: right 93, undecided 61, refused 17 light fields, WRONG 9;"
     head = ["# Folders as people keep them", "", "`uv run python -m profiling.people_folders`", ""]
     head += [f"{total}. Of {len(sure)} reported as 90 % sure or more, {sum(sure)} are right. {most}", ""]
     head += [f"{first} of 76 reported as 90 % sure or more, 70 were right.", ""]

@@ -75,15 +75,18 @@ def named_grid(pairs: Mapping[ViewIndex, str], listing: Listing) -> tuple[dict[V
     return files, counts[0], counts[1]
 
 
-def require_whole(listing: Listing, files: Mapping[ViewIndex, Path], rows: int, cols: int, example: str) -> None:
-    """Raises UserError that names the views without a file, or where no light field has such a grid."""
+def require_whole(
+    listing: Listing, files: Mapping[ViewIndex, Path], rows: int, cols: int, example: str, grouped: bool = True
+) -> None:
+    """Raises UserError that names the views without a file, or where no light field has such a grid. grouped: whether the names
+    hold row and column."""
     require_grid(rows, cols, str(listing.path))
     holes = [(r, c) for r in range(rows) for c in range(cols) if (r, c) not in files]
     if holes:
         some = ", ".join(f"row {r} column {c}" for r, c in holes[:6]) + (f" and {len(holes) - 6} more" if len(holes) > 6 else "")
         raise UserError(
             f"{listing.path}: {len(holes)} of {rows}x{cols} views missing: {some} (counted from 0; a file like {example})",
-            "fetch the missing files, or give the true grid with --set scene.grid=ROWSxCOLS",
+            f"fetch the missing files; --layout {'rows-cols' if grouped else 'numbered'} opens the others",
         )
 
 

@@ -88,7 +88,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         last = views[max(views)]
         raise UserError(f"{listing.path}: {last} is outside of the grid of {rows}x{cols}", "use --set scene.grid=ROWSxCOLS")
     files = {divmod(index, cols): listing.file(name) for index, name in views.items()}
-    require_whole(listing, files, rows, cols, views[min(views)])
+    require_whole(listing, files, rows, cols, views[min(views)], grouped=False)
     truth: dict[tuple[int, int], Callable[[], NDArray[np.float32]]] = {}
     maps: list[Path] = []
     for name in sorted(listing.names, key=len):  # a map that names its view comes last and wins
