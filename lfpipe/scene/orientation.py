@@ -18,7 +18,7 @@ _FLAT_PX = 0.05  # per step: below this the flow is noise
 _ALONG = 2.0  # motion along an axis over motion across it
 _ALIKE = 0.4  # correlation of rows and columns of a grid in order
 _FEW_VOTES, _VOTES_SHARE = 100, 0.71  # pixels that say what hides what, and the majority among them
-_MANY_VOTES, _UNEVEN = 150, 0.4  # fewer pixels, and motion across over motion along, as of a camera held by hand: less sure
+_MANY_VOTES, _UNEVEN = 120, 0.4  # fewer pixels, and motion across over motion along, as of a camera held by hand: less sure
 _LOWER = 0.5  # correlation from which what stands lower counts as nearer
 _LOWER_SURE = (0.5, 0.75), (0.82, 0.9)  # how often that is right, by the correlation
 _HELP = "scene.flip=rows, cols or both and scene.transpose=yes turn it"

