@@ -137,4 +137,9 @@ def test_a_raw_plenoptic_picture_is_refused(tmp_path: Path, pitch_px: float, tur
 def test_photographs_are_no_honeycomb() -> None:
     faces = made.SAMPLES.parent / "faces" / "no_face"
     pictures = [cv2.imread(str(path)) for path in sorted(faces.glob("*.jpg"))] + [made.texture(300, 400, k) for k in range(3)]
+    pictures += [np.full((300, 400, 3), 5, np.uint8), np.zeros((48, 64, 3), np.uint8)]
+    pictures += [
+        np.tile(np.arange(400) % 20 * 10, (300, 1)).astype(np.uint8),
+        np.tile(np.arange(400) / 2, (300, 1)).astype(np.uint8),
+    ]
     assert not any(is_honeycomb(picture) for picture in pictures)

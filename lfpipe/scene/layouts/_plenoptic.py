@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lfpipe.scene.source import ViewIndex
 
 _CROP_PX, _PITCH_PX, _PEAK = 512, (5, 30), 300.0  # of the part that is looked at, of a lenslet; over the median around it
+_SMALLEST_PX = 256  # side of a raw picture: they have thousands
 _DARK_SIDE, _DARK_VIEW = 0.55, 0.4  # brightness over that of the middle view, below which a whole side, a view is left out
 
 
@@ -19,10 +20,12 @@ def is_honeycomb(picture: NDArray[Any]) -> bool:
     plane = picture if picture.ndim == 2 else picture[..., 1]
     size = min(_CROP_PX, *plane.shape)
     top, left = ((side - size) // 2 for side in plane.shape)
-    if size < 8 * _PITCH_PX[0]:
+    if size < _SMALLEST_PX:
         return False
     window = np.hanning(size).astype(np.float32)
     part = plane[top : top + size, left : left + size].astype(np.float32)
+    if part.std() < 1e-3 * (float(part.max()) + 1):
+        return False
     power = np.fft.fftshift(np.abs(np.fft.fft2((part - part.mean()) * window * window[:, None])) ** 2)
     y, x = np.mgrid[:size, :size] - size // 2
     away = np.hypot(x, y)
