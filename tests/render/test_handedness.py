@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lfpipe.config import Render, Scene
+from lfpipe.export.clip import write_clip
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.viewpoint import ViewSolver, soft_clamp
 from lfpipe.scene import layouts
@@ -149,6 +150,11 @@ def numbered(folder: Path, grid: Grid) -> Path:
     return made.write_grid(folder, grid, "im_{n:03d}.png")
 
 
+def gif(folder: Path, grid: Grid) -> Path:
+    write_clip(folder / "wiggle.gif", (view[..., ::-1] for view in grid[0]), 10)
+    return folder
+
+
 def stereo(folder: Path, grid: Grid) -> Path:
     made.write(folder / "shop_left.png", grid[0, 0])
     made.write(folder / "shop_right.png", grid[0, 1])
@@ -183,10 +189,12 @@ WRITTEN: dict[str, Callable[[Path, Grid], Path]] = {
         rows_cols,
         numbered,
         picture,
+        gif,
     )
 }
 SQUARE = 5, 5, 2.0, -1.0  # rows, columns, disparity of what is near and of the wall in px per view
-SHAPES = {"eslf": (10, 10, 1.0, -0.6), "quilt": (1, 12, 2.0, -1.0), "picture": (1, 1, 2.0, -1.0)}  # of what cannot be square
+# What cannot be square.
+SHAPES = {"eslf": (10, 10, 1.0, -0.6), "quilt": (1, 12, 2.0, -1.0), "picture": (1, 1, 2.0, -1.0), "gif": (1, 7, 2.0, -1.0)}
 
 
 def place(plane: NDArray[np.uint8], bright: bool) -> NDArray[np.float64]:
