@@ -6,11 +6,12 @@ import psutil
 
 from lfpipe.host.sample import Sample, Thread
 
-STATES = {psutil.STATUS_RUNNING: "R", psutil.STATUS_DISK_SLEEP: "D", psutil.STATUS_STOPPED: "T"}
+# Never R: which of its threads runs is not known, and one that runs without computing counts as starved.
+STATES = {psutil.STATUS_DISK_SLEEP: "D", psutil.STATUS_STOPPED: "T"}
 
 
 def sample(pid: int) -> Sample | None:
-    """Process pid now; None where it is gone. All threads have the state of the process, but running those that are not known."""
+    """Process pid now; None where it is gone. All threads have the state of the process."""
     try:
         process = psutil.Process(pid)
         with process.oneshot():
