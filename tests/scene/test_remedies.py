@@ -126,7 +126,7 @@ REFUSALS = {
     "not one picture": Refused(grid("v_{r}_{c}.png"), "give one file", inside("v_1_1.png"), config.Scene(layout="picture")),
     "a mosaic among others": Refused(
         grid("v_{r}_{c}.png"),
-        "give the picture itself",
+        "give one picture",
         lambda p: (p / "v_1_1.png", config.Scene(layout="mosaic", grid="2x2")),
         config.Scene(layout="mosaic"),
     ),
