@@ -91,7 +91,7 @@ def test_a_video_by_the_command(tmp_path: Path) -> None:
     out.release()
     done = CliRunner().invoke(scene, ["make", str(tmp_path / "clip.avi"), "--set", f"scene.cache_dir={tmp_path / 'cache'}"])
     assert done.exit_code == 0, done.output + repr(done.exception)
-    assert "up and down" in done.output
+    assert "vertical error" in done.output
     assert (tmp_path / "clip-views").is_dir()
     assert len(list((tmp_path / "cache" / "scenes").iterdir())) == 1
 
