@@ -48,8 +48,20 @@ class Blocks:
         self._bands = bands_of(rows, 8 * width_px, band_bytes)
         self._padded = np.empty((height_px + 2, width_px + 2), np.uint8)
         self._whole = near_array((height_px + 1, width_px + 2, 4))
+        self._all = self._rows_of(height_px + 1)
         self._even = np.empty((2 * rows, 2 * cols), np.uint8)
         self._y = np.empty((self._bands[0].stop, cols), np.float32)
+
+    def _rows_of(self, count: int) -> tuple[NDArray[np.uint8], list[NDArray[np.uint8]], NDArray[np.uint8]]:
+        """For so many rows of blocks: the padded plane, its four corners of blocks, and where they are merged to.
+
+        One long row, so that the merge is one call deep; what wraps round at the end of a row is never looked at.
+        """
+        padded = self._padded[: count + 1]
+        flat, wide = padded.reshape(1, -1), self._size[1] + 2
+        length = flat.size - wide - 1
+        corners = [flat[:, start : start + length] for start in (0, 1, wide, wide + 1)]
+        return padded, corners, self._whole.reshape(1, -1, 4)[:, :length]
 
     def lay(self, plane: NDArray[np.uint8], first: int = 0, last: int | None = None) -> NDArray[np.uint8]:
         """Blocks at every pixel, MARGIN before the first: uint8 (height + 1, width + 1, 4), valid until the next call; or the
@@ -57,14 +69,10 @@ class Blocks:
         height, width = self._size
         last = height if last is None else last
         above, below, count = int(first == 0), int(last == height), last - first + 1
-        padded = self._padded[: count + 1]
+        padded, corners, flat = self._all if count > height else self._rows_of(count)
         part = plane[first - 1 + above : last + 1 - below]
         cv2.copyMakeBorder(part, above, below, MARGIN, MARGIN, cv2.BORDER_REPLICATE, padded)
-        # One long row, so that the merge is one call deep; what wraps round at the end of a row is never looked at.
-        flat, wide = padded.reshape(1, -1), width + 2
-        length = flat.size - wide - 1
-        corners = [flat[:, start : start + length] for start in (0, 1, wide, wide + 1)]
-        cv2.merge(corners, self._whole.reshape(1, -1, 4)[:, :length])
+        cv2.merge(corners, flat)
         return self._whole[:count, : width + 1]
 
     def sample(self, plane: NDArray[np.uint8], x: NDArray[np.float32], y: NDArray[np.float32], out: NDArray[np.uint8]) -> None:

@@ -128,9 +128,9 @@ class Synthesiser:
         else:
             for blocks, out in zip(self._made, drawn, strict=False):
                 self._blocks.pixels(blocks, out)
-        every = view_weights("blend", position, self._rows, self._cols)
-        faded = warper.unknown(frame, every)
-        if faded is not None:
+        if not warper.known_around(frame, position):
+            every = view_weights("blend", position, self._rows, self._cols)
+            faded = warper.unknown(frame, every)
             self._cross = self._cross or [np.empty_like(part) for part in self._parts]
             for out, plain in zip(drawn, self._faded(every, zero_plane_px, sources, self._cross), strict=True):
                 cv2.blendLinear(plain, out, faded, 1 - faded, out)

@@ -35,6 +35,7 @@ class Warper:
         same = self._stored.shape[3:] == size_of(field.height_px, field.width_px)
         self._bands = bands_of(self._stored.shape[3], 16 * self._stored.shape[4]) if same else [slice(0, self._stored.shape[3])]
         self._known: dict[tuple[int, int, int], bool] = {}  # maps without UNKNOWN, of those looked at
+        self._known_cells: dict[tuple[int, int, int], bool] = {}
         self._size = field.width_px, field.height_px
         self._most_px = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
         self._last = field.height_px + MARGIN - 2, field.width_px + MARGIN - 2  # places of the last whole block (y, x)
@@ -106,12 +107,20 @@ class Warper:
             self._known[place] = bool(stored.min() > UNKNOWN)
         return stored, self._known[place]
 
-    def unknown(self, frame: int, views: Sequence[ViewWeight]) -> NDArray[np.float32] | None:
-        """How far to cross-fade each pixel for want of disparity, float32 (height, width), 0 to 1; None where all is known."""
-        maps = [self._map(frame, view) for view in views]
-        if all(known for _, known in maps):
-            return None
-        faded = sum((view.weight * (stored == UNKNOWN) for view, (stored, _) in zip(views, maps, strict=True)), np.zeros(1))
+    def known_around(self, frame: int, position: Position) -> bool:
+        """Whether the disparity of the four views around position is known everywhere."""
+        rows, cols = self._offsets.shape[:2]
+        cell = frame, cell_of(position[0], rows)[0], cell_of(position[1], cols)[0]
+        known = self._known_cells.get(cell)
+        if known is None:
+            corners = ((min(cell[1] + down, rows - 1), min(cell[2] + right, cols - 1)) for down in (0, 1) for right in (0, 1))
+            known = self._known_cells[cell] = all(self._map(frame, ViewWeight(*at, 1.0))[1] for at in corners)
+        return known
+
+    def unknown(self, frame: int, views: Sequence[ViewWeight]) -> NDArray[np.float32]:
+        """How far to cross-fade each pixel for want of disparity, float32 (height, width), 0 to 1."""
+        maps = [(view, self._map(frame, view)[0]) for view in views]
+        faded = sum((view.weight * (stored == UNKNOWN) for view, stored in maps), np.zeros(1))
         most = np.clip(2 * np.asarray(faded, np.float32) - 1, 0, 1)  # what one view alone does not know, others do
         soft = cv2.blur(most, (SOFT, SOFT))
         return np.asarray(cv2.resize(soft, self._size, interpolation=cv2.INTER_LINEAR), np.float32)

@@ -26,7 +26,7 @@ def session(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[WatchedSe
     made.end()
 
 
-@pytest.mark.parametrize("count", [6000, MANY])
+@pytest.mark.parametrize("count", [3000, MANY])
 def test_hostile_messages_change_nothing_and_delay_no_frames(session: WatchedSession, count: int) -> None:
     before, config, pids = session.books(), session.told(), [session.pid(name) for name in STAGES]
     assert pester(session.run_dir, random.Random(7), count) == count, "every message is answered"

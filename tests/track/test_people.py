@@ -47,9 +47,10 @@ def test_a_viewer_beside_a_poster_is_found(world: World, scene: Path, seed: int)
     assert all(np.hypot(*(middle(line) - (480, 220))) < 8 for line in lines if line["face"])
 
 
-@pytest.mark.parametrize("apart_px", [25.0, 19.0, 15.0, 12.6])
-@pytest.mark.parametrize("name", ["02-1m", "05-1m", "08-1f"])
-def test_a_viewer_is_found_from_1_to_3_m(world: World, scene: Path, apart_px: float, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "apart_px"), [("02-1m", 25.0), ("05-1m", 19.0), ("08-1f", 15.0), ("02-1m", 12.6), ("05-1m", 12.6), ("08-1f", 12.6)]
+)
+def test_a_viewer_is_found_from_1_to_3_m(world: World, scene: Path, name: str, apart_px: float) -> None:
     video = write_video(world.root / "v.avi", [placed(backdrop(), name, 250, 190, apart_px)] * 60)
     lines = watched(world, scene, video)
     seen = [line for line in lines if line["face"]]
@@ -66,7 +67,7 @@ def passing(who: str, apart_px: float, step_px: float) -> Iterator[Picture]:
         yield placed(frame, who, x, 215, apart_px)
 
 
-@pytest.mark.parametrize(("who", "apart_px", "step_px"), [(OTHER, 62, 12), (OTHER, 56, 5), ("04-1m", 66, 4), ("09-1m", 70, 8)])
+@pytest.mark.parametrize(("who", "apart_px", "step_px"), [(OTHER, 62, 12), ("04-1m", 66, 4), ("09-1m", 70, 8)])
 def test_a_passer_by_does_not_keep_the_picture(world: World, scene: Path, who: str, apart_px: float, step_px: float) -> None:
     lines = watched(world, scene, write_video(world.root / "v.avi", passing(who, apart_px, step_px)))
     assert all(np.hypot(*(middle(line) - (260, 220))) < 12 for line in lines[-45:])
@@ -127,7 +128,7 @@ def test_a_blink_moves_the_eyes_less_than_its_lids(world: World, scene: Path) ->
     assert abs(during[1] - before[1]) < 0.032 * apart_px, "the mean over both lids sinks by 4.1 %, this one by 2.6 %"
 
 
-@pytest.mark.parametrize("person", ["01", "02", "03", "05", "06", "09"])
+@pytest.mark.parametrize("person", ["01", "03", "06", "09"])
 def test_a_head_that_turns_stays_at_its_distance(world: World, scene: Path, person: str) -> None:
     """Seen from the side the eyes stand closer together; alpha, which follows the viewer's distance, must not.
 
