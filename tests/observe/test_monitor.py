@@ -137,7 +137,7 @@ def test_the_horizon_is_what_the_trace_says_and_grows_with_the_displays_own_dela
     horizon_ms = statistics.median(ages_ms) + 100 + 1e3 / 120
     assert int(row["horizon.n"]) >= 60 and float(row["horizon.p50_ms"]) == pytest.approx(horizon_ms, rel=0.1)
     onset_ms = float(row["motion_to_photon.onset_ms"]) - 100 - 1e3 / 60  # half of a frame's period at 30 Hz
-    assert min(ages_ms) - 5 <= onset_ms <= max(ages_ms) + 5
+    assert min(ages_ms) - 1e3 / 60 <= onset_ms <= max(ages_ms) + 1e3 / 60, "within half of a frame's period"
 
 
 def test_streams_and_wrong_words(live: World) -> None:
