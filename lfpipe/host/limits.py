@@ -1,30 +1,29 @@
-"""Limits of the operating system, raised before a session is built: some libraries abort where they are too low."""
+"""Limits of the operating system: of open files, raised before a session is built, since some libraries abort where they are too
+low; and of memory, where the system reports what a process has. Elsewhere nothing is limited.
+"""
 
 from __future__ import annotations
 
 import contextlib
-import resource
+import sys
 from pathlib import Path
 
 from lfpipe.errors import UserError
 
+try:
+    import resource
+except ImportError:
+    resource = None  # type: ignore[assignment]  # Windows: neither is limited
+
 OPEN_FILES = 128  # a stage has about 30 open, the supervisor as many, and a reserve
-MOST_FILES = 1 << 16  # more is of no use, and some programs close every number up to the limit
+# More is of no use, and some programs close every number up to the limit; macOS refuses more than OPEN_MAX.
+MOST_FILES = 1 << 16 if sys.platform == "linux" else 1 << 13
 
 
 def allowed_files() -> int:
     """How many files this process may have open."""
-    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    soft = resource.getrlimit(resource.RLIMIT_NOFILE)[0] if resource else -1
     return soft if soft >= 0 else MOST_FILES
-
-
-def limit_memory(more_bytes: int) -> None:
-    """Lets this process take that much more memory than it has now; mapped files do not count."""
-    has_bytes = 0
-    with contextlib.suppress(OSError, StopIteration):
-        lines = Path("/proc/self/status").read_text().splitlines()
-        has_bytes = 1024 * int(next(line.split()[1] for line in lines if line.startswith("VmData")))
-    resource.setrlimit(resource.RLIMIT_DATA, (has_bytes + more_bytes, resource.RLIM_INFINITY))
 
 
 def allow_files(needed: int = OPEN_FILES) -> None:
@@ -32,6 +31,8 @@ def allow_files(needed: int = OPEN_FILES) -> None:
 
     Raises UserError where that is fewer than needed.
     """
+    if not resource:
+        return
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if 0 <= hard < needed:
         raise UserError(
@@ -43,23 +44,36 @@ def allow_files(needed: int = OPEN_FILES) -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
+def _used_bytes() -> int | None:
+    """Memory of this process that the limit counts; None where the system does not report it."""
+    with contextlib.suppress(OSError, StopIteration):
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmData"))
+    return None
+
+
+def limit_memory(more_bytes: int) -> None:
+    """Lets this process take that much more memory than it has now; mapped files do not count."""
+    used = _used_bytes()
+    if resource and used is not None:
+        resource.setrlimit(resource.RLIMIT_DATA, (used + more_bytes, resource.RLIM_INFINITY))
+
+
 class MemoryLimit:
     """A context in which this process may have only so much more memory than it had when the limit was made: what asks for more
     gets none and fails. Shared memory and mapped files do not count.
     """
 
     def __init__(self, more_bytes: int) -> None:
-        self._before = resource.getrlimit(resource.RLIMIT_DATA)
-        self._inside = self._before
-        with contextlib.suppress(OSError):  # where the system does not say what a process has, there is no limit
-            lines = Path("/proc/self/status").read_text().splitlines()
-            has_kb = next(int(line.split()[1]) for line in lines if line.startswith("VmData"))
-            soft, hard = has_kb * 1024 + more_bytes, self._before[1]
-            self._inside = (soft if hard < 0 else min(soft, hard), hard)
+        used = _used_bytes()
+        self._most = None if resource is None or used is None else used + more_bytes
 
     def __enter__(self) -> None:
-        self._before = resource.getrlimit(resource.RLIMIT_DATA)
-        resource.setrlimit(resource.RLIMIT_DATA, self._inside)
+        if self._most is not None:
+            self._before = resource.getrlimit(resource.RLIMIT_DATA)
+            soft, hard = self._most, self._before[1]
+            resource.setrlimit(resource.RLIMIT_DATA, (soft if hard < 0 else min(soft, hard), hard))
 
     def __exit__(self, *_: object) -> None:
-        resource.setrlimit(resource.RLIMIT_DATA, self._before)
+        if self._most is not None:
+            resource.setrlimit(resource.RLIMIT_DATA, self._before)

@@ -1,4 +1,6 @@
-"""Signals: those of a terminal to all processes in it, on which the supervisor alone acts, and those between processes."""
+"""Signals, as far as the system has them: those of a terminal to all processes in it, on which the supervisor alone acts, and
+those between processes. Windows has Ctrl-C and the end of a process.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +9,26 @@ import faulthandler
 import os
 import signal
 from collections.abc import Callable, Iterator
-from multiprocessing import resource_tracker
 from types import FrameType
 from typing import IO, Any
 
-END, KILL = signal.SIGTERM, signal.SIGKILL
-SENT_TWICE = (signal.SIGHUP,)  # the shell and the kernel both send it
-TERMINAL = (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)  # Ctrl-C, the window closed, Ctrl-\
+END = signal.SIGTERM
+KILL = getattr(signal, "SIGKILL", signal.SIGTERM)  # on Windows SIGTERM ends a process at once
+_HANGUP = getattr(signal, "SIGHUP", None)
+_STACK = getattr(signal, "SIGUSR1", None)
+SENT_TWICE = tuple(filter(None, (_HANGUP,)))  # the shell and the kernel both send it
+# Ctrl-C, the window closed, Ctrl-\, Ctrl-Break
+TERMINAL = tuple(filter(None, (signal.SIGINT, _HANGUP, getattr(signal, "SIGQUIT", None), getattr(signal, "SIGBREAK", None))))
 
 
 @contextlib.contextmanager
 def blocked() -> Iterator[None]:
-    """Processes that start within begin with these signals blocked: none dies of one before it can ignore it."""
+    """Processes that start within begin with these signals blocked, where signals can be blocked."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
     before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL)
     try:
         resource_tracker.ensure_running()  # ends with SIGINT unblocked
@@ -32,19 +42,20 @@ def ignore() -> None:
     """In a process that started `blocked`."""
     for signum in TERMINAL:
         signal.signal(signum, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINAL)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINAL)
 
 
 def handle(handler: Callable[[int, FrameType | None], None]) -> dict[signal.Signals, Any]:
     """Has handler called for what ends a session; returns what was in force before, for `restore`.
 
-    SIGHUP stays ignored where it was: who started the session with nohup wants it to outlive the terminal.
+    A hang-up stays ignored where it was: who started the session with nohup wants it to outlive the terminal.
     """
     with blocked():
         pass  # multiprocessing's resource tracker starts out of the terminal's reach
     ends = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
-        ends.append(signal.SIGHUP)
+    if _HANGUP is not None and signal.getsignal(_HANGUP) != signal.SIG_IGN:
+        ends.append(_HANGUP)
     return {signum: signal.signal(signum, handler) for signum in ends}
 
 
@@ -61,9 +72,11 @@ def send(pid: int, signum: int) -> None:
 
 def leave_stack_on_request(file: IO[str]) -> None:
     """Has this process write the stacks of its threads to file when `ask_for_stack` is called with its number."""
-    faulthandler.register(signal.SIGUSR1, file)
+    if _STACK is not None:
+        faulthandler.register(_STACK, file)
 
 
 def ask_for_stack(pid: int) -> None:
-    """Asks a process for its stacks. Raises OSError where it is gone."""
-    os.kill(pid, signal.SIGUSR1)
+    """Asks a process for its stacks, where there is a way. Raises OSError where it is gone."""
+    if _STACK is not None:
+        os.kill(pid, _STACK)

@@ -4,8 +4,10 @@ may have it by the time that it is opened again.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -14,26 +16,27 @@ CAREFUL = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os
 _position = threading.Lock()
 
 
-def read_at(fd: int, count: int, offset: int) -> bytes:
-    """At most count bytes from there. Raises OSError."""
+@contextlib.contextmanager
+def _at(fd: int, offset: int) -> Iterator[None]:
     with _position:
         before = os.lseek(fd, 0, os.SEEK_CUR)
         os.lseek(fd, offset, os.SEEK_SET)
         try:
-            return os.read(fd, count)
+            yield
         finally:
             os.lseek(fd, before, os.SEEK_SET)
+
+
+def read_at(fd: int, count: int, offset: int) -> bytes:
+    """At most count bytes from there. Raises OSError."""
+    with _at(fd, offset):
+        return os.read(fd, count)
 
 
 def write_at(fd: int, data: bytes | memoryview, offset: int) -> int:
     """Writes there; how many bytes were written. Raises OSError."""
-    with _position:
-        before = os.lseek(fd, 0, os.SEEK_CUR)
-        os.lseek(fd, offset, os.SEEK_SET)
-        try:
-            return os.write(fd, data)
-        finally:
-            os.lseek(fd, before, os.SEEK_SET)
+    with _at(fd, offset):
+        return os.write(fd, data)
 
 
 def path_of(file: IO[bytes]) -> str:
