@@ -24,10 +24,26 @@ sys.dont_write_bytecode = False
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a runner in the background has it ignored, and hands that down
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+REAL_TIME = {"world", "live", "screen", "xvfb"}  # fixtures of whole sessions and real windows
+REAL_TIME_ROOMS = {"display", "faults", "pipeline", "share", "sweep", "web"}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
+    """A test in real time shares the machine with whatever else runs there: where it fails it runs once more, and the summary
+    names it. A defect fails twice. Tests that compute run once."""
+    for item in items:
+        if REAL_TIME & set(item.fixturenames) or item.path.parent.name in REAL_TIME_ROOMS:
+            item.add_marker(pytest.mark.flaky(reruns=1))
     for item in items if PORTABLE else ():
         for mark in item.iter_markers("native"):
             item.add_marker(pytest.mark.skip(reason=f"of Linux's own host alone: {mark.args[0]}"))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Why a test ran again: the first failure in full."""
+    for report in terminalreporter.getreports("rerun"):
+        terminalreporter.write_sep("=", f"failed once: {report.nodeid}")
+        report.toterminal(terminalreporter._tw)
 
 
 @pytest.fixture(scope="session", autouse=True)
