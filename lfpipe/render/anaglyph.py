@@ -1,20 +1,20 @@
 """Two eyes' views in one picture, whatever the glasses: a projection of each eye to planes, then a mixing of planes.
 
-Every method of the form `M_left @ left + M_right @ right` is written as
+Every method of the form `M_left @ left + M_right @ right` becomes
 
     plane_k = w_k . RGB of one eye                     (w sums to 1: a plane of a grey view is that grey)
     channel = own_gain * own plane + cross_gain * cross plane       (the gains sum to 1: grey in, grey out)
 
-The planes are built once per stored view and may be warped like any picture. The mixing is a function of two bytes,
-so it is one table of 65536 entries, exact for any light (linear or code values) and any ghost compensation, and methods
-without cross terms need no mixing at all: their picture is one merge of three planes.
+The planes are built once per stored view and can be warped like any picture. Mixing is a function of two bytes, so one table of
+65536 entries holds it: exact for any light (linear or code values) and any ghost compensation. Methods without cross terms need
+no mixing: their picture is one merge of three planes.
 
-The cross rows of the red/cyan Dubois matrix are, to 0.004 per coefficient, multiples of the other eye's own rows: three planes
-carry the whole method. Where that does not hold (amber/blue, parts of green/magenta) the cross row is a plane of its own.
+The cross rows of the red/cyan Dubois matrix are multiples of the other eye's own rows, to 0.004 per coefficient, so three planes
+carry the whole method. Where that does not hold (amber/blue, parts of green/magenta), the cross row is a separate plane.
 
 Matrices: FFmpeg vf_stereo3d (colour, grey, half-colour), Wimmer, Dubois 2001 (red/cyan) and Dubois 2009 (the others). Wimmer's
-is without the gamma of 1.5 on red that some copies have: grey would no longer be grey for both eyes (mid grey 11 L* apart, and
-rivalry of photographs 12 L* instead of 0.4).
+omits the gamma of 1.5 on red that some copies have. With it, grey differs between the eyes (mid grey by 11 L*), and photographs
+have a rivalry of 12 L* instead of 0.4.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ GREEN: Weights = (0.0, 1.0, 0.0)
 BLUE: Weights = (0.0, 0.0, 1.0)
 NONE: Weights = (0.0, 0.0, 0.0)
 
-# Rows: what red, green, blue of the output take from (red, green, blue) of the left eye and of the right eye.
+# Rows: red, green and blue of the output, from (red, green, blue) of the left eye and of the right eye.
 MATRICES: dict[str, tuple[tuple[Weights, Weights], tuple[Weights, Weights], tuple[Weights, Weights]]] = {
     "colour": ((RED, NONE), (NONE, GREEN), (NONE, BLUE)),
     "grey": ((LUMA, NONE), (NONE, LUMA), (NONE, LUMA)),
@@ -62,11 +62,11 @@ MATRICES: dict[str, tuple[tuple[Weights, Weights], tuple[Weights, Weights], tupl
 # Luminance of red, green and blue through the left and the right glass, from measured spectra (`colour_metric.GLASS`).
 _RED_CYAN = ((0.0922, 0.0135, 0.0001), (0.0009, 0.2381, 0.0658))
 _GREEN_MAGENTA = ((0.0006, 0.1266, 0.0170), (0.1174, 0.0153, 0.0043))
-LEAST_LEAK = 0.01  # what leaks less is not seen: the right glass of red/cyan lets 0.4 % through
+LEAST_LEAK = 0.01  # a smaller leak is invisible: the right glass of red/cyan lets 0.4 % through
 LEAKS = {name: _RED_CYAN for name in ("colour", "grey", "half-colour", "wimmer", "dubois")}
 LEAKS["dubois-green-magenta"] = _GREEN_MAGENTA
 WIDE_LUT = int(cv2.__version__.split(".")[0]) >= 5  # cv2.LUT takes 16-bit indices
-SHARED_TOLERANCE = 0.015  # a cross row this close to a multiple of an own row takes the own plane
+SHARED_TOLERANCE = 0.015  # a cross row this close to a multiple of an own row uses the own plane
 
 
 @attrs.frozen

@@ -1,12 +1,12 @@
-"""Planes as overlapping blocks of 2x2 pixels: what resampling costs is a place, hardly the bytes found there.
+"""Planes as overlapping blocks of 2x2 pixels: resampling pays for each lookup, hardly for the bytes it returns.
 
-The disparity of a view is stored at half its resolution, so four pixels share one displacement. Where a plane is laid out as
+The disparity of a view is stored at half its resolution, so four pixels share one displacement. If a plane is stored as
 
     block(x, y) = (p(x, y), p(x + 1, y), p(x, y + 1), p(x + 1, y + 1))
 
-one sample of four bytes, between blocks as between pixels, is all four of them: a quarter of the places to look up. At 512x512
-0.14 ms, and 0.08 ms for laying out and taking apart, against 0.47 ms for one plane pixel by pixel; where views are left out it
-costs 0.03 dB at most.
+one sample of four bytes, interpolated between blocks as between pixels, returns all four: a quarter of the lookups. At 512x512
+this takes 0.14 ms, plus 0.08 ms to pack and unpack, against 0.47 ms for one plane pixel by pixel. On held-out views it costs at
+most 0.03 dB.
 """
 
 from __future__ import annotations
@@ -17,30 +17,31 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-BAND_BYTES = 1 << 20  # of blocks that are laid out and sampled at a time
+BAND_BYTES = 1 << 20  # of blocks packed and sampled at a time
 MARGIN = 1  # blocks before the first pixel: the border is repeated outwards for each of a block's pixels
 
 
 def size_of(height_px: int, width_px: int) -> tuple[int, int]:
-    """(rows, columns) of the blocks that make up a picture: as many as its disparity has values."""
+    """(rows, columns) of the blocks of a picture: as many as its disparity has values."""
     return (height_px + 1) // 2, (width_px + 1) // 2
 
 
 def near_array(shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """A new uint8 array at an odd address: cv2.merge writes to aligned ones past the caches, and who reads next waits for it
-    (512x512: the sampling of blocks takes 0.14 instead of 0.24 ms, a merge of three planes 0.020 instead of 0.029)."""
+    """A new uint8 array at an odd address: cv2.merge writes to aligned arrays past the caches, and the next reader waits for
+    memory (512x512: sampling blocks takes 0.14 instead of 0.24 ms, merging three planes 0.020 instead of 0.029).
+    """
     return np.zeros(math.prod(shape) + 1, np.uint8)[1:].reshape(shape)
 
 
 def bands_of(rows: int, row_bytes: int, most_bytes: int = BAND_BYTES) -> list[slice]:
-    """Rows in bands of about most_bytes, which stay in a core's cache; all in one where they are not much more."""
+    """Rows in bands of about most_bytes, which stay in a core's cache; one band if the rows are not much larger."""
     count = 1 if rows * row_bytes < 3 * most_bytes else math.ceil(rows * row_bytes / most_bytes)
     each = math.ceil(rows / count)
     return [slice(first, min(first + each, rows)) for first in range(0, rows, each)]
 
 
 class Blocks:
-    """Lays planes of one size out in blocks and back; owns its buffers, so a call allocates nothing."""
+    """Packs planes of one size into blocks and unpacks them; owns its buffers, so a call allocates nothing."""
 
     def __init__(self, height_px: int, width_px: int, band_bytes: int = BAND_BYTES) -> None:
         self._size = height_px, width_px
@@ -53,9 +54,9 @@ class Blocks:
         self._y = np.empty((self._bands[0].stop, cols), np.float32)
 
     def _rows_of(self, count: int) -> tuple[NDArray[np.uint8], list[NDArray[np.uint8]], NDArray[np.uint8]]:
-        """For so many rows of blocks: the padded plane, its four corners of blocks, and where they are merged to.
+        """Buffers for this many rows of blocks: the padded plane, the four corners of its blocks, and the merged blocks.
 
-        One long row, so that the merge is one call deep; what wraps round at the end of a row is never looked at.
+        One long row, so that one call merges all; pixels that wrap around at the end of a row are never read.
         """
         padded = self._padded[: count + 1]
         flat, wide = padded.reshape(1, -1), self._size[1] + 2
@@ -64,8 +65,9 @@ class Blocks:
         return padded, corners, self._whole.reshape(1, -1, 4)[:, :length]
 
     def lay(self, plane: NDArray[np.uint8], first: int = 0, last: int | None = None) -> NDArray[np.uint8]:
-        """Blocks at every pixel, MARGIN before the first: uint8 (height + 1, width + 1, 4), valid until the next call; or the
-        rows of it from first to last, both included."""
+        """Blocks at every pixel, MARGIN before the first: uint8 (height + 1, width + 1, 4), valid until the next call; or only
+        its rows from first to last, inclusive.
+        """
         height, width = self._size
         last = height if last is None else last
         above, below, count = int(first == 0), int(last == height), last - first + 1
@@ -76,7 +78,7 @@ class Blocks:
         return self._whole[:count, : width + 1]
 
     def sample(self, plane: NDArray[np.uint8], x: NDArray[np.float32], y: NDArray[np.float32], out: NDArray[np.uint8]) -> None:
-        """out[i, j] = the block of plane at (x, y)[i, j], between pixels bilinear; x, y from `places` plus a displacement."""
+        """out[i, j] = the block of plane at (x, y)[i, j], bilinear between pixels; x, y: `places` plus a displacement."""
         if len(self._bands) == 1:
             cv2.remap(self.lay(plane), x, y, cv2.INTER_LINEAR, out, borderMode=cv2.BORDER_REPLICATE)
             return
@@ -89,7 +91,7 @@ class Blocks:
             cv2.remap(self.lay(plane, first, last), x[band], below, cv2.INTER_LINEAR, out[band], borderMode=cv2.BORDER_REPLICATE)
 
     def pixels(self, blocks: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
-        """Blocks side by side, uint8 (rows, columns, 4), as a plane: out, uint8 (height, width), its rows contiguous."""
+        """Unpacks side-by-side blocks, uint8 (rows, columns, 4), into out, uint8 (height, width) with contiguous rows."""
         whole = out if out.shape == self._even.shape else self._even
         pairs, lines = blocks.view(np.uint16), whole.view(np.uint16)
         cv2.extractChannel(pairs, 0, lines[0::2])
@@ -99,7 +101,7 @@ class Blocks:
 
 
 def places(height_px: int, width_px: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(x, y) in `Blocks.lay` of the blocks side by side that are the plane as it is: float32 (rows, columns) each."""
+    """(x, y) in `Blocks.lay` of the side-by-side blocks that make up the undisplaced plane: float32 (rows, columns) each."""
     rows, cols = size_of(height_px, width_px)
     y, x = np.mgrid[0:rows, 0:cols].astype(np.float32) * np.float32(2) + np.float32(MARGIN)
     return np.ascontiguousarray(x), np.ascontiguousarray(y)

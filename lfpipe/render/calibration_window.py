@@ -1,4 +1,4 @@
-"""A window that guides: the live picture, lines of text, clicks in px of the picture, and two keys."""
+"""The window of a calibration: live picture, lines of text, clicks in px of the picture, and two keys."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lfpipe.render.window import Window
 
 
 class CalibrationWindow:
-    """`step` shows one picture and takes what the person did. Raises UserError where no window can be opened."""
+    """`step` shows one picture and returns the person's input. Raises UserError if no window can be opened."""
 
     def __init__(self, size_px: tuple[int, int], title: str) -> None:
         self._window = Window((2 * size_px[0], 2 * size_px[1]), title)  # large, so that clicks fall between pixels too
@@ -18,7 +18,7 @@ class CalibrationWindow:
         self.enter = self.quit = False
 
     def step(self, picture: NDArray[np.uint8], lines: list[str]) -> None:
-        """Shows uint8 (height, width, 3) BGR with lines over it."""
+        """Shows uint8 (height, width, 3) BGR with lines of text over it."""
         self._window.overlay(lines)
         self._window.show(picture)
         for event in pygame.event.get():

@@ -1,4 +1,4 @@
-"""From two viewpoints to one picture: the only thing the render stage asks for."""
+"""From two viewpoints to one picture: the only interface that the render stage needs."""
 
 from __future__ import annotations
 
@@ -26,18 +26,19 @@ TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs of each eye's view in
 
 
 def method_for(field: LightField, wanted: str) -> str:
-    """How views of field are made where render.method = wanted; never "auto"."""
+    """The method that makes views of field for render.method = wanted; never "auto"."""
     return drawn_with(wanted, field.method, field.disparity is not None, field.manifest.get("scores", NO_SCORES))
 
 
 def recipe_for(render: Render) -> Recipe:
-    """The recipe that pictures are mixed by; outputs without glasses show a view in its own colours."""
+    """The recipe for mixing pictures; outputs without glasses show a view in its own colours."""
     return recipe(render.anaglyph, render.light, render.ghost_compensation) if render.anaglyph in MATRICES else _WHOLE
 
 
 def planes_of_eyes(render: Render) -> tuple[tuple[Plane, ...], tuple[Plane, ...]]:
-    """Planes of a picture made from the left eye's viewpoint, and from the right eye's. The one viewpoint of `mono`, midway
-    between the eyes, counts as the left eye's."""
+    """Planes made from the left eye's viewpoint, and from the right eye's. The one viewpoint of `mono`, midway between the eyes,
+    counts as the left eye's.
+    """
     planes = recipe_for(render).planes
     left, right = (tuple(plane for plane in planes if plane.eye == eye) for eye in (0, 1))
     return (left, left) if render.anaglyph in TWO_VIEWS else (left, right)
@@ -49,8 +50,9 @@ def extrapolation_views(method: str, render: Render) -> float:
 
 
 def _quantum(method: str, disparity_px: float) -> float:
-    """Grid step to which coordinates are rounded, a power of two: it moves nothing by more than 1/128 px, which changes an
-    edge of 64 levels per px by half a level, and changes no cross-fade by more than half a level."""
+    """Grid step to which coordinates are rounded, a power of two. It moves nothing by more than 1/128 px, which changes an edge
+    of 64 levels per px by half a level, and it changes no cross-fade by more than half a level.
+    """
     finest = 1 / 1024
     if method == "nearest":
         return 1.0
@@ -63,8 +65,8 @@ def _quantum(method: str, disparity_px: float) -> float:
 class Compositor:
     """Draws pictures of one light field with one set of render settings; a changed setting is a new Compositor.
 
-    method: what is drawn with: `auto` resolved, and `nearest` where a light field without disparity cannot be warped.
-    Starts with a few small tables: views are built when they are first shown.
+    method: the method in use: `auto` resolved, and `nearest` for a light field that cannot be warped for want of disparity.
+    Starts with a few small tables; views are built when first shown.
     """
 
     def __init__(self, field: LightField, render: Render) -> None:
@@ -82,7 +84,7 @@ class Compositor:
         self._outs = [[np.empty((height, width), np.uint8) for _ in places] for places in self._places]
         self._made: list[NDArray[np.uint8]] = [plane for outs in self._outs for plane in outs]
         self._picture = near_array((height, width, 3))
-        self.pair: Pair | None = None  # the views of the last picture, where it consists of two
+        self.pair: Pair | None = None  # the views of the last picture, if it consists of two
         if render.anaglyph in TWO_VIEWS:
             self.pair = np.empty((height, width, 3), np.uint8), np.empty((height, width, 3), np.uint8)
         extent = max(abs(edge - render.zero_plane_px) for edge in (field.disparity_min_px, field.disparity_max_px))
@@ -90,7 +92,7 @@ class Compositor:
         self._settings = (self.method, render.anaglyph, render.light, render.ghost_compensation, render.zero_plane_px)
 
     def _quantised(self, position: Position) -> Position:
-        """position on the key's grid, within the stored views plus what may be extrapolated; the centre if not finite."""
+        """position rounded to the key's grid, within the stored views plus the extrapolated zone; the centre if not finite."""
         reach = extrapolation_views(self.method, self._render)
         found = []
         for value, count in zip(position, (self._field.rows, self._field.cols), strict=True):
@@ -106,7 +108,7 @@ class Compositor:
         return self._quantised(left), self._quantised(right)
 
     def key(self, left: Position, right: Position, frame: int = 0) -> Hashable:
-        """Equal keys mean the same picture: who holds the picture of a key need not compose it again.
+        """Equal keys mean the same picture: a caller that holds it need not compose it again.
 
         left, right: (row, col) viewpoints of the eyes. frame: of light-field video, taken modulo its length.
         """

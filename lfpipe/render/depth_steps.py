@@ -1,4 +1,4 @@
-"""Steps of the depth controls in the scene's own measure: a scene of 20 px per view moves in other steps than one of 0.4."""
+"""Steps of the depth controls in proportion to the scene: 20 px per view need larger steps than 0.4 px."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 STEPS = 40  # from the farthest to the nearest of a scene
 LEAST_PX = 0.01
-UNKNOWN_PX = (-2.0, 2.0)  # where disparities are unknown, or there is no depth
+UNKNOWN_PX = (-2.0, 2.0)  # if disparities are unknown, or all equal
 
 
 def depth_step_px(low_px: float, high_px: float) -> float:
@@ -18,7 +18,7 @@ def depth_step_px(low_px: float, high_px: float) -> float:
 
 
 def depth_range_px(low_px: float, high_px: float) -> tuple[float, float]:
-    """Zero planes worth offering: those of the scene and half as much beyond either end."""
+    """Zero planes to offer: the disparities of the scene and half their range beyond either end."""
     low_px, high_px = (low_px, high_px) if high_px > low_px else UNKNOWN_PX
     room = max((high_px - low_px) / 2, 10 * LEAST_PX)
     return low_px - room, high_px + room

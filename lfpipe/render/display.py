@@ -1,4 +1,4 @@
-"""Where pictures go: the protocol that the window, the file and the null display share."""
+"""The protocol of all displays: window, file and null display."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lfpipe.render.pair_layout import Pair
 if TYPE_CHECKING:
     from lfpipe.render.sdl import pygame
 
-# What a viewer may press: key -> (name that `events` reports, what the help says). The window itself carries out
+# Keys: key -> (name that `events` reports, text of the help). The window itself handles
 # "fullscreen" and "help"; the others are for the stage.
 KEYS = {
     "f": ("fullscreen", "full screen on and off (F11, Esc leaves it)"),
@@ -40,54 +40,56 @@ KEYS = {
 
 class Display(Protocol):
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
-        """Puts uint8 (height, width, 3) BGR on the screen, scaled to fit; returns when it was handed over (monotonic).
+        """Puts uint8 (height, width, 3) BGR on the screen, scaled to fit; returns the time of hand-over, monotonic ns.
 
-        pair: the left and the right view that picture consists of, how: "side-by-side" or "row-interleaved", for a screen that
-        must show them in its own pixels.
+        pair: the left and right view that picture consists of, and "side-by-side" or "row-interleaved": for a screen that must
+        show them in its own pixels.
         """
         ...
 
     @property
     def blanks_by(self) -> str:
-        """Who reports when pictures are shown: wp_presentation, wl_surface.frame, x_present; empty: nobody does."""
+        """Protocol that reports when pictures are shown: wp_presentation, wl_surface.frame or x_present; empty if none does."""
         ...
 
     def presented(self) -> list[Presented]:
-        """The vertical blanks that showed pictures, as far as they became known since the last call. serial: the pictures'
-        number, 1 for the first call of `show`."""
+        """The vertical blanks that showed pictures, reported since the last call. serial: the picture's number, 1 for the first
+        call of `show`.
+        """
         ...
 
     def nominal_hz(self) -> float:
-        """The refresh rate that the screen claims; asked only where blanks are reported."""
+        """The refresh rate that the screen claims; asked only if blanks are reported."""
         ...
 
     def events(self) -> list[str]:
-        """What the viewer pressed since the last call: names from KEYS, of arrows and Enter, "drop PATH", "click X Y". Call it
-        often: it keeps a window alive."""
+        """Keys and clicks since the last call: names from KEYS, of arrows and Enter, "drop PATH", "click X Y". Call it often: it
+        keeps a window alive.
+        """
         ...
 
     def notices(self) -> list[str]:
-        """What a person should know of the output since the last call, each once: a full disk ended it, ..."""
+        """Notices for people since the last call, each once: a full disk ended the video, ..."""
         ...
 
     def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
-        """Text laid over the following pictures, with a small picture, uint8 (h, w, 3) BGR, below it; no lines take both away."""
+        """Draws text over the following pictures, with a small picture, uint8 (h, w, 3) BGR, below it; no lines remove both."""
         ...
 
     def say(self, lines: list[str]) -> None:
-        """Short lines at the bottom of the following pictures, until others are given."""
+        """Shows short lines at the bottom of the following pictures, until the next call."""
         ...
 
     def menu(self, draw: Callable[[tuple[int, int]], pygame.Surface] | None) -> None:
-        """Lays over the pictures what draw makes for a room of (width, height) px, until None. A click on it is "click X Y"."""
+        """Shows over the pictures what draw makes for (width, height) px; None removes it. A click on it is "click X Y"."""
         ...
 
     def title(self, name: str) -> None:
-        """The name of the scene that is shown now."""
+        """Sets the name of the scene on show."""
         ...
 
     def width_mm(self) -> float | None:
-        """Width of the picture as it is shown now; None where nobody knows how large a pixel is."""
+        """Current width of the picture on the screen; None if the size of a pixel is unknown."""
         ...
 
     def close(self) -> None: ...

@@ -1,4 +1,4 @@
-"""What is shown while there is no face, and when there is one again: hold, glide to neutral, glide back, never a jump."""
+"""The viewpoint while no face is seen, and when one returns: hold, ease to neutral, ease back, never jump."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-HOLD_S = 3.0  # a hand before the face, a glance aside, somebody fetching a pen: who is back soon should find what they left
-AWAY_S = 0.8  # time constant of the glide to neutral: nobody is looking, no hurry
-BACK_S = 0.03  # time constant of the glide to eyes found (again): over within 0.15 s, yet seen as a move and not as a jump
+HOLD_S = 3.0  # a hand before the face, a glance aside, a dropped pen: a viewer who is back soon finds the picture they left
+AWAY_S = 0.8  # time constant of easing to neutral: nobody is looking, no hurry
+BACK_S = 0.03  # time constant of easing to eyes found (again): over within 0.15 s, yet a visible move and no jump
 
 
 class EyeEasing:
     """Follows the eyes, whatever their coordinates (px of the camera picture, or rows and columns of the grid).
 
-    Whenever what is aimed at changes by a leap (face lost for HOLD_S, face found, another face), the leap is kept as an offset
-    that dies away as (1 + s) exp(-s), s = t / time constant: no jump, and no kink at its start. The closed form holds for any
-    step of time.
+    When the target jumps (face lost for HOLD_S, face found, another face), the jump becomes an offset that decays as (1 + s)
+    exp(-s), s = t / time constant: no jump, and no kink at its start. The closed form holds for any time step.
     """
 
     def __init__(self) -> None:
@@ -30,9 +29,10 @@ class EyeEasing:
     def at(
         self, t_ns: int, eyes: NDArray[np.float64] | None, neutral: NDArray[np.float64], generation: int = 0
     ) -> NDArray[np.float64]:
-        """What to show at t_ns (not decreasing). eyes: None while there is no face. neutral: where to go without one.
+        """The position to show at t_ns (not decreasing). eyes: None while there is no face. neutral: the position without one.
 
-        generation: counts the tracks of a face; another number is another face, or the same after a loss. Arrays of one shape.
+        generation: counts the tracks of a face; a new number is another face, or the same after a loss. eyes and neutral have the
+        same shape.
         """
         if eyes is None:
             self._lost_ns = t_ns if self._lost_ns is None else self._lost_ns
@@ -49,13 +49,13 @@ class EyeEasing:
         return self._shown.copy()
 
     def _turn(self, t_ns: int, aim: int | None, target: NDArray[np.float64], fade_s: float) -> None:
-        """Takes up another aim: what is shown now minus the new target is what has to fade."""
+        """Changes the target: the offset is the position shown now minus the new target."""
         if aim != self._aim:
             self._aim, self._since_ns, self._fade_s = aim, t_ns, fade_s
             self._offset = None if self._shown is None else self._shown - target
 
     def _rest(self, t_ns: int) -> NDArray[np.float64] | float:
-        """What is left of the offset."""
+        """The remaining offset."""
         if self._offset is None:
             return 0.0
         s = max(t_ns - self._since_ns, 0) / 1e9 / self._fade_s

@@ -1,5 +1,6 @@
-"""A video of what the viewer sees: .mkv and .avi without loss and with full chroma, for the two eyes of an anaglyph live in the
-chroma; .mp4 small, for any player, with half the chroma."""
+"""A video of what the viewer sees. .mkv and .avi are lossless with full chroma, because chroma separates the two eyes of an
+anaglyph; .mp4 is small, plays anywhere and has half the chroma.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ import threading
 import time
 from pathlib import Path
 
-os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # its complaints go past Python; they are said here as notices
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it reports past Python; notices report the same
 
 import cv2
 import numpy as np
@@ -25,21 +26,21 @@ from lfpipe.render.null_display import NullDisplay
 from lfpipe.render.pair_layout import Pair
 from lfpipe.render.scaling import scale_into
 
-# Of the encoders in OpenCV's wheel, HuffYUV (on RGB), FFV1, PNG and raw RGBA give every RGB value back. Measured on 512x512
-# anaglyphs: 1.3, 13, 74 and 0.6 ms a picture, 0.30, 0.23, 0.31 and 1.0 MB: HuffYUV is the cheapest that is not raw.
+# Of the encoders in OpenCV's wheel, HuffYUV (on RGB), FFV1, PNG and raw RGBA preserve every RGB value. Measured on 512x512
+# anaglyphs: 1.3, 13, 74 and 0.6 ms a picture, 0.30, 0.23, 0.31 and 1.0 MB. HuffYUV is the cheapest that is not raw.
 CODEC = "HFYU"
 SUFFIXES = (".mkv", ".avi", ".mp4")
 QUEUE_PICTURES = 8
-RESERVE_BYTES = 64 << 20  # the disk is left this much, so that nothing else on the machine fails for the video's sake
+RESERVE_BYTES = 64 << 20  # left free on the disk, so that the video makes nothing else on the machine fail
 CHECK_FRAMES = 16
 GROWTH_BYTES = 8 << 20  # encoded without the file having grown: more than the 5 MB that the container may hold back
 LEAST_BITS = 3  # a pixel takes at least a bit a channel
-BEHIND_S = 0.5  # an encoder that lags more than this writes no picture twice any more
-AHEAD_FRAMES = 2  # pictures that come faster than the rate are taken until the video runs ahead this much
+BEHIND_S = 0.5  # an encoder that lags by more than this no longer repeats pictures
+AHEAD_FRAMES = 2  # pictures faster than the rate are accepted until the video is this far ahead
 
 
 def check_file(path: Path) -> None:
-    """Raises UserError where no video can be written to path."""
+    """Raises UserError if no video can be written to path."""
     if path.suffix.lower() not in SUFFIXES:
         remedy = "use for example file:out.mkv, lossless RGB like .avi; .mp4 is small and plays everywhere"
         raise UserError(f"--display file:{path}: not .mkv, .avi or .mp4", remedy)
@@ -60,22 +61,22 @@ def check_file(path: Path) -> None:
 
 
 class FileDisplay(NullDisplay):
-    """Writes pictures at a constant rate in a thread of its own: a picture stays until the next one, as on a screen.
+    """Writes pictures at a constant rate in its own thread: a picture stays until the next one, as on a screen.
 
-    A recording holds what the viewer sees and nothing else: there are no overlays, no title and no size in mm.
+    A recording holds only the pictures: no overlays, no title, no size in mm.
 
-    `show` never waits: where the encoder lags, pictures are dropped and counted in `dropped`. A full disk or a lost
-    file ends the video with a notice; the session continues.
+    `show` never waits: if the encoder lags, pictures are dropped and counted in `dropped`. A full disk or a lost file ends the
+    video with a notice; the session continues.
     """
 
     def __init__(self, path: Path, size_px: tuple[int, int], rate_hz: float, reserve_bytes: int = RESERVE_BYTES) -> None:
-        """size_px: (width, height) of the pictures; an odd one gets a black row or column.
+        """size_px: (width, height) of the pictures; odd sizes get a black row or column.
 
-        Raises UserError where the file cannot be made.
+        Raises UserError if the file cannot be created.
         """
         check_file(path)
         self._path, self._period_ns, self._reserve = path, 1e9 / rate_hz, reserve_bytes
-        # The writer would cut an odd row or column off.
+        # the writer would cut off an odd row or column
         self._size = size_px[0] + size_px[0] % 2, size_px[1] + size_px[1] % 2
         self._lossless = path.suffix.lower() != ".mp4"
         self._writer: cv2.VideoWriter | H264Writer
@@ -110,24 +111,24 @@ class FileDisplay(NullDisplay):
         return said
 
     def close(self) -> None:
-        """Writes what waits and ends the file, so that any player opens it."""
+        """Writes the pending pictures and completes the file, so that any player opens it."""
         while self._thread.is_alive():
             try:
                 self._queue.put((time.monotonic_ns(), None), timeout=0.1)
                 break
-            except queue.Full:  # the thread may end, for a full disk, without taking it
+            except queue.Full:  # a full disk may end the thread before it takes this
                 continue
         self._thread.join()
 
     def _run(self) -> None:
-        # Without it there is a warning for every picture that a full disk does not take.
+        # otherwise a full disk gives a warning for every picture
         before = opencv_log.set_log_level(opencv_log.ERROR)
         try:
             self._write_all()
         except OSError as error:  # of H264Writer
             self._end(error.strerror or "it cannot be written")
         finally:
-            with contextlib.suppress(OSError):  # the disk is full, and that was said
+            with contextlib.suppress(OSError):  # the disk is full, and a notice was given
                 self._writer.release()
             opencv_log.set_log_level(before)
         if self.dropped and not self._lost.is_set():
@@ -141,7 +142,7 @@ class FileDisplay(NullDisplay):
             try:
                 wait_s = None if due_ns is None else max(0.0, (due_ns - time.monotonic_ns()) / 1e9)
                 t_ns, picture = self._queue.get(timeout=wait_s)
-            except queue.Empty:  # nothing new for a while: the last picture stands
+            except queue.Empty:  # nothing new for a while: repeat the last picture
                 if last is not None:
                     self._put(last)
                 continue
@@ -149,7 +150,7 @@ class FileDisplay(NullDisplay):
                 start_ns = t_ns
             behind_ns = time.monotonic_ns() - start_ns - self._written * self._period_ns
             if behind_ns > BEHIND_S * 1e9 + QUEUE_PICTURES * self._period_ns:
-                start_ns += int(behind_ns)  # the encoder cannot keep up: the video skips this time
+                start_ns += int(behind_ns)  # the encoder cannot keep up: skip this time
             index = round((t_ns - start_ns) / self._period_ns)
             while last is not None and self._written < index and not self._lost.is_set():
                 self._put(last)

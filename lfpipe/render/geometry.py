@@ -1,9 +1,9 @@
-"""From the viewer's distance, the screen and the scene's disparities to alpha: how far apart the eyes stand on the grid of views.
+"""Alpha from the viewer's distance, the screen and the scene's disparities: how far apart the eyes are on the grid of views.
 
-The eyes are S views apart, `alpha = IPD_px / S`. A scene of baseline b and focus distance F seen from Z by eyes e apart is true
-to nature at `S_true = e F / (b Z)`; fewer views flatten it by `g = S / S_true`, for both stereo and motion alike, so the scene
-stays rigid. How many views are comfortable follows from what the eyes can fuse: on the screen the two images of a point of
-disparity d lie `S |d - zero plane| pitch` apart, and that may be 1 degree of visual angle and 3 % of the picture's width.
+The eyes are S views apart, `alpha = IPD_px / S`. A scene of baseline b and focus distance F, seen from distance Z by eyes e
+apart, is true to nature at `S_true = e F / (b Z)`. Fewer views flatten it by `g = S / S_true`, in stereo and in motion alike, so
+the scene stays rigid. The limit of comfort is what the eyes can fuse: on the screen the two images of a point of disparity d are
+`S |d - zero plane| pitch` apart, at most 1 degree of visual angle and 3 % of the picture's width.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from lfpipe.config.camera_pose import EYES_MM, camera_focal_px
 from lfpipe.errors import UserError
 from lfpipe.scene.lightfield import LightField
 
-PICTURE_MM = 530.0  # width of a picture that fills a 24 inch screen, used where the monitor size is unknown
+PICTURE_MM = 530.0  # width of a picture that fills a 24 inch screen, used if the monitor size is unknown
 SEAT_MM = 600.0  # assumed distance of the viewer until a face is seen
 BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
 FUSED_RAD = math.radians(1.0)
 FUSED_WIDTH = 0.03
-DEFAULT_VIEWS = 4.0  # between the eyes, where the disparities are unknown
+DEFAULT_VIEWS = 4.0  # between the eyes, if the disparities are unknown
 LEAST_VIEWS = 1e-3
-LEAST_EYES_PX = 0.5  # eyes closer together than that in the picture are not a face's
+LEAST_EYES_PX = 0.5  # eyes closer together than this are not a face's
 
 
 @attrs.frozen
 class Parallax:
-    """What was chosen and why; `str()` gives the lines that `lfpipe up` prints.
+    """The chosen alpha and the reason; `str()` gives the lines that `lfpipe up` prints.
 
-    alpha_px: camera px per view. views_between_eyes: S. compression: g, None where the capture's geometry is unknown.
-    comfort_views, true_views: what S may be and would be in nature, None where unknown. exceeds_comfort: S > comfort_views.
+    alpha_px: camera px per view. views_between_eyes: S. compression: g, None if the capture's geometry is unknown. comfort_views,
+    true_views: the largest comfortable S and the S of nature, None if unknown. exceeds_comfort: S > comfort_views.
     """
 
     alpha_px: float
@@ -47,7 +47,7 @@ class Parallax:
     reasons: tuple[str, ...]
 
     def differs_from(self, other: Parallax) -> bool:
-        """Whether a person would want to know: another number of views between the eyes, or another distance by 15 %."""
+        """Whether a person should be informed: another number of views between the eyes, or a distance changed by 15 %."""
         views = abs(self.views_between_eyes - other.views_between_eyes) > 0.005
         return views or abs(self.alpha_px / other.alpha_px - 1) > 0.15 or self.exceeds_comfort != other.exceeds_comfort
 
@@ -63,7 +63,7 @@ def alpha_is_automatic(config: Config) -> bool:
 
 
 def focal_px_from(size_px: float, size_mm: float, distance_mm: float) -> float:
-    """Focal length in px from one thing of known size at a known distance: eyes (EYES_MM) or a bank card (BANK_CARD_MM).
+    """Focal length in px from an object of known size at a known distance: eyes (EYES_MM) or a bank card (BANK_CARD_MM).
 
     Raises UserError unless all three are positive.
     """
@@ -89,9 +89,9 @@ def parallax(
 ) -> Parallax:
     """Chooses alpha.
 
-    frame_width_px: of the camera picture. eyes_px: distance between the eyes in it, None (or one no face has) before a face
-    is seen. eyes_mm: the viewer's own distance between the eyes where it was learnt, else EYES_MM. shown_mm: `Display.width_mm`.
-    Raises UserError where alpha_px = "true" is asked of a scene whose capture is not known.
+    frame_width_px: of the camera picture. eyes_px: distance between the eyes in it; None, or a value no face has, before a face
+    is seen. eyes_mm: the viewer's own distance between the eyes if it was learnt, else EYES_MM. shown_mm: `Display.width_mm`.
+    Raises UserError for alpha_px = "true" and a scene whose capture is unknown.
     """
     focal_px = camera_focal_px(config, frame_width_px)
     seen = eyes_px if eyes_px is not None and LEAST_EYES_PX <= eyes_px <= frame_width_px else None
@@ -141,7 +141,7 @@ def parallax(
     if exceeds and comfort is not None:
         best = eyes / comfort
         reasons.append(f"beyond the comfort limit of {comfort:.2f} views ({why}): use render.alpha_px of at least {best:.1f}")
-    near_px = field.disparity_max_px  # with this for zero plane the edge of the screen cuts nothing that is before it
+    near_px = field.disparity_max_px  # with this zero plane the edge of the screen cuts off nothing in front of it
     if near_px > config.render.zero_plane_px:
         reasons.append(f"near objects are in front of the screen; render.zero_plane_px={near_px:.2f} puts everything behind it")
     return Parallax(
@@ -160,7 +160,9 @@ def parallax(
 def _comfort_views(
     config: Config, field: LightField, distance_mm: float, eyes_mm: float, width_mm: float
 ) -> tuple[float | None, str]:
-    """Views between the eyes up to which everything can be fused, and the limit that decides; None: disparities unknown."""
+    """The most views between the eyes at which everything can be fused, and the limit that decides; None if disparities are
+    unknown.
+    """
     zero = config.render.zero_plane_px
     pitch_mm = width_mm / field.width_px
     extent_mm = max(abs(field.disparity_max_px - zero), abs(field.disparity_min_px - zero)) * pitch_mm
@@ -177,7 +179,7 @@ def _comfort_views(
 
 
 class CaptureGeometry(Protocol):
-    """What is known of how a scene was captured: of an opened one, `Geometry`, or of its summary."""
+    """The known geometry of a scene's capture: `Geometry` of an opened scene, or its summary."""
 
     @property
     def baseline_mm(self) -> float | None:
@@ -193,7 +195,7 @@ class CaptureGeometry(Protocol):
 
 
 def _slope(config: Config, known: CaptureGeometry) -> float | None:
-    """Baseline over the distance of the zero plane, or None where the capture is not known."""
+    """Baseline over the distance of the zero plane; None if the capture is unknown."""
     if not known.baseline_mm or not known.focus_distance_mm:
         return None
     slope = known.baseline_mm / known.focus_distance_mm
@@ -203,7 +205,7 @@ def _slope(config: Config, known: CaptureGeometry) -> float | None:
 
 
 def check_geometry(config: Config, scene: SceneSummary) -> None:
-    """Raises UserError where a scene cannot be shown by config: render.alpha_px = "true" needs a known capture."""
+    """Raises UserError if config cannot show the scene: render.alpha_px = "true" needs a known capture."""
     if config.render.alpha_px == "true" and scene.needs_tracking and _slope(config, scene) is None:
         raise _unknown_capture(scene.name)
 

@@ -1,4 +1,4 @@
-"""Am I wearing them right? A picture with an L for the left eye and an R for the right one, made like every other picture."""
+"""The test of the glasses: a picture with an L for the left eye and an R for the right one, made like every other picture."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FONT = cv2.FONT_HERSHEY_DUPLEX
 
 
 def eye_picture(letter: str, left: bool, size_px: tuple[int, int]) -> NDArray[np.uint8]:
-    """What one eye is to see: its letter in its half, on grey, and a frame for both. size_px: (width, height). uint8 BGR."""
+    """The picture for one eye, uint8 BGR: its letter in its half, on grey, and a frame for both. size_px: (width, height)."""
     width, height = size_px
     picture = np.full((height, width, 3), GREY, np.uint8)
     line = max(2, min(size_px) // 100)
@@ -30,7 +30,7 @@ def eye_picture(letter: str, left: bool, size_px: tuple[int, int]) -> NDArray[np
 
 
 class GlassesTest:
-    """The picture of the test under some render settings, kept until they change. before: the settings at its start."""
+    """The test picture under the current render settings, cached until they change. before: the settings at its start."""
 
     def __init__(self, before: Render | None = None) -> None:
         self._before = before or Render()
@@ -39,7 +39,7 @@ class GlassesTest:
         self.pair: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None
 
     def draw(self, render: Render, size_px: tuple[int, int]) -> bool:
-        """Makes `picture`, uint8 (height, width, 3) BGR, and `pair` for modes of two views; whether anything changed."""
+        """Makes `picture`, uint8 (height, width, 3) BGR, and `pair` for modes of two views; returns whether anything changed."""
         if self._for == (render, size_px):
             return False
         self._for = (render, size_px)
@@ -63,7 +63,7 @@ class GlassesTest:
         return True
 
     def changed(self, render: Render) -> dict[str, float | bool]:
-        """What the person set by the test, by key of [render]."""
+        """The settings that the person changed during the test, by key of [render]."""
         found: dict[str, float | bool] = {}
         if render.swap_eyes != self._before.swap_eyes:
             found["swap_eyes"] = render.swap_eyes
@@ -72,7 +72,7 @@ class GlassesTest:
         return found
 
     def words(self, render: Render) -> str:
-        """What to do, in a few lines."""
+        """Instructions in a few lines."""
         if render.anaglyph == "mono":
             return "glasses test: this mode shows both eyes the same picture; m changes the mode"
         ghost = (

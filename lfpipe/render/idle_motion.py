@@ -1,4 +1,4 @@
-"""The picture of an exhibition while nobody is there: the viewpoint sways slowly through the grid of views."""
+"""An exhibition's picture while nobody is there: the viewpoint sways slowly through the grid of views."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import math
 
 from lfpipe.render.viewpoint import Position
 
-PERIOD_COLS_S, PERIOD_ROWS_S = 17.0, 29.0  # no common multiple for eight minutes: it does not look like a loop
+PERIOD_COLS_S, PERIOD_ROWS_S = 17.0, 29.0  # no common multiple within eight minutes: no visible loop
 REACH = 0.7  # of the way from the middle of the grid to its edge
-APART_VIEWS = 1.0  # between the eyes, at most, before any eyes were seen
-GROW_S, FADE_S = 2.0, 0.25  # time constants: away from where the last viewer was, and back to the eyes of the next one
-STILL = 1e-3  # share of the motion below which there is none
+APART_VIEWS = 1.0  # at most, between the eyes, before any eyes were seen
+GROW_S, FADE_S = 2.0, 0.25  # time constants: away from the last viewer's place, and to the eyes of the next one
+STILL = 1e-3  # a smaller share of the motion counts as none
 
 
 class IdleMotion:
-    """Moves viewpoints while nobody is there; leaves them exactly as they are where somebody is."""
+    """Moves viewpoints while nobody is there; leaves them unchanged while somebody is."""
 
     def __init__(self) -> None:
         self._share = 0.0

@@ -1,6 +1,6 @@
-"""What the viewer's keys do: settings go through the supervisor, like everybody's, so that all know of them.
+"""Actions of the viewer's keys. Settings go through the supervisor like all others, so that every stage gets them.
 
-A change by anybody is shown in the picture for a moment.
+The picture shows every change for a moment, whoever made it.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from lfpipe.transport.status import State
 ALPHA_STEP = 1.1
 GHOST_STEP = 5.0  # %
 MODES = choices("render.anaglyph")
-SETTLED_NS = SECOND_NS // 2  # a resize is over once the width stayed the same this long
+SETTLED_NS = SECOND_NS // 2  # a resize is over once the width has not changed for this long
 OVERLAY_NS = SECOND_NS // 2
-FACELESS_NS = 4 * SECOND_NS  # a turned head is no reason to complain
+FACELESS_NS = 4 * SECOND_NS  # a turned head is no reason for a notice
 INVITATION = "put on the glasses and stand in front of the screen"
 LOST = "camera lost, trying again"
 
 
 class KeyBindings:
-    """Serves a display's events, its notices and its overlay. scenes, menu: other scenes."""
+    """Handles a display's events, notices and overlay. scenes, menu: other scenes."""
 
     def __init__(self, context: Context, viewer: Viewer, presenter: Presenter, display: Display) -> None:
         self._context, self._viewer, self._presenter, self._display = context, viewer, presenter, display
@@ -55,7 +55,7 @@ class KeyBindings:
         self._known = (context.config.render, level_number(context.options), viewer.field.name)
 
     def serve(self) -> None:
-        """Carries out what was pressed since the last call, and keeps notices and overlay fresh."""
+        """Handles the keys since the last call and refreshes notices and overlay."""
         for event in self._display.events():
             self._presenter.redraw()
             if not self.menu.takes(event):
@@ -117,7 +117,7 @@ class KeyBindings:
             self._set(ghost_compensation=min(max(ghost, 0.0), 100.0))
 
     def _switch_glasses_test(self, render: Render) -> None:
-        """Begins the test; at its end what was changed in it is kept in the person's settings."""
+        """Begins or ends the test; at its end the changes are saved in the person's settings."""
         if self._glasses is None:
             self._glasses = GlassesTest(render)
         else:
@@ -139,7 +139,7 @@ class KeyBindings:
         self._context.request("set", set={f"render.{name}": value for name, value in values.items()})
 
     def _notice_changes(self, t_ns: int) -> None:
-        """Says what is not as it was at the last call."""
+        """Shows a notice for each change since the last call."""
         context, row = self._context, self._context.row
         render, level, scene = context.config.render, level_number(context.options), self._viewer.field.name
         before, level_before, scene_before = self._known
@@ -154,7 +154,7 @@ class KeyBindings:
             self._notices.say("scene", scene, t_ns)
         self._known = (render, level, scene)
         self._notices.state("paused", "paused: p or space resumes" if context.paused else "")
-        lost = int(context.table.rows[context.spec.source]["state"]) == State.READY  # it has no camera to take frames from
+        lost = int(context.table.rows[context.spec.source]["state"]) == State.READY  # it has no camera
         self._notices.state("camera", LOST if lost else "")
         away_ns = t_ns - row["t_face_ns"]
         faceless = context.options.tracking and not lost and not context.paused and row["t_face_ns"] and away_ns > FACELESS_NS
@@ -163,7 +163,7 @@ class KeyBindings:
         self._notices.state("glasses", self._glasses.words(render) if self._glasses else "")
 
     def _follow_width(self) -> None:
-        """A picture shown larger asks for more of the eyes: alpha follows once the window has its size."""
+        """A larger picture has larger parallax: alpha follows once the window keeps its size."""
         width_mm = self._display.width_mm()
         if width_mm != self._width_mm:
             self._width_mm, self._settled_ns = width_mm, now_ns() + SETTLED_NS
@@ -186,7 +186,7 @@ class KeyBindings:
 
 
 def _changes(before: Render, now: Render) -> list[tuple[str, str]]:
-    """(subject, words) of each setting that a viewer sees change."""
+    """(subject, text) of each changed setting that a viewer notices."""
     found = []
     if now.anaglyph != before.anaglyph:
         found.append(("mode", f"mode: {now.anaglyph}"))

@@ -1,4 +1,4 @@
-"""Keys of an exhibition: none does anything but those of a code, typed one after the other."""
+"""Keys of an exhibition: only a code, typed key by key, has an effect."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ class KeyLock:
         self._typed: deque[str] = deque(maxlen=len(code))
 
     def opens(self, char: str) -> bool:
-        """Whether the code is complete with this character; keys without one do not count."""
+        """Whether this character completes the code; keys without a character do not count."""
         self._typed.extend(char)
         return "".join(self._typed) == self._code

@@ -1,4 +1,4 @@
-"""What the delay of the loop was measured with: `render.loop_measured`, one line of text that a person can read."""
+"""The conditions under which the loop's delay was measured: `render.loop_measured`, one readable line of text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NAMES = {"camera": "the camera", "mode": "its mode", "monitor": "the monitor", "
 
 @attrs.frozen
 class LoopConditions:
-    """Texts. date: YYYY-MM-DD. camera: the driver's name of it. mode: size, format and rate asked of it. rate: of the monitor."""
+    """Texts. date: YYYY-MM-DD. camera: the driver's name. mode: requested size, format and rate. rate: of the monitor."""
 
     date: str
     camera: str
@@ -29,7 +29,7 @@ class LoopConditions:
 
     @classmethod
     def parse(cls, text: str) -> LoopConditions | None:
-        """From what `str` made; None for any other text."""
+        """Parses the result of `str`; None for any other text."""
         parts = text.split("; ")
         return cls(*parts) if len(parts) == 5 else None
 
@@ -37,7 +37,7 @@ class LoopConditions:
         return "; ".join(attrs.astuple(self))
 
     def changes(self, now: LoopConditions) -> list[str]:
-        """What is not as it was, in words."""
+        """The changed conditions, in words."""
         return [
             f"{words} is {getattr(now, name) or 'unknown'}, not {getattr(self, name)}"
             for name, words in NAMES.items()
@@ -46,8 +46,9 @@ class LoopConditions:
 
 
 def loop_doubt(config: Config, camera: str, monitors: list[Monitor]) -> str:
-    """Why render.loop_ms is not to be trusted now, "" where nothing speaks against it. camera: name of the one in use. monitors:
-    those here; without screen.monitor the window may be on any of them."""
+    """The reason to distrust render.loop_ms now; "" if there is none. camera: name of the camera in use. monitors: all connected
+    ones; without screen.monitor the window may be on any of them.
+    """
     then = LoopConditions.parse(config.render.loop_measured)
     if then is None:
         return "it was set by hand, not measured" if config.render.loop_ms else ""

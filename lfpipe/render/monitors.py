@@ -1,4 +1,4 @@
-"""The monitors that SDL sees: their names, where each lies on the desktop, and how large its pixels are."""
+"""The monitors that SDL lists: names, positions on the desktop, and pixel sizes."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from lfpipe.render.sdl import pygame
 
 INCH_MM = 25.4
 ASPECTS_MM = (16.0, 160.0)  # widths in EDIDs that know only an aspect: 160 x 90, 16 x 10, ...
-SQUARE = 0.1  # pixels further from square than that are a size that was made up
+SQUARE = 0.1  # pixels further from square than this: the reported size is invented
 
 
 @attrs.frozen
 class Monitor:
-    """x, y, width, height: its place on the desktop, in the units in which windows are placed. pixel_mm: the pitch of its real
-    pixels, None where it reports no size, or an impossible one. rate_hz: the refresh rate that it claims."""
+    """x, y, width, height: its area on the desktop, in the units of window positions. pixel_mm: the pitch of its physical pixels,
+    None if it reports no size or an impossible one. rate_hz: the refresh rate that it claims.
+    """
 
     number: int
     name: str
@@ -35,7 +36,7 @@ class Monitor:
 
 
 def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
-    """The pitch from what SDL reports, (horizontal, vertical); None where that cannot be the size of a monitor."""
+    """The pitch from the size that SDL reports, (horizontal, vertical); None if that cannot be the size of a monitor."""
     across, down = dots_per_inch
     if (
         across <= 0
@@ -48,7 +49,7 @@ def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
 
 
 def monitors() -> list[Monitor]:
-    """All of them, by number. pygame.display must be initialised."""
+    """All monitors, by number. pygame.display must be initialised."""
     found = []
     for number, (width_px, _) in enumerate(pygame.display.get_desktop_sizes()):
         name, place, dots_per_inch = window_system.monitor_facts(number)
@@ -59,12 +60,12 @@ def monitors() -> list[Monitor]:
 
 
 def monitor_of(window: pygame.Window) -> int:
-    """The number of the monitor on which the window's middle lies."""
+    """The number of the monitor that holds the window's centre."""
     return window_system.monitor_number(window)
 
 
 def find_monitor(wanted: str, offered: list[Monitor]) -> Monitor:
-    """The monitor of that number or name, or the only one with that in its name. Raises UserError, which lists them."""
+    """The monitor with that number or name, or the only one whose name contains it. Raises UserError, which lists them."""
     exact = [each for each in offered if wanted in (str(each.number), each.name)]
     part = [each for each in offered if wanted.lower() in each.name.lower()]
     for found in (exact, part):
@@ -78,7 +79,7 @@ def find_monitor(wanted: str, offered: list[Monitor]) -> Monitor:
 
 
 def detect_monitors() -> tuple[str, list[Monitor]]:
-    """SDL's driver and the monitors, without a window. Raises pygame.error where SDL cannot start."""
+    """SDL's driver and the monitors, without a window. Raises pygame.error if SDL cannot start."""
     try:
         return sdl.start(), monitors()
     finally:

@@ -1,8 +1,8 @@
 """Motion to photon of a running session, by the definitions of docs/photon.md.
 
-Onset: what a motion that nobody could foresee takes until it is seen: half a frame's period until it is exposed, then from the
-sensor's stamp to the first picture of that frame, then the loop's delay. Steady: how far pictures lag behind a head that is under
-way, with prediction: what the eyes turned out to be when a picture was seen, against those that it was made for.
+Onset: the time from an unforeseeable motion to its light: half a frame's period to the exposure, then from the sensor's stamp to
+the first picture of that frame, then the loop's delay. Steady: how far pictures lag behind a moving head, with prediction: the
+eyes at the time of the light, compared with the eyes that the picture was made for.
 """
 
 from __future__ import annotations
@@ -14,28 +14,28 @@ from numpy.typing import NDArray
 
 from lfpipe.transport.clock import SECOND_NS
 
-SHARE = 0.05  # of the newest in the running mean of the onset
-KEPT = 0.995  # of the sums per picture: some 200 pictures under way
+SHARE = 0.05  # weight of the newest onset in its running mean
+KEPT = 0.995  # decay of the sums per picture: some 200 pictures in motion
 UNDER_WAY = 0.5  # distances between the eyes per second; slower, noise is most of it
-MOST_PICTURES = 120  # waiting for the frame that tells where the eyes were
-GAP_NS = SECOND_NS // 4  # from frame to frame; beyond, nothing is known of the time between
+MOST_PICTURES = 120  # waiting for the frame that shows where the eyes were
+GAP_NS = SECOND_NS // 4  # from frame to frame; after a longer gap the time between is unknown
 
 Points = NDArray[np.float64]
 
 
 class MotionLatency:
-    """onset_ns, steady_ns: 0 where not known yet."""
+    """onset_ns, steady_ns: 0 until known."""
 
     def __init__(self) -> None:
         self.onset_ns = self.steady_ns = 0
         self._pictures: deque[tuple[int, Points]] = deque(maxlen=MOST_PICTURES)
         self._last: tuple[int, Points] | None = None
         self._period_ns = 0
-        self._shown_ns = 0  # stamp of the frame whose first picture was seen
+        self._shown_ns = 0  # stamp of the frame whose first picture was shown
         self._lag = self._power = 0.0
 
     def measured(self, t_sensor_ns: int, eyes_px: Points | None) -> None:
-        """A frame's eyes, (2, 2) px, as measured; None without a face."""
+        """Adds a frame's measured eyes, (2, 2) px; None without a face."""
         last, self._last = self._last, None if eyes_px is None else (t_sensor_ns, eyes_px.copy())
         if last is None or self._last is None or not 0 < t_sensor_ns - last[0] < GAP_NS:
             self._pictures.clear()
@@ -55,8 +55,9 @@ class MotionLatency:
             self.steady_ns = round(self._lag / self._power)
 
     def pictured(self, t_sensor_ns: int, t_presented_ns: int, after_ns: int, loop_ns: int, eyes_px: Points) -> None:
-        """A picture for eyes_px, (2, 2) px, from the frame of t_sensor_ns was presented. after_ns: from there to the time for
-        which it was made; loop_ns: as far as that is camera's and display's delay."""
+        """Adds a presented picture, made for eyes_px, (2, 2) px, from the frame of t_sensor_ns. after_ns: from t_sensor_ns to the
+        time that it was made for; loop_ns: the part of it that is the delay of camera and display.
+        """
         self._pictures.append((t_presented_ns + after_ns, eyes_px.copy()))
         if t_sensor_ns != self._shown_ns:
             self._shown_ns = t_sensor_ns

@@ -1,4 +1,4 @@
-"""Short words in the picture: what has just changed, for two seconds, and what is so, for as long as it is."""
+"""Short texts in the picture: changes for two seconds, conditions for as long as they last."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ SHOWN_NS = 2 * SECOND_NS
 
 
 class Notices:
-    """Lines by subject: a new one replaces the last of its subject."""
+    """Lines by subject: a new line replaces the previous one of its subject."""
 
     def __init__(self) -> None:
         self._passing: dict[str, tuple[str, int]] = {}  # subject -> (text, end)
@@ -27,7 +27,7 @@ class Notices:
             self._states.pop(subject, None)
 
     def lines(self, t_ns: int) -> list[str]:
-        """What to show at t_ns."""
+        """The lines to show at t_ns."""
         self._passing = {subject: each for subject, each in self._passing.items() if each[1] > t_ns}
         texts = [*(text for text, _ in self._passing.values()), *self._states.values()]
         return [line for text in texts for line in text.splitlines()]

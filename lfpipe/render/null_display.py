@@ -1,4 +1,4 @@
-"""No display: pictures are made and dropped, for measurements and for machines without a screen."""
+"""No display: pictures are dropped. For measurements and for machines without a screen."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lfpipe.render.pair_layout import Pair
 
 
 class NullDisplay:
-    """Takes pictures and shows nothing."""
+    """Accepts pictures and shows nothing."""
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         return time.monotonic_ns()
@@ -35,13 +35,13 @@ class NullDisplay:
         pass
 
     def say(self, lines: list[str]) -> None:
-        """Nobody reads it."""
+        """Does nothing."""
 
     def menu(self, draw: object) -> None:
-        """Nobody chooses."""
+        """Does nothing."""
 
     def title(self, name: str) -> None:
-        """There is no title."""
+        """Does nothing."""
 
     def width_mm(self) -> None:
         pass

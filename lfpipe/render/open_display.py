@@ -1,4 +1,4 @@
-"""From what a person typed after `--display` to an open display; a display's library is imported only for that display."""
+"""Opens the display named by `--display`; imports only the library of that display."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _x_answers(display: str) -> bool:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened: a display server is named in the environment and answers."""
+    """Whether a window can be opened: the environment names a display server, and it answers."""
     if has_desktop() or os.environ.get("SDL_VIDEODRIVER") in ("dummy", "offscreen"):
         return True
     if wayland := os.environ.get("WAYLAND_DISPLAY"):
@@ -48,8 +48,9 @@ def has_display() -> bool:
 
 
 def check_display(spec: str, monitor: str = "") -> None:
-    """Raises UserError where spec is no display, needs a screen or monitor that is not there, or names a file that cannot be
-    written. monitor: `screen.monitor`."""
+    """Raises UserError if spec is no display, needs a missing screen or monitor, or names a file that cannot be written. monitor:
+    `screen.monitor`.
+    """
     if spec in ("window", "fullscreen"):
         if not has_display():
             named = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
@@ -71,7 +72,7 @@ def check_display(spec: str, monitor: str = "") -> None:
 
 
 def part_of(path: Path, part: int) -> Path:
-    """Where the part of a video goes that a restarted process writes: nothing of the one before it is overwritten."""
+    """The path of a restarted process's part of a video: earlier parts are not overwritten."""
     return path.with_stem(f"{path.stem}.{part + 1}") if part else path
 
 
@@ -80,10 +81,9 @@ def open_display(
 ) -> Display:
     """The display that spec names: window, fullscreen, none, file:OUT.mkv.
 
-    size_px: (width, height) of the pictures; rate_hz: their highest rate, and the rate of a video; monitor:
-    `screen.monitor`; part: how often the process that writes a video was restarted; code: the only
-    keys that a window takes, to end it.
-    Raises UserError as `check_display` does, and where the window cannot be opened.
+    size_px: (width, height) of the pictures; rate_hz: their highest rate, and the rate of a video; monitor: `screen.monitor`;
+    part: how often the process that writes a video was restarted; code: the only keys that a window accepts, to end it. Raises
+    UserError as `check_display` does, and if the window cannot be opened.
     """
     check_display(spec)
     if spec == "none":

@@ -1,6 +1,6 @@
-"""Where else pictures go while somebody asks: the ring "pictures", their stamps, the timeline, the viewpoints of the eyes.
+"""Outputs of pictures on request: the ring "pictures", their stamps, the timeline, the viewpoints of the eyes.
 
-All follow the session's options; nobody asking means no ring, no copy, no message.
+All follow the session's options; without a request there is no ring, no copy, no message.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ VIEWPOINTS_NS = 100 * MS_NS  # between two messages "look"
 
 
 class OptionalOutputs:
-    """Call `follow` whenever options may have changed; the other calls cost next to nothing while nobody asks."""
+    """Call `follow` whenever options may have changed; without a request the other calls cost next to nothing."""
 
     def __init__(self, context: Context, viewer: Viewer) -> None:
         self._context, self._viewer = context, viewer
@@ -35,7 +35,7 @@ class OptionalOutputs:
         self._shown: RingOutput | None = None  # opened when it is first needed
 
     def follow(self, options: SessionOptions, picture: NDArray[np.uint8] | None) -> None:
-        """Opens and closes what options ask for. picture: the one on the screen, for a ring that is new."""
+        """Opens and closes outputs as options ask. picture: the one on the screen, for a new ring."""
         part, path = options.pictures, options.timeline
         if part != self._part:
             if self._ring is not None:
@@ -45,7 +45,7 @@ class OptionalOutputs:
                 try:
                     self._ring = ring.Writer(self._context.spec.session.segment(part))
                 except FileNotFoundError:
-                    return  # given back before it was used
+                    return  # released before it was used
                 self.picture(picture, None)
         if path != self._path:
             self._path = path
@@ -57,15 +57,15 @@ class OptionalOutputs:
 
     @property
     def traced(self) -> bool:
-        """Whether somebody wants the timeline."""
+        """Whether the timeline is requested."""
         return self._timeline.wanted
 
     def line(self, record: dict[str, Any]) -> None:
-        """One object of the trace, for the timeline."""
+        """Writes one object of the trace to the timeline."""
         self._timeline.write(record)
 
     def picture(self, picture: NDArray[np.uint8] | None, stamp: Stamp | None) -> None:
-        """A picture as it was just shown. One of another size than the ring's, just after another scene came, is left out."""
+        """Writes a picture just shown to the ring. A picture of another size, right after a change of scene, is left out."""
         if self._ring is None or picture is None or picture.shape != self._ring.shape:
             return
         np.copyto(self._ring.begin(), picture)
@@ -75,7 +75,7 @@ class OptionalOutputs:
             self._ring.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
 
     def shown(self, viewpoints: Viewpoints, stamp: Stamp, face: bool, composed: bool, t_presented_ns: int) -> None:
-        """Stamp and views of a picture, for who shares the session."""
+        """Writes stamp and views of a picture for the share stage."""
         if not self._context.options.shares_pictures:
             return
         self._shown = self._shown or self._context.output("shown")
@@ -85,7 +85,7 @@ class OptionalOutputs:
         self._shown.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
 
     def emit_viewpoints(self, viewpoints: Viewpoints, face: bool) -> None:
-        """Reports to the tap where the eyes are and which views they see, at most every VIEWPOINTS_NS."""
+        """Reports positions and views of the eyes to the tap, at most every VIEWPOINTS_NS."""
         if self._ring is None or now_ns() < self._viewpoints_due_ns:
             return
         self._viewpoints_due_ns = now_ns() + VIEWPOINTS_NS

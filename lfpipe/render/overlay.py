@@ -1,4 +1,4 @@
-"""What is written over the picture: lines of text and a small picture below them, white on black."""
+"""The overlay of the picture: lines of text and a small picture below them, white on black."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lfpipe.render.sdl import drawable, pygame
 
-LEAST_PX, MOST_SHARE = 13, 0.94  # of the text, and of the window that all of it may take
+LEAST_PX, MOST_SHARE = 13, 0.94  # of the text, and the share of the window that the overlay may take
 
 
 COLUMN = "PgDnM"  # as wide as the keys of the help
@@ -23,12 +23,12 @@ def _font(size_px: int) -> pygame.font.Font:
 
 
 def panel(lines: list[str], inset: NDArray[np.uint8] | None, text_px: int, room_px: tuple[int, int]) -> pygame.Surface:
-    """A translucent surface with lines of text_px, smaller where they would not fit into room_px (width, height).
+    """A translucent surface with lines of text_px, smaller if they do not fit into room_px (width, height).
 
-    What follows a tab in a line stands in a column of its own.
+    Text after a tab forms a second column.
 
-    inset: uint8 (h, w, 3) BGR, left out where there is no room for it. White on black is the same for both eyes, so text
-    stands in the plane of the screen behind any glasses.
+    inset: uint8 (h, w, 3) BGR, left out if there is no room. White on black is the same for both eyes, so text lies in the plane
+    of the screen through any glasses.
     """
     lines = [drawable(line) for line in lines]
     font = _font(text_px)

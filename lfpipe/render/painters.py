@@ -1,5 +1,5 @@
-"""How a picture gets into a window: by SDL's renderer, which scales it and swaps in step with the screen, or into the window's
-surface, which the processor fills.
+"""Painters put a picture into a window: SDL's renderer scales it and swaps in step with the screen; the processor fills the
+window's surface.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from lfpipe.render.scaling import scale_into
 from lfpipe.render.sdl import pygame
 
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
-Panels = list[tuple[pygame.Surface, tuple[int, int]]]  # what lies over the picture, and where
+Panels = list[tuple[pygame.Surface, tuple[int, int]]]  # overlays of the picture and their positions
 
 
 class Painter(Protocol):
@@ -26,19 +26,19 @@ class Painter(Protocol):
         ...
 
     def paint(self, picture: NDArray[np.uint8], panels: Panels, exact: bool) -> None:
-        """Draws uint8 (height, width, 3) BGR, scaled to fit, without showing it. exact: it has the window's size already."""
+        """Draws uint8 (height, width, 3) BGR, scaled to fit, without showing it. exact: it already has the window's size."""
         ...
 
     def swap(self) -> None:
-        """Hands what was drawn to the window system."""
+        """Hands the drawn picture to the window system."""
         ...
 
 
 class SurfacePainter:
-    """Writes into the window's surface, no picture copied that need not be."""
+    """Writes into the window's surface with as few copies as possible."""
 
     def __init__(self, window: pygame.Window) -> None:
-        """Raises UserError where the screen's pixels are not of 32 bits."""
+        """Raises UserError if the screen's pixels do not have 32 bits."""
         self._window = window
         self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
         surface = window.get_surface()
@@ -58,9 +58,9 @@ class SurfacePainter:
         self._window.flip()
 
     def _write(self, surface: pygame.Surface, picture: NDArray[np.uint8]) -> None:
-        # The views of the surface's memory end with this call: as long as one lives the surface is locked.
+        # the views of the surface's memory end with this call: the surface is locked as long as one lives
         width, height = surface.get_size()
-        memory: Any = surface.get_buffer()  # a buffer, but not to the type checker
+        memory: Any = surface.get_buffer()  # a buffer, though the type checker disagrees
         pixels = np.frombuffer(memory, np.uint8).reshape(height, surface.get_pitch() // 4, 4)[:, :width]
         x, y, w, h = fit_area((picture.shape[1], picture.shape[0]), (width, height))
         code = RED_MASKS[surface.get_masks()[0]]
@@ -69,7 +69,7 @@ class SurfacePainter:
         if picture.shape[:2] == (h, w):
             cv2.cvtColor(picture, code, dst=target)
             return
-        # Converted before it grows: the scaler then writes straight into the surface.
+        # converted before scaling up: the scaler then writes straight into the surface
         if self._four.shape[:2] != picture.shape[:2]:
             self._four = np.empty((*picture.shape[:2], 4), np.uint8)
         cv2.cvtColor(picture, code, dst=self._four)
@@ -80,7 +80,7 @@ class RendererPainter:
     """Uploads pictures of their own size to a streaming texture; SDL's renderer scales them and swaps."""
 
     def __init__(self, window: pygame.Window, wait: bool) -> None:
-        """wait: `swap` keeps step with the screen by waiting. Raises pygame.error where there is no accelerated renderer."""
+        """wait: `swap` waits for the screen. Raises pygame.error without an accelerated renderer."""
         self._renderer = video.Renderer(window, -1, 1, wait)
         self._texture: video.Texture | None = None
         self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
@@ -114,7 +114,7 @@ class RendererPainter:
 
 
 def open_painter(window: pygame.Window, renderer: bool, wait: bool) -> Painter:
-    """The renderer where it is wanted and there is one, else the surface. Raises UserError as `SurfacePainter` does."""
+    """The renderer if wanted and available, else the surface. Raises UserError as `SurfacePainter` does."""
     if renderer:
         try:
             return RendererPainter(window, wait)

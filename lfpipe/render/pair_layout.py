@@ -1,4 +1,4 @@
-"""Two views for 3-D screens, laid out in the screen's own pixels: after scaling, so rows stay rows and halves stay halves."""
+"""Two views for 3-D screens, arranged in the screen's own pixels: after scaling, so rows stay rows and halves stay halves."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Pair = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 def laid_out(
     pair: Pair, how: str, screen_px: tuple[int, int], first_row: int = 0, out: NDArray[np.uint8] | None = None
 ) -> NDArray[np.uint8]:
-    """The picture, uint8 (height, width, 3) BGR, of exactly screen_px (width, height), in out where that has the size.
+    """The picture, uint8 (height, width, 3) BGR, of exactly screen_px (width, height); written to out if that has the size.
 
     pair: left and right view. how: "row-interleaved" (even rows of the screen to the left eye) or "side-by-side" (each view
     squeezed into its half, so that a 3-D screen that stretches the halves shows it in its own shape). first_row: the row of the

@@ -1,4 +1,4 @@
-"""One picture as a file: whole, or not there."""
+"""One picture as a file, written atomically."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 
 def picture_folder(home: Path, environment: Mapping[str, str]) -> Path:
-    """Where a person looks for pictures: the desktop's folder of pictures, or else the working directory.
+    """The folder for pictures: the desktop's, or else the working directory.
 
-    The desktop's folder is XDG_PICTURES_DIR of user-dirs.dirs (xdg-user-dirs), ~/Pictures without that file.
+    The desktop's folder is XDG_PICTURES_DIR in user-dirs.dirs (xdg-user-dirs); without that file, ~/Pictures.
     """
     found = home / "Pictures"
     try:
@@ -30,8 +30,8 @@ def picture_folder(home: Path, environment: Mapping[str, str]) -> Path:
 
 
 def save(path: Path, picture: NDArray[np.uint8]) -> str:
-    """Writes picture, uint8 (height, width, 3) BGR, as the PNG path; returns what to report. An existing file stays until the
-    new one is whole.
+    """Writes picture, uint8 (height, width, 3) BGR, as the PNG path; returns the message to report. An existing file stays until
+    the new one is complete.
     """
     done, data = cv2.imencode(".png", picture)
     assert done, "a uint8 picture is always a PNG"

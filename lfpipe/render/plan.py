@@ -1,6 +1,6 @@
-"""What rendering a scene under a configuration needs, and what is left out.
+"""The work that rendering a scene under a configuration needs, and the work it leaves out.
 
-A report: stages do not read it. Each entry comes from the function that the stage itself decides by.
+Only a report: stages do not read it. Each entry comes from the function that the stage itself uses to decide.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from lfpipe.scene.lightfield import LightField
 
 @attrs.frozen
 class LeftOut:
-    """Work that is not done, or data that is not read or stored. saves: an amount with its unit; "measured" if timed here."""
+    """Work not done, or data not read or stored. saves: an amount with its unit; "measured" if timed here."""
 
     what: str
     why: str
@@ -38,10 +38,11 @@ class LeftOut:
 @attrs.frozen
 class Plan:
     """needs_tracking: the picture depends on the eyes; otherwise capture and track do not run. needs_rows: it depends on the
-    eyes' height. needs_warp: views are warped, so disparity is read. needs_depth: it depends on the viewer's distance.
-    planes: stored channels read for the left eye and for the right eye (0 red, 1 green, 2 blue; 0 of a grey scene).
-    reach: (first row, last row, first column, last column) of the views that can be shown while the eyes are within a camera
-    picture of the configured size. method: how views are made, never "auto"."""
+    eyes' height. needs_warp: views are warped, so disparity is read. needs_depth: it depends on the viewer's distance. planes:
+    stored channels read for the left eye and for the right eye (0 red, 1 green, 2 blue; 0 of a grey scene). reach: (first row,
+    last row, first column, last column) of the views that can appear while the eyes are within a camera picture of the configured
+    size. method: never "auto".
+    """
 
     needs_tracking: bool
     needs_rows: bool
@@ -76,9 +77,10 @@ def make_plan(field: LightField, config: Config, measure: bool = False) -> Plan:
 
 
 def _reach(field: LightField, config: Config, posed: bool) -> tuple[int, int, int, int]:
-    """All views where alpha or the camera's pose depends on the viewer's distance; otherwise those between the extremes: eyes
-    in one corner of the camera picture, neutral position in the opposite one. Blending uses a superset of the views that the
-    other methods use, so the reach also holds at a lowered quality."""
+    """All views if alpha or the camera's pose depends on the viewer's distance; otherwise those between the extremes: eyes in one
+    corner of the camera picture, neutral position in the opposite one. Blending uses a superset of the views that the other
+    methods use, so the reach also holds at lowered quality.
+    """
     if not isinstance(config.render.alpha_px, int | float) or posed:
         return 0, field.rows - 1, 0, field.cols - 1
     near, far = (0.0, 0.0), tuple(map(float, config.camera.frame_px))
@@ -153,7 +155,7 @@ def _median_ms(work: Callable[[], object]) -> float:
 
 
 def _warp_ms(field: LightField, render: Render, method: str) -> float:
-    """Time that a picture takes longer with `warp` than with method, off the stored views."""
+    """Additional time of a picture with `warp` over method, away from the stored views."""
     store = PlaneStore(field)
     position = ((field.rows - 1) / 2 + 0.3 * (field.rows > 1), (field.cols - 1) / 2 + 0.3 * (field.cols > 1))
     out = [np.empty((field.height_px, field.width_px), np.uint8) for _ in range(3)]
@@ -167,7 +169,7 @@ def _warp_ms(field: LightField, render: Render, method: str) -> float:
 
 
 def _row_ms(field: LightField) -> float:
-    """Time that the maps of a view take longer where rows count as well."""
+    """Additional time of a view's maps if rows count as well."""
     warper, tap = Warper(field), ViewWeight(0, 0, 1.0)
     both, cols = (_median_ms(lambda down=down: warper.maps(0, tap, (down, 0.3), (0.0, 0.0))) for down in (0.3, 0.0))  # type: ignore[misc]
     return max(both - cols, 0.0)

@@ -1,4 +1,4 @@
-"""The planes a picture is made of: stored channels without a copy, others built when first asked for and kept while they fit."""
+"""The planes that make up a picture: stored channels without a copy, others built on first use and cached while they fit."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ BUDGET_BYTES = 64 << 20
 
 
 def stored_channels(field: LightField, plane: Plane) -> tuple[int, ...]:
-    """Stored channels that a plane is made of. Weights sum to 1: every plane of a grey view is the view."""
+    """Stored channels of a plane. Weights sum to 1: every plane of a grey view is the view."""
     return (0,) if field.channels == 1 else plane.channels
 
 
 class PlaneStore:
-    """Planes of stored views, built lazily: nothing is done for views that are not shown, and memory is bounded."""
+    """Planes of stored views, built lazily: views that are not shown cost nothing, and memory is bounded."""
 
     def __init__(self, field: LightField, budget_bytes: int = BUDGET_BYTES) -> None:
         self._views = np.asarray(field.views)  # a plain view of the map: indexing an np.memmap costs microseconds
@@ -29,7 +29,7 @@ class PlaneStore:
         self._built: OrderedDict[tuple[int, int, int, Plane], NDArray[np.uint8]] = OrderedDict()
 
     def get(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
-        """uint8 (height, width), not to be written to. It stays valid for at least the seven calls that follow."""
+        """uint8 (height, width), read-only. It stays valid for at least the next seven calls."""
         channels = stored_channels(self._field, plane)
         if len(channels) == 1:
             stored: NDArray[np.uint8] = self._views[frame, row, col, channels[0]]

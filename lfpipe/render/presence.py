@@ -1,4 +1,4 @@
-"""Who is before the screen, as a machine of five states. It says when to measure where the viewer rests.
+"""The viewer's presence as a state machine of five states. It decides when to measure the resting position.
 
     state      when                                                    then
     nobody     a face                                                  arriving
@@ -11,9 +11,10 @@
     lost       a face, before ABSENT_S have passed                     as before the loss
                no face for ABSENT_S                                    nobody
 
-"Rests": for REST_S and REST_FRAMES the eyes stay within REST_SPAN of a place, and their distance within REST_DEPTH. "Another face
-took over": a face of another track follows within GAP_S of the last; a longer gap is a camera that stood still. Measured are the
-position of the eyes and their distance from each other, which gives the viewer's distance, as means over the rest.
+"Rests": for REST_S and REST_FRAMES the eyes stay within REST_SPAN of a point, and their distance from each other within
+REST_DEPTH. "Another face took over": a face of another track follows within GAP_S of the last; a longer gap means that the camera
+stood still. The measurement is the mean over the rest of the eyes' position and of their distance from each other, which gives
+the viewer's distance.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ GAP_S = 0.5
 
 
 class ViewerState(enum.IntEnum):
-    """What the machine is in, as the status table carries it."""
+    """The state, numbered as in the status table."""
 
     NOBODY = 0
     ARRIVING = 1
@@ -47,7 +48,7 @@ class ViewerState(enum.IntEnum):
 
 @attrs.frozen
 class Rest:
-    """Where a viewer rested. x_px, y_px: the point between the eyes; apart_px: the distance between them."""
+    """The position of a resting viewer. x_px, y_px: the point between the eyes; apart_px: the distance between them."""
 
     x_px: float
     y_px: float
@@ -55,19 +56,21 @@ class Rest:
 
 
 class Presence:
-    """The machine. state: its state; call `update` once for every tracked frame."""
+    """The state machine. Call `update` once for every tracked frame."""
 
     def __init__(self) -> None:
         self.state = ViewerState.NOBODY
-        self._before = ViewerState.ARRIVING  # what a face found again goes back to
+        self._before = ViewerState.ARRIVING  # the state to return to when the face is found again
         self._generation = 0
-        self._t_ns = self._since_ns = 0  # of the last face; since when it rests
+        self._t_ns = self._since_ns = 0  # of the last face; when its rest began
         self._first: Rest | None = None  # where the rest began
         self._sums, self._count = (0.0, 0.0, 0.0), 0
 
     def update(self, t_ns: int, here: Rest | None, generation: int = 0, beyond: bool = False) -> Rest | None:
-        """Takes the frame of t_ns. here: where the eyes are, None without a face; generation: of the face's track; beyond: both
-        eyes are beyond the grid. Returns the rest to measure neutral position and distance by, where it is time to."""
+        """Processes the frame of t_ns. here: position of the eyes, None without a face; generation: of the face's track; beyond:
+        both eyes are beyond the grid. Returns the rest that gives neutral position and distance when it is time to measure them,
+        else None.
+        """
         state = self.state
         if here is None:
             self._first = None
@@ -93,7 +96,7 @@ class Presence:
         return rest
 
     def _rest(self, t_ns: int, here: Rest) -> Rest | None:
-        """The mean since the eyes came to rest, once that is REST_S ago."""
+        """The mean since the eyes came to rest, if that is at least REST_S ago."""
         first = self._first
         if (
             first is None
