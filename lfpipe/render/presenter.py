@@ -1,4 +1,4 @@
-"""Puts pictures on the display: takes the newest eyes, composes only what has changed, stamps and traces what was shown."""
+"""Puts pictures on the display: takes the newest eyes, composes only changes, stamps and traces what was shown."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from lfpipe.render.replay_writer import ReplayWriter
 
 NO_ROOM = "make room there, or another --out"  # of a replay
-COST_SHARE = 0.1  # weight of the newest in the running mean of what a picture costs
+COST_SHARE = 0.1  # weight of the newest in the running mean of a picture's cost
 
 
 class Presenter:
@@ -47,7 +47,7 @@ class Presenter:
         self._record: NDArray[np.void] | None = None
         self._stamp: Stamp | None = None
         self._t_taken_ns = 0
-        self._pending = False  # no picture was made yet for the record taken last
+        self._pending = False  # no picture was made yet for the newest record
         self._key: Hashable = None
         self._trace = TraceFile(Path(context.options.trace) if context.options.trace else None, self._lost)
         self._outputs = OptionalOutputs(context, viewer)
@@ -61,26 +61,26 @@ class Presenter:
         self._shown = ShownPictures()
         self._latency = MotionLatency()
         self._number = 0
-        self.clock: ScreenClock | None = None  # of a screen whose blanks are reported
+        self.clock: ScreenClock | None = None  # of a screen that reports its blanks
         self.lead = LeadTime()
         self.picture: NDArray[np.uint8] | None = None
         self.pattern: GlassesTest | None = None  # shown instead of the scene
 
     def _lost(self, why: str) -> None:
-        if self._context.options.replay:  # a replay is nothing without its trace
+        if self._context.options.replay:  # a replay needs its trace
             raise UserError(why, NO_ROOM)
         self._context.emit("notice", text=why)
 
     def redraw(self) -> None:
-        """The next picture is composed whatever its key."""
+        """Composes the next picture even if its key is unchanged."""
         self._key = None
 
     def follow(self, options: SessionOptions) -> None:
-        """Opens and closes the optional outputs, as the options ask."""
+        """Opens and closes the optional outputs as the options ask."""
         self._outputs.follow(options, self.picture)
 
     def take(self) -> Stamp | None:
-        """Takes the newest eyes record if there is one; returns its stamp."""
+        """Reads the newest eyes record if there is one; returns its stamp."""
         stamp = self._eyes.take(self._buffer)
         if stamp is not None:
             self.leave_out()
@@ -90,18 +90,18 @@ class Presenter:
         return stamp
 
     def leave_out(self) -> None:
-        """Counts the record taken last where no picture has been made for it: a newer one came, or the session is paused."""
+        """Counts the previous record as skipped if no picture was made for it: a newer one came, or the session is paused."""
         self._context.row["left_out"] += self._pending
         self._pending = False
 
     def show(self, target_ns: int, refresh_ns: int = 0) -> None:
         """Shows the picture for target_ns. refresh_ns: target_ns is a refresh of the display, with the next so much later.
 
-        A picture that stays for a refresh is made for the middle of it: that is where the error over its time is least.
+        A picture that stays for a refresh is made for the middle of it, where the error over its time is least.
         """
         t_start_ns = now_ns()
         self._pending = False
-        options = self._context.options  # a file has no light, and without a clock replay.latency_ms is the whole way
+        options = self._context.options  # a file has no light, and without a clock replay.latency_ms is the whole delay
         on_screen = not options.lossless and not options.display.startswith("file:")
         loop_ns = int(self._viewer.config.render.loop_ms * 1e6) * on_screen
         seen_ns = target_ns + loop_ns + refresh_ns // 2
@@ -109,7 +109,7 @@ class Presenter:
         self._viewer.video_lead_ns = refresh_ns // 2 if self.clock is not None else 0
         viewpoints = self._viewer.viewpoints(self._record, t_sensor_ns, seen_ns)
         key = self._viewer.key(viewpoints)
-        composed = key != self._key or not refresh_ns  # the paper's way draws for every camera frame
+        composed = key != self._key or not refresh_ns  # the paper draws for every camera frame
         pair: Pair | None = None
         if composed:
             self.picture, pair = self._viewer.compose(viewpoints), self._viewer.compositor.pair
@@ -128,7 +128,7 @@ class Presenter:
         measured: tuple[int, int] | None = None
         if composed:
             handing_ns = t_handed_ns - t_shown_ns
-            if self.clock is not None:  # a swap may wait for the screen: that is no work
+            if self.clock is not None:  # a swap may wait for the screen, which is not work
                 handing_ns = min(handing_ns, time.process_time_ns() - cpu_ns)
             cost_ns = t_composed_ns - t_start_ns + handing_ns
             self._outputs.picture(self.picture, stamp)
@@ -161,7 +161,7 @@ class Presenter:
     def _was_shown(
         self, viewpoints: Viewpoints, stamp: Stamp, face: bool, composed: bool, after_ns: int, loop_ns: int, t_ns: int
     ) -> None:
-        """A picture was presented at t_ns, for eyes as they are after_ns later."""
+        """Records a picture presented at t_ns, made for the eyes at after_ns later."""
         self._outputs.shown(viewpoints, stamp, face, composed, t_ns)
         if face and composed:
             self._latency.pictured(stamp.t_sensor_ns, t_ns, after_ns, loop_ns, viewpoints.eyes_px)
@@ -177,7 +177,7 @@ class Presenter:
         line: dict[str, Any] | None,
         shown: Callable[[int], None] | None,
     ) -> None:
-        """Counts and traces a picture once it is known when it was shown. target_ns: the blank it was made for, 0 for none."""
+        """Counts and traces a picture once its time of display is known. target_ns: the blank it was made for, 0 for none."""
 
         def report(t_presented_ns: int, by: str) -> None:
             if measured is not None:
@@ -206,7 +206,7 @@ class Presenter:
             self._shown.stays(target_ns or t_handed_ns, self._display.blanks_by, report)
 
     def _judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> None:
-        """A picture was shown, at another blank than planned perhaps, or never (0): then the next one took its place."""
+        """Judges a picture shown at its planned blank, at another one, or never (0) because the next one replaced it."""
         assert self.clock is not None
         if not t_presented_ns:
             self._context.row["juddered"] += 1
@@ -214,7 +214,7 @@ class Presenter:
             self._context.row["juddered"] += self.lead.judge(target_ns, t_handed_ns, t_presented_ns, self.clock.period_ns)
 
     def missed(self, count: int) -> None:
-        """So many refreshes passed without a picture being begun: the one before stayed."""
+        """Counts refreshes that passed with no new picture begun: the previous one stayed."""
         row = self._context.row
         row["missed"] += count
         if self.clock is not None:
@@ -222,7 +222,7 @@ class Presenter:
             row["juddered"] += count
 
     def follow_screen(self) -> None:
-        """Takes what the window system reported of pictures and blanks."""
+        """Processes the window system's reports of pictures and blanks."""
         if not self._display.blanks_by:
             return
         answers = self._display.presented()
@@ -255,7 +255,7 @@ class Presenter:
             "t_tracked_ns": int(record["t_tracked_ns"]),
             "t_started_ns": t_started_ns,
             "t_composed_ns": t_composed_ns,
-            "t_presented_ns": 0,  # known later; it keeps its place in the line
+            "t_presented_ns": 0,  # known later; the order stays
             "face": bool(record["face"]),
             "eyes_raw": sides(record["raw_px"].tolist()),
             "eyes_used": sides(viewpoints.eyes_px.tolist()),

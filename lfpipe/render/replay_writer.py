@@ -1,7 +1,7 @@
-"""What a replay keeps of its pictures: a digest of each, those that a person looks at, and as many as fit for a comparison.
+"""The pictures that a replay keeps: a digest of each, a few for people, and as many as fit for a comparison.
 
-Runs in the render stage. Pictures to compare with lie as packets in folder/pictures: each one that was composed while they take
-less than KEPT_BYTES, from then on every second, fourth, ... frame, so that two runs always keep frames in common.
+Runs in the render stage. Pictures for comparison are packets in folder/pictures: every composed one while they take less than
+KEPT_BYTES, then those of every second, fourth, ... frame, so that two runs always have frames in common.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ PICTURES = "pictures"
 
 
 class ReplayWriter:
-    """folder: of the run's results. sequence: its folder, for the truth by which a picture is the worst. pictures: keep them."""
+    """folder: of the run's results. sequence: its folder, whose true eyes determine the worst picture. pictures: keep them."""
 
     def __init__(self, folder: Path, sequence: str, pictures: bool) -> None:
         self._folder, self._pictures = folder, pictures
@@ -45,7 +45,7 @@ class ReplayWriter:
         picture: NDArray[np.uint8] | None,
         composed: bool,
     ) -> dict[str, Any]:
-        """Takes a picture as it was shown; returns what its line of the trace says besides: eyes_filtered and picture."""
+        """Adds a shown picture; returns additional fields for its line of the trace: eyes_filtered and picture."""
         self._first_ns = stamp.t_sensor_ns if self._first_ns is None else self._first_ns
         if picture is not None:
             if composed:
@@ -72,7 +72,7 @@ class ReplayWriter:
             self._bytes = sum(len(kept) for _, kept in self._kept.values())
 
     def close(self) -> None:
-        """Writes the pictures. Raises OSError where there is no room for them."""
+        """Writes the pictures. Raises OSError if there is no room."""
         (self._folder / PICTURES).mkdir()
         writer = PacketWriter(self._folder / PICTURES)
         for seq, (stamp, data) in sorted(self._kept.items()):

@@ -1,4 +1,4 @@
-"""A picture scaled into a given area: its aspect kept, bars where it does not fill."""
+"""Scales a picture into an area: keeps the aspect and adds bars."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 def scale_into(picture: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
-    """Writes picture into out, of as many channels: cubic where it grows (as fast as linear), by area where it shrinks."""
+    """Scales picture into out, which has equally many channels: cubic to enlarge (as fast as linear), by area to shrink."""
     if picture.shape == out.shape:
         np.copyto(out, picture)
         return

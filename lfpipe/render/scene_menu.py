@@ -1,4 +1,4 @@
-"""Key Tab: choosing a scene by its picture. The old scene stays behind the thumbnails, and until the chosen one is packed."""
+"""Key Tab: choosing a scene by its thumbnail. The old scene stays behind the thumbnails until the chosen one is packed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CAMERA_NS = SECOND_NS // 5
 
 
 class SceneMenu:
-    """The thumbnails of the playlist, while they are open."""
+    """The thumbnails of the playlist while the menu is open."""
 
     def __init__(self, context: Context, display: Display, scenes: SceneLoader) -> None:
         self._context, self._display, self._scenes = context, display, scenes
@@ -29,7 +29,7 @@ class SceneMenu:
         self._camera_due_ns = 0
 
     def open(self) -> None:
-        """Lays the thumbnails over the picture."""
+        """Shows the thumbnails over the picture."""
         from lfpipe.render.thumbnails import Thumbnails  # few sessions need it
 
         options = self._context.options
@@ -38,14 +38,14 @@ class SceneMenu:
         self._display.menu(self._open.draw)
 
     def close(self) -> None:
-        """Takes them away."""
+        """Closes the menu."""
         if self._camera is not None:
             self._camera.close()
         self._open = self._camera = None
         self._display.menu(None)
 
     def takes(self, event: str) -> bool:
-        """Carries out an event of the window; whether it was for the thumbnails."""
+        """Handles an event of the window; returns whether it was for the menu."""
         if self._open is None:
             options = self._context.options
             if event != "choose" or not (len(options.playlist) > 1 or options.start):
@@ -75,7 +75,7 @@ class SceneMenu:
         self._scenes.load(scene)
 
     def serve(self, t_ns: int) -> None:
-        """Reads one thumbnail, and now and then what the camera sees."""
+        """Reads one more thumbnail and, now and then, the camera's picture."""
         if self._open is None:
             return
         with self._context.busy_with("reading thumbnails"):

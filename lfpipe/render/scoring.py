@@ -1,4 +1,4 @@
-"""Which method a scene deserves: every second view is left out, made from the others, and compared."""
+"""The best method for a scene: every second view is held out, predicted from the others, and compared."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from lfpipe.render.view_weights import Position
 from lfpipe.scene.lightfield import LightField
 
 METHODS = ("nearest", "blend", "warp", "warp2")  # cheapest first
-WORTH_DB = 0.25  # what a dearer method must bring: less is not seen
-FLAT_PX = 0.5  # px per view: less disparity than that, and a cross-fade shows no double edges
+WORTH_DB = 0.25  # minimum gain of a costlier method: a smaller one is invisible
+FLAT_PX = 0.5  # px per view: with less disparity a cross-fade shows no double edges
 
 
 def psnr_db(mean_square: float) -> float:
@@ -24,7 +24,7 @@ def psnr_db(mean_square: float) -> float:
 
 
 def thinned(field: LightField, step: int = 2) -> LightField:
-    """Every step-th view of the grid as a light field of its own: its disparities grow with its spacing. Copies nothing."""
+    """Every step-th view of the grid as a light field: disparities grow with the spacing. Copies nothing."""
     return attrs.evolve(
         field,
         views=field.views[:, ::step, ::step],
@@ -38,7 +38,7 @@ def thinned(field: LightField, step: int = 2) -> LightField:
 
 
 def _line(field: LightField) -> LightField:
-    """The field itself, or its one row or column with a view to leave out where it is narrower than three the other way."""
+    """The field itself, or a single row or column if the other axis has fewer than three views."""
     if field.rows >= 3 and field.cols >= 3:
         return field
     part = (slice(0, 1), slice(None)) if field.cols >= 3 else (slice(None), slice(0, 1))
@@ -52,14 +52,14 @@ def _line(field: LightField) -> LightField:
 
 
 def left_out(field: LightField, count: int) -> list[tuple[int, int]]:
-    """Up to count (row, col) of present views that `thinned` leaves out and that lie between those it keeps, well spread."""
+    """Up to count (row, col) of present views that `thinned` leaves out, between those that it keeps, well spread."""
     inside = [
         (r, c)
         for r in range((field.rows - 1) // 2 * 2 + 1)
         for c in range((field.cols - 1) // 2 * 2 + 1)
         if (r % 2 or c % 2) and field.present[r, c]
     ]
-    # a stride without common factor with the pattern of the grid meets views between two and between four others alike
+    # a stride coprime to the pattern of the grid selects views between two and between four others equally often
     chosen = np.unique(np.linspace(0, len(inside) - 1, count).round().astype(int)) if len(inside) > count else range(len(inside))
     return [inside[int(k)] for k in chosen]
 
@@ -70,7 +70,7 @@ def _wrong(field: LightField, made: NDArray[np.uint8], place: tuple[int, int], c
 
 
 def score(field: LightField, method: str, places: list[tuple[int, int]]) -> float:
-    """Mean PSNR in dB of the left-out places of field, each made by method from its `thinned` neighbours (green plane)."""
+    """Mean PSNR in dB of the held-out views of field, each made by method from its `thinned` neighbours (green plane)."""
     kept = thinned(field)
     synthesiser = Synthesiser(kept, method)
     out = [np.empty((field.height_px, field.width_px), np.uint8)]
@@ -85,9 +85,9 @@ def score(field: LightField, method: str, places: list[tuple[int, int]]) -> floa
 
 
 def choose_method(field: LightField, count: int = 7) -> tuple[str, dict[str, float]]:
-    """(method that `auto` should stand for, {method: dB}) from a leave-out test on about count views.
+    """(method that `auto` stands for, {method: dB}) from a hold-out test on about count views.
 
-    The cheapest method that no dearer one beats by WORTH_DB. A grid too small to leave out a view has no scores, and its
+    The cheapest method that no costlier one beats by WORTH_DB. A grid too small to hold out a view has no scores; then
     disparities decide.
     """
     methods = [method for method in METHODS if field.disparity is not None or not method.startswith("warp")]

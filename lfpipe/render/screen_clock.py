@@ -1,7 +1,7 @@
-"""The screen's vertical blanks, from what the window system reports, and when to begin a picture so that it makes its blank.
+"""The screen's vertical blanks, as the window system reports them, and the time to begin a picture so that it meets its blank.
 
-A picture is composed as late as it can be and still be shown at the blank it was made for. How late that is, is learnt: what
-composing costs, and a margin that every late picture widens and every punctual one narrows a little.
+A picture is begun as late as possible for the blank that it is made for. The lead time is learnt: the cost of composing, plus a
+margin that each late picture widens and each punctual one narrows a little.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ import math
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 
 PHASE_GAIN, PERIOD_GAIN = 0.3, 0.01
-OFF_GRID = 0.35  # of a period: further from the grid a blank belongs to another grid
-OFF_COUNT = 5  # such blanks in a row, and the other grid is followed
-PERIOD_RANGE = 0.12  # around the nominal one, where the period is not reported: a rate in whole Hz is that wrong at 25 Hz
-EARLY_NS = MS_NS // 4  # after a blank, before which nothing is handed over for the next
-COST_UP, COST_DOWN = 0.5, 0.005  # the followed cost is a high quantile: late pictures are seen, early ones are not
+OFF_GRID = 0.35  # of a period: a blank further off belongs to another grid
+OFF_COUNT = 5  # after this many such blanks in a row the clock follows the other grid
+PERIOD_RANGE = 0.12  # around the nominal one, if the period is not reported: the error of a rate in whole Hz at 25 Hz
+EARLY_NS = MS_NS // 4  # after a blank; no hand-over for the next one before this
+COST_UP, COST_DOWN = 0.5, 0.005  # the tracked cost is a high quantile: late pictures are visible, early ones are not
 MARGIN_NS, LEAST_MARGIN_NS = 2 * MS_NS, MS_NS // 2
 STEP_NS = MS_NS
-IN_TIME = 0.7  # of the margin left at hand-over: then a late picture is not for its own cost
+IN_TIME = 0.7  # of the margin left at hand-over: then the picture's own cost did not make it late
 EARLY_SHARE, EARLY_STEP_NS = 1e-4, 1000  # narrowing per punctual picture: with the step above, 1 picture in 500 is late
-MOST_PERIODS = 2.5  # a compositor may take a picture a whole period before its blank
+MOST_PERIODS = 2.5  # a compositor may require a picture a whole period before its blank
 
 
 class ScreenClock:
@@ -42,13 +42,13 @@ class ScreenClock:
         return SECOND_NS / self._period_ns
 
     def claim(self, nominal_hz: float) -> None:
-        """The screen claims this rate: where it is another one than before, the window has moved, and the grid is found again."""
+        """Takes the rate that the screen claims: if it changed, the window has moved, and the grid is detected again."""
         if abs(1e9 / nominal_hz - self._claimed_ns) > 1:
             self._claimed_ns = self._nominal_ns = self._period_ns = 1e9 / nominal_hz
             self.measured = False
 
     def blank(self, t_ns: int, period_ns: int = 0) -> None:
-        """A blank was at t_ns. period_ns: as reported with it, 0 where it is not."""
+        """Adds a blank at t_ns. period_ns: reported with it, or 0."""
         if period_ns and abs(period_ns / self._nominal_ns - 1) > PERIOD_RANGE and period_ns > MS_NS:
             self._nominal_ns = self._period_ns = float(period_ns)  # another monitor, or one that claims another rate
             self.measured = False
@@ -73,7 +73,7 @@ class ScreenClock:
 
 
 class LeadTime:
-    """How long before its blank a picture must be begun."""
+    """The time before its blank at which a picture must be begun."""
 
     def __init__(self) -> None:
         self._cost_ns = 0.0
@@ -81,18 +81,18 @@ class LeadTime:
         self._changed_ns = 0  # when a late or early picture changed the margin
 
     def took(self, cost_ns: int, period_ns: float) -> None:
-        """What a picture took from the time at which it was to be begun until it could be handed over.
+        """Adds the time that a picture took from its due start until it was ready for hand-over.
 
-        More than a period is no use: before, the picture for the blank before is at work.
+        More than a period is useless: until then the previous picture is being made.
         """
         cost = min(float(cost_ns), period_ns)
         self._cost_ns += (COST_UP if cost > self._cost_ns else COST_DOWN) * (cost - self._cost_ns)
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int, period_ns: float) -> bool:
-        """A picture for the blank target_ns was shown at t_presented_ns; returns whether that was another blank.
+        """Judges a picture for the blank target_ns, shown at t_presented_ns; returns whether that was another blank.
 
-        Too late, though handed over in time: the window system needs more time. A whole period too early: it needs less.
-        A picture begun before the margin changed says nothing about the new one; one that was handed over late cost more.
+        Late despite a punctual hand-over: the window system needs more time. A whole period early: it needs less. A picture begun
+        before the margin changed says nothing about the new margin; one handed over late cost more.
         """
         blanks = round((t_presented_ns - target_ns) / period_ns)
         if t_handed_ns > self._changed_ns and (blanks <= 0 or target_ns - t_handed_ns > IN_TIME * self._margin_ns):
@@ -105,7 +105,7 @@ class LeadTime:
         return bool(blanks)
 
     def earliest_ns(self, target_ns: int, period_ns: float) -> int:
-        """Before this a picture for the blank target_ns would be shown at the blank before."""
+        """The earliest hand-over for the blank target_ns; before it, the picture would appear at the previous blank."""
         return int(target_ns - max(period_ns - EARLY_NS, self._margin_ns))
 
     @property
@@ -114,8 +114,8 @@ class LeadTime:
 
 
 class ScreenRefresh:
-    """Refreshes on the blanks of a screen: as `Refresh`, but pictures are due at blanks. limit_hz: pictures a second at most,
-    0 for every blank."""
+    """Refreshes on a screen's blanks: as `Refresh`, but pictures are due at blanks. limit_hz: at most this many pictures a
+    second, 0 for every blank."""
 
     def __init__(self, clock: ScreenClock, lead: LeadTime, limit_hz: float, t0_ns: int) -> None:
         self.clock, self._lead, self._limit_hz = clock, lead, limit_hz
@@ -128,19 +128,19 @@ class ScreenRefresh:
 
     @property
     def period_ns(self) -> int:
-        """From one picture to the next."""
+        """Time from one picture to the next."""
         return round(self._every * self.clock.period_ns)
 
     def due_ns(self) -> int:
-        """The blank for which the next picture is made."""
+        """The blank of the next picture."""
         return self.clock.nearest(self._due_ns)
 
     def lead_ns(self) -> int:
-        """How long before it the picture must be begun."""
+        """The time before that blank at which the picture must be begun."""
         return self._lead.ns
 
     def advance(self, t_ns: int) -> None:
-        """On to the next blank whose picture can still be begun in time at t_ns; those passed over are missed."""
+        """Advances to the next blank whose picture can still be begun in time at t_ns; counts skipped ones as missed."""
         period_ns = self.period_ns
         self._due_ns = self.due_ns() + period_ns
         late_ns = t_ns - (self._due_ns - self._lead.ns)

@@ -1,4 +1,4 @@
-"""Pictures between hand-over and light: each waits for the blank that showed it, and is reported in its order."""
+"""Pictures between hand-over and light: each waits for its blank and is reported in order."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import attrs
 from lfpipe.host.presentation import Presented
 from lfpipe.transport.clock import MS_NS
 
-ANSWER_NS = 250 * MS_NS  # a hidden window gets no answer
+ANSWER_NS = 250 * MS_NS  # a hidden window gets no report
 HANDOVER, REPLACED = "handover", "replaced"
 
-Report = Callable[[int, str], None]  # (t_presented_ns, who reported it)
+Report = Callable[[int, str], None]  # (t_presented_ns, the protocol that reported it)
 
 
 @attrs.define
@@ -26,33 +26,34 @@ class _Picture:
 
 
 class ShownPictures:
-    """Ask `take` often; it reports every picture once, by the time of its blank, or of its hand-over where nobody tells."""
+    """Call `take` often: it reports every picture once, with the time of its blank, or of its hand-over if blanks are not
+    reported."""
 
     def __init__(self) -> None:
         self._waiting: deque[_Picture] = deque()
 
     def add(self, number: int, t_handed_ns: int, report: Report) -> None:
-        """Picture `number` was handed over."""
+        """Adds picture `number`, which was handed over."""
         self._waiting.append(_Picture(number, t_handed_ns, report))
 
     def stays(self, t_ns: int, by: str, report: Report) -> None:
-        """The picture on the screen is shown for another refresh, at t_ns."""
+        """Adds a refresh at t_ns that repeats the picture on the screen."""
         self._waiting.append(_Picture(-1, t_ns, report, t_ns, by))
 
     def take(self, answers: list[Presented], by: str, t_ns: int) -> None:
-        """Takes what the window system answered, and reports what is known at t_ns."""
+        """Takes the window system's reports and returns what is known at t_ns."""
         found = {each.number: each for each in self._waiting if each.number >= 0}
         for answer in answers:
             picture = found.get(answer.serial)
             if picture is not None and not picture.by:
-                # one that was never shown has no blank: its hand-over stands
+                # a picture that was never shown has no blank: use its hand-over
                 picture.t_presented_ns, picture.by = (answer.t_ns, by) if answer.t_ns else (picture.t_handed_ns, REPLACED)
         while self._waiting and (self._waiting[0].by or t_ns - self._waiting[0].t_handed_ns > ANSWER_NS):
             picture = self._waiting.popleft()
             picture.report(picture.t_presented_ns or picture.t_handed_ns, picture.by or HANDOVER)
 
     def flush(self) -> None:
-        """Reports all that is left."""
+        """Reports all remaining pictures."""
         while self._waiting:
             picture = self._waiting.popleft()
             picture.report(picture.t_presented_ns or picture.t_handed_ns, picture.by or HANDOVER)

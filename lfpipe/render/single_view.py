@@ -1,4 +1,4 @@
-"""The picture of one camera of a light field, at any place of its grid, in its own colours."""
+"""The view of one camera at any position of a light field's grid, in its own colours."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from lfpipe.scene.lightfield import LightField
 
 
 class ViewRenderer:
-    """Draws views of one light field; keeps its tables from view to view. method: as `render.method`. zero_plane_px: disparity of
-    what stands still from view to view; the other methods but a warp shift nothing."""
+    """Draws views of one light field; keeps its tables from view to view. method: as `render.method`. zero_plane_px: disparity
+    that stays in place from view to view; only warps shift by it."""
 
     def __init__(self, field: LightField, method: str = "auto", zero_plane_px: float = 0.0) -> None:
         self._field, self._zero_plane_px = field, zero_plane_px

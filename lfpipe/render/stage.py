@@ -1,10 +1,10 @@
-"""Render: the picture that each refresh of the display, or each camera frame, asks for.
+"""Render: one picture for each refresh of the display, or for each camera frame.
 
 Reads: ring "eyes", the newest record; the packed scene named by option "pack".
 Writes: the display of option "display"; the trace of option "trace"; the last picture to option "still".
-Commands: recentre, loading (how far it is), stop; settings and another scene by configuration, a lowered quality by option
-"level". Asks: set, recentre, load, pause, resume, stop (keys of the window).
-Emits: parallax (alpha and what it rests on), viewer (nobody, arriving, seated, lost, exchanged), notice (an output was lost).
+Commands: recentre, loading (progress), stop; settings and another scene by configuration, a lowered quality by option "level".
+Asks: set, recentre, load, pause, resume, stop (keys of the window).
+Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost, exchanged), notice (an output was lost).
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from lfpipe.scene.pack_files import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 
-MARGIN_NS = MS_NS  # composing begins this much earlier than it should need
+MARGIN_NS = MS_NS  # additional lead of composing
 
 
 def new_refresh(config: Config, display: Display, presenter: Presenter) -> Refresh | ScreenRefresh:
-    """The display's clock: the screen's blanks where they are reported, else an even rate."""
+    """The display's clock: the screen's blanks if they are reported, else an even rate."""
     if not display.blanks_by:
         return Refresh(config.render.nominal_hz, now_ns())
     presenter.clock = presenter.clock or ScreenClock(display.nominal_hz(), now_ns())
@@ -38,18 +38,18 @@ def new_refresh(config: Config, display: Display, presenter: Presenter) -> Refre
 
 
 def lead_ns(refresh: Refresh | ScreenRefresh, presenter: Presenter) -> int:
-    """How long before a picture is due it must be begun."""
+    """The time before its due time at which a picture must be begun."""
     return presenter.cost_ns + MARGIN_NS if isinstance(refresh, Refresh) else refresh.lead_ns()
 
 
 def main(context: Context) -> None:
-    """Runs the stage until the stop."""
+    """Runs the stage until the stop command."""
     asked, options = context.config, context.options
     config = lowered(asked, options)
     with context.setting_up("opening the scene"):
         field = open_pack(Path(options.pack))
         viewer = Viewer(field, config, bool(options.kiosk))
-    lossless = options.lossless  # then pictures are a function of the frames and of nothing else, no clock either
+    lossless = options.lossless  # then pictures depend on the frames alone, not on a clock
     on_camera = (lossless or config.render.clock == "camera") and options.tracking
     full_hz = float(options.source_hz) if on_camera else asked.render.nominal_hz
     size_px, monitor = (field.width_px, field.height_px), str(config.screen.monitor)
@@ -62,7 +62,7 @@ def main(context: Context) -> None:
         keys.menu.open()
     refresh = None if on_camera else new_refresh(config, display, presenter)
     middle = ((field.rows - 1) / 2, (field.cols - 1) / 2)
-    viewer.compositor.compose(middle, middle)  # tables are built and pages touched before somebody waits for it
+    viewer.compositor.compose(middle, middle)  # builds tables and touches pages before the first picture is due
     context.row["t_face_ns"] = now_ns()
     context.ready()
     try:
@@ -106,7 +106,7 @@ def main(context: Context) -> None:
                 before = refresh.missed
                 refresh.advance(now_ns())
                 presenter.missed(refresh.missed - before)
-            keys.serve()  # after the picture: what was pressed can wait for the next one
+            keys.serve()  # after the picture: keys can wait for the next one
             presenter.follow_screen()
     finally:
         if options.still and presenter.picture is not None:

@@ -1,4 +1,4 @@
-"""What key o lays over the picture: rates, latency, depth and quality, and the grid of views with the eyes in it."""
+"""The overlay of key o: rates, latency, depth and quality, and the grid of views with the eyes in it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ INSET_PX = 120
 
 
 class StatusOverlay:
-    """Lines and the small picture below them, as they are now."""
+    """The current lines and the small picture below them."""
 
     def __init__(self, context: Context, viewer: Viewer) -> None:
         self._context, self._viewer = context, viewer
@@ -43,7 +43,7 @@ class StatusOverlay:
         return 100 * row["juddered"] / row["planned"] if row["planned"] else None
 
     def _lowered(self) -> list[str]:
-        """What the governor has taken away."""
+        """What the governor has reduced."""
         level = self._context.options.level
         return [f"quality lowered, level {level.number}: {level.words}"] if level else []
 

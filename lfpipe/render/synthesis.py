@@ -1,11 +1,11 @@
-"""Views between, and a little beyond, the stored views.
+"""Views between the stored views, and a little beyond them.
 
-A viewpoint is (row, col), fractional, in grid steps; whole numbers are the stored views, which every method returns bit
-for bit. Between them a stored view b is warped backwards along its own disparity d (px per grid step, nearer is positive):
+A viewpoint is (row, col), fractional, in grid steps. Whole numbers are the stored views, which every method returns bit for bit.
+Between them a stored view b is warped backwards along its own disparity d (px per grid step, nearer is positive):
 
     picture(x, y) = view_b(x + d * (col - b_col), y + d * (row - b_row)),   d taken where it lands (fixed point)
 
-All of it runs on single planes at the light field's resolution, in blocks of 2x2 pixels, with disparity refined at its own lower
+All methods work on single planes at the light field's resolution, in blocks of 2x2 pixels; disparity is refined at its own lower
 resolution.
 """
 
@@ -50,7 +50,7 @@ class Synthesiser:
         self._warper = Warper(field) if method in WARPS else None
         size = (field.height_px, field.width_px)
         self._parts = [np.empty(size, np.uint8) for _ in range(4)]
-        self._cross: list[NDArray[np.uint8]] = []  # the cross-fade where disparity is unknown
+        self._cross: list[NDArray[np.uint8]] = []  # the cross-fade at pixels of unknown disparity
         self._blocks = Blocks(*size)
         self._mean = ViewMean(*size) if method == "best" else None
         self._made = [np.empty((*size_of(*size), 4), np.uint8) for _ in range(5)]
@@ -60,8 +60,8 @@ class Synthesiser:
     ) -> list[NDArray[np.uint8]]:
         """One plane for each source, at most four, seen from position.
 
-        zero_plane_px: disparity that is to lie in the plane of the screen. outs: uint8 (height, width) each, to draw into.
-        Returns the planes: an element of outs, or the stored plane itself where that is the picture.
+        zero_plane_px: disparity that lies in the plane of the screen. outs: uint8 (height, width) each, to draw into. Returns the
+        planes: an element of outs, or the stored plane itself if that is the picture.
         """
         used = view_weights(self.method, position, self._rows, self._cols)
         if self._warper is None:
@@ -71,7 +71,7 @@ class Synthesiser:
     def _faded(
         self, used: list[ViewWeight], zero_plane_px: float, sources: Sequence[Source], outs: Sequence[NDArray[np.uint8]]
     ) -> list[NDArray[np.uint8]]:
-        """The stored views one over the other, each as a whole moved to where its zero plane belongs."""
+        """The weighted sum of the stored views, each shifted as a whole to its zero plane."""
         made: list[NDArray[np.uint8]] = []
         total = 0.0
         for view in used:
@@ -99,8 +99,8 @@ class Synthesiser:
         sources: Sequence[Source],
         outs: Sequence[NDArray[np.uint8]],
     ) -> list[NDArray[np.uint8]]:
-        """Each view along its own disparity, then one over the other, all in blocks until the end; or their mean by who sees
-        what."""
+        """Warps each view along its own disparity and combines them in blocks: by their weights, or by the mean of the views that
+        see the point."""
         shift = (zero_plane_px * (self._centre[0] - position[0]), zero_plane_px * (self._centre[1] - position[1]))
         mean, drawn, total = self._mean, list(outs[: len(sources)]), 0.0
         if mean is not None:

@@ -1,4 +1,4 @@
-"""Scenes to choose from, drawn as a grid of thumbnails over the picture, with what the camera sees beside them."""
+"""Scenes to choose from: a grid of thumbnails over the picture, with the camera's picture beside them."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from lfpipe.scene.contact_sheet import stored_view
 from lfpipe.scene.pack_files import open_pack
 
 KEPT_PX = (480, 360)  # of a thumbnail, at most
-COLS, CELL_LINES = 4, 9  # cells across a window of this many lines of text and more; the height of a cell in lines
-CELL_SHAPE = 0.75  # height of a picture's room for its width, at most
+COLS, CELL_LINES = 4, 9  # cells across a window of at least this many lines of text; height of a cell in lines
+CELL_SHAPE = 0.75  # of a picture's area, at most: height over width
 TEXT_PX, TEXT_SHARE = 18, 1 / 32
 HEAD = "arrows and Enter, or a click, show a scene; Tab goes back"
 HINTS = "g tests the glasses, h shows all keys; drop a folder of views onto the window"
@@ -28,7 +28,7 @@ STEPS = {"less": (0, -1), "more": (0, 1), "up": (-1, 0), "down": (1, 0)}
 
 
 def thumbnail(scene: str, settings: config.Scene) -> NDArray[np.uint8] | None:
-    """The middle view of a packed scene, uint8 (height, width, 3) RGB of KEPT_PX at most; None where there is no pack."""
+    """The middle view of a packed scene, uint8 (height, width, 3) RGB of at most KEPT_PX; None without a pack."""
     try:
         pack = find_pack(scene, settings)
         if pack is None:
@@ -45,7 +45,7 @@ def _small(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 class Thumbnails:
-    """The grid. scenes: paths. at: the one selected. settings: of the packs. with_camera: with a place for its picture."""
+    """The grid. scenes: paths. at: the selected one. settings: of the packs. with_camera: reserve a cell for its picture."""
 
     def __init__(self, scenes: Sequence[str], at: int, settings: config.Scene, with_camera: bool = False) -> None:
         self.scenes, self.at = list(scenes), at
@@ -57,7 +57,7 @@ class Thumbnails:
         self._cell_px, self._head_px = (1, 1), 0
 
     def load_one(self) -> bool:
-        """Reads the next thumbnail; whether there was one to read."""
+        """Reads the next thumbnail; returns whether there was one."""
         missing = next((k for k in range(len(self.scenes)) if k not in self._pictures), None)
         if missing is None:
             return False
@@ -65,11 +65,11 @@ class Thumbnails:
         return True
 
     def camera(self, frame: NDArray[np.uint8], caption: str) -> None:
-        """What the camera sees, uint8 (height, width, 3) BGR, as in a mirror."""
+        """Sets the camera's picture, uint8 (height, width, 3) BGR, mirrored."""
         self._camera, self._caption = _small(frame)[:, ::-1, ::-1], caption
 
     def move(self, key: str) -> bool:
-        """Selects another scene by the name of a key; whether it is one that does."""
+        """Selects another scene by the name of a key; returns whether the key does that."""
         if key in STEPS:
             down, across = STEPS[key]
             self.at = min(max(self.at + down * self._grid[1] + across, 0), len(self.scenes) - 1)
@@ -80,7 +80,7 @@ class Thumbnails:
         return True
 
     def scene_at(self, x: int, y: int) -> int | None:
-        """The number of the scene whose cell is at (x, y) of what was drawn last."""
+        """The number of the scene whose cell is at (x, y) of the last drawing."""
         rows, cols = self._grid
         row, col = (y - self._head_px) // self._cell_px[1], x // self._cell_px[0]
         place = row * cols + col
@@ -89,7 +89,7 @@ class Thumbnails:
         return number if inside and number < len(self.scenes) else None
 
     def draw(self, room_px: tuple[int, int]) -> pygame.Surface:
-        """The page with the selected scene on it, for a room of (width, height)."""
+        """The page with the selected scene, for (width, height) px."""
         width, height = room_px
         font = pygame.font.Font(None, max(TEXT_PX, round(TEXT_SHARE * height)))
         line = font.get_linesize()
@@ -101,7 +101,7 @@ class Thumbnails:
         self._grid, self._cell_px = (rows, cols), (width // cols, high_px)
         made = pygame.Surface(room_px, pygame.SRCALPHA)
         made.fill(BACK)
-        camera = self._with_camera and rows * cols > 1  # the last place of every page is its own
+        camera = self._with_camera and rows * cols > 1  # the last cell of every page is the camera's
         self._per_page = rows * cols - camera
         first = self.at // self._per_page * self._per_page
         page = f"   {self.at + 1} of {len(self.scenes)}" if self._per_page < len(self.scenes) else ""

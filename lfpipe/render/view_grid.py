@@ -1,4 +1,4 @@
-"""The grid of views laid over the viewer's eyes in the camera picture: where each eye must be to see each stored view."""
+"""The grid of views over the viewer's eyes in the camera picture: the position of an eye for each stored view."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _SHIFT = 4  # sub-pixel bits of OpenCV's drawing
 
 @attrs.frozen
 class EyesOnGrid:
-    """What render reports about the eyes. eyes_px, centre_px: in the camera picture. views: (row, col) of each eye. alpha_px: px
-    per view."""
+    """Render's report about the eyes. eyes_px, centre_px: in the camera picture. views: (row, col) of each eye. alpha_px: px per
+    view."""
 
     rows: int
     cols: int
@@ -37,7 +37,7 @@ class EyesOnGrid:
         return cls(rows, cols, message["alpha_px"], (x, y), ((lx, ly), (rx, ry)), ((lr, lc), (rr, rc)), message["face"])
 
     def place_px(self, row: float, col: float) -> tuple[float, float]:
-        """Where an eye is that sees that view: the inverse of `ViewSolver.views`."""
+        """The position of an eye that sees the view: the inverse of `ViewSolver.views`."""
         x, y = self.centre_px
         return x - (col - (self.cols - 1) / 2) * self.alpha_px, y + (row - (self.rows - 1) / 2) * self.alpha_px
 
@@ -69,7 +69,7 @@ def draw_over_eyes(picture: NDArray[np.uint8], seen: EyesOnGrid, scale: float = 
 
 
 def inset(seen: EyesOnGrid, side_px: int) -> NDArray[np.uint8]:
-    """A small map of the grid with both eyes in it, uint8 (h, w, 3) BGR on black: white, so that it reads behind any glasses."""
+    """A small map of the grid with both eyes, uint8 (h, w, 3) BGR: white on black, readable through any glasses."""
     step = side_px / max(seen.rows, seen.cols, 2)
     picture = np.zeros((max(round(step * seen.rows), 2), max(round(step * seen.cols), 2), 3), np.uint8)
     for row in range(seen.rows):

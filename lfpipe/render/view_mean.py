@@ -1,10 +1,10 @@
-"""The mean of what several stored views show, weighted block by block, and sharpened.
+"""The mean of several warped views, weighted block by block, and sharpened.
 
-Sampling between pixels is bilinear, which blurs: by nothing where a place falls on a pixel, most halfway between two. At a
-fraction f, Keys' cubic convolution differs from it, along each axis, by -f (1 - f) / 2 times the second difference of the plane
-(Keys, "Cubic convolution interpolation for digital image processing", IEEE Trans. ASSP 29(6), 1981, with a = -1/2). That second
-difference is taken of the mean, once, instead of each view, with one f (1 - f) for the whole picture: two thirds of what cubic
-sampling gains for a fifteenth of its time (docs/quality.md).
+Sampling between pixels is bilinear, which blurs: not at all on a pixel, most halfway between two. At a fraction f, Keys' cubic
+convolution differs from it, along each axis, by -f (1 - f) / 2 times the second difference of the plane (Keys, "Cubic convolution
+interpolation for digital image processing", IEEE Trans. ASSP 29(6), 1981, with a = -1/2). That second difference is computed
+once, of the mean instead of each view, with one f (1 - f) for the whole picture: two thirds of the gain of cubic sampling in a
+fifteenth of its time (docs/quality.md).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lfpipe.render.blocks import size_of
 
 SHARPEN = 0.5  # times f (1 - f) times the second difference
-_EVERY = 8  # blocks of which one tells the fractions
+_EVERY = 8  # one block in this many is sampled for the fractions
 
 
 class ViewMean:
@@ -32,26 +32,26 @@ class ViewMean:
         self._gain_x = self._gain_y = 0.0
 
     def clear(self, planes: int) -> None:
-        """Start a new picture of so many planes."""
+        """Starts a new picture of this many planes."""
         self._sums[:planes].fill(0)
         self._total.fill(0)
         self._gain_x = self._gain_y = 0.0
 
     def weigh(self, weights: NDArray[np.uint8], share: float, x: NDArray[np.float32], y: NDArray[np.float32]) -> None:
-        """The view to add next: its weight at each block, uint8 (rows, columns), its share of the picture as a whole, and the
-        places in it that were sampled."""
+        """Announces the next view: its weight at each block, uint8 (rows, columns), its share of the whole picture, and the
+        sampled places in it."""
         cv2.merge([weights] * 4, self._weights)
         cv2.accumulate(weights, self._total)
         self._gain_x += share * _blur(x)
         self._gain_y += share * _blur(y)
 
     def add(self, number: int, blocks: NDArray[np.uint8]) -> None:
-        """One plane of that view, as uint8 (rows, columns, 4) blocks."""
+        """Adds one plane of that view, as uint8 (rows, columns, 4) blocks."""
         total = self._sums[number]
         cv2.accumulateProduct(blocks.reshape(total.shape), self._weights.reshape(total.shape), total)
 
     def planes(self, outs: list[NDArray[np.uint8]]) -> None:
-        """The means of the planes so far: outs, uint8 (height, width) each."""
+        """Writes the means of the planes so far to outs, uint8 (height, width) each."""
         np.reciprocal(self._total, out=self._total)  # cv2.divide takes 4x1 arrays for scalars
         cv2.merge([self._total] * 4, self._scale)
         scale = self._scale.reshape(self._sums[0].shape)

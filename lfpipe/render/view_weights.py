@@ -1,4 +1,4 @@
-"""Which stored views a picture is made of, and how much each counts."""
+"""The stored views of a picture and their weights."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class ViewWeight:
 
 
 def cell_of(position: float, count: int) -> tuple[int, float]:
-    """Lower index of the pair of views around position, and the share of the upper one; at the rim the outermost pair."""
+    """Lower index of the pair of views around position, and the share of the upper one; the outermost pair at the edge."""
     inside = min(max(position, 0.0), count - 1.0)
     low = min(int(inside), max(count - 2, 0))
     return low, inside - low
@@ -45,7 +45,7 @@ def view_weights(method: str, position: Position, rows: int, cols: int) -> list[
     """The stored views that method uses at position, with weights > 0 that sum to 1 and are continuous in position for
     blend, warp2 and best. position must be finite.
 
-    warp2 fades only around the middle between views, where the nearest view changes: elsewhere one view does. Heads move
+    warp2 fades only around the middle between views, where the nearest view changes; elsewhere it uses one view. Heads move
     sideways, so columns have the wider zone.
     """
     row, col = position

@@ -1,4 +1,4 @@
-"""The viewer before the screen: from where their eyes are to the two viewpoints and the picture."""
+"""The viewer before the screen: from the position of the eyes to the two viewpoints and the picture."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from lfpipe.render.presence import ABSENT_S, Presence, Rest, ViewerState
 from lfpipe.render.viewpoint import Position, ViewSolver
 from lfpipe.scene.lightfield import LightField
 
-FAR_PX = 1e6  # off the picture's corner; no eye is further out
+FAR_PX = 1e6  # outside the picture's corner; no eye is further out
 DISTANCE_S = 1.0  # time constant by which alpha follows the viewer's distance, seen as the distance between the eyes
-NEUTRAL_S = 0.5  # time constant of the way to another neutral position and another number of views between the eyes
-POSE_S = 0.1  # time constant of the distance that from which the position before the screen is computed
-MOVED = 0.15  # of the distance: beyond this change, the views between the eyes are chosen again
+NEUTRAL_S = 0.5  # time constant of changes of the neutral position and of the views between the eyes
+POSE_S = 0.1  # time constant of the distance that gives the position before the screen
+MOVED = 0.15  # change of the distance after which the views between the eyes are chosen again
 
 
 @attrs.frozen(eq=False)
 class Viewpoints:
-    """What a picture is made for. eyes_px: (2, 2), after filter and prediction. left, right: (row, col). frame: of a video."""
+    """The viewpoints of a picture. eyes_px: (2, 2), after filter and prediction. left, right: (row, col). frame: of a video."""
 
     eyes_px: NDArray[np.float64]
     left: Position
@@ -49,19 +49,19 @@ class Viewer:
         self.parallax: Parallax | None = None
         self.presence = Presence()
         self._target_px: NDArray[np.float64] | None = None  # neutral position; None: not measured
-        self._centre_px: NDArray[np.float64] | None = None  # the same on its way there
+        self._centre_px: NDArray[np.float64] | None = None  # the same, while moving there
         self._eyes_px = np.zeros((2, 2))
         self._seen = False
         self._apart_px = 0.0  # follows the distance slowly
         self._near_px = 0.0  # the same, quickly
-        self._views = 0.0  # between the eyes, on the way to parallax.views_between_eyes
+        self._views = 0.0  # between the eyes, moving to parallax.views_between_eyes
         self._eyes_mm = 0.0
         self._t_ns = 0
         self._size_px = (0, 0)  # of the camera picture
-        self._tracked_ns = -1  # stamp of the last record that presence has taken
+        self._tracked_ns = -1  # stamp of the last record that presence processed
         self._start_ns = 0
-        # How long before the first picture's moment a video began. Half a refresh of a screen: then the moments lie well within
-        # the frames of a video whose rate divides that of the screen, and a jitter of the clock never repeats or skips one.
+        # Start of a video before the time of the first picture: half a refresh of a screen. If the video's rate divides the
+        # screen's, times then lie well within its frames, and jitter of the clock never repeats or skips one.
         self.video_lead_ns = 0
         self._easing = EyeEasing()
         self._idle = IdleMotion() if exhibition else None
@@ -70,7 +70,7 @@ class Viewer:
         self.set(field, config)
 
     def set(self, field: LightField, config: Config) -> None:
-        """Takes another scene or configuration, from the next viewpoints on."""
+        """Sets scene and configuration from the next viewpoints on."""
         self.field, self.config = field, config
         self.compositor = Compositor(field, config.render)
         self.parallax = None
@@ -78,13 +78,13 @@ class Viewer:
         self._solver: ViewSolver | None = None
 
     def redraw_by(self, config: Config) -> None:
-        """Takes a configuration that differs in render.method and render.rate_hz alone: what lies where stays as it is."""
+        """Sets a configuration that differs only in render.method and render.rate_hz: geometry stays unchanged."""
         self.config, self.compositor = config, Compositor(self.field, config.render)
         if self._solver is not None:
             self._solver.snap = self.method == "nearest"
 
     def shown_as_wide(self, width_mm: float | None) -> bool:
-        """Takes the width of the picture on the screen, as the display reports it; returns whether alpha must be chosen again."""
+        """Sets the width of the picture on the screen, as the display reports it; returns whether alpha must be chosen again."""
         new = width_mm != self._shown_mm and self.config.screen.width_mm == "auto"
         self._shown_mm = width_mm
         if new:
@@ -97,7 +97,7 @@ class Viewer:
 
     @property
     def solver(self) -> ViewSolver | None:
-        """How eyes become views; None until a face was seen."""
+        """The mapping from eyes to views; None until a face was seen."""
         return self._solver
 
     @property
@@ -105,13 +105,13 @@ class Viewer:
         return alpha_is_automatic(self.config)
 
     def recentre(self) -> None:
-        """Where the eyes were last becomes the neutral position."""
+        """Makes the last position of the eyes the neutral position."""
         if self._seen:
             self._target_px = self._centre_px = self._eyes_px.mean(axis=0)
             self._solver = None
 
     def viewpoints(self, record: NDArray[np.void] | None, t_sensor_ns: int, t_shown_ns: int) -> Viewpoints:
-        """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None: nobody was seen yet."""
+        """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None if nobody was seen yet."""
         frame = self._frame(t_shown_ns)
         camera_px = None if record is None else self._eyes(record, t_shown_ns - t_sensor_ns)
         if record is None or (camera_px is None and not self._seen):
@@ -122,7 +122,7 @@ class Viewer:
         self._t_ns = t_shown_ns
         if camera_px is not None:
             self._follow_distance(float(record["apart_px"]) or math.dist(*camera_px.tolist()), dt_s)
-        if float(record["eyes_mm"]) != self._eyes_mm:  # learnt, or learnt again
+        if float(record["eyes_mm"]) != self._eyes_mm:  # learnt for the first time or again
             self._eyes_mm, self._solver = float(record["eyes_mm"]), None
         pose = self._pose(record)
         eyes_px = camera_px if camera_px is None or pose is None else pose.from_screen(camera_px, self._near_px)
@@ -131,7 +131,7 @@ class Viewer:
         self._follow_neutral(solver, eyes_px, dt_s)
         half = self._apart_px / 2
         neutral_px = np.add(solver.centre_px, [[half, 0.0], [-half, 0.0]])
-        start_px = neutral_px if self._seen or eyes_px is None else eyes_px  # the first face is there at once
+        start_px = neutral_px if self._seen or eyes_px is None else eyes_px  # no easing for the first face
         self._seen = True
         self._eyes_px = self._easing.at(t_shown_ns, eyes_px, start_px, int(record["generation"]))
         left, right = self._swayed(*solver.views(self._eyes_px), t_shown_ns, t_sensor_ns)
@@ -140,7 +140,7 @@ class Viewer:
         return self.shown
 
     def _swayed(self, left: Position, right: Position, t_ns: int, t_sensor_ns: int) -> tuple[Position, Position]:
-        """The viewpoints, in motion where an exhibition has no viewer, or no camera to see one."""
+        """The viewpoints; moving while an exhibition has no viewer or no camera."""
         if self._idle is None:
             return left, right
         alone = self.presence.state is ViewerState.NOBODY or t_ns - t_sensor_ns > ABSENT_S * 1e9
@@ -162,8 +162,7 @@ class Viewer:
 
     @staticmethod
     def _eyes(record: NDArray[np.void], horizon_ns: int) -> NDArray[np.float64] | None:
-        """Where the eyes will be, or None where no face is seen, or one that no camera can show: a single NaN would stay in
-        the averages for ever."""
+        """The predicted eyes; None without a face, or for an impossible one: a single NaN would stay in the averages for ever."""
         if not record["face"]:
             return None
         eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], horizon_ns)
@@ -182,7 +181,7 @@ class Viewer:
     def _follow_presence(
         self, record: NDArray[np.void], t_sensor_ns: int, solver: ViewSolver, eyes_px: NDArray[np.float64] | None
     ) -> None:
-        """Once for every frame: where somebody has come to rest, neutral position and distance are measured."""
+        """Runs once per frame: measures neutral position and distance when somebody has come to rest."""
         if t_sensor_ns == self._tracked_ns:
             return
         self._tracked_ns = t_sensor_ns
@@ -195,7 +194,7 @@ class Viewer:
             self._choose(rest.apart_px)
 
     def _follow_neutral(self, solver: ViewSolver, eyes_px: NDArray[np.float64] | None, dt_s: float) -> None:
-        """Neutral position and views between the eyes on their way to what was measured; before, the grid is dragged along."""
+        """Moves neutral position and views between the eyes to the measured ones; until then the grid follows the eyes."""
         assert self.parallax is not None
         if not self._auto or self._centre_px is None:
             return
@@ -217,8 +216,8 @@ class Viewer:
         self.parallax = parallax(self.config, self.field, width_px, apart_px, eyes_mm, self._shown_mm)
 
     def _make_solver(self, eyes_px: NDArray[np.float64] | None) -> ViewSolver:
-        """With a fixed alpha the grid lies on the middle of the camera picture, as in the paper; with alpha from geometry on
-        where the viewer is, for a webcam above the screen never has them in its middle."""
+        """A fixed alpha centres the grid in the camera picture, as in the paper; alpha from geometry centres it on the viewer,
+        who is never in the middle of a webcam above the screen."""
         self._choose(self._apart_px)
         assert self.parallax is not None
         if self._auto and self._centre_px is None and eyes_px is not None:

@@ -1,4 +1,4 @@
-"""What render reports of its viewer: who is there, the depth chosen for them, and visits."""
+"""Render's reports about its viewer: presence, the chosen depth, and visits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lfpipe.transport.context import Context
 
 
 class ViewerReports:
-    """Emits changes once. Raises UserError where option visits names a file of another program."""
+    """Emits each change once. Raises UserError if option visits names a file of another program."""
 
     def __init__(self, context: Context, viewer: Viewer) -> None:
         self._context, self._viewer = context, viewer
@@ -35,7 +35,7 @@ class ViewerReports:
                 self._context.emit("notice", text=f"{self._context.options.visits}: cannot write visits: {reason(error)}")
 
     def follow_parallax(self) -> None:
-        """Emits parallax: what follows from the scene, the settings and the screen, but not every step of a viewer."""
+        """Emits parallax when scene, settings or screen change it, but not at every step of a viewer."""
         chosen = self._viewer.parallax
         if chosen is not None and (self._parallax is None or chosen.differs_from(self._parallax)):
             self._parallax = chosen

@@ -1,4 +1,4 @@
-"""How many visitors an exhibition had, hour by hour: counts, no faces and no times of a single visit."""
+"""Number of visitors of an exhibition by hour: only counts, no faces and no times of single visits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BEGINNING = (ViewerState.ARRIVING, ViewerState.EXCHANGED)
 
 
 class VisitLog:
-    """Counts visitors in a CSV file of lines `2026-11-21 15:00,12`. Raises UserError where path is another file."""
+    """Counts visitors in a CSV file of lines `2026-11-21 15:00,12`. Raises UserError if path is a different kind of file."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -24,8 +24,8 @@ class VisitLog:
                 self._counts[hour] = int(count) if count.isdigit() else 0
 
     def follow(self, before: ViewerState, now: ViewerState) -> None:
-        """Takes a change of state: somebody who has come to rest before the screen is a visitor. Raises OSError; the count is
-        kept for the next time."""
+        """Handles a change of state: somebody who rests before the screen is a visitor. Raises OSError; the count is kept for the
+        next call."""
         if now is ViewerState.SEATED and before in BEGINNING:
             hour = time.strftime("%Y-%m-%d %H:00")
             self._counts[hour] = self._counts.get(hour, 0) + 1

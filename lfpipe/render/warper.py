@@ -1,4 +1,4 @@
-"""Where each pixel of a new picture lies in a stored view, and whether that view sees it."""
+"""The position in a stored view of each pixel of a new picture, and whether that view sees it."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from lfpipe.render.blocks import MARGIN, bands_of, places, size_of
 from lfpipe.render.view_weights import Position, ViewWeight, cell_of
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 
-CAREFUL_PX = 1.0  # parting of near and far from which hidden parts are looked after, a seventh of the cost of a warp
-# What a view still counts where it does not see the point, and the distance in px from which that is certain. A test that fails
-# along every edge is too unsure to drop a view altogether.
+CAREFUL_PX = 1.0  # separation of near and far above which hidden parts are handled, at a seventh of the cost of a warp
+# Remaining weight of a view that does not see the point, and the distance in px at which that is certain. The test fails along
+# every edge, so it is too uncertain to drop a view altogether.
 UNSEEN, UNSEEN_PX = 0.35, 1.5
-SOFT = 5  # values of disparity over which a cross-fade begins
-OUTSIDE = 16  # a view counts this many times less where the point lies outside of it
+SOFT = 5  # values of disparity over which a cross-fade ramps up
+OUTSIDE = 16  # a view's weight is divided by this if the point lies outside it
 
 
 class Warper:
@@ -34,7 +34,7 @@ class Warper:
         self._span_px = field.disparity_max_px - field.disparity_min_px
         same = self._stored.shape[3:] == size_of(field.height_px, field.width_px)
         self._bands = bands_of(self._stored.shape[3], 16 * self._stored.shape[4]) if same else [slice(0, self._stored.shape[3])]
-        self._known: dict[tuple[int, int, int], bool] = {}  # maps without UNKNOWN, of those looked at
+        self._known: dict[tuple[int, int, int], bool] = {}  # of the maps examined, those without UNKNOWN
         self._known_cells: dict[tuple[int, int, int], bool] = {}
         self._size = field.width_px, field.height_px
         self._most_px = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
@@ -43,7 +43,7 @@ class Warper:
         low = self._stored.shape[3:]
         self._step = (field.height_px / low[0], field.width_px / low[1])  # px of a view per px of its disparity
         self._low, self._landed, self._again = (np.empty(low, np.float32) for _ in range(3))
-        self._read = self._stored[0, 0, 0]  # the map that the last maps were made of
+        self._read = self._stored[0, 0, 0]  # the source of the last maps
         self._low_there = np.empty(low, np.float32), np.empty(low, np.float32)
         self._bytes = np.empty((2, *low), np.uint8)
         y, x = np.mgrid[0 : low[0], 0 : low[1]].astype(np.float32)
@@ -53,11 +53,11 @@ class Warper:
         self._weights = np.empty(self._at_x.shape, np.uint8)
         self._found = self._at_x, self._at_y  # the last maps
         self._move = (0.0, 0.0), (0.0, 0.0)  # of the last maps, along x and y: px of the disparity per stored unit, and in all
-        self._unsure = 0.0  # stored units of disparity that move a pixel by UNSEEN_PX; 0 where everything is seen
+        self._unsure = 0.0  # stored units of disparity that move a pixel by UNSEEN_PX; 0 if everything is seen
 
     def offset(self, view: ViewWeight, position: Position) -> Position:
-        """Steps from the view's camera to position. Cameras that stand off the regular grid bend the coordinates: whole
-        numbers are always the cameras themselves, and between them the offsets are interpolated."""
+        """Steps from the view's camera to position. Cameras off the regular grid bend the coordinates: whole numbers are always
+        the cameras themselves, and offsets between them are interpolated."""
         rows, cols = self._offsets.shape[:2]
         r, up = cell_of(position[0], rows)
         c, right = cell_of(position[1], cols)
@@ -118,18 +118,19 @@ class Warper:
         return known
 
     def unknown(self, frame: int, views: Sequence[ViewWeight]) -> NDArray[np.float32]:
-        """How far to cross-fade each pixel for want of disparity, float32 (height, width), 0 to 1."""
+        """Share of the cross-fade at each pixel, because disparity is unknown: float32 (height, width), 0 to 1."""
         maps = [(view, self._map(frame, view)[0]) for view in views]
         faded = sum((view.weight * (stored == UNKNOWN) for view, stored in maps), np.zeros(1))
-        most = np.clip(2 * np.asarray(faded, np.float32) - 1, 0, 1)  # what one view alone does not know, others do
+        most = np.clip(2 * np.asarray(faded, np.float32) - 1, 0, 1)  # other views know it
         soft = cv2.blur(most, (SOFT, SOFT))
         return np.asarray(cv2.resize(soft, self._size, interpolation=cv2.INTER_LINEAR), np.float32)
 
     def weights(self, share: float) -> NDArray[np.uint8]:
-        """How much the view of the last `maps` counts at each block, uint8 (rows, columns), at most 255 * share: less where it
-        does not see the point. Valid until the next call.
+        """Weight of the view of the last `maps` at each block, uint8 (rows, columns), at most 255 * share, less if it does not
+        see the point. Valid until the next call.
 
-        Where it does, the disparity found leads to a place of that same disparity; where something hides the point, to another.
+        If the view sees the point, the disparity leads to a place of that same disparity; if something hides the point, to a
+        different one.
         """
         full = 255 * share
         if not self._unsure:
@@ -145,7 +146,7 @@ class Warper:
         return self._without_outside()
 
     def _without_outside(self) -> NDArray[np.uint8]:
-        """The weights, next to nothing where the place lies outside the view: what is there repeats its border."""
+        """The weights, almost 0 for places outside the view, which repeat its border."""
         x, y = self._found
         for at, last, weights in ((x, self._last[1], self._weights), (y.T, self._last[0], self._weights.T)):
             middle = at.shape[1] // 2
@@ -157,7 +158,7 @@ class Warper:
         return self._weights
 
     def _prepare(self, down: float, right: float, shift_px: Position) -> None:
-        """What `_landing` works by: how far pixels move, and the nearest thing in reach of each."""
+        """Prepares `_landing`: how far pixels move, and the nearest object in reach of each."""
         per_px = self._unit_px / self._step[1], self._unit_px / self._step[0]
         self._move = (right * per_px[0], shift_px[1] / self._step[1]), (down * per_px[1], shift_px[0] / self._step[0])
         apart_x, apart_y = abs(right) * self._span_px, abs(down) * self._span_px
@@ -167,17 +168,17 @@ class Warper:
         self._unsure = UNSEEN_PX / (max(abs(down), abs(right)) * self._unit_px)
         reach = (math.ceil(apart_y / self._step[0]), math.ceil(apart_x / self._step[1]))
         rows, cols = len(self._low), len(self._low[0])
-        steps, nearest = self._bytes  # four times as many bytes as floats fit into a register
+        steps, nearest = self._bytes  # a register holds four times as many bytes as floats
         np.bitwise_xor(self._read.view(np.uint8), np.uint8(128), out=steps)
         cv2.dilate(steps, _box(min(reach[0], rows), min(reach[1], cols)), nearest)
 
     def _landing(self, band: slice) -> NDArray[np.float32]:
         """The view's disparity, in stored units, at the place where each pixel of a band lands: d(x + d * steps).
 
-        One round of the fixed point from d(x) does where little is hidden. Where near and far part by more than
-        CAREFUL_PX, the search starts from the nearest thing in reach, so that what is in front wins. What was hidden in the
-        view never settles but jumps between the thing in front and what is behind it: the nearer value then samples the
-        background right beside the thing.
+        One iteration of the fixed point from d(x) suffices if little is hidden. If near and far separate by more than CAREFUL_PX,
+        the search starts from the nearest object in reach, so that the front object wins. A point hidden in the view does not
+        converge: it alternates between the front object and the background. The nearer value then samples the background right
+        beside the object.
         """
         landed, again = self._landed[band], self._again[band]
         if not self._unsure:
@@ -189,7 +190,8 @@ class Warper:
         return second
 
     def _look_up(self, band: slice, at: NDArray[np.float32], out: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The stored disparity where each pixel of a band lands if its own is `at`. The nearest value: between two is neither."""
+        """The stored disparity at the place where each pixel of a band lands if its own is `at`. The nearest value: a mean of two
+        would be neither."""
         places = [start[band] for start in self._low_at]
         for k, (per_unit, shift) in enumerate(self._move):
             if per_unit or shift:

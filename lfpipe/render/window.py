@@ -1,4 +1,4 @@
-"""The window on the screen: pictures through a painter, keys, text over the picture, and when the screen showed what."""
+"""The window on the screen: pictures through a painter, keys, text over the picture, and the times of display."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from lfpipe.render.pair_layout import Pair, laid_out
 from lfpipe.render.sdl import pygame
 from lfpipe.render.window_system import nominal_hz, open_presentation
 
-SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of the width of the monitor; small light fields are shown larger in the first window
+SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of the monitor's width; the first window enlarges small light fields
 HINT_S = 6.0
-SCREEN_SHARE, MENU_SHARE = 0.85, 0.9  # a window of the monitor, at most; a menu of the window
-TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: on a fine one, text of TEXT_PX is too small
+SCREEN_SHARE, MENU_SHARE = 0.85, 0.9  # of the monitor, at most, for a window; of the window for a menu
+TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: TEXT_PX is too small on a fine monitor
 NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", " ": "freeze", "?": "help"}
 
 
 class Window:
     """A resizable window or the full screen. `show` hands a picture over at once; `presented` says when the screen showed it.
 
-    Its pixels are the screen's own: where a desktop scales windows, SDL asks it not to scale this one.
+    Its pixels are the screen's own: SDL asks a desktop that scales windows not to scale this one.
     """
 
     def __init__(
@@ -45,18 +45,17 @@ class Window:
         renderer: bool | None = None,
         lock: KeyLock | None = None,
     ) -> None:
-        """size_px: (width, height) of the pictures. monitor: a number or name, as `monitors.find_monitor` takes it; empty:
-        where the desktop puts windows. hint: a line over the picture for HINT_S, or until a key is pressed.
-        renderer: draw by SDL's renderer; None: where that is cheaper, with a GPU and on Wayland. lock: no key, button or drop
-        does anything but its code, which quits.
-        Raises UserError where no window can be opened, or there is no such monitor."""
+        """size_px: (width, height) of the pictures. monitor: a number or name, as for `monitors.find_monitor`; empty: the desktop
+        chooses. hint: a line over the picture for HINT_S, or until a key is pressed. renderer: draw by SDL's renderer; None: if
+        that is cheaper, with a GPU or on Wayland. lock: only its code has an effect, and quits; other keys, buttons and drops
+        have none. Raises UserError if no window can be opened, or the monitor is missing."""
         self._lock = lock
         self._title, self._fullscreen, self._wanted = title, fullscreen, monitor
         try:
             driver = sdl.start()
             self._renderer = sdl.uses_renderer(driver) if renderer is None else renderer
-            # A compositor of Wayland takes the newest whole picture at each blank: waiting until the one before was shown would
-            # only make the next one older.
+            # A Wayland compositor takes the newest complete picture at each blank: waiting for the previous one would only make
+            # the next one older.
             self._wait = driver != "wayland"
             self._monitors = monitors()
             on = find_monitor(monitor, self._monitors) if monitor else self._monitors[0]
@@ -66,7 +65,7 @@ class Window:
             self._at: tuple[int, int] | None = None
             if monitor:
                 self._at = on.x + (on.width - self._windowed[0]) // 2, on.y + (on.height - self._windowed[1]) // 2
-            self._number = self._handed = 0  # of the picture, and of what was handed over: a picture may be drawn again
+            self._number = self._handed = 0  # of the picture, and of the hand-over: a picture may be drawn again
             self._numbers: dict[int, int] = {}  # hand-over -> picture
             self._window = self._opened(on)
         except UserError:
@@ -84,7 +83,7 @@ class Window:
         self._hint, self._hint_end_ns = hint, time.monotonic_ns() + int(HINT_S * 1e9)
         self._panel: pygame.Surface | None = None
         self._said: list[str] = []
-        self._words: pygame.Surface | None = None  # what is said, at the bottom
+        self._words: pygame.Surface | None = None  # short lines at the bottom
         self._menu_of: Callable[[tuple[int, int]], pygame.Surface] | None = None
         self._menu: pygame.Surface | None = None
         self._pair: Pair | None = None
@@ -131,13 +130,13 @@ class Window:
         return answers
 
     def _toggle(self) -> None:
-        """Full screen on the chosen monitor, or else on the one where the window is; back to where the window was.
+        """Switches to full screen on the chosen monitor, or else on the window's; or back to the window's old position.
 
-        The window is opened again: without a window manager SDL neither moves nor shrinks the one that is there.
+        Opens the window again: without a window manager SDL neither moves nor shrinks an open one.
         """
         if not self._fullscreen:
             self._windowed, self._at = self._window.size, self._window.position
-        self._monitors = monitors()  # one may have come or gone
+        self._monitors = monitors()  # monitors may have been plugged or unplugged
         self._on = self._here()
         if self._wanted:
             with contextlib.suppress(UserError):  # the chosen one was unplugged
@@ -161,7 +160,7 @@ class Window:
         return self._shown_px * self._on.pixel_mm if self._on.pixel_mm and self._shown_px else None
 
     def to_picture(self, position: tuple[int, int]) -> tuple[float, float]:
-        """Where in the picture a click at position of the window is, in px of the picture."""
+        """Converts a position in the window to px of the picture."""
         if self._picture is None:
             return 0.0, 0.0
         rows, cols = self._picture.shape[:2]
@@ -171,7 +170,7 @@ class Window:
         return (x_px - x) * cols / width, (y_px - y) * rows / height
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
-        """See `Display.show`; returns when the window system has taken the picture."""
+        """See `Display.show`; returns the time at which the window system accepted the picture."""
         self._picture, self._pair, self._how = picture, pair, how
         self._number += 1
         self._draw()
@@ -203,7 +202,7 @@ class Window:
         self._presentation.handed_over(self._handed)
 
     def events(self) -> list[str]:
-        """See `Display.events`. Carries out full screen and help itself, and draws again what was covered or resized."""
+        """See `Display.events`. Handles full screen and help itself, and redraws after it was covered or resized."""
         pressed, again, resized, keyed = [], False, False, False
         for event in sdl.take_events():
             if self._lock and event.type in (pygame.QUIT, pygame.KEYDOWN, pygame.DROPFILE):

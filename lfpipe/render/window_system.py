@@ -1,4 +1,5 @@
-"""What SDL keeps to itself: monitors' names and places, their rates, and a window's handles, by which blanks are asked for."""
+"""Parts of SDL that pygame does not expose: monitors' names, positions and rates, and a window's handles, which give access to
+blanks."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from lfpipe.host.x_presentation import XPresentation
 from lfpipe.render.sdl import pygame
 
 _X11, _WAYLAND = 2, 6  # SDL_SYSWM_TYPE
-NOMINAL_HZ = 60.0  # where a screen does not report its rate
+NOMINAL_HZ = 60.0  # if a screen does not report its rate
 
 
 class _Handles(ctypes.Structure):
@@ -34,7 +35,7 @@ class _Mode(ctypes.Structure):
 
 @functools.cache
 def sdl_library() -> ctypes.CDLL:
-    """The very SDL that pygame draws with."""
+    """The SDL library that pygame has loaded."""
     library = ctypes.CDLL(pygame.display.__file__)
     library.SDL_GetDisplayName.restype = ctypes.c_char_p
     library.SDL_GetWindowFromID.restype = ctypes.c_void_p
@@ -44,7 +45,7 @@ def sdl_library() -> ctypes.CDLL:
 
 
 def monitor_facts(monitor: int) -> tuple[str, tuple[int, int, int, int], tuple[float, float] | None]:
-    """(name, (x, y, width, height) on the desktop, (horizontal, vertical) dots per inch or None where unknown) of a monitor."""
+    """(name, (x, y, width, height) on the desktop, (horizontal, vertical) dots per inch or None if unknown) of a monitor."""
     place, dots = (ctypes.c_int * 4)(), [ctypes.c_float() for _ in range(3)]
     sdl_library().SDL_GetDisplayBounds(monitor, place)
     known = sdl_library().SDL_GetDisplayDPI(monitor, *map(ctypes.byref, dots)) == 0
@@ -54,7 +55,7 @@ def monitor_facts(monitor: int) -> tuple[str, tuple[int, int, int, int], tuple[f
 
 
 def monitor_number(window: pygame.Window) -> int:
-    """The number of the monitor on which the window's middle lies."""
+    """The number of the monitor that holds the window's centre."""
     return max(0, int(sdl_library().SDL_GetWindowDisplayIndex(sdl_library().SDL_GetWindowFromID(window.id))))
 
 
@@ -66,7 +67,7 @@ def nominal_hz(monitor: int) -> float:
 
 
 def open_presentation(window: pygame.Window) -> Presentation | None:
-    """Who reports the blanks of this window, None where nobody does. Call after its painter was made: that may replace it."""
+    """The source of reports of this window's blanks, or None. Call after creating the painter: it may replace the window."""
     library, info = sdl_library(), _Handles()
     info.version[:] = pygame.version.SDL
     if not library.SDL_GetWindowWMInfo(library.SDL_GetWindowFromID(window.id), ctypes.byref(info)):
