@@ -1,1 +1,2 @@
-"""What `import lfpipe` offers to programs and notebooks. `lfpipe/__init__.py` has the names; each is imported when it is used."""
+"""The interface of `import lfpipe` for programs and notebooks. `lfpipe/__init__.py` lists the names and imports each on first
+use."""

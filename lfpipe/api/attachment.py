@@ -1,4 +1,4 @@
-"""A running session from another program: its frames and eyes, read from shared memory; the session never notices."""
+"""A running session, as seen from another program: its frames and eyes, read from shared memory without affecting the session."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lfpipe.supervisor.rundir import find
 from lfpipe.transport import control
 from lfpipe.transport.ring import Reader, Stamp
 
-LOOK_S = 0.001  # between two looks at a ring
+LOOK_S = 0.001  # between two polls of a ring
 
 
 @attrs.frozen(eq=False)
@@ -32,7 +32,7 @@ class Frame:
 
 
 class Attachment:
-    """One session. A reader takes the newest and skips what it was too slow for."""
+    """One session. Reads the newest data; a slow reader skips frames."""
 
     def __init__(self, session: str) -> None:
         self._session = find(session)
@@ -42,18 +42,18 @@ class Attachment:
         self._estimator = HeadEstimator(from_dict(self.ask({"cmd": "hello"})["config"]))
 
     def frame(self, timeout_s: float = 2.0) -> Frame:
-        """The next camera frame. Raises lfpipe.UserError where none comes in time."""
+        """The next camera frame. Raises lfpipe.UserError if none arrives in time."""
         picture: NDArray[np.uint8] = np.empty(self._frames.shape, np.uint8)
         return Frame(picture, self._next(self._frames, picture, timeout_s))
 
     def eyes(self, timeout_s: float = 2.0) -> Eyes | None:
-        """The eyes of the next frame; None where it shows no face. Raises lfpipe.UserError where no frame comes in time."""
+        """The eyes of the next frame; None if it shows no face. Raises lfpipe.UserError if no frame arrives in time."""
         stamp = self._next(self._eyes, self._record, timeout_s)
         self._estimator.update(self._record, stamp.t_sensor_ns)
         return Eyes.of(self._record, stamp.t_sensor_ns, self._estimator.head(self._record))
 
     def stream(self) -> Iterator[Eyes | None]:
-        """`eyes` again and again, until the session ends."""
+        """Yields `eyes` until the session ends."""
         while self._watch.living():
             try:
                 yield self.eyes()
@@ -73,11 +73,11 @@ class Attachment:
         return self._watch.read()
 
     def ask(self, message: dict[str, Any]) -> dict[str, Any]:
-        """Sends a command (docs/contracts.md) and returns the answer. Raises lfpipe.UserError where it is refused."""
+        """Sends a command (docs/contracts.md) and returns the answer. Raises lfpipe.UserError if it is refused."""
         return control.request(self._session.run_dir, message)
 
     def close(self) -> None:
-        """Lets go of the session."""
+        """Detaches from the session."""
         for each in (self._frames, self._eyes, self._watch):
             each.close()
 
@@ -89,5 +89,5 @@ class Attachment:
 
 
 def attach(session: str = "default") -> Attachment:
-    """Attaches to the running session of that name. Raises lfpipe.UserError where none runs."""
+    """Attaches to the running session of that name. Raises lfpipe.UserError if there is none."""
     return Attachment(session)

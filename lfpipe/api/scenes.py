@@ -1,4 +1,4 @@
-"""Light fields in a notebook: opened, and drawn from anywhere."""
+"""Light fields in a notebook: opens them and renders any view."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from lfpipe.scene.lightfield import LightField
 
 
 def open_scene(path: str | os.PathLike[str] | None = None, settings: Mapping[str, Any] | None = None) -> LightField:
-    """The light field at path, of any layout; the demo's without one.
+    """The light field at path, in any layout; the demo's if path is omitted.
 
-    It is packed into the cache first, which may take a minute; a packed one opens at once. settings: as `--set`, for example
-    {"scene.layout": "hci"}. Raises lfpipe.UserError.
+    The first call packs it into the cache, which may take a minute; later calls return at once. settings: as for `--set`, for
+    example {"scene.layout": "hci"}. Raises lfpipe.UserError.
     """
     config = config_of(settings).scene
     return pack.open_scene(path or demo_scene(cache_dir(config), lambda *_: None), config, choose_method=choose_method)
 
 
 def render_view(field: LightField, row: float, col: float, *, method: str = "auto", frame: int = 0) -> NDArray[np.uint8]:
-    """What a camera at (row, col) of the grid sees, fractions allowed: uint8 (height, width, 3) BGR.
+    """The view of a camera at (row, col) of the grid, fractions allowed: uint8 (height, width, 3) BGR.
 
-    (0, 0) is the top left camera. method: auto, nearest, blend, warp, warp2 or best. frame: of a light-field video. A place
-    outside the grid is extrapolated as far as `render.extrapolate_views`. Raises lfpipe.UserError.
+    (0, 0) is the top left camera. method: auto, nearest, blend, warp, warp2 or best. frame: of a light-field video. Positions
+    outside the grid are extrapolated by up to `render.extrapolate_views`. Raises lfpipe.UserError.
     """
     config = config_of({"render.method": method})
     _check_place(field, (row, col), config.render.extrapolate_views)
@@ -50,10 +50,10 @@ def render_anaglyph(
     frame: int = 0,
     settings: Mapping[str, Any] | None = None,
 ) -> NDArray[np.uint8]:
-    """The picture for two eyes at the places left and right, (row, col) each, of the grid: uint8 (height, width, 3) BGR.
+    """The picture for two eyes at the grid positions left and right, (row, col) each: uint8 (height, width, 3) BGR.
 
-    mode: as `render.anaglyph`, side-by-side among them. settings: of `render`, for example {"render.zero_plane_px": 0.5}.
-    Raises lfpipe.UserError.
+    mode: as `render.anaglyph`, including side-by-side. settings: of `render`, for example {"render.zero_plane_px": 0.5}. Raises
+    lfpipe.UserError.
     """
     render = config_of({"render.anaglyph": mode, **(settings or {})}).render
     for place in (left, right):

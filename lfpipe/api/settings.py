@@ -1,4 +1,4 @@
-"""Settings as a program gives them: dotted keys and values over the defaults. No file is read."""
+"""Settings from a program: dotted keys and values that override the defaults. Reads no file."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from lfpipe.config import Config, updated
 
 
 def config_of(settings: Mapping[str, Any] | None) -> Config:
-    """The configuration with settings put in. Raises lfpipe.UserError that names all that is wrong."""
+    """The default configuration with settings applied. Raises lfpipe.UserError that names all errors."""
     return updated(Config(), settings or {})

@@ -1,4 +1,4 @@
-"""Eyes in pictures that a program has: the session's tracking without a session."""
+"""Eyes in a program's own pictures: the session's tracking without a session."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lfpipe.track.eye_tracker import EyeTracker
 class Eyes:
     """A viewer's eyes in one frame. t_ns: its time. raw_px, filtered_px: (2, 2), [[left x, y], [right x, y]] of the viewer's own
     eyes in px of the unmirrored picture, as measured and smoothed. velocity_px_s: (2, 2). head: in mm before the screen, see
-    `lfpipe.share.head`; None where the distance between the eyes is not that of a face."""
+    `lfpipe.share.head`; None if the distance between the eyes cannot be a face's."""
 
     t_ns: int
     raw_px: NDArray[np.float64]
@@ -32,21 +32,21 @@ class Eyes:
 
     @classmethod
     def of(cls, record: NDArray[np.void], t_ns: int, head: Head | None) -> Eyes | None:
-        """From a record of dtype EYES; None without a face."""
+        """Converts a record of dtype EYES; None without a face."""
         if not record["face"]:
             return None
         raw_px, filtered_px, velocity_px_s = (record[name].copy() for name in ("raw_px", "filtered_px", "velocity_px_s"))
         return cls(t_ns, raw_px, filtered_px, velocity_px_s, float(record["confidence"]), head)
 
     def predicted_px(self, t_ns: int) -> NDArray[np.float64]:
-        """Where the eyes will be at t_ns, (2, 2) px; at most a quarter of a second ahead."""
+        """The predicted eyes at t_ns, (2, 2) px; at most a quarter of a second ahead."""
         return extrapolated(self.filtered_px, self.velocity_px_s, t_ns - self.t_ns)
 
 
 class Tracker:
     """Follows one face from frame to frame, in this process. settings: of `track` and `camera`, as {"track.refine": True}.
 
-    Raises lfpipe.UserError for wrong settings, and where an engine's libraries are missing.
+    Raises lfpipe.UserError for wrong settings and for missing libraries of an engine.
     """
 
     def __init__(self, settings: Mapping[str, Any] | None = None) -> None:
@@ -55,8 +55,8 @@ class Tracker:
         self._record = np.zeros((), EYES)
 
     def update(self, frame: NDArray[np.uint8], t_ns: int | None = None) -> Eyes | None:
-        """The eyes in the next frame, uint8 (height, width, 3) BGR; None without a face. t_ns: when it was taken, on any clock
-        that only goes forward; the monotonic clock's now without it."""
+        """The eyes in the next frame, uint8 (height, width, 3) BGR; None without a face. t_ns: its time on any clock that never
+        goes back; by default the monotonic clock's now."""
         t_ns = time.monotonic_ns() if t_ns is None else t_ns
         tracker = self._tracker
         tracker.update(tracker.engine.detect(frame), t_ns)
@@ -66,11 +66,11 @@ class Tracker:
         return Eyes.of(self._record, t_ns, self._estimator.head(self._record))
 
     def reset(self) -> None:
-        """Forgets the face followed so far."""
+        """Forgets the current face."""
         self._tracker.reset()
 
     def close(self) -> None:
-        """Lets go of the engine."""
+        """Releases the engine."""
         self._tracker.engine.close()
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""A V4L2 camera as a source: requests a mode, reports the actual one, decodes frames and stamps them by their exposure."""
+"""A V4L2 camera as a source: requests a mode, reports the actual one, decodes frames and stamps them with their exposure."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from lfpipe.files.decoding import fit_note
 
 STALL_S = 0.9  # longest wait for a frame
 START_S = 5.0  # longest wait for the first frame: some cameras need seconds
-EXPOSURE_CHECK_S = 2.0  # an automatic exposure follows the light
+EXPOSURE_CHECK_S = 2.0  # automatic exposure follows the light
 REPLUG = "unplug the camera and plug it in again"
 GONE = (errno.ENODEV, errno.ENXIO, errno.ENOENT)
 
 
 class Device(Controls, Protocol):
-    """What is used of a `V4L2Device`."""
+    """The part of `V4L2Device` in use here."""
 
     @property
     def driver(self) -> str: ...
@@ -41,7 +41,7 @@ class Device(Controls, Protocol):
 
 
 class Stream(Protocol):
-    """What is used of a `V4L2Stream`."""
+    """The part of `V4L2Stream` in use here."""
 
     def read(self, timeout_s: float) -> RawFrame: ...
     def close(self) -> None: ...
@@ -53,7 +53,7 @@ def _others(path: Path) -> str:
 
 
 def trouble(path: Path, error: OSError) -> UserError:
-    """error of the device at path, in the user's words."""
+    """The device's error in the user's words."""
     code, what = error.errno, f"camera {path}"
     if isinstance(error, SourceChangedError):
         return UserError(f"{what}: its picture size or signal changed", "it is reopened")
@@ -75,9 +75,9 @@ def trouble(path: Path, error: OSError) -> UserError:
 
 
 def negotiate(path: Path, device: Device, camera: config.Camera) -> tuple[Mode, tuple[str, ...]]:
-    """The mode that the device took, with a rate that is never 0, and notes where it differs from the configuration.
+    """The mode that the device accepted, with a rate that is never 0, and notes on differences from the configuration.
 
-    Raises OSError as the driver does, UserError if none of the device's formats can be decoded.
+    Raises OSError from the driver, UserError if none of the device's formats can be decoded.
     """
     offered = device.fourccs()
     wanted = camera.format if camera.format != "auto" else choose(offered, camera.width_px, camera.height_px)
@@ -115,7 +115,7 @@ class CameraSource:
             self._decoder = FrameDecoder(mode)
             self._controls = CameraControls(device, camera)
             self._stream = start(device)
-            first = self._stream.read(START_S)  # often dark, and old when the session is ready: not used
+            first = self._stream.read(START_S)  # discarded: often dark, and old when the session is ready
         except (OSError, ValueError, UserError) as error:
             self.close()
             if isinstance(error, TimeoutError):
@@ -141,7 +141,7 @@ class CameraSource:
         """See `FrameSource.read`. Raises TimeoutError if the camera stalls, UserError if it is gone or its driver fails."""
         assert self._stream is not None
         began_ns = time.monotonic_ns()
-        if self._exposure_ns is not None and began_ns > self._exposure_due_ns:  # here the camera's thread is idle anyway
+        if self._exposure_ns is not None and began_ns > self._exposure_due_ns:  # the camera's thread is idle here
             self._exposure_ns, self._exposure_due_ns = exposure_ns(self._device), began_ns + int(EXPOSURE_CHECK_S * 1e9)
         while True:
             waited_s = (time.monotonic_ns() - began_ns) / 1e9
@@ -164,7 +164,7 @@ class CameraSource:
         return Frame(self._seq, sensor_ns, read_ns, packet, kind)
 
     def _count(self, raw: RawFrame, read_ns: int) -> None:
-        """Advances the number of the frame as the driver's count does, but never by more frames than the time allows.
+        """Advances the frame number by the driver's count, but never by more frames than the time allows.
 
         Some drivers count fields, or not at all.
         """
@@ -184,17 +184,17 @@ class CameraSource:
 
 
 class CameraFinder:
-    """Follows one camera through changes of its device number, from its first discovery on."""
+    """Follows one camera through changes of its device number."""
 
     def __init__(self, spec: CameraSpec) -> None:
         self._spec = spec
         self._known: CameraDevice | None = None
 
     def path(self) -> Path:
-        """Where the camera is now. Raises UserError if no camera, or more than one, has the name."""
+        """The camera's current device file. Raises UserError if no camera, or more than one, has the name."""
         if self._known is None:
             self._known = self._by_name(self._spec.name) if self._spec.name else describe(self._spec.path)
-        if not self._known.name:  # nothing to recognise it by, yet
+        if not self._known.name:  # nothing to recognise it by yet
             self._known = None
             return self._spec.path
         return find_again(self._known)
@@ -226,7 +226,7 @@ def open_device(path: Path) -> V4L2Device:
 
 
 def first_camera() -> Path | None:
-    """The first device that captures, left open as `check_camera` does; else the first that cannot be asked (no permission)."""
+    """The first device that captures, kept open as by `check_camera`; else the first that cannot be queried (no permission)."""
     silent = None
     for node in nodes():
         try:
@@ -247,8 +247,8 @@ def open_camera(path: Path, camera: config.Camera) -> CameraSource:
 
 
 def check_camera(path: Path, camera: config.Camera) -> SourceInfo:
-    """What the camera will deliver. Configures it, does not start it, and leaves it open for the session that follows: to open a
-    webcam, and to start it, each take up to a second. Raises UserError as `open_camera`.
+    """The format that the camera will deliver. Configures it without starting it, and keeps it open for the session that follows:
+    opening and starting a webcam take up to a second each. Raises UserError as `open_camera` does.
     """
     device = open_device(path)
     try:

@@ -19,7 +19,7 @@ POWER_LINE_HZ = {0: 0, 50: 1, 60: 2}
 
 
 class Controls(Protocol):
-    """What is used of a `V4L2Device`."""
+    """The part of `V4L2Device` in use here."""
 
     def control_range(self, control: int) -> ControlRange | None: ...
     def control(self, control: int) -> int: ...
@@ -35,7 +35,7 @@ class ControlState:
     low: float
     high: float
     unit: str
-    automatic: bool  # the camera sets it at present
+    automatic: bool  # currently set by the camera
 
     @property
     def text(self) -> str:
@@ -76,7 +76,7 @@ def exposure_ns(device: Controls) -> int | None:
 
 
 class CameraControls:
-    """Applies the configuration to a device and remembers what was there. notes: what the user should know."""
+    """Applies the configuration to a device and remembers the old settings. notes: for the user."""
 
     def __init__(self, device: Controls, camera: config.Camera) -> None:
         self._device = device
@@ -99,7 +99,7 @@ class CameraControls:
                 )
 
     def _set(self, control: int, value: int) -> bool:
-        """Sets a control the device has to a value in its range; returns whether it now has that value."""
+        """Sets a control, if the device has it, to a value in its range; returns whether it now has that value."""
         with contextlib.suppress(OSError):
             span = self._device.control_range(control)
             if span is None or not span.minimum <= value <= span.maximum:
@@ -126,7 +126,7 @@ class CameraControls:
                 self.notes.append(f"{key} = {wanted:g}{unit}: using {value / scale:g} ({low:g} to {high:g}{unit} possible)")
 
     def restore(self) -> None:
-        """Sets every changed control back, the last one first, as far as the device still answers."""
+        """Restores every changed control, the last one first, as far as the device still answers."""
         while self._before:
             control, value = self._before.pop()
             with contextlib.suppress(OSError):

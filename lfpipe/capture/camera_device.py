@@ -1,4 +1,4 @@
-"""A camera as the system lists it, and the modules that know the cameras of this machine."""
+"""A camera as the system lists it, and the modules for cameras on this machine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lfpipe.host.camera_interface import LIST, SOURCE
 
 @attrs.frozen
 class CameraDevice:
-    """A device that the system lists. name: the driver's. bus: its place in /sys. Both empty if unknown."""
+    """A listed device. name: the driver's. bus: its path in /sys. Both empty if unknown."""
 
     path: Path
     name: str

@@ -1,4 +1,4 @@
-"""Cameras that the kernel lists, and where one of them is now: device numbers change, name and bus do not."""
+"""Cameras that the kernel lists, and the current device of one of them: device numbers change, name and bus do not."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.host import handover
 
 SYS, DEV = Path("/sys/class/video4linux"), Path("/dev")
-ANSWER_S = 3.0  # drivers answer in microseconds; one that is stuck never does
-BUSY_S = 60.0  # thousands of questions on an emulated machine
+ANSWER_S = 3.0  # drivers answer in microseconds; a stuck one never does
+BUSY_S = 60.0  # thousands of calls on an emulated machine
 
 T = TypeVar("T")
 
@@ -29,7 +29,7 @@ def _limited(call: Callable[[], T]) -> T:
 
 
 def opened(path: Path) -> V4L2Device:
-    """The device, taken over where this process keeps it open: see `V4L2Device.keep`.
+    """The device; reuses the descriptor if this process keeps it open: see `V4L2Device.keep`.
 
     Raises OSError as the driver does, ETIMEDOUT after ANSWER_S.
     """
@@ -38,7 +38,7 @@ def opened(path: Path) -> V4L2Device:
 
 
 def asking(path: Path, question: Callable[[V4L2Device], T]) -> T:
-    """Opens the device, asks it and closes it. Raises OSError as the driver does, ETIMEDOUT after ANSWER_S."""
+    """Opens the device, queries it and closes it. Raises OSError from the driver, ETIMEDOUT after ANSWER_S."""
 
     def ask() -> T:
         device = V4L2Device(path)
@@ -51,7 +51,7 @@ def asking(path: Path, question: Callable[[V4L2Device], T]) -> T:
 
 
 def nodes(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
-    """Every video device in the order of its number, cameras or not. Opens none of them."""
+    """Every video device by number, cameras or not. Opens none of them."""
     found = []
     for entry in sorted(sys.glob("video*"), key=lambda entry: int("0" + entry.name.removeprefix("video"))):
         found.append(describe(dev / entry.name, sys))
@@ -70,7 +70,7 @@ def describe(path: Path, sys: Path = SYS) -> CameraDevice:
 
 
 def cameras(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
-    """The capturing devices, by number. One that cannot be asked (busy, no permission) is listed too."""
+    """The capturing devices, by number. Includes devices that cannot be queried (busy, no permission)."""
     found = []
     for device in nodes(sys, dev):
         try:
@@ -86,13 +86,13 @@ def cameras(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
 
 
 def named(name: str, found: list[CameraDevice]) -> list[CameraDevice]:
-    """The devices called name, whatever its case; if there is none, those whose name contains it."""
+    """The devices with this name, ignoring case; if there are none, those whose name contains it."""
     wanted = name.casefold()
     return [d for d in found if d.name.casefold() == wanted] or [d for d in found if wanted in d.name.casefold()]
 
 
 def find_again(known: CameraDevice, sys: Path = SYS, dev: Path = DEV) -> Path:
-    """Where a camera is now: the same name on the same bus, else the same name, else the path it had.
+    """The current path of a camera: the same name on the same bus, else the same name, else its old path.
 
     Nodes of one camera (pictures, metadata) share name and bus: the one at the old path wins, else the first that captures.
     """

@@ -1,4 +1,4 @@
-"""The demo's viewer: matplotlib's sample portrait on a known smooth path. Needs no camera."""
+"""The demo's viewer: matplotlib's sample portrait moves on a known smooth path. Needs no camera."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from lfpipe.errors import UserError
 
 # Mean of the 16 landmarks around each eye in the portrait, the left eye of the sitter first, as FaceMesh finds them.
 PORTRAIT_EYES_PX = np.array([[308.0, 188.1], [220.2, 193.0]])
-EYE_DISTANCE_PX = 65.0  # in a frame of 640x480: someone 600 mm before a webcam
+EYE_DISTANCE_PX = 65.0  # in a frame of 640x480: a viewer 600 mm from a webcam
 EYE_LINE = 0.47  # share of the frame's height, at the middle of the path
-FRAME_PX = (640, 480)  # the size that lengths in px here refer to; other sizes scale
+FRAME_PX = (640, 480)  # lengths in px refer to this size; other sizes scale
 
 
 def portrait_path() -> Path:

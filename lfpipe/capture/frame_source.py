@@ -45,7 +45,7 @@ class SourceInfo:
     height_px: int
     rate_hz: float
     live: bool
-    jpeg: bool = False  # its frames come as JPEGs, each with its `Frame.packet`
+    jpeg: bool = False  # its frames are JPEGs, each with its `Frame.packet`
     notes: tuple[str, ...] = ()  # to show the user once: scaled frames, another rate than requested, ...
 
 

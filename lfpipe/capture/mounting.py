@@ -1,4 +1,4 @@
-"""Frames rotated and mirrored to suit the mounting of the camera."""
+"""Rotation and mirroring of frames to match the camera's mounting."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_C
 class OrientedSource:
     """Another source's frames, rotated clockwise by camera.rotate degrees, then mirrored if camera.mirror is set.
 
-    It passes no JPEGs on, because those are not rotated: recordings of it are upright.
+    It passes on no JPEGs, because those are not rotated; recordings are therefore upright.
     """
 
     def __init__(self, source: FrameSource, camera: config.Camera) -> None:
@@ -51,11 +51,11 @@ class OrientedSource:
 
 
 def as_read(pictures: NDArray[np.uint8], camera: config.Camera) -> NDArray[np.uint8]:
-    """Upright pictures, (n, height, width), as the sensor read them: row after row from the first."""
+    """Upright pictures, (n, height, width), in the sensor's order of readout: row by row from the first."""
     unmirrored = pictures[:, :, ::-1] if camera.mirror else pictures
     return np.rot90(unmirrored, camera.rotate // 90, axes=(1, 2))
 
 
 def orient(source: FrameSource, camera: config.Camera) -> FrameSource:
-    """source rotated and mirrored by the configuration; source itself if that asks for neither."""
+    """source, rotated and mirrored by the configuration; source itself if neither is configured."""
     return OrientedSource(source, camera) if camera.rotate or camera.mirror else source

@@ -31,7 +31,7 @@ def resolve(text: str) -> Spec:
 
 
 def camera_name(text: str) -> str:
-    """What a source is known by when it is measured: the driver's name of a camera, wherever it is plugged in.
+    """The name of a source in measurements: the driver's name of a camera, wherever it is plugged in.
 
     Raises UserError as `resolve` does.
     """
@@ -44,8 +44,8 @@ def camera_name(text: str) -> str:
 def open_source(text: str, camera: config.Camera) -> FrameSource:
     """Opens the source that text names, in one of the forms of `spec.FORMS`, or the first camera for an empty text.
 
-    A camera or a video is rotated and mirrored by camera.rotate and camera.mirror; a sequence was when it was recorded.
-    Raises UserError with the reason if it cannot be opened.
+    camera.rotate and camera.mirror apply to cameras and videos; sequences were recorded upright. Raises UserError with the reason
+    if it cannot be opened.
     """
     spec = resolve(text)
     if isinstance(spec, FileSpec):
@@ -108,7 +108,8 @@ def _tried(text: str, camera: config.Camera) -> SourceInfo:
 
 
 def check_source(text: str, camera: config.Camera) -> CheckedSource:
-    """Opens the source, decodes its first frame and closes it: its definite name (a path for the first camera) and properties.
+    """Opens the source, decodes its first frame and closes it: returns its definite name (a path for the first camera) and
+    properties.
 
     Raises UserError as `open_source` does, and after CAMERA_S or FILE_S.
     """

@@ -1,8 +1,8 @@
-"""Cameras through OpenCV, where there is no Video4Linux: AVFoundation on macOS, Media Foundation on Windows.
+"""Cameras through OpenCV on systems without Video4Linux: AVFoundation on macOS, Media Foundation on Windows.
 
-Untested by us on those systems. OpenCV gives no time stamps: a frame's time is that of reading it. It lists no cameras either;
-the package cv2-enumerate-cameras does, where it is installed; camera:0 needs no list. A camera has a number N,
-written as the path /dev/videoN.
+Untested by us on those systems. OpenCV provides no time stamps: a frame's time is the time of reading it. Nor does it list
+cameras: the package cv2-enumerate-cameras does, if installed; camera:0 needs no list. A camera has a number N, written as the
+path /dev/videoN.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def _number(path: Path) -> int:
 
 
 def nodes() -> list[CameraDevice]:
-    """The cameras of the system in the order of their numbers, without opening them."""
+    """The cameras of the system by number, without opening them."""
     try:
         from cv2_enumerate_cameras import enumerate_cameras
     except ImportError:
@@ -61,12 +61,12 @@ def first_camera() -> Path | None:
 
 
 def describe(path: Path) -> CameraDevice:
-    """The camera of that number with its name."""
+    """The camera with that number, with its name."""
     return next((each for each in nodes() if each.path == path), CameraDevice(path, ""))
 
 
 def asking(path: Path, question: Callable[[Any], T]) -> T:
-    """OpenCV knows neither formats nor controls. Raises OSError."""
+    """Raises OSError: OpenCV lists neither formats nor controls."""
     raise OSError(errno.ENOTSUP, "OpenCV lists no formats", path.as_posix())
 
 
@@ -90,10 +90,10 @@ class CameraFinder:
 
 
 class OpenCVCamera:
-    """An open camera; `FrameSource` says what its methods do."""
+    """An open camera; for the methods see `FrameSource`."""
 
     def __init__(self, path: Path, camera: config.Camera) -> None:
-        """Raises UserError where it cannot be opened or gives no picture."""
+        """Raises UserError if it cannot be opened or delivers no picture."""
         number = _number(path)
         self._name, self._seq = f"camera {number}", -1
         with opencv_log.silent():
@@ -113,7 +113,7 @@ class OpenCVCamera:
         self.info = SourceInfo(f"camera:{path.as_posix()}", width_px, height_px, rate_hz, live=True, notes=tuple(notes))
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `FrameSource.read`. Raises UserError if the camera is gone; blocks as long as its driver does."""
+        """See `FrameSource.read`. Raises UserError if the camera is gone; may block for as long as its driver does."""
         whole, frame = self._capture.read()
         if not whole:
             raise UserError(f"{self._name}: delivers no more pictures", "plug it in again")
@@ -123,7 +123,7 @@ class OpenCVCamera:
         return Frame(self._seq, t_ns, t_ns, None, StampKind.READ)
 
     def close(self) -> None:
-        """Lets go of the camera."""
+        """Releases the camera."""
         self._capture.release()
 
 
@@ -131,7 +131,7 @@ open_camera = OpenCVCamera
 
 
 def check_camera(path: Path, camera: config.Camera) -> SourceInfo:
-    """What the camera delivers; starts it, as there is no other way to know. Raises UserError as `OpenCVCamera` does."""
+    """The format that the camera delivers; must start it to find out. Raises UserError as `OpenCVCamera` does."""
     opened = OpenCVCamera(path, camera)
     opened.close()
     return opened.info

@@ -1,4 +1,4 @@
-"""Recordings that a file source plays: a video, or pictures in the order of their names."""
+"""Recordings for a file source: a video, or pictures in order of name."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host import opencv_log
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
-MAX_FILE_BYTES = 1 << 28  # of one picture; the rest is not read
+MAX_FILE_BYTES = 1 << 28  # of one picture; larger files are refused
 
 
 class Recording(Protocol):
-    """A rewindable series of frames. rate_hz: 0 if the recording has none. packet: the JPEG of the last frame, uint8 (n,);
-    None if it was no JPEG of this size.
+    """A rewindable series of frames. rate_hz: 0 if the recording has none. packet: the JPEG of the last frame, uint8 (n,); None
+    if it was not a JPEG of this size.
     """
 
     width_px: int
@@ -63,7 +63,7 @@ def _load(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 
 
 class Pictures:
-    """Pictures in natural order of their names."""
+    """Pictures in natural order of name."""
 
     rate_hz = 0.0
 

@@ -1,4 +1,4 @@
-"""Pixel formats of cameras: which of them can be decoded, which one to request, and how they become BGR."""
+"""Pixel formats of cameras: the supported ones, the choice among them, and the conversion to BGR."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ PLANAR = {  # 4:2:0, chroma of half the width and height; the first two with bot
 }
 DEEP_GREY_BITS = {"Y10": 10, "Y12": 12, "Y16": 16}  # in 16-bit words, little-endian
 DECODED = (*JPEGS, *INTERLEAVED, *PLANAR, *DEEP_GREY_BITS)
-# Least to transport and decode first. Grey ones last: the tracker's model was trained on colours.
+# cheapest to transport and decode first; grey last, because the tracker's model was trained on colours
 SMALL = ("YUYV", "UYVY", "YVYU", "NV12", "NV21", "YU12", "YV12", "MJPG", "JPEG", "BGR3", "RGB3", "BGR4", "XR24")
 REST = ("RGGB", "BA81", "GBRG", "GRBG", "GREY", "Y10", "Y12", "Y16")
 SMALL_PX = 640 * 480  # up to this size uncompressed frames at 30 Hz fit USB 2
 
 
 def choose(offered: Sequence[str], width_px: int, height_px: int) -> str:
-    """The format to request: raw up to SMALL_PX, because that saves decoding JPEGs, else JPEG; "" if none can be decoded.
+    """The format to request: raw up to SMALL_PX, which saves decoding JPEGs, else JPEG; "" if none can be decoded.
 
-    offered: of the device; a driver that lists nothing is asked for the usual one.
+    offered: by the device; a driver that lists nothing gets a request for the usual format.
     """
     jpeg_first = width_px * height_px > SMALL_PX
     wanted = [*(JPEGS if jpeg_first else ()), *SMALL, *REST]
@@ -80,7 +80,7 @@ class FrameDecoder:
         Returns whether the frame was whole, and a copy of the JPEG if it has the mode's own size.
         """
         if self.jpeg:
-            packet = data.copy()  # the driver's buffer goes back before a recorder has written it
+            packet = data.copy()  # a copy: the driver gets its buffer back before a recorder has written it
             picture = picture_of(packet) if is_jpeg(packet) else None
             if picture is None:
                 return False, None
@@ -113,7 +113,7 @@ class FrameDecoder:
                 cv2.cvtColor(frame, conversion, dst=target)
 
     def _planes(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The planes without padding below each other, uint8 (height * 3 / 2, width)."""
+        """The planes without padding, stacked: uint8 (height * 3 / 2, width)."""
         mode = self._mode
         height, width, stride = mode.height_px, mode.width_px, mode.stride
         rows = height * 3 // 2

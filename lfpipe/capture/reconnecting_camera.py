@@ -1,7 +1,7 @@
 """A camera that may be unplugged, stall and return: readers wait with a limit and never block in the driver.
 
-Each connection has a thread for all calls to the device, because a dead device may block any of them: open, read, even close.
-After a connection ends, the next begins after BACKOFF_S, then after twice as long each time, up to MAX_BACKOFF_S.
+Each connection makes all its calls in its own thread, because a dead device may block any of them: open, read, even close. After
+a connection ends, the next begins after BACKOFF_S, then after twice as long each time, up to MAX_BACKOFF_S.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from lfpipe.capture.frame_source import Frame, FrameSource, SourceInfo, decoding
 from lfpipe.errors import UserError
 
 WAIT_S = 0.1  # longest wait of `read`
-STALL_S = 1.0  # without a frame for this long a camera is lost; the slowest gives 1 Hz
+STALL_S = 1.0  # a camera without a frame for this long is lost; the slowest has 1 Hz
 BACKOFF_S, MAX_BACKOFF_S = 0.5, 5.0
 FIRST_S = 8.0  # longest wait of the constructor for the first connection
 HUNG_S = 15.0  # a driver call longer than this ends the process; five restarts take more than a minute
@@ -46,7 +46,7 @@ class _Connection:
     def frame(self, out: NDArray[np.uint8], wait_s: float) -> Frame | None:
         """The next frame, written to out, which belongs to the thread until then; None after wait_s without one.
 
-        Raises what ended the connection; out then belongs to the caller again.
+        Raises the error that ended the connection; out then belongs to the caller again.
         """
         if not self._requested:
             self._requested, self.since_ns = True, time.monotonic_ns()
@@ -84,18 +84,18 @@ class _Connection:
                 self._results.put(frame)
             except Exception as error:
                 failure = error
-        source.close()  # before it is reported, so that the next connection does not find the camera busy
+        source.close()  # before reporting, so that the next connection does not find the camera busy
         if failure is not None:
             self._results.put(failure)
 
 
 class ReconnectingCamera:
-    """An endless source. source_seq continues over all connections; info is of the last one that gave a frame."""
+    """An endless source. source_seq continues over all connections; info: of the last connection that delivered a frame."""
 
     def __init__(self, info: SourceInfo, open_: Callable[[], FrameSource]) -> None:
         """info: assumed until the camera is open. open_: opens it, or raises UserError.
 
-        Returns when the camera is open or failed to open, at most after FIRST_S.
+        Returns when the camera is open or failed to open, after at most FIRST_S.
         """
         self.info, self._open = info, open_
         self._seq = self._first_seq = 0  # of the next frame; of this connection's first frame

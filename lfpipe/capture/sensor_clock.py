@@ -1,4 +1,4 @@
-"""From a driver's time stamp to the middle of the exposure."""
+"""Converts a driver's time stamp to the middle of the exposure."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from pathlib import Path
 
 from lfpipe.transport.stamp_kind import StampKind
 
-MAX_AGE_NS = 2_000_000_000  # an older stamp is of another clock
+MAX_AGE_NS = 2_000_000_000  # an older stamp comes from another clock
 HARDWARE_STAMPS = Path("/sys/module/uvcvideo/parameters/hwtimestamps")
 
 
 def stamp_kind(driver: str, start_of_exposure: bool, hardware: Path = HARDWARE_STAMPS) -> StampKind:
-    """What the stamps of driver mark. start_of_exposure: the flag of its buffers.
+    """The event that the driver's stamps mark. start_of_exposure: the flag of its buffers.
 
     uvcvideo sets that flag always, but stamps the arrival of the first packet (uvc_video_decode_start) unless its parameter
     hwtimestamps is set.
@@ -30,11 +30,12 @@ def stamp_kind(driver: str, start_of_exposure: bool, hardware: Path = HARDWARE_S
 class SensorClock:
     """Moves stamps to the middle of the exposure.
 
-    A stamp marks one end of the exposure, so half of the exposure time is added or subtracted. Where the camera does not tell it,
-    it is taken as half a frame period, at most a quarter of a period off. Readout of the sensor is not known and not corrected.
+    A stamp marks one end of the exposure, so half of the exposure time is added or subtracted. If the camera does not report it,
+    half a frame period is assumed, which is off by at most a quarter of a period. The sensor's readout time is unknown and not
+    corrected.
 
-    Drivers may stamp ahead of the clock (vivid: the end of a frame that is still to come). Stamps ahead by up to one period are
-    used, all shifted back by the largest lead so far: their even spacing stays, and no frame is read before it was exposed.
+    Drivers may stamp ahead of the clock (vivid: the end of a future frame). Stamps ahead by up to one period are used, all
+    shifted back by the largest lead so far: they stay evenly spaced, and no frame is read before its exposure.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -42,11 +43,11 @@ class SensorClock:
         self._lead_ns = 0
 
     def usable(self, stamp_ns: int, read_ns: int) -> bool:
-        """Whether the stamp of a frame read at read_ns is on the monotonic clock."""
+        """Whether the stamp of a frame read at read_ns is from the monotonic clock."""
         return stamp_ns > 0 and -self._period_ns <= read_ns - stamp_ns <= MAX_AGE_NS
 
     def middle_ns(self, stamp_ns: int, kind: StampKind, read_ns: int, exposure_ns: int | None) -> tuple[int, StampKind]:
-        """The middle of the exposure of a frame read at read_ns, never later than that, and what it was derived from."""
+        """The middle of the exposure of a frame read at read_ns, never later than read_ns, and the source of the value."""
         if not self.usable(stamp_ns, read_ns):
             return read_ns, StampKind.READ
         self._lead_ns = max(self._lead_ns, stamp_ns - read_ns)

@@ -1,4 +1,4 @@
-"""Parser for names of frame sources: `camera:N`, `camera:/dev/videoN`, `camera:NAME`, `file:PATH[?...]`, `demo`."""
+"""Parses names of frame sources: `camera:N`, `camera:/dev/videoN`, `camera:NAME`, `file:PATH[?...]`, `demo`."""
 
 from __future__ import annotations
 

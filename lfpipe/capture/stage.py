@@ -2,7 +2,7 @@
 
 Reads: the source in option "source".
 Writes: ring "frames", one slot per frame, decoded in place; while a recording runs, ring "packets" with the original JPEGs.
-Commands: stop; pause and resume by configuration (the source is still read, frames are left out).
+Commands: stop; pause and resume by configuration (the stage still reads the source but drops frames).
 Emits: source (what was opened), camera (lost, found), notice (the same for people).
 State: READY, not RUNNING, while no camera delivers frames.
 """
@@ -25,12 +25,12 @@ from lfpipe.transport.packet_ring import PacketOutput
 from lfpipe.transport.status import State
 
 LIGHT_FRAMES = 45
-DIM_SHARE, BRIGHT_SHARE = 0.8, 0.9  # of the agreed rate
-LATE_PERIODS = 2  # as many frames as a camera's driver would have kept
+DIM_SHARE, BRIGHT_SHARE = 0.8, 0.9  # of the negotiated rate
+LATE_PERIODS = 2  # a camera's driver would have kept as many
 
 
 class _LightWatch:
-    """Notices that the camera delivers fewer frames than it agreed to although none gets lost: too little light, most likely."""
+    """Detects that the camera delivers fewer frames than negotiated although none is lost: probably too little light."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -41,7 +41,7 @@ class _LightWatch:
         self._stamps: deque[int] = deque(maxlen=LIGHT_FRAMES)
 
     def add(self, frame: Frame, info: SourceInfo, lost: int) -> None:
-        """A frame of a live source, before which lost others got lost."""
+        """Adds a frame of a live source; lost: frames lost before it."""
         if lost:
             self.reset()
         self._stamps.append(frame.t_sensor_ns)
@@ -62,7 +62,7 @@ class _Outage:
         self._context, self._since_ns = context, 0
 
     def begin(self, name: str, why: str) -> None:
-        """No frames from now on."""
+        """Begins the outage."""
         self._since_ns = now_ns()
         self._context.row["state"] = State.READY
         self._context.emit("camera", name=name, lost=True, why=why)
@@ -94,7 +94,7 @@ def _read(context: Context, source: FrameSource, out: NDArray[np.uint8]) -> Fram
 
 
 def main(context: Context) -> None:
-    """Runs the stage until the stop or the end of the source."""
+    """Runs the stage until it is stopped or the source ends."""
     frames, packets = context.output("frames"), PacketOutput(context.spec.session)
     with context.setting_up("opening the source"):
         source = open_reconnecting(context.options.source, context.config.camera)
@@ -109,7 +109,7 @@ def main(context: Context) -> None:
         while context.wait(now_ns()):
             context.ack_config()
             if context.paused and context.options.lossless:
-                context.wait()  # no clock drives this source: it stops
+                context.wait()  # no clock drives this source: stop it
                 continue
             t_begin_ns = now_ns()
             try:
@@ -129,7 +129,7 @@ def main(context: Context) -> None:
                 return
             if outage.end(source.info) or sleeps.woke():
                 light.reset()
-                frames.writer.new_epoch()  # the viewer may be anywhere by now: the past says nothing
+                frames.writer.new_epoch()  # the viewer may be anywhere by now: old positions mean nothing
             busy_ns, t_read_ns, t_sensor_ns = now_ns() - t_begin_ns, frame.t_read_ns, frame.t_sensor_ns + lateness.moved_ns
             if not t_read_ns:
                 while now_ns() < t_sensor_ns:

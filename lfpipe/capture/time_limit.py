@@ -17,11 +17,11 @@ SLICE_S = 0.05
 
 
 def with_time_limit(limit_s: float, call: Callable[[], T], busy_limit_s: float = 0.0) -> T:
-    """Returns or raises what call does. Raises TimeoutError after limit_s; the thread of the call then stays behind until the
-    process ends, because nothing can end it.
+    """Returns the result of call, or raises its error. Raises TimeoutError after limit_s; the thread of the call then stays until
+    the process ends, because nothing can end it.
 
-    busy_limit_s: if given, limit_s counts from the last moment at which the call used the processor, and this limits it in all:
-    a slow machine is no stuck driver.
+    busy_limit_s: if given, limit_s counts from the last time at which the call used the processor, and busy_limit_s limits the
+    total: a slow machine is not a stuck driver.
     """
     results: list[T] = []
     errors: list[BaseException] = []

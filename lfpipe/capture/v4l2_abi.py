@@ -1,4 +1,4 @@
-"""The structures and request numbers of linux/videodev2.h that are used here: a stable binary interface.
+"""The structures and request numbers of linux/videodev2.h in use here: a stable binary interface.
 
 linuxpy (formerly v4l2py) wraps the whole interface, but its licence, GPL 3 or later, does not suit an Apache-2.0 program.
 """

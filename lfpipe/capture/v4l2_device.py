@@ -17,7 +17,7 @@ import attrs
 from lfpipe.capture import v4l2_abi as abi
 from lfpipe.host import handover
 
-MAX_LISTED = 256  # entries of one list; a driver that never ends it is cut off
+MAX_LISTED = 256  # entries of one list, in case a driver never ends it
 
 S = TypeVar("S", bound=Structure)
 
@@ -35,7 +35,7 @@ class Mode:
 
 @attrs.frozen
 class FrameSizes:
-    """A pixel format and a size it comes in. rates_hz: descending; empty if unknown. A range of sizes has its text in span."""
+    """A pixel format with one of its sizes. rates_hz: descending; empty if unknown. span: the text of a range of sizes."""
 
     fourcc: str
     width_px: int
@@ -56,14 +56,14 @@ class ControlRange:
     maximum: int
     step: int
     default: int
-    inactive: bool  # another control, such as an automatic, decides its value at present
+    inactive: bool  # another control, such as an automatic, currently decides its value
 
 
 class V4L2Device:
-    """Owns a descriptor of the device at path. Every call raises OSError as the driver does."""
+    """Owns a descriptor of the device at path. Every call raises the driver's OSError."""
 
     def __init__(self, path: Path, fd: int | None = None) -> None:
-        """fd: of the device, where it is open already."""
+        """fd: of the device, if it is already open."""
         self.path = path
         self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC) if fd is None else fd
         try:
@@ -83,7 +83,7 @@ class V4L2Device:
 
     @property
     def captures(self) -> bool:
-        """Whether this very node delivers pictures to mapped buffers (a camera's second node is for metadata)."""
+        """Whether this node delivers pictures to mapped buffers (a camera's second node is for metadata)."""
         return captures(self._capability)
 
     def fourccs(self) -> list[str]:
@@ -92,7 +92,7 @@ class V4L2Device:
         return [abi.fourcc_text(message.pixelformat) for _ in self._listed(abi.ENUM_FMT, message)]
 
     def sizes(self, fourcc: str) -> list[FrameSizes]:
-        """The frame sizes of a pixel format with their rates; of a range of sizes one entry, with the rates of the smallest."""
+        """The frame sizes of a pixel format with their rates; a range of sizes is one entry, with the rates of the smallest."""
         code, found = abi.fourcc_code(fourcc), []
         message = abi.FrameSize(pixelformat=code)
         for _ in self._listed(abi.ENUM_FRAMESIZES, message):
@@ -100,7 +100,7 @@ class V4L2Device:
             if message.type != abi.FRAME_SIZE_DISCRETE:
                 span = f"{low_w}x{low_h}..{high_w}x{high_h}"
                 return [FrameSizes(fourcc, low_w, low_h, self._rates(code, low_w, low_h), span)]
-            width_px, height_px = low_w, high_w  # of a discrete size these two words are width and height
+            width_px, height_px = low_w, high_w  # for a discrete size these two words are width and height
             found.append(FrameSizes(fourcc, width_px, height_px, self._rates(code, width_px, height_px)))
         return found
 
@@ -116,19 +116,19 @@ class V4L2Device:
         return tuple(sorted(found, reverse=True))
 
     def _listed(self, request: int, message: Structure) -> Iterator[None]:
-        """Fills message with one entry after the other."""
+        """Fills message with one entry after another."""
         for index in range(MAX_LISTED):
             message.index = index
             try:
                 self.ioctl(request, message)
             except OSError as error:
-                if error.errno not in (errno.EINVAL, errno.ENOTTY):  # the end of the list; a driver without such lists
+                if error.errno not in (errno.EINVAL, errno.ENOTTY):  # the end of the list, or a driver without such lists
                     raise
                 return
             yield
 
     def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
-        """Requests a mode and returns the one that the driver rounded it to. Raises EBUSY while another program streams."""
+        """Requests a mode and returns the one that the driver chose. Raises EBUSY while another program streams."""
         message = abi.Format(type=abi.VIDEO_CAPTURE)
         pix = message.fmt.pix
         pix.width, pix.height, pix.pixelformat, pix.field = width_px, height_px, abi.fourcc_code(fourcc), abi.FIELD_NONE
@@ -143,7 +143,7 @@ class V4L2Device:
         return Mode(got, pix.width, pix.height, 0 if compressed else pix.bytesperline, actual_hz if actual_hz < 10_000 else 0.0)
 
     def control_range(self, control: int) -> ControlRange | None:
-        """None if the device has no such control that can be set."""
+        """The range of a control; None if the device has no such settable control."""
         message = abi.QueryControl(id=control)
         try:
             self.ioctl(abi.QUERYCTRL, message)
@@ -164,7 +164,7 @@ class V4L2Device:
         self.ioctl(abi.S_CTRL, abi.Control(id=control, value=value))
 
     def keep(self) -> None:
-        """Leaves the device open for who opens it next, in this process or in the stage that it starts."""
+        """Keeps the device open for its next user, in this process or in the stage that it starts."""
         handover.keep(str(self.path), self.fd)
         self.fd = -1
 
@@ -175,7 +175,7 @@ class V4L2Device:
 
 
 def captures(capability: abi.Capability) -> bool:
-    """Whether the node itself, not only its device as a whole, delivers pictures to mapped buffers."""
+    """Whether this node, not only its device as a whole, delivers pictures to mapped buffers."""
     whole = capability.capabilities
     own = capability.device_caps if whole & abi.CAP_DEVICE_CAPS else whole
     needed = abi.CAP_VIDEO_CAPTURE | abi.CAP_STREAMING

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lfpipe.capture import v4l2_abi as abi
 from lfpipe.capture.v4l2_device import V4L2Device
 
-BUFFERS = 4  # one being decoded, one being filled, two spare; older ones are skipped, so that spare ones add no latency
+BUFFERS = 4  # one being decoded, one being filled, two spare; older frames are skipped, so spare buffers add no latency
 RETRY_S = 0.02
 FINAL = (errno.EBUSY, errno.ENODEV, errno.ENXIO, errno.ENOMEM)  # another attempt would fail as well
 
@@ -29,14 +29,14 @@ class _BufferType(Structure):
 
 
 class SourceChangedError(OSError):
-    """The signal behind the device changed its size or rate: the device must be configured again."""
+    """The input signal changed its size or rate: the device must be configured again."""
 
 
 @attrs.frozen
 class RawFrame:
-    """data: uint8 (n,), valid until the next read. sequence: the driver's count of frames, gaps are frames it lost. stamp_ns: the
-    driver's stamp, on whatever clock. start_of_exposure: what it marks; else the end of the frame.
-    damaged: the driver marked the frame as broken.
+    """data: uint8 (n,), valid until the next read. sequence: the driver's count of frames; gaps are lost frames. stamp_ns: the
+    driver's stamp, from an unknown clock. start_of_exposure: the stamp marks that, else the end of the frame. damaged: the driver
+    marked the frame as broken.
     """
 
     data: NDArray[np.uint8]
@@ -47,7 +47,7 @@ class RawFrame:
 
 
 def _twice(call: Callable[[], None]) -> None:
-    """Repeats a call once if it failed for a reason that may have passed."""
+    """Repeats a call once if it failed for a temporary reason."""
     try:
         call()
     except OSError as error:
@@ -58,13 +58,13 @@ def _twice(call: Callable[[], None]) -> None:
 
 
 class V4L2Stream:
-    """Streams until `close`. device: configured; the caller closes it afterwards. Raises OSError as the driver does."""
+    """Streams until `close`. device: configured; the caller closes it afterwards. Raises the driver's OSError."""
 
     def __init__(self, device: V4L2Device) -> None:
         self._device = device
         self._maps: list[mmap.mmap] = []
-        self._taken: int | None = None  # index of the buffer that the caller reads
-        with contextlib.suppress(OSError):  # few drivers have it
+        self._taken: int | None = None  # index of the buffer in the caller's hands
+        with contextlib.suppress(OSError):  # few drivers support it
             device.ioctl(abi.SUBSCRIBE_EVENT, abi.EventSubscription(type=abi.EVENT_SOURCE_CHANGE))
         try:
             _twice(lambda: self._request_buffers(BUFFERS))
@@ -161,5 +161,5 @@ class V4L2Stream:
     def _unmap(self) -> None:
         maps, self._maps = self._maps, []
         for each in maps:
-            with contextlib.suppress(BufferError):  # somebody still holds a frame: it goes with the frame
+            with contextlib.suppress(BufferError):  # a frame is still in use: the map is freed with it
                 each.close()

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import BinaryIO
 
-# FFmpeg prints straight to stderr, past Python; a UserError here reports the broken file.
+# FFmpeg prints straight to stderr, past Python; a UserError here reports the broken file
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 import cv2
@@ -22,7 +22,7 @@ from lfpipe.host.limits import MemoryLimit
 from lfpipe.scene.video_probe import FRAME_BYTES_PX, MAX_FRAME_PX, OPENING_BYTES
 
 DAMAGED = "play it with another program, or export it again"
-TRIES = 16  # a frame that cannot be decoded looks like the end, until one behind it can
+TRIES = 16  # an undecodable frame looks like the end, unless a later one decodes
 REMEDY = "give a video (mp4, mkv, avi, ...), a picture or a folder of pictures"
 # Kinds allowed besides those of `is_video`. FFmpeg would also follow playlists of other files and addresses.
 MORE_KINDS = (
@@ -42,11 +42,11 @@ class VideoFile:
     """An open video. width_px, height_px: frame size in the header; rate_hz: 0 if unknown; frames: exact count in the header,
     0 if unknown.
 
-    memory: limit for decoding a frame; a stream may change its size half-way.
+    memory: limit for decoding a frame; a stream may change its size midway.
     """
 
     def __init__(self, file: BinaryIO, path: Path) -> None:
-        """file: open at its start; closed by this object. Raises UserError if it is no video or too large to decode."""
+        """file: open at its start; closed by this object. Raises UserError if it is not a video or too large to decode."""
         self._file, self.path = file, path
         start = file.read(16)
         self.memory = MemoryLimit(OPENING_BYTES)
@@ -67,14 +67,14 @@ class VideoFile:
         self.memory = MemoryLimit(max(OPENING_BYTES, FRAME_BYTES_PX * self.width_px * self.height_px))
 
     def reopen(self) -> None:
-        """Opens the file from its start again; on failure `capture` is not opened."""
+        """Reopens the file at its start; on failure `capture` is not open."""
         # One decoder thread: measured on 400x300 to 720x576, two take 20 to 40 % more CPU and are no faster. The path is
         # that of the checked descriptor; OpenCV would crash on names that are not UTF-8.
         with self.memory, opencv_log.silent():
             self.capture.open(path_of(self._file), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
 
     def check_end(self, count: int) -> None:
-        """Raises BrokenFrame if a video that ended after count frames should have more."""
+        """Raises BrokenFrame if a video that ended after count frames should have had more."""
         if count < self.frames:  # FFmpeg skips damaged frames
             raise BrokenFrame(f"{self.path}: {self.frames - count} of its {self.frames} frames cannot be decoded", DAMAGED)
 
@@ -167,7 +167,7 @@ class MotionJpeg:
             raise ValueError(f"{video.path}: not Motion JPEG, or two half pictures per packet")
 
     def _decode_next(self) -> tuple[int, NDArray[np.uint8]] | None:
-        """Stamp in ns and picture of the next non-empty packet (an AVI has empty ones); None at the end."""
+        """Stamp in ns and picture of the next non-empty packet (AVI files have empty ones); None at the end."""
         with self._video.memory:
             return self._decoded()
 
@@ -210,7 +210,7 @@ class MotionJpeg:
 
 
 def open_video(file: BinaryIO, path: Path) -> Video | MotionJpeg:
-    """Opens the video in file and takes ownership of file. Raises UserError if it is no video or too large."""
+    """Opens the video in file and takes ownership of file. Raises UserError if it is not a video or too large."""
     video = VideoFile(file, path)
     try:
         try:

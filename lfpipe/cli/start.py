@@ -1,10 +1,10 @@
-"""`lfpipe` alone on a desktop: a session that begins with thumbnails of the demo and of recent scenes."""
+"""`lfpipe` without arguments on a desktop: a session that begins with thumbnails of the demo and of recent scenes."""
 
 from __future__ import annotations
 
 
 def start() -> int:
-    """Runs the session, with the demo's face if no camera is found; returns the exit code."""
+    """Runs the session, with the demo's viewer if there is no camera; returns the exit code."""
     from lfpipe import config as config_module
     from lfpipe.capture.open_source import check_source
     from lfpipe.cli.launch import UpArguments, say, up

@@ -1,1 +1,1 @@
-"""Eyes, head and pictures shown, sent to other programs. Runs only while a session is asked to share."""
+"""Sends eyes, head and shown pictures to other programs. Runs only while a session shares."""

@@ -1,8 +1,8 @@
-"""The viewer's head as other programs want it: points in mm before the screen, and how it is turned.
+"""The viewer's head for other programs: positions in mm before the screen, and rotation.
 
-Axes: the origin is the middle of the picture on the screen, x points to the viewer's right, y up, z from the screen to the
-viewer. So a viewer who looks straight at the screen looks along -z, as the camera does in OpenGL and three.js. The depth follows
-from the distance between the eyes (`CameraPose`); where a head is turned, one eye is further away than the other.
+Axes: the origin is the middle of the picture on the screen; x points to the viewer's right, y up, z from the screen to the
+viewer. A viewer who looks straight at the screen looks along -z, like the camera in OpenGL and three.js. The depth follows from
+the distance between the eyes (`CameraPose`); one eye of a turned head is further away than the other.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from lfpipe.eyes import extrapolated
 
 Point = tuple[float, float, float]
 
-NEAR_S = 0.1  # time constant of the depth: the distance between the eyes is noisier than where they are
-LOST_NS = 500_000_000  # after a gap that long the depth before says nothing
-LEAST_PX = 0.5  # eyes closer together than that are not a face's
+NEAR_S = 0.1  # time constant of the depth: the distance between the eyes is noisier than their position
+LOST_NS = 500_000_000  # after such a gap the old depth means nothing
+LEAST_PX = 0.5  # eyes closer together than this are not a face's
 
 
 @attrs.frozen
 class Head:
     """left_mm, right_mm: the viewer's own eyes. position_mm: the point between them. yaw to the viewer's right, pitch up, roll to
-    the right shoulder: 0 for a head that faces along -z; turned in that order about axes that turn along."""
+    the right shoulder: 0 for a head that faces along -z; applied in that order about intrinsic axes."""
 
     left_mm: Point
     right_mm: Point
@@ -38,7 +38,7 @@ class Head:
 
 
 class HeadEstimator:
-    """From records of ring "eyes" to heads; the depth is smoothed over NEAR_S."""
+    """Converts records of ring "eyes" to heads; smooths the depth over NEAR_S."""
 
     def __init__(self, config: Config) -> None:
         self.config = config
@@ -46,7 +46,7 @@ class HeadEstimator:
         self._t_ns = self._generation = 0
 
     def update(self, record: NDArray[np.void], t_sensor_ns: int) -> None:
-        """Takes a record of dtype EYES and its frame's stamp, once each, in order."""
+        """Adds a record of dtype EYES and its frame's stamp, each once and in order."""
         if not record["face"]:
             return
         apart_px = float(record["apart_px"]) or math.dist(*record["filtered_px"].tolist())
@@ -59,7 +59,7 @@ class HeadEstimator:
         self._t_ns, self._generation = t_sensor_ns, generation
 
     def head(self, record: NDArray[np.void], horizon_ns: int = 0) -> Head | None:
-        """The head in the record last taken, its eyes predicted horizon_ns ahead; None without a face."""
+        """The head in the last record, its eyes predicted horizon_ns ahead; None without a face."""
         if not record["face"] or not self._apart_px:
             return None
         eyes_px = record["filtered_px"]
@@ -81,7 +81,7 @@ def _head(pose: CameraPose, eyes_px: list[list[float]], apart_px: float, turn_de
     between = ((rays[0][0] + rays[1][0]) / 2, (rays[0][1] + rays[1][1]) / 2)
     turned = _along(between) @ _turn(*turn_deg)  # of the head on the camera's axes
     depth_mm = f * pose.eyes_mm / apart_px
-    aside_mm = float(turned[2, 0]) * pose.eyes_mm / 2  # by how much the left eye is further away than the point between them
+    aside_mm = float(turned[2, 0]) * pose.eyes_mm / 2  # additional distance of the left eye over the point between them
     left, right = (_on_screen(pose, ray, depth_mm + off) for ray, off in zip(rays, (aside_mm, -aside_mm), strict=True))
     c, s = math.cos(pose.tilt), math.sin(pose.tilt)
     on_screen = _FLIP @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ turned @ _FLIP
@@ -97,7 +97,7 @@ def _head(pose: CameraPose, eyes_px: list[list[float]], apart_px: float, turn_de
     )
 
 
-_FLIP = np.diag([-1.0, -1.0, 1.0])  # between the picture's axes (right, down, ahead) and those of a viewer who looks back at it
+_FLIP = np.diag([-1.0, -1.0, 1.0])  # between the picture's axes (right, down, ahead) and those of a viewer who faces it
 
 
 def _on_screen(pose: CameraPose, ray: tuple[float, float], depth_mm: float) -> Point:
@@ -107,7 +107,7 @@ def _on_screen(pose: CameraPose, ray: tuple[float, float], depth_mm: float) -> P
 
 
 def _turn(yaw_deg: float, pitch_deg: float, roll_deg: float) -> NDArray[np.float64]:
-    """The rotation (3, 3) on the picture's axes that `lfpipe.track.head_pose` gives these angles for."""
+    """The rotation (3, 3) on the picture's axes for which `lfpipe.track.head_pose` returns these angles."""
     a, b, g = math.radians(-yaw_deg), math.radians(pitch_deg), math.radians(-roll_deg)
     ca, sa, cb, sb, cg, sg = math.cos(a), math.sin(a), math.cos(b), math.sin(b), math.cos(g), math.sin(g)
     rotation = np.array(
@@ -121,7 +121,7 @@ def _turn(yaw_deg: float, pitch_deg: float, roll_deg: float) -> NDArray[np.float
 
 
 def _along(ray: tuple[float, float]) -> NDArray[np.float64]:
-    """The smallest rotation that takes the camera's axis to the ray (x / z, y / z)."""
+    """The smallest rotation from the camera's axis to the ray (x / z, y / z)."""
     length = math.sqrt(ray[0] ** 2 + ray[1] ** 2 + 1)
     x, y, z = ray[0] / length, ray[1] / length, 1 / length
     k = 1 / (1 + z)

@@ -1,10 +1,10 @@
-"""Eyes, pictures shown and markers as streams of the Lab Streaming Layer, with the sensor's time on LSL's clock.
+"""Eyes, shown pictures and markers as streams of the Lab Streaming Layer, with the sensor's time on LSL's clock.
 
     NAME-eyes      15 x double64, one sample a frame; NaN without a face
     NAME-pictures   5 x double64, one sample per picture shown, at the time it was presented
     NAME-markers    1 x string, "face found" and "face lost"
 
-All have an irregular rate, so that no reader smooths their stamps; the camera's rate stands in the description.
+All have an irregular rate, so that no reader smooths their stamps; the description holds the camera's rate.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ EYES = [(f"{eye}_{axis}", "mm") for eye in ("left", "right", "head") for axis in
 EYES += [("yaw", "degrees"), ("pitch", "degrees"), ("roll", "degrees"), ("face", "bool"), ("source_seq", "count")]
 EYES += [("t_sensor", "s")]
 PICTURES = [("source_seq", "count"), *((f"{eye}_{axis}", "views") for eye in ("left", "right") for axis in ("row", "col"))]
-BUFFER_S = 30  # that a receiver may fall behind; then it loses the oldest
-TRIES = 50  # readings of both clocks; the closest pair counts
+BUFFER_S = 30  # a receiver further behind loses the oldest samples
+TRIES = 50  # pairs of readings of both clocks; the closest pair counts
 
 
 def check_library() -> None:
-    """Raises UserError where pylsl finds no liblsl."""
+    """Raises UserError if pylsl finds no liblsl."""
     try:
         import pylsl  # noqa: F401
     except (ImportError, OSError, RuntimeError) as error:
@@ -40,7 +40,7 @@ def check_library() -> None:
 
 
 def clock_offset_s() -> tuple[float, float]:
-    """(LSL's clock less CLOCK_MONOTONIC, how far that may be off) in s: the tightest of TRIES readings."""
+    """(LSL's clock minus CLOCK_MONOTONIC, its uncertainty) in s: the tightest of TRIES readings."""
     from pylsl import local_clock
 
     best = (0.0, math.inf)
@@ -61,8 +61,8 @@ class LslOutput:
         parts = ("eyes", "pictures", "markers") if pictures else ("eyes", "markers")
 
         def make() -> None:
-            yield_to_others()  # liblsl's threads inherit it: many receivers do not hold up a picture
-            with quiet_stderr():  # liblsl says hello
+            yield_to_others()  # liblsl's threads inherit it: many receivers do not delay a picture
+            with quiet_stderr():  # liblsl prints a greeting
                 for part in parts:
                     self._outlets[part] = self._outlet(target, part, session, rate_hz)
 
@@ -96,7 +96,7 @@ class LslOutput:
         return t_ns / 1e9 + self._offset_s
 
     def send(self, sample: Sample) -> bool:
-        """See `Output.send`. Markers bear the time of the frame that the face was first or last seen in."""
+        """See `Output.send`. Markers have the time of the first or last frame with the face."""
         head, t_s = sample.head, self._lsl_s(sample.t_ns)
         values = [math.nan] * 12
         if head is not None:
@@ -111,7 +111,7 @@ class LslOutput:
         return True
 
     def show(self, shown: Shown) -> None:
-        """One sample of NAME-pictures."""
+        """Sends one sample of NAME-pictures."""
         if (outlet := self._outlets.get("pictures")) is not None:
             values = [float(shown.source_seq), *shown.left, *shown.right]
             outlet.push_sample(values, self._lsl_s(shown.t_presented_ns))

@@ -1,4 +1,4 @@
-"""What a target gets: the protocol of the outputs, and what is known of each frame and each picture."""
+"""The protocol of outputs, and the data of each frame and each picture."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from lfpipe.share.head import Head
 
 @attrs.frozen
 class Sample:
-    """Eyes at one moment. t_ns: the time they are of, the sensor's stamp or, predicted, the time of sending. head: None without a
-    face."""
+    """Eyes at one moment. t_ns: the sensor's stamp or, for predicted eyes, the time of sending. head: None without a face."""
 
     source_seq: int
     t_sensor_ns: int
@@ -22,7 +21,7 @@ class Sample:
 
 @attrs.frozen
 class Shown:
-    """A picture shown: when it was presented, and the viewpoint (row, col) of each eye."""
+    """A shown picture: its time of presentation, and the viewpoint (row, col) of each eye."""
 
     source_seq: int
     t_presented_ns: int
@@ -31,14 +30,14 @@ class Shown:
 
 
 class Output(Protocol):
-    """One target's. Nothing here waits for a receiver."""
+    """The output to one target. Never waits for a receiver."""
 
     def send(self, sample: Sample) -> bool:
-        """Sends a sample; False where the system did not take it."""
+        """Sends a sample; False if the system did not accept it."""
         ...
 
     def show(self, shown: Shown) -> None:
-        """Sends the stamp of a picture, where the target has a place for it."""
+        """Sends the stamp of a picture if the protocol has a field for it."""
         ...
 
     def close(self) -> None: ...

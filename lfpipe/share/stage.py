@@ -1,9 +1,9 @@
-"""Share: the viewer's eyes and head, and the stamps of pictures shown, sent to other programs.
+"""Share: sends the viewer's eyes and head, and the stamps of shown pictures, to other programs.
 
-Reads: ring "eyes", in order; ring "shown", in order, where a target has a place for pictures.
+Reads: ring "eyes", in order; ring "shown", in order, if a target's protocol has pictures.
 Writes: the targets of option "share".
 Commands: stop; targets by option "share", camera.* by configuration. Asks: share (to end a target that cannot be opened).
-Emits: notice (a target that does not work, or works again).
+Emits: notice (a target fails, or works again).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from lfpipe.transport.ring import Stamp
 
 
 class Channel:
-    """An open target. ticker: when predicted eyes are due, None where every frame is sent."""
+    """An open target. ticker: due times of predicted eyes; None if every frame is sent."""
 
     def __init__(self, target: Target, output: Output) -> None:
         self.target, self._output = target, output
@@ -32,7 +32,7 @@ class Channel:
         self._works = True
 
     def send(self, context: Context, sample: Sample) -> None:
-        """Sends a sample; reports once that the system does not take it, and once that it does again."""
+        """Sends a sample; reports the first failure, and the first success after it."""
         works = self._output.send(sample)
         context.row["drops"] += not works
         if works != self._works:
@@ -45,12 +45,12 @@ class Channel:
         self._output.show(shown)
 
     def close(self) -> None:
-        """Ends the target."""
+        """Closes the target."""
         self._output.close()
 
 
 class Sharer:
-    """The stage's work. Every method but `wait` returns at once, whatever receivers do."""
+    """The stage's work. Every method except `wait` returns at once, whatever receivers do."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -61,7 +61,7 @@ class Sharer:
         self._channels: dict[str, Channel] = {}
 
     def follow(self) -> None:
-        """Opens and closes targets as the session's options ask."""
+        """Opens and closes targets as the session's options require."""
         wanted = self._context.options.share
         self._estimator.config = self._context.config
         if tuple(self._channels) == wanted:
@@ -89,12 +89,12 @@ class Sharer:
         return UdpOutput(target)
 
     def wait(self) -> bool:
-        """Waits for a frame, a picture or the next due time; False once the stage must end."""
+        """Waits for a frame, a picture or the next due time; False when the stage must end."""
         due = [channel.ticker.due_ns() for channel in self._channels.values() if channel.ticker]
         return self._context.wait(min(due, default=None))
 
     def send_frames(self) -> None:
-        """Sends the eyes of every frame that has come."""
+        """Sends the eyes of every new frame."""
         context = self._context
         while (stamp := self._eyes.take(self._record, in_order=True)) is not None:
             t_taken_ns, self._stamp = now_ns(), stamp
@@ -114,7 +114,7 @@ class Sharer:
         return Sample(stamp.source_seq, stamp.t_sensor_ns, t_ns, head)
 
     def send_predicted(self) -> None:
-        """Sends predicted eyes where they are due; none while no frame comes."""
+        """Sends predicted eyes that are due; none while no frames arrive."""
         for channel in self._channels.values():
             t_ns = now_ns()
             if channel.ticker is None or t_ns < channel.ticker.due_ns():
@@ -124,7 +124,7 @@ class Sharer:
                 channel.send(self._context, self._sample(self._stamp, t_ns))
 
     def send_pictures(self) -> None:
-        """Sends the stamps of the pictures that were shown."""
+        """Sends the stamps of shown pictures."""
         while (stamp := self._shown.take(self._picture, in_order=True)) is not None:
             (left_row, left_col), (right_row, right_col) = self._picture["view"].tolist()
             t_presented_ns = int(self._picture["t_presented_ns"])
@@ -133,13 +133,13 @@ class Sharer:
                 channel.show(shown)
 
     def close(self) -> None:
-        """Ends every target."""
+        """Closes all targets."""
         for channel in self._channels.values():
             channel.close()
 
 
 def main(context: Context) -> None:
-    """Runs the stage until the stop."""
+    """Runs the stage until it is stopped."""
     sharer = Sharer(context)
     sharer.follow()
     context.ready()

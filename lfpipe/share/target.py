@@ -1,4 +1,4 @@
-"""Where a session sends its eyes: `opentrack:HOST:PORT`, `osc:HOST:PORT` or `lsl[:NAME]`, each with `?rate=HZ` behind it."""
+"""Targets of a session's eyes: `opentrack:HOST:PORT`, `osc:HOST:PORT` or `lsl[:NAME]`, each with an optional `?rate=HZ`."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ NAME = "lfpipe"  # of LSL's streams
 
 @attrs.frozen
 class Target:
-    """kind: one of KINDS. host, port: of UDP, once checked a numeric address. name: of LSL's streams. rate_hz: predicted eyes at
-    that rate, 0 for those of every camera frame."""
+    """kind: one of KINDS. host, port: of UDP; a numeric address once checked. name: of LSL's streams. rate_hz: of predicted eyes;
+    0 sends those of every camera frame."""
 
     kind: str
     host: str = ""
@@ -39,7 +39,7 @@ class Target:
 
 
 def parse_target(text: str) -> Target:
-    """The target that a person typed, host not yet resolved. Raises UserError."""
+    """Parses a target without resolving its host. Raises UserError."""
     body, query, options = text.partition("?")
     kind, colon, rest = body.partition(":")
     if kind not in KINDS:
@@ -61,9 +61,9 @@ def parse_target(text: str) -> Target:
 
 
 def check_target(text: str) -> Target:
-    """The target that a person typed, ready to be sent to: its library is there, its host is resolved and has a route.
+    """Parses a target and checks that its library is installed and its host resolves and has a route.
 
-    Sends nothing; a name is looked up. Raises UserError.
+    Sends nothing, except to look up a name. Raises UserError.
     """
     target = parse_target(text)
     if target.kind in LIBRARIES:
@@ -79,7 +79,7 @@ def check_target(text: str) -> Target:
 
 
 def check_targets(texts: Sequence[str], running: Sequence[str] = ()) -> tuple[str, ...]:
-    """The targets in their exact form, none twice. running: those that there are already. Raises UserError."""
+    """The targets in their exact form, without duplicates. running: the current ones. Raises UserError."""
     found = list(running)
     for text in texts:
         exact = str(check_target(text))
@@ -109,10 +109,10 @@ def _rate(text: str, options: str) -> float:
 def _resolved(text: str, target: Target) -> str:
     try:
         found = socket.getaddrinfo(target.host, target.port, type=socket.SOCK_DGRAM)
-        # Most receivers listen on IPv4 alone, also where a name (localhost) has both.
+        # most receivers listen on IPv4 only, even if a name (localhost) has both
         family, kind, _, _, address = min(found, key=lambda each: each[0] != socket.AF_INET)
         with socket.socket(family, kind) as probe:
-            probe.connect(address)  # looks for a route; a datagram socket sends nothing for it
+            probe.connect(address)  # looks up a route; a datagram socket sends nothing for this
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else "not a host name"
         remedy = "the name or address of the receiver's machine, 127.0.0.1 for this one"

@@ -1,4 +1,4 @@
-"""Eyes as datagrams: opentrack's layout, and OSC bundles. UDP has no receiver to wait for: who is not there misses them."""
+"""Eyes as datagrams: opentrack's layout, and OSC bundles. UDP waits for no receiver: an absent one misses them."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Encoder = Callable[[Sample], bytes]
 
 
 def opentrack_datagram(sample: Sample) -> bytes:
-    """opentrack's input "UDP over network": x to the right, y up, z away from the screen in cm; yaw right, pitch up, roll right
-    in degrees. Empty without a face: opentrack then holds the last pose."""
+    """opentrack's input "UDP over network": x right, y up, z away from the screen in cm; yaw right, pitch up, roll right in
+    degrees. Empty without a face: opentrack then holds the last pose."""
     head = sample.head
     if head is None:
         return b""
@@ -68,11 +68,11 @@ class UdpOutput:
         data = self._encode(sample)
         try:
             return not data or self._socket.sendto(data, self._address) == len(data)
-        except OSError:  # no buffer, no route any more: the next one is newer anyway
+        except OSError:  # no buffer or no route: the next one is newer anyway
             return False
 
     def show(self, shown: Shown) -> None:
-        """Nothing: neither protocol has a place for it."""
+        """Does nothing: neither protocol has pictures."""
 
     def close(self) -> None:
         self._socket.close()
