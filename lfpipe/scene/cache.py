@@ -1,9 +1,9 @@
-"""Where packs are kept: by content, written whole or not at all, one writer at a time.
+"""The cache of packs: addressed by content, written atomically, one writer at a time.
 
-CACHE/scenes/KEY/          a pack (views.npy, disparity.npy, manifest.json)
-CACHE/scenes/.KEY.PID/     one being made; the holder of KEY's lock may remove it
-CACHE/locks/KEY            lock of the one who makes it
-CACHE/index/STAMP          text: the KEY of a path whose names, sizes and times have this stamp
+    CACHE/scenes/KEY/          a pack (views.npy, disparity.npy, manifest.json)
+    CACHE/scenes/.KEY.PID/     an unfinished pack; the holder of KEY's lock may remove it
+    CACHE/locks/KEY            lock of its writer
+    CACHE/index/STAMP          text: the KEY of a path whose names, sizes and times have this stamp
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from lfpipe.scene.manifest import VERSION, DamagedPackError, read_manifest
 from lfpipe.scene.pack_lock import unused
 from lfpipe.scene.source import SceneSource
 
-_DEEPEST = 3  # levels of folders that pictures may stand below the one that was given
+_DEEPEST = 3  # levels of folders between the given one and its pictures
 MAX_KEY_BYTES = 256  # of an entry of the index
 
 
@@ -39,7 +39,7 @@ def cache_dir(scene: config.Scene) -> Path:
 
 
 def prepare_cache(scene: config.Scene) -> Path:
-    """The cache with its folders made. Raises UserError where it cannot be written."""
+    """Creates the cache's folders. Raises UserError if it cannot be written."""
     root = cache_dir(scene)
     try:
         for part in ("scenes", "locks", "index"):
@@ -62,7 +62,7 @@ def _settings_key(scene: config.Scene) -> str:
 
 
 def stamp(path: str | os.PathLike[str], scene: config.Scene) -> str:
-    """Hash of names, sizes and times at path, some subfolders deep: equal while nothing changed. Raises UserError."""
+    """Hash of names, sizes and times at path and some levels of subfolders: equal while nothing changes. Raises UserError."""
     digest = hashlib.blake2b(_settings_key(scene).encode(), digest_size=16)
     listing = list_scene(path)
     digest.update(str(listing.path.resolve()).encode(errors="surrogateescape"))
@@ -74,7 +74,7 @@ def stamp(path: str | os.PathLike[str], scene: config.Scene) -> str:
 
 
 def _entries(listing: Listing, deep: int) -> Iterator[Path]:
-    """Files of a folder, and of folders so many levels below it."""
+    """Files of a folder, and of its subfolders down to this many levels."""
     yield from (listing.folder / name for name in listing.names)
     for name in listing.folders if deep else ():
         with contextlib.suppress(UserError):
@@ -82,7 +82,7 @@ def _entries(listing: Listing, deep: int) -> Iterator[Path]:
 
 
 def content_key(source: SceneSource, scene: config.Scene) -> str:
-    """Hash of the contents of the source's files, its layout and the settings. Raises UserError where a file is unreadable."""
+    """Hash of the contents of the source's files, its layout and the settings. Raises UserError if a file is unreadable."""
     digest = hashlib.blake2b(f"{_settings_key(scene)}{source.layout}".encode(), digest_size=12)
     for path in source.files:
         try:
@@ -97,12 +97,12 @@ def content_key(source: SceneSource, scene: config.Scene) -> str:
 
 
 def _read_key(entry: Path) -> str:
-    """What an entry of the index holds. Raises OSError, UnicodeDecodeError."""
+    """The content of an entry of the index. Raises OSError, UnicodeDecodeError."""
     return read_bytes(entry, MAX_KEY_BYTES).decode()
 
 
 def find_pack(path: str | os.PathLike[str], scene: config.Scene) -> Path | None:
-    """The pack of an untouched scene, or None; reads no picture. Raises UserError where there is no scene."""
+    """The pack of an unchanged scene, or None; reads no picture. Raises UserError if there is no scene."""
     mark = stamp(path, scene)
     with contextlib.suppress(OSError, UnicodeDecodeError):
         key = _read_key(cache_dir(scene) / "index" / mark)
@@ -113,7 +113,7 @@ def find_pack(path: str | os.PathLike[str], scene: config.Scene) -> Path | None:
 
 
 def remember(root: Path, mark: str, key: str) -> None:
-    """Note that the path of this stamp has that pack. Raises UserError where there is no room for it."""
+    """Notes that the path with this stamp has that pack. Raises UserError if there is no room for the entry."""
     new = root / "index" / f".{mark}.{os.getpid()}"
     try:
         new.write_text(key)
@@ -125,7 +125,7 @@ def remember(root: Path, mark: str, key: str) -> None:
 
 @contextlib.contextmanager
 def locked(root: Path, key: str) -> Iterator[None]:
-    """Holds the lock of a key: waits for another process that makes the same pack, and clears what a killed one left."""
+    """Holds the lock of a key: waits for another process that writes the same pack, and removes leftovers of killed ones."""
     with file_lock.waited_for(root / "locks" / key):
         for left in (root / "scenes").glob(f".{key}.*"):
             shutil.rmtree(left, ignore_errors=True)
@@ -133,7 +133,7 @@ def locked(root: Path, key: str) -> Iterator[None]:
 
 
 def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
-    """Every pack as (folder, manifest, bytes on disk), newest first; a manifest that cannot be read is {}."""
+    """Every pack as (folder, manifest, bytes on disk), newest first; the manifest is {} if it cannot be read."""
     found: list[tuple[Path, dict[str, Any], int]] = []
     with contextlib.suppress(OSError):
         for folder in (cache_dir(scene) / "scenes").iterdir():
@@ -146,7 +146,7 @@ def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
 
 
 def remove(folder: Path) -> bool:
-    """Delete one pack; False where a session or another process has it open, and it stays. Raises UserError."""
+    """Deletes a pack; returns False and keeps it if any process has it open. Raises UserError."""
     try:
         with unused(folder) as free:
             if free:
@@ -154,14 +154,14 @@ def remove(folder: Path) -> bool:
                 folder.replace(gone)
                 shutil.rmtree(gone, ignore_errors=True)
             return free
-    except FileNotFoundError:  # another clean was quicker
+    except FileNotFoundError:  # another clean was faster
         return True
     except OSError as error:
         raise UserError(f"{folder}: cannot be removed: {error.strerror}", "check its permissions") from None
 
 
 def sweep(scene: config.Scene) -> int:
-    """Remove what killed packers left and index entries without a pack; the count of removed things."""
+    """Removes leftovers of killed packers and index entries without a pack; returns the number removed."""
     root, removed = cache_dir(scene), 0
     for left in (root / "scenes").glob(".*.*"):
         if (lock := file_lock.take(root / "locks" / left.name.split(".")[1], mode=0o666)) is not None:

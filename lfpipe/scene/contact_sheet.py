@@ -1,4 +1,4 @@
-"""Looking at a light field: one view, and a contact sheet that shows order errors by eye."""
+"""Pictures to inspect a light field: one view, and a contact sheet that makes errors of the order visible."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lfpipe.scene.lightfield import UNKNOWN, LightField
 SHEET_PX = 1600  # the longer side of the contact sheet's grid
 _GAP_PX = 4
 _TEXT_PX = 24  # height of a line of text
-_SLICE_PX = 12  # height of each view's line in an epipolar slice
+_SLICE_PX = 12  # of each view's line in an epipolar slice
 
 
 def stored_view(field: LightField, row: int, col: int, frame: int = 0) -> NDArray[np.uint8]:
@@ -22,18 +22,18 @@ def stored_view(field: LightField, row: int, col: int, frame: int = 0) -> NDArra
 
 
 def require_view_index(field: LightField, row: float, col: float) -> None:
-    """Raises UserError where (row, col) is not finite or lies outside of the grid."""
+    """Raises UserError if (row, col) is not finite or lies outside the grid."""
     for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):
         if not 0 <= value <= count - 1:  # not a number compares false
             raise UserError(f"--{name} {value:g}: the scene has {field.rows}x{field.cols} views", f"use 0 to {count - 1}")
 
 
 def contact_sheet(field: LightField) -> NDArray[np.uint8]:
-    """All views in canonical order and, below, an epipolar slice: the middle line of every view of the middle row, column 0
-    at the top; to the right the same of the middle column. RGB.
+    """All views in canonical order, RGB. Below them an epipolar slice: the middle line of every view of the middle row, column 0
+    at the top; to the right the same for the middle column.
 
-    In a well ordered grid near things lean to the left going down the one and upwards going right in the other; a flipped
-    axis leans the wrong way, a transposed grid does not lean but jumps. At the bottom, the depth of the middle view in colour.
+    In a well-ordered grid near objects lean to the left going down in the first slice, and upwards going right in the second. A
+    flipped axis leans the wrong way; a transposed grid jumps instead. At the bottom, the depth of the middle view in colour.
     """
     scale = min(1.0, SHEET_PX / max(field.rows * field.height_px, field.cols * field.width_px))
     height, width = max(2, round(field.height_px * scale)), max(2, round(field.width_px * scale))
@@ -56,8 +56,8 @@ def contact_sheet(field: LightField) -> NDArray[np.uint8]:
 
 
 def depth_strip(field: LightField, width_px: int) -> NDArray[np.uint8] | None:
-    """The middle view beside its depth, near in red and far in blue, RGB and width_px wide; where the order of the views leaves
-    near and far open, beside both readings. None without disparity."""
+    """The middle view beside its depth, near in red and far in blue, RGB and width_px wide; beside both readings if the order of
+    the views does not settle near and far. None without disparity."""
     if field.disparity is None:
         return None
     row, col = field.rows // 2, field.cols // 2
@@ -85,12 +85,12 @@ def depth_strip(field: LightField, width_px: int) -> NDArray[np.uint8] | None:
 
 
 def _half_turned(field: LightField) -> str:
-    """The word for scene.flip that exchanges near and far."""
+    """The value of scene.flip that exchanges near and far."""
     flips = field.manifest["flips"]
     rows, cols = not flips["rows"] and field.rows > 1, not flips["cols"] and field.cols > 1
     return "both" if rows and cols else "rows" if rows else "cols" if cols else "none"
 
 
 def _slice(lines: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """One line of each view below one another, each _SLICE_PX high."""
+    """One line of each view, stacked, each _SLICE_PX high."""
     return np.repeat(np.stack(lines), _SLICE_PX, axis=0)

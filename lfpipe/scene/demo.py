@@ -1,4 +1,4 @@
-"""The demo's light field: rendered once with exact disparity, kept in the HCI layout in the user's cache."""
+"""The demo's light field: rendered once with exact disparity, cached in the HCI layout."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lfpipe.host.processes import usable_cores
 from lfpipe.scene.demo_layers import Solid, render_view
 from lfpipe.scene.demo_still_life import OFFSET_PX, WALL_D, still_life
 
-NAME = "still-life-1"  # another number when the pictures change: an old cache is then left alone
+NAME = "still-life-1"  # increase when the pictures change: an old cache then stays untouched
 GRID, SIZE_PX = 9, 512
 FOCAL_MM, SENSOR_MM, FOCUS_M = 100.0, 35.0, 1.5
 NEAREST_D = 2.0
@@ -60,7 +60,7 @@ def render_demo(folder: Path, grid: int, size_px: int, progress: Progress) -> No
         row, col = divmod(index, grid)
         _write_view(folder, index, row == col == middle, solids, size_px, col - middle, row - middle)
 
-    # Threads do: nearly all of it happens inside OpenCV, without the interpreter's lock.
+    # threads suffice: nearly all work is inside OpenCV, without the interpreter's lock
     with ThreadPoolExecutor(len(usable_cores())) as pool:
         for done, _ in enumerate(pool.map(one, range(grid * grid)), 1):
             progress("rendering the demo scene", done, grid * grid)
@@ -69,7 +69,7 @@ def render_demo(folder: Path, grid: int, size_px: int, progress: Progress) -> No
 
 def _write_view(folder: Path, index: int, centre: bool, solids: list[Solid], size_px: int, u: int, v: int) -> None:
     picture, disparity = render_view(solids, size_px, size_px, u, v)
-    # Encoded first: OpenCV crashes at a path that is not UTF-8.
+    # encoded in memory: OpenCV crashes on a path that is not UTF-8
     view = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, PNG_EFFORT])[1].tobytes()
     true_map = cv2.imencode(".pfm", disparity)[1].tobytes()
     (folder / f"input_Cam{index:03d}.png").write_bytes(view)
@@ -79,9 +79,9 @@ def _write_view(folder: Path, index: int, centre: bool, solids: list[Solid], siz
 
 
 def demo_scene(cache_dir: Path, progress: Progress, grid: int = GRID, size_px: int = SIZE_PX) -> Path:
-    """The folder of the demo's light field below cache_dir, rendered now if it is not there yet.
+    """The folder of the demo's light field below cache_dir, rendered on first use.
 
-    It appears whole or not at all. Raises UserError where the cache cannot be written.
+    It appears atomically. Raises UserError if the cache cannot be written.
     """
     target = cache_dir / "demo" / (NAME if (grid, size_px) == (GRID, SIZE_PX) else f"{NAME}-{grid}x{grid}-{size_px}")
     if target.is_dir():
@@ -94,7 +94,7 @@ def demo_scene(cache_dir: Path, progress: Progress, grid: int = GRID, size_px: i
         render_demo(working, grid, size_px, progress)
         working.rename(target)
     except OSError as error:
-        if not target.is_dir():  # another session may have been quicker: then its folder is as good
+        if not target.is_dir():  # another session may have been faster: its folder is equal
             raise UserError(
                 f"demo scene: {target.parent} cannot be written: {error.strerror or error}",
                 "make room or permission there, or name another place with --set scene.cache_dir=DIR",

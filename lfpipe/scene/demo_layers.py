@@ -1,8 +1,8 @@
 """Exact light-field rendering of simple solids: textured quads and balls, painted back to front.
 
-Space is (X, Y, d): px of the centre view and disparity in px per grid step, nearer is larger. What stands at (X, Y, d) is
-seen by the camera u columns right of and v rows below the centre one at (X - d*u, Y - d*v): rays are straight lines and
-planes are planes, so a quad is one homography per view, and its disparity is linear in the pixels of that view.
+Space is (X, Y, d): px of the centre view and disparity in px per grid step, nearer is larger. The camera u columns right of and v
+rows below the centre one sees the point (X, Y, d) at (X - d*u, Y - d*v). Rays are straight lines and planes are planes, so a quad
+is one homography per view, and its disparity is linear in the pixels of that view.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Canvas:
 
 class Solid(Protocol):
     def paint(self, canvas: Canvas, u: float, v: float) -> None:
-        """Paints over what already exists, as the camera at grid offset (u, v) sees it."""
+        """Paints the solid over the existing picture, as the camera at grid offset (u, v) sees it."""
         ...
 
 
@@ -165,8 +165,8 @@ def render_view(
 ) -> tuple[Picture, Floats]:
     """The view of the camera at grid offset (u, v) from the centre: uint8 (height, width, 3) BGR and its exact disparity.
 
-    solids: back to front, and together covering the whole view. disparity: float32 (height, width) in px per grid step,
-    of what stands at the pixel's centre.
+    solids: back to front, together covering the whole view. disparity: float32 (height, width) in px per grid step, at the
+    pixel's centre.
     """
     fine = np.zeros((height_px * supersample, width_px * supersample, 3), np.uint8)
     canvas = Canvas(fine, np.full((height_px, width_px), np.nan, np.float32), supersample)

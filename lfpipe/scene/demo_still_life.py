@@ -1,7 +1,7 @@
-"""The demo's still life: an eye chart on a papered wall, and on a table before it a crate, balls, a card with text and grass.
+"""The demo's still life: an eye chart on a papered wall; on a table before it a crate, balls, a card with text, and grass.
 
-Lengths are px of a 512x512 centre view. The table rises to its horizon, where a point would stand still: the nearer a thing
-stands, the lower, as seen by a camera that looks down a little.
+Lengths are px of a 512x512 centre view. The table rises to its horizon, where a point would stand still: nearer objects appear
+lower, as for a camera that looks down a little.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ Floats = NDArray[np.float32]
 Colour = tuple[int, int, int]  # red, green, blue
 
 OFFSET_PX = 8.0  # disparity between infinity and the plane of zero disparity
-VANISHING = (256.0, 60.0)  # where lines straight away from the camera meet
+VANISHING = (256.0, 60.0)  # vanishing point of lines straight away from the camera
 WALL_D = -2.0
 TABLE_SLOPE = 0.0215  # disparity per px down the table
 TEXELS = 2  # texture px to one px of the picture
-BALL_DEPTH = 0.0075  # depth of a ball in disparity to its radius in px: a little rounder than life
+BALL_DEPTH = 0.0075  # depth of a ball in disparity over its radius in px: a little rounder than life
 
 
 def table_y(d: float) -> float:
-    """Where the table has disparity d: its plane passes through infinity at the height of the vanishing point."""
+    """The height at which the table has disparity d: its plane reaches infinity at the height of the vanishing point."""
     return VANISHING[1] + (d + OFFSET_PX) / TABLE_SLOPE
 
 
 def _seen_from(x: float, y: float, d_from: float, d_to: float) -> tuple[float, float]:
-    """Where the point straight behind (x, y, d_from), at d_to, is seen in the centre view."""
+    """The position in the centre view of the point straight behind (x, y, d_from), at d_to."""
     scale = (d_to + OFFSET_PX) / (d_from + OFFSET_PX)
     return VANISHING[0] + (x - VANISHING[0]) * scale, VANISHING[1] + (y - VANISHING[1]) * scale
 
@@ -52,7 +52,7 @@ def _coloured(value: Floats, dark: Colour, light: Colour) -> Floats:
 
 def _opaque(colour: Floats) -> Picture:
     picture = np.clip(colour + 0.5, 0, 255).astype(np.uint8)
-    picture = cv2.GaussianBlur(picture, (0, 0), 0.35 * TEXELS)  # nothing finer than a px: no moiré as the view changes
+    picture = cv2.GaussianBlur(picture, (0, 0), 0.35 * TEXELS)  # nothing finer than a px: no moiré when the view changes
     return np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])
 
 
@@ -71,7 +71,7 @@ def _text(picture: Floats, text: str, centre: tuple[float, float], height: float
     scale = height / unit
     thick = max(1, round(height / 7))
     (w, h), _ = cv2.getTextSize(text, face, scale, thick)
-    ink = np.zeros(picture.shape[:2], np.uint8)  # putText draws into 8 bits only
+    ink = np.zeros(picture.shape[:2], np.uint8)  # putText supports only 8 bits
     cv2.putText(ink, text, (round(centre[0] - w / 2), round(centre[1] + h / 2)), face, scale, 255, thick, cv2.LINE_AA)
     picture += (ink / np.float32(255))[..., None] * (np.array(colour[::-1], np.float32) - picture)
 
@@ -170,7 +170,7 @@ def _shade(picture: Floats, at: tuple[float, float], reach: tuple[float, float],
 
 
 def _box(front: Floats, side: Floats, x: float, width: float, height: float, d: float, d_back: float) -> list[Solid]:
-    """A box on the table whose front's lower left corner is at x and d; the sides that the centre view may see."""
+    """A box on the table, its front's lower left corner at x and d; only the sides that the centre view may see."""
     left, right, foot = x, x + width, table_y(d)
     top = foot - height
     back = [_seen_from(a, top, d, d_back) for a in (left, right)]
@@ -202,7 +202,7 @@ def _crate(rng: np.random.Generator, width: int, height: int) -> Floats:
 def still_life(size_px: int) -> list[Solid]:
     """The solids of the scene, back to front, for views of size_px x size_px; always the same picture."""
     rng = np.random.default_rng(9)
-    reach = 48.0  # how far beyond the centre view the outermost cameras see
+    reach = 48.0  # margin around the centre view that the outermost cameras see
     seam = table_y(WALL_D)
     wall = _wall(rng, round((seam + reach) * TEXELS), round((512 + 2 * reach) * TEXELS))
     _shade(wall, ((140 + reach) * TEXELS, wall.shape[0]), (95 * TEXELS, 150 * TEXELS), 0.42)
@@ -243,7 +243,7 @@ def _ball(texture: Picture, x: float, d: float, radius: float, gloss: float) -> 
 
 
 def _table(rng: np.random.Generator) -> Quad:
-    """The table top from the wall to before the picture's lower edge, with the shadows of what stands on it."""
+    """The table top from the wall to before the picture's lower edge, with the shadows of the objects on it."""
     near_d, half = 2.6, 580.0
     wood = _wood(rng, 900, 1600, (92, 54, 30), (178, 120, 72))
     near_y = table_y(near_d)
@@ -260,7 +260,7 @@ def _table(rng: np.random.Generator) -> Quad:
 
 
 def _scaled(solid: Solid, scale: float) -> Solid:
-    """The same scene in views of another size: lengths and disparities alike."""
+    """The same scene for views of another size: scales lengths and disparities."""
     if isinstance(solid, Quad):
         texture = solid.texture
         if scale < 1:  # a texture finer than the picture would alias

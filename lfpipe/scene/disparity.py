@@ -1,7 +1,7 @@
-"""Disparity of every view from its neighbours in the grid, by dense inverse search flow.
+"""Disparity of every view from its neighbours in the grid, by dense inverse search (DIS) flow.
 
-Sign and unit as in LightField: px per grid step, positive is nearer. Flow: Kroeger, Timofte, Dai, Van Gool, "Fast Optical
-Flow using Dense Inverse Search", ECCV 2016, as OpenCV has it.
+Sign and unit as in LightField: px per grid step, positive is nearer. Flow: Kroeger, Timofte, Dai, Van Gool, "Fast Optical Flow
+using Dense Inverse Search", ECCV 2016, as implemented in OpenCV.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ Grey = NDArray[np.uint8]
 
 SMALLEST_PX = 24  # the flow needs a few of its 8x8 patches per side
 FINEST_SCALE, PATCH_STRIDE_PX, SMOOTHINGS = 0, 4, 2  # of the flow; see docs/quality.md
-ROUNDS = 2  # of refinement by all neighbours together
-REFINED_OVER_PX = 2.0  # sigma of the window that one value of the refinement is found over
-STEADY = 4.0  # squared grey levels per px: where the neighbours show less contrast than this, a value stays
-OUTLIER = 6.0  # grey levels from which a pixel counts less
+ROUNDS = 2  # of refinement by all neighbours jointly
+REFINED_OVER_PX = 2.0  # sigma of the window of the refinement
+STEADY = 4.0  # squared grey levels per px: with less contrast in the neighbours a value stays
+OUTLIER = 6.0  # grey levels above which a pixel counts less
 LARGEST_STEP_PX = 0.5
 MEDIAN_PX = 5  # side of the last filter
-SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still have a say
+SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still count
 # Disparity must explain a tenth of the squared difference, over windows of WINDOW_PX, between a view and one of its neighbours.
 # Smaller areas than LEAST_AREA_PX on a side are left alone, gaps between areas up to GAP_PX count with them.
 LEAST_EXPLAINED, WINDOW_PX, LEAST_AREA_PX, GAP_PX = 0.1, 9, 15, 25
-EXPLAINED_ALL = 4.0  # squared grey levels: so little difference needs no explanation
-OUTSIDE = 64.0  # grey levels a match outside of the neighbour's picture counts for
+EXPLAINED_ALL = 4.0  # squared grey levels: a smaller difference needs no explanation
+OUTSIDE = 64.0  # grey levels of a match outside the neighbour's picture
 _BOX = (5, 5)
-_here = threading.local()  # the flow objects keep buffers and serve one thread each
+_here = threading.local()  # flow objects own buffers, so each serves one thread
 
 
 def flow(a: Grey, b: Grey, fine: bool = False) -> FloatMap:
-    """Dense flow from a to b, float32 (h, w, 2) in px (x, y): what stands at x in a stands at x + flow in b.
+    """Dense flow from a to b, float32 (h, w, 2) in px (x, y): the point at x in a is at x + flow in b.
 
-    fine: down to single pixels, in 1.8 times the time.
+    fine: down to single pixels, takes 1.8 times as long.
     """
     engines: dict[bool, cv2.DISOpticalFlow] = _here.__dict__.setdefault("engines", {})
     if fine not in engines:
@@ -54,7 +54,7 @@ def flow(a: Grey, b: Grey, fine: bool = False) -> FloatMap:
 
 
 def grid_xy(height: int, width: int) -> tuple[FloatMap, FloatMap]:
-    """x and y of every pixel, float32 (h, w) each; kept per thread, not to be written to."""
+    """x and y of every pixel, float32 (h, w) each; cached per thread, read-only."""
     if getattr(_here, "size", None) != (height, width):
         yy, xx = np.mgrid[:height, :width].astype(np.float32)
         _here.size, _here.grid = (height, width), (xx, yy)
@@ -63,7 +63,7 @@ def grid_xy(height: int, width: int) -> tuple[FloatMap, FloatMap]:
 
 
 def mismatch(a: Grey, b: Grey, disparity_px: FloatMap, d_row: float, d_col: float) -> FloatMap:
-    """How badly a, seen through its disparity, matches b at grid steps (d_row, d_col) from it: grey levels, box mean."""
+    """Mismatch of a, warped by its disparity, with b at grid steps (d_row, d_col) from it: grey levels, box mean."""
     height, width = a.shape
     xx, yy = grid_xy(height, width)
     mx, my = xx - disparity_px * float(d_col), yy - disparity_px * float(d_row)
@@ -75,7 +75,7 @@ def mismatch(a: Grey, b: Grey, disparity_px: FloatMap, d_row: float, d_col: floa
 def view_disparity(here: Grey, neighbours: list[tuple[Grey, float, float]]) -> FloatMap:
     """Disparity of one view, float32 (h, w), from neighbours as (picture, rows away, columns away), fractions allowed.
 
-    Each neighbour gives a map of its own; where it is blind (occlusion, border) it matches badly and loses its say.
+    Each neighbour gives one map; where it is blind (occlusion, border), it matches badly and loses its weight.
     """
     maps: list[FloatMap] = []
     errors: list[FloatMap] = []
@@ -97,16 +97,17 @@ def view_disparity(here: Grey, neighbours: list[tuple[Grey, float, float]]) -> F
 
 
 def _shares(errors: list[FloatMap]) -> list[FloatMap]:
-    """How far to believe each neighbour at each pixel: 1 for the one that matches best, less the worse it matches."""
+    """Weight of each neighbour at each pixel: 1 for the best match, less for worse ones."""
     best: FloatMap = np.min(np.stack(errors), axis=0)
     return [np.exp((best - error) * np.float32(1 / SOFTNESS)) for error in errors]
 
 
 def refined(here: Grey, neighbours: list[tuple[Grey, float, float]], disparity_px: FloatMap) -> FloatMap:
-    """One Gauss-Newton step of disparity_px, float32 (h, w), towards what all neighbours say together.
+    """One Gauss-Newton step of disparity_px, float32 (h, w), by all neighbours jointly.
 
     Minimises, over a Gaussian window around each pixel, the squared difference between `here` and the neighbours sampled through
-    the disparity (Lucas and Kanade 1981, along one unknown). Neighbours that match badly, as where they are blind, count less.
+    the disparity (Lucas and Kanade 1981, along one unknown). Neighbours that match badly, for example because of occlusion, count
+    less.
     """
     height, width = here.shape
     xx, yy = grid_xy(height, width)
@@ -134,9 +135,9 @@ def refined(here: Grey, neighbours: list[tuple[Grey, float, float]], disparity_p
 
 
 def unexplained(here: Grey, neighbours: list[tuple[Grey, float, float]], disparity_px: FloatMap) -> NDArray[np.bool_]:
-    """Where a view looks as unlike each of its neighbours along its disparity as it does in the same place: bool (h, w).
+    """The pixels, bool (h, w), at which a view differs from each neighbour as much along its disparity as at the same place.
 
-    So it is with the raster of a sensor or of a dither, which stays where it is, and with disparity that is simply wrong.
+    Causes: the raster of a sensor or a dither, which does not move, and wrong disparity.
     """
     height, width = here.shape
     xx, yy = grid_xy(height, width)
@@ -165,8 +166,8 @@ def halved(disparity_px: FloatMap) -> FloatMap:
 
 
 def neighbour_indices(row: int, col: int, rows: int, cols: int) -> list[tuple[int, int]]:
-    """The up to four neighbours of a place in the grid, and the diagonal ones where they are fewer: at the rim and in a small
-    grid every view has to see what others hide."""
+    """The up to four neighbours of a place in the grid; if fewer, the diagonal ones too: at the edge and in a small grid every
+    view must see what others hide."""
 
     def inside(places: list[tuple[int, int]]) -> list[tuple[int, int]]:
         return [(r, c) for r, c in places if 0 <= r < rows and 0 <= c < cols]
@@ -184,7 +185,7 @@ def _neighbours(
     for r, c in neighbour_indices(row, col, *present.shape):
         if present[r, c]:
             d_row, d_col = (float(v) for v in (offsets[r, c] - offsets[row, col]) + np.array([r - row, c - col], np.float32))
-            if d_row * d_row + d_col * d_col > 0.01:  # two cameras in one place tell nothing
+            if d_row * d_row + d_col * d_col > 0.01:  # two cameras in one place give no parallax
                 neighbours.append((grey(r, c), d_row, d_col))
     return neighbours
 
@@ -192,7 +193,7 @@ def _neighbours(
 def disparity_at(
     grey: Callable[[int, int], Grey], row: int, col: int, present: NDArray[np.bool_], offsets: NDArray[np.float32]
 ) -> FloatMap | None:
-    """Disparity of the view at (row, col), float32 (h, w), or None where it has no neighbour.
+    """Disparity of the view at (row, col), float32 (h, w); None if it has no neighbour.
 
     grey(row, col) gives a view as uint8 (h, w); present and offsets as in LightField.
     """
@@ -208,7 +209,7 @@ def landing(
     present: NDArray[np.bool_],
     offsets: NDArray[np.float32],
 ) -> float:
-    """How badly a view seen through a map matches its neighbours, mean square in grey levels over pixels and neighbours."""
+    """Mismatch of a view warped by a map with its neighbours: mean square in grey levels over pixels and neighbours."""
     found = [
         float(np.square(mismatch(grey(row, col), there, disparity_px, d_row, d_col)).mean())
         for there, d_row, d_col in _neighbours(grey, row, col, present, offsets)
@@ -224,7 +225,7 @@ def unexplained_at(
     present: NDArray[np.bool_],
     offsets: NDArray[np.float32],
 ) -> NDArray[np.bool_]:
-    """`unexplained` of the view at (row, col) at half resolution, as `halved` has it. Arguments as for `landing`."""
+    """`unexplained` of the view at (row, col) at half resolution, as in `halved`. Arguments as for `landing`."""
     neighbours = _neighbours(grey, row, col, present, offsets)
     found = unexplained(grey(row, col), neighbours, disparity_px) if neighbours else np.zeros(disparity_px.shape, bool)
     return found[::2, ::2]
@@ -238,9 +239,9 @@ def luma(planes: NDArray[np.uint8]) -> Grey:
 def estimate_disparity(views: NDArray[np.uint8], offsets: NDArray[np.float32] | None = None) -> FloatMap | None:
     """Disparity of every view of a grid from its neighbours in that grid, px per step of it.
 
-    views: uint8 (rows, cols, channels, h, w), any subset of a light field (`field.views[0, ::2, ::2]`). offsets: float32
-    (rows, cols, 2) in steps of this grid. Returns float32 (rows, cols, (h + 1) // 2, (w + 1) // 2), NaN where `unexplained`, or
-    None where there is one view only or the views are smaller than SMALLEST_PX.
+    views: uint8 (rows, cols, channels, h, w), any subset of a light field (`field.views[0, ::2, ::2]`). offsets: float32 (rows,
+    cols, 2) in steps of this grid. Returns float32 (rows, cols, (h + 1) // 2, (w + 1) // 2), NaN where `unexplained`; None for a
+    single view or views smaller than SMALLEST_PX.
     """
     rows, cols, _, height, width = views.shape
     if rows * cols < 2 or min(height, width) < SMALLEST_PX:
@@ -259,11 +260,11 @@ def estimate_disparity(views: NDArray[np.uint8], offsets: NDArray[np.float32] | 
 
 
 def quantised(disparity_px: FloatMap, scale_px: float) -> NDArray[np.int8]:
-    """The map as int8 steps of scale_px; what does not fit is clipped, and NaN is UNKNOWN."""
+    """The map as int8 steps of scale_px, clipped; NaN becomes UNKNOWN."""
     steps = np.clip(np.rint(disparity_px * np.float32(1 / scale_px)), -127, 127)
     return np.where(np.isnan(steps), np.float32(UNKNOWN), steps).astype(np.int8)
 
 
 def scale_for(low_px: float, high_px: float) -> float:
-    """The step of the stored maps: 1/16 px where the range fits (to 7.9 px), else the finest step that holds it."""
+    """The step of the stored maps: 1/16 px if the range fits (up to 7.9 px), else the finest step that holds it."""
     return max(1 / 16, max(abs(low_px), abs(high_px)) / 127)

@@ -1,4 +1,4 @@
-"""Writing the disparity of a pack: flow between neighbouring views, or truth where it is given and serves better."""
+"""Writes the disparity of a pack: flow between neighbouring views, or truth if it exists and matches better."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lfpipe.scene.view_writer import FrameIndex, PackJob, run_parallel
 
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
 _UNKNOWN = -32768  # in the interim maps: UNKNOWN
-_NO_LIMIT_PX = 400.0  # no disparity between neighbours is larger, whatever a map says
+_NO_LIMIT_PX = 400.0  # larger values in a map are impossible between neighbours
 
 
 def _truth(job: PackJob, place: FrameIndex) -> NDArray[np.float32] | None:
@@ -29,9 +29,9 @@ def _truth(job: PackJob, place: FrameIndex) -> NDArray[np.float32] | None:
 
 
 def write_disparity(job: PackJob, views: PlaneFile) -> dict[str, Any]:
-    """disparity.npy and its entry in the manifest: flow between neighbours, or truth where it is given and lands better.
+    """Writes disparity.npy; returns its entry in the manifest. Flow between neighbours, or truth if it exists and matches better.
 
-    min_px and max_px are those of the truth where there is any ("source"), else the usual extremes of the estimates.
+    min_px and max_px are those of the truth if there is any ("source"), else robust extremes of the estimates.
     """
     source = job.source
     size = ((source.height_px + 1) // 2, (source.width_px + 1) // 2)
@@ -53,7 +53,7 @@ def write_disparity(job: PackJob, views: PlaneFile) -> dict[str, Any]:
 
 
 def _estimate(job: PackJob, views: PlaneFile, interim: PlaneFile) -> dict[str, Any]:
-    """Every present view's map into interim, in steps of _INTERIM_PX; the entry in the manifest."""
+    """Writes every present view's map into interim, in steps of _INTERIM_PX; returns the entry in the manifest."""
     source = job.source
     ranges: dict[FrameIndex, NDArray[np.float64]] = {}
     true_ranges: list[tuple[float, float]] = []
@@ -73,8 +73,8 @@ def _estimate(job: PackJob, views: PlaneFile, interim: PlaneFile) -> dict[str, A
             true_ranges.append((float(true.min()), float(true.max())))
             if use is not None:
                 errors.append(float(np.median(np.abs(true - use))))
-            # Truth is sharp at edges, where a view warped by it doubles what it hides; flow bends round them. The one that
-            # lands better on the neighbouring views is kept: with the scenes tried, flow (HCI antinous 47.7 dB, truth 41.9).
+            # Truth is sharp at edges, where a view warped by it doubles hidden parts; flow bends around them. The better match
+            # with the neighbouring views wins: flow, in all scenes tried (HCI antinous 47.7 dB, truth 41.9).
             if use is None or landing(at, row, col, true, job.present, job.offsets) < landing(
                 at, row, col, use, job.present, job.offsets
             ):
@@ -91,7 +91,7 @@ def _estimate(job: PackJob, views: PlaneFile, interim: PlaneFile) -> dict[str, A
     run_parallel(one, there, job.ticker("disparity", len(there)))
     spans = np.array(list(ranges.values()))
     scale = scale_for(float(spans[:, 0].min()), float(spans[:, 1].max()))
-    # Truth is exact; the extremes of an estimate are its mistakes, so all views are asked together, and robustly.
+    # truth is exact; the extremes of an estimate are its errors, so use robust extremes over all views
     low, high = (float(v) for v in np.median(spans, axis=0))
     if true_ranges:
         low, high = min(span[0] for span in true_ranges), max(span[1] for span in true_ranges)

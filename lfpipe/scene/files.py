@@ -1,4 +1,4 @@
-"""Folders and pictures from elsewhere: bounded, inside the folder, with errors that name what is wrong."""
+"""Untrusted folders and pictures: bounded in size, confined to the folder, with precise errors."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host import opencv_log
 from lfpipe.host.descriptors import path_of, read_at
 
-MAX_FILES = 20_000  # a light field of 100x100 views is half of this; beyond it the folder is something else
-MAX_FILE_BYTES = 1 << 36  # of any file of a scene; an hour of lossless light-field video has less
+MAX_FILES = 20_000  # a light field of 100x100 views has half of this; a larger folder is something else
+MAX_FILE_BYTES = 1 << 36  # of any file of a scene; an hour of lossless light-field video is smaller
 PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".pnm", ".bmp", ".tif", ".tiff", ".webp")
-MAX_MAP_BYTES = 80_000_000  # of a float32 map, which is held twice while it is read
+MAX_MAP_BYTES = 80_000_000  # of a float32 map, which is in memory twice while it is read
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
 _JPEG_END, _TAIL = b"\xff\xd9", 1 << 16
 _STRIP_ROWS = 256
@@ -33,8 +33,8 @@ _CHECK = "check the file and its permissions"
 
 @attrs.frozen
 class Listing:
-    """What stands at a path: `names` are the files directly in `folder` (one name where the path is a file), sorted
-    with numbers in numeric order; `folders` are the names of its subfolders."""
+    """The content of a path. `names`: the files directly in `folder` (one name if the path is a file), with numbers in numeric
+    order; `folders`: names of its subfolders."""
 
     path: Path
     folder: Path
@@ -47,7 +47,7 @@ class Listing:
         return [name for name in self.names if name.lower().endswith(PICTURES)]
 
     def file(self, name: str) -> Path:
-        """The path of one of the folder's files. Raises UserError where it is a link that leads out of the folder."""
+        """The path of one of the folder's files. Raises UserError if it is a link that leads out of the folder."""
         path = self.folder / name
         if self.folder != self.path:  # the user named this file
             return path
@@ -69,7 +69,7 @@ def natural(name: str) -> list[tuple[int, int, str]]:
 
 
 def list_scene(path: str | os.PathLike[str]) -> Listing:
-    """List a scene's folder or file. Raises UserError where there is none, it cannot be read or holds too many files."""
+    """Lists a scene's folder or file. Raises UserError if it is missing, unreadable or holds too many files."""
     given = Path(path)
     if "\n" in str(given):
         raise UserError(f"{shown(str(given))}: a line break in the path of a scene", "rename it")
@@ -102,7 +102,7 @@ def _entries(folder: Path) -> tuple[list[str], list[str]]:
             if not names and not folders:
                 _require_entry(folder, entry)
             inner = False
-            with contextlib.suppress(OSError):  # a link that leads in a circle counts only where it is needed
+            with contextlib.suppress(OSError):  # a circular link matters only if it is needed
                 inner = entry.is_dir()
             (folders if inner else names).append(entry.name)
             if len(names) + len(folders) > MAX_FILES:
@@ -114,7 +114,7 @@ def _entries(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def _require_entry(folder: Path, entry: os.DirEntry[str]) -> None:
-    """Raises UserError where the folder can be listed (r) but not searched (x)."""
+    """Raises UserError if the folder can be listed (r) but not searched (x)."""
     try:
         entry.stat(follow_symlinks=False)
     except PermissionError:
@@ -124,8 +124,8 @@ def _require_entry(folder: Path, entry: os.DirEntry[str]) -> None:
 
 @contextlib.contextmanager
 def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turns what the libraries that read files raise, where they or the memory cannot cope, into UserError, and keeps OpenCV
-    from printing what it thinks of the files."""
+    """Turns errors of the libraries that read files, and lack of memory, into UserError; silences OpenCV's warnings about the
+    files."""
     before = opencv_log.set_log_level(opencv_log.SILENT)
     try:
         yield
@@ -141,7 +141,7 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
 
 
 def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BinaryIO:
-    """A regular file, to be read. Raises UserError where it is something else, cannot be read or is larger than that."""
+    """Opens a regular file for reading. Raises UserError if it is something else, unreadable or too large."""
     try:
         file = open_regular(path)
     except OSError as error:
@@ -163,7 +163,7 @@ def read_bytes(path: Path, most_bytes: int = 1 << 20) -> bytes:
 
 
 def descriptor_path(file: BinaryIO) -> str:
-    """A path to an open file for libraries that open files by name: the file that was checked, by a name of plain ASCII."""
+    """A path to an open file for libraries that open files by name: the file that was checked, under a plain ASCII name."""
     return path_of(file)
 
 
@@ -174,7 +174,7 @@ def _reader(file: BinaryIO) -> tuple[Read, int]:
 
 
 def picture_header(path: Path) -> Header:
-    """What a picture claims to be. Raises UserError where it is none, is too large to be decoded or surely truncated."""
+    """The header of a picture. Raises UserError if it is no picture, too large to decode or certainly truncated."""
     with open_file(path) as file:
         return _examined(path, file)
 
@@ -202,10 +202,10 @@ def _unreadable(path: Path, why: str) -> UserError:
 
 
 def _decode(file: BinaryIO, out: NDArray[Any], colour: int) -> bool:
-    """Decodes an open picture into out; False where it is damaged or not of the size and type of out.
+    """Decodes an open picture into out; returns False if it is damaged or differs from out in size or type.
 
-    Without `out`, OpenCV decodes and then copies: twice the memory. With it, a header that it does not understand leaves out as
-    it is and looks like success; so a mark is set, and another where the picture may have happened to equal it.
+    Without `out`, OpenCV decodes and then copies: twice the memory. With it, an unsupported header leaves out unchanged and looks
+    like success. So a mark is written first, and a different one if the picture may happen to equal it.
     """
     start = out.reshape(-1)[:16]
     for mark in (90, 165):
@@ -222,11 +222,11 @@ def _decode(file: BinaryIO, out: NDArray[Any], colour: int) -> bool:
 
 
 def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], int]:
-    """A picture's own values and the value that stands for full: ((h, w) or (h, w, 3) RGB, uint8 or uint16, max_value).
+    """A picture's own values and the full value: ((h, w) or (h, w, 3) RGB, uint8 or uint16, max_value).
 
-    The depth of the file is kept (a 10-bit PPM holds 0..1023; OpenCV's usual read would shift it to 0..3). An alpha
-    plane is dropped. like: what `picture_header` has returned for the path. Raises UserError where the file is truncated,
-    no picture, too large, or changed since then.
+    Keeps the file's bit depth (a 10-bit PPM holds 0..1023; OpenCV's default would shift it to 0..3). Drops an alpha plane. like:
+    the result of `picture_header` for the path. Raises UserError if the file is truncated, no picture, too large, or has changed
+    since.
     """
     with open_file(path) as file:
         header = _examined(path, file)
@@ -236,7 +236,7 @@ def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], 
         pixels = np.empty(shape, np.uint16 if header.max_value > 255 else np.uint8)
         if not _decode(file, pixels, cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR):
             raise _unreadable(path, "truncated, damaged or not what its header claims")
-    if not header.grey:  # OpenCV's own IMREAD_COLOR_RGB leaves TIFF files of 16 bit as they are
+    if not header.grey:  # OpenCV's IMREAD_COLOR_RGB does not convert 16-bit TIFF files
         for top in range(0, header.height_px, _STRIP_ROWS):
             strip = pixels[top : top + _STRIP_ROWS]
             cv2.cvtColor(strip, cv2.COLOR_BGR2RGB, dst=strip)
@@ -244,8 +244,8 @@ def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], 
 
 
 def small_grey(path: Path, like: Header, most_px: float) -> NDArray[np.uint8]:
-    """A picture in grey, 8 bit, uint8 (h, w); a JPEG of far more than most_px is decoded at 1/2, 1/4 or 1/8 of its size,
-    as long as it keeps about that many. like: what `picture_header` has returned for the path. Raises UserError.
+    """A picture in grey, uint8 (h, w); a JPEG much larger than most_px is decoded at 1/2, 1/4 or 1/8 of its size, but not far
+    below most_px. like: the result of `picture_header` for the path. Raises UserError.
     """
     pixels = like.width_px * like.height_px
     reduced = [k for k in (2, 4, 8) if like.format == "JPEG" and pixels >= 0.75 * most_px * k * k]
@@ -267,7 +267,7 @@ _PFM = re.compile(rb"Pf\s+(\d{1,6})\s+(\d{1,6})\s+(-?[\d.eE+-]{1,20})\s")
 
 
 def read_pfm(path: Path) -> NDArray[np.float32]:
-    """A PFM map, top row first, float32 (h, w); values that are not finite stay as they are. Raises UserError."""
+    """A PFM map, top row first, float32 (h, w); keeps values that are not finite. Raises UserError."""
     with open_file(path) as file:
         found = _PFM.match(file.read(128))
         if not found:

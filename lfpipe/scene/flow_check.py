@@ -1,10 +1,10 @@
-"""What optical flow between a few views says about their order, without truth.
+"""The order of views from optical flow between a few of them, without truth.
 
-In canonical order a step to the next column moves everything sideways by -d and a step to the next row moves it upwards by
-the same d. So the direction of motion shows a transpose, and the sign of the correlation of the two the flip of one axis.
-The half-turn leaves both as they are; it exchanges near and far. Two things in the pictures speak of it: what hides what
-(splatted along the row, the picture must agree where two surfaces meet, with the nearer one in front), and, weakly, that
-what stands lower in a picture is usually nearer. Only flow that leads there and back again counts: the rest is guessed.
+In canonical order a step to the next column moves everything sideways by -d and a step to the next row moves it upwards by the
+same d. So the direction of motion shows a transpose, and the sign of the correlation of the two the flip of one axis. The
+half-turn changes neither; it exchanges near and far. Two properties of the pictures show it: occlusion (splatted along the row,
+the picture must agree where two surfaces meet, with the nearer one in front) and, weakly, height: lower parts of a picture are
+usually nearer. Only flow confirmed by the way back counts: the rest is guesswork.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ FloatMap = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _ENOUGH_PX = 3.0  # spread of the flow that separates surfaces
-_OVERLAP_PX = 1.5  # two surfaces meet where one splat lands on another this much nearer
+_OVERLAP_PX = 1.5  # two surfaces meet if one splat lands on another this much nearer
 _DIFFERENT, _SAME, _WRONG = 10, 3, 6  # grey levels
-_RETURN_PX, _RETURN_SHARE = 0.5, 0.1  # how far from its start flow may return: px, and share of the way
-_CLEAR_VOTES, _CLEAR_SHARE = 1000, 0.9  # of the middle view, with which no other is asked
-_FEWEST = 200  # reliable pixels that say anything
+_RETURN_PX, _RETURN_SHARE = 0.5, 0.1  # tolerance of flow followed back: px, and share of the way
+_CLEAR_VOTES, _CLEAR_SHARE = 1000, 0.9  # of the middle view: enough to skip the others
+_FEWEST = 200  # fewer reliable pixels mean nothing
 
 
 @attrs.frozen
 class Axis:
-    """One axis of the file grid, as its middle view shows it.
+    """One axis of the file grid, seen from its middle view.
 
     sideways: views differ along x (else along y). disparity: float32 (h, w), px per step as if file order were canonical.
     reliable: bool (h, w), where the flow is confirmed. along_px, across_px: motion per step along the axis and across it.
@@ -54,12 +54,12 @@ def _spread(values: NDArray[np.float32]) -> float:
 
 
 def _motion(values: FloatMap) -> float:
-    """How much moves: what surfaces differ by and what they have in common, as a flat wall moves as one."""
+    """Amount of motion: the spread between surfaces and their common motion, because a flat wall moves as one."""
     return _spread(values) + abs(float(np.median(values)))
 
 
 def confirmed(there: FloatMap, back: FloatMap) -> Mask:
-    """Where flow from one view to another, followed back again, returns to its start. float32 (h, w, 2) each."""
+    """The pixels whose flow to another view, followed back, returns to its start. float32 (h, w, 2) each."""
     xx, yy = grid_xy(*there.shape[:2])
     returned = cv2.remap(back, xx + there[..., 0], yy + there[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT,
                          borderValue=(1e4, 1e4, 0, 0))  # fmt: skip
@@ -68,13 +68,13 @@ def confirmed(there: FloatMap, back: FloatMap) -> Mask:
 
 
 def textured(picture: Grey) -> Mask:
-    """The fifth of the pixels with the strongest edges, where those are edges at all."""
+    """The fifth of the pixels with the strongest edges, unless they are too weak."""
     edges = np.abs(cv2.Sobel(picture, cv2.CV_32F, 1, 0)) + np.abs(cv2.Sobel(picture, cv2.CV_32F, 0, 1))
     return np.asarray(edges > max(40.0, float(np.percentile(edges, 80))), bool)
 
 
 def _sharpened(disparity_px: FloatMap, picture: Grey) -> FloatMap:
-    """The map with its edges drawn to those of the picture (weighted median), as who hides whom shows at edges only."""
+    """The map with its edges moved to those of the picture (weighted median), because occlusion shows only at edges."""
     low, high = (float(v) for v in np.percentile(disparity_px, (0.5, 99.5)))
     if high - low < 1e-3:
         return disparity_px
@@ -84,7 +84,7 @@ def _sharpened(disparity_px: FloatMap, picture: Grey) -> FloatMap:
 
 
 def _splat(order: NDArray[np.intp], disparity_px: FloatMap, steps: int, sideways: bool) -> NDArray[np.intp]:
-    """The pixel of a view that lands on each pixel of the view `steps` on, of several the last in `order`; -1 for none."""
+    """The pixel of a view that lands on each pixel of the view `steps` further; of several, the last in `order`; -1 for none."""
     height, width = disparity_px.shape
     y, x = np.divmod(order, width)
     shift = np.rint(disparity_px.ravel()[order] * np.float32(steps)).astype(np.intp)
@@ -96,7 +96,7 @@ def _splat(order: NDArray[np.intp], disparity_px: FloatMap, steps: int, sideways
 
 
 def _votes(here: Grey, disparity_px: FloatMap, reliable: Mask, there: Grey, steps: int, sideways: bool) -> tuple[int, int]:
-    """(right, wrong): pixels of the view `steps` on that show the nearer, the farther of two surfaces that meet there."""
+    """(right, wrong): pixels of the view `steps` further that show the nearer, the farther of two surfaces that meet there."""
     near_last = np.argsort(disparity_px.ravel(), kind="stable")
     front = _splat(near_last, disparity_px, steps, sideways)
     back = _splat(near_last[::-1], disparity_px, steps, sideways)
@@ -113,9 +113,9 @@ def _votes(here: Grey, disparity_px: FloatMap, reliable: Mask, there: Grey, step
 
 
 def examine_axis(grey: GreyAt, count: int) -> Axis | None:
-    """What the views grey(0) .. grey(count - 1) along one axis of the grid say; None where there are fewer than two.
+    """Evidence from the views grey(0) .. grey(count - 1) along one axis of the grid; None if there are fewer than two.
 
-    The middle view is asked first, and others only while it says too little of what hides what.
+    Starts with the middle view and adds others only while there is too little evidence of occlusion.
     """
     if count < 2:
         return None
@@ -136,7 +136,7 @@ def examine_axis(grey: GreyAt, count: int) -> Axis | None:
             spans = _motion(shift[use, 0]), _motion(shift[use, 1])
             if max(spans) >= _ENOUGH_PX or step >= room:
                 break
-            # Motion grows with the step: so far as to see enough of it, as one look shows.
+            # motion grows with the step: choose a step with enough motion
             step = min(room, max(step + 1, int(step * _ENOUGH_PX / max(max(spans), 0.1))))
         sides = [s for s in (step, -step) if 0 <= base + s < count]
         reliable = np.zeros(here.shape, bool)
@@ -162,8 +162,8 @@ def examine_axis(grey: GreyAt, count: int) -> Axis | None:
 
 
 def same_way(a: Axis, b: Axis) -> float:
-    """Correlation of the two axes' disparities where both are reliable: near 1 in a well ordered grid, near -1 with one axis
-    reversed; 0 where too little is reliable."""
+    """Correlation of the two axes' disparities at pixels reliable in both: near 1 in a well-ordered grid, near -1 with one axis
+    reversed; 0 if too few are reliable."""
     use = a.reliable & b.reliable
     if np.count_nonzero(use) < _FEWEST:
         return 0.0
@@ -171,15 +171,15 @@ def same_way(a: Axis, b: Axis) -> float:
     means, spreads = (float(first.mean()), float(second.mean())), (float(first.std()), float(second.std()))
     alike = float(np.corrcoef(first, second)[0, 1]) if min(spreads) > 1e-6 else 0.0
     together = all(abs(mean) > max(0.3, 3 * spread) for mean, spread in zip(means, spreads, strict=True))
-    # A flat wall has nothing to correlate, but it moves as one, by the same amount along both axes.
+    # a flat wall has nothing to correlate, but it moves as one, by the same amount along both axes
     if abs(alike) < 0.5 and together and 0.5 < abs(means[0] / means[1]) < 2:
         return 0.9 if means[0] * means[1] > 0 else -0.9
     return alike
 
 
 def lower_is_nearer(axes: list[tuple[Axis, int]]) -> float:
-    """Correlation of height in the picture with disparity, of axes with the sign that brings each to one order: positive where
-    what stands lower is nearer. 0 where too little is reliable or nothing varies."""
+    """Correlation of height in the picture with disparity, over axes with the sign that brings each to one order: positive if
+    lower parts are nearer. 0 if too few pixels are reliable or nothing varies."""
     found = 0.0
     for axis, sign in axes:
         y = np.nonzero(axis.reliable)[0]

@@ -1,4 +1,4 @@
-"""Views of a scene on disk as optical flow wants them, and the lines of the grid that they are compared along."""
+"""Views of a scene on disk, prepared for optical flow, and the lines of the grid to compare."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from lfpipe.scene.disparity import Grey
 from lfpipe.scene.source import SceneSource, ViewIndex
 
 _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
-LOOK_PX = 1 << 17  # of a view that shows order and fit: more tells nothing about them
-_DARK = 0.2  # mean of a view below which it is lifted
+LOOK_PX = 1 << 17  # of a view, enough to judge order and fit
+_DARK = 0.2  # views with a lower mean are brightened
 
 
 @lru_cache(maxsize=2)
 def grey_views(source: SceneSource, most_px: float = math.inf) -> Callable[[int, int], Grey]:
-    """Views by file place as the flow wants them: grey, 8 bit, and dark (linear-light) scenes lifted so that it finds texture.
+    """Views by file place for optical flow: grey, 8 bit; dark (linear-light) scenes are brightened so that it finds texture.
 
-    Those of more than most_px are made smaller.
+    Views of more than most_px are reduced.
     """
     scale = min(1.0, math.sqrt(most_px / (source.height_px * source.width_px)))
     size = max(1, round(scale * source.width_px)), max(1, round(scale * source.height_px))

@@ -1,4 +1,4 @@
-"""Arithmetic of places in the grid: jitter of the cameras, nearest present view, the sign of truth after a turn."""
+"""Arithmetic on the grid: jitter of the cameras, nearest present view, the sign of truth after a turn."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from lfpipe.scene.source import Turn
 
 
 def grid_offsets(coordinates: NDArray[np.float64] | None, turn: Turn, rows: int, cols: int) -> NDArray[np.float32]:
-    """Where each camera stood less its place on the best regular grid, float32 (rows, cols, 2) in steps (row, col).
+    """Offset of each camera from the best regular grid, float32 (rows, cols, 2) in steps (row, col).
 
-    coordinates: float64 (rows, cols, 2) in FILE order, (down, right) in any unit, not finite where unknown; rows, cols are
-    canonical. Zeros where there are none or they span no grid.
+    coordinates: float64 (rows, cols, 2) in FILE order, (down, right) in any unit, not finite if unknown; rows, cols are
+    canonical. Zeros if there are none or they span no grid.
     """
     out = np.zeros((rows, cols, 2), np.float32)
     if coordinates is None:
@@ -29,14 +29,14 @@ def grid_offsets(coordinates: NDArray[np.float64] | None, turn: Turn, rows: int,
 
 
 def nearest_present(present: NDArray[np.bool_], row: int, col: int) -> tuple[int, int]:
-    """The present place closest to (row, col), the first in order among equals."""
+    """The present view closest to (row, col), the first in order among equals."""
     rows, cols = np.nonzero(present)
     best = int(np.argmin((rows - row) ** 2 + (cols - col) ** 2))
     return int(rows[best]), int(cols[best])
 
 
 def truth_sign(said: Turn | None, used: Turn) -> int:
-    """1, or -1 where the turn in use is the half-turn of the one the truth holds with, 0 where the truth holds no more."""
+    """1; -1 if the turn in use is the half-turn of the truth's; 0 if the truth does not hold with it."""
     held = said or Turn()
     if used.transpose != held.transpose:
         return 0

@@ -1,4 +1,4 @@
-"""What a scene is, for people and programs: from its pack, or from a look at it where there is none yet."""
+"""Facts about a scene, for people and programs: from its pack, or from an examination if there is none yet."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def describe_pack(field: LightField, scene: config.Scene) -> dict[str, Any]:
 
 
 def describe_examined(examined: Examined) -> dict[str, Any]:
-    """The facts of a scene that is not packed, with the keys of `describe_pack`: what only packing shows is None or empty."""
+    """The facts of an unpacked scene, with the keys of `describe_pack`: facts that need packing are None or empty."""
     source, orientation = examined.source, examined.orientation
     rows, cols = orientation.turn.grid(source.rows, source.cols)
     missing = {(r, c) for r in range(rows) for c in range(cols)

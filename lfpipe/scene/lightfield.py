@@ -1,4 +1,4 @@
-"""A light field as every room above sees it: an opened pack, in canonical order (row 0 top camera, column 0 left camera)."""
+"""An opened light field, as used by all rooms above: in canonical order (row 0 top camera, column 0 left camera)."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-UNKNOWN = -128  # in LightField.disparity: none explains what the neighbours show, so the views are cross-faded there
+UNKNOWN = -128  # in LightField.disparity: no value explains the neighbours, so views are cross-faded there
 
 
 @attrs.frozen
 class Geometry:
-    """What is known of the capture; None where the source does not tell. focal_length_px is of a stored view."""
+    """Known facts of the capture; None if the source does not state them. focal_length_px is of a stored view."""
 
     baseline_mm: float | None = None
     focus_distance_mm: float | None = None
@@ -22,7 +22,7 @@ class Geometry:
 
 @attrs.frozen(eq=False)
 class LightField:
-    """A grid of views and what is known about it.
+    """A grid of views with its metadata.
 
     views: uint8 (frames, rows, cols, channels, height, width); channels is 1 (grey) or 3 (red, green, blue), in screen
         (gamma) values. A read-only memory map: touching one plane reads that plane only.
@@ -45,7 +45,7 @@ class LightField:
     geometry: Geometry
     frame_rate_hz: float  # of light-field video; 0 for a still
     name: str
-    method: str  # the method that `auto` stands for here: "nearest", "blend", "warp" or "warp2"
+    method: str  # the method that `auto` stands for: "nearest", "blend", "warp" or "warp2"
     manifest: dict[str, Any]  # provenance, as stored
     hold: object = None  # keeps `lfpipe scene clean` from removing the pack
 

@@ -1,10 +1,10 @@
-"""manifest.json of a pack: what is in it, with checksums of its files and a seal over itself.
+"""manifest.json of a pack: its metadata, checksums of its files, and a seal over itself.
 
     "contents": {"views.npy": {"bytes", "mtime_ns", "blake2b", "sampled"}, ...}
     "seal": blake2b of the rest, as canonical JSON
 
-Opening a pack compares sizes, times and a few blocks of each file, which takes no time; only a file whose time has changed is
-read whole. `lfpipe scene check` always reads all.
+Opening a pack compares sizes, times and a few blocks of each file, which takes almost no time; only a file whose time has changed
+is read completely. `lfpipe scene check` always reads everything.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _REMEDY = "`lfpipe scene pack` makes it again"
 
 
 class DamagedPackError(UserError):
-    """A folder that is not a whole pack of this version."""
+    """A folder that is not a complete pack of this version."""
 
 
 def damaged(where: Path, why: str) -> DamagedPackError:
@@ -44,7 +44,7 @@ def _sealed(manifest: dict[str, Any]) -> str:
 
 
 def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
-    """Write the manifest with its seal, whole or not at all. Raises OSError."""
+    """Writes the manifest with its seal atomically. Raises OSError."""
     new = folder / f".{NAME}.{os.getpid()}"
     try:
         new.write_text(json.dumps({**manifest, "seal": _sealed(manifest)}, indent=1, allow_nan=False))
@@ -55,7 +55,7 @@ def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of a pack, its seal checked. Raises DamagedPackError where it is missing, changed or of another version."""
+    """The manifest of a pack, its seal checked. Raises DamagedPackError if it is missing, changed or of another version."""
     try:
         fields = json_fields(read_bytes(folder / NAME, _MAX_BYTES), str(folder / NAME), _REMEDY)
     except OSError as error:
@@ -71,7 +71,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def contents(folder: Path, names: list[str]) -> dict[str, dict[str, Any]]:
-    """The entry "contents" for files of a pack that was just made. Raises OSError."""
+    """The entry "contents" for files of a new pack. Raises OSError."""
     found: dict[str, dict[str, Any]] = {}
     for name in names:
         with open_regular(folder / name) as file:
@@ -98,9 +98,9 @@ def _sampled(file: BinaryIO, size: int) -> int:
 
 
 def open_content(folder: Path, manifest: dict[str, Any], name: str, whole: bool = False) -> BinaryIO:
-    """A file of a pack, opened and compared with what the manifest says. whole: read all of it, whatever its time.
+    """Opens a file of a pack and compares it with the manifest. whole: read all of it even if its time is unchanged.
 
-    Where the time alone has changed, as in a copy, it is noted in the manifest. Raises DamagedPackError.
+    If only the time has changed, as in a copy, the manifest is updated. Raises DamagedPackError.
     """
     path = folder / name
     try:
@@ -120,7 +120,7 @@ def open_content(folder: Path, manifest: dict[str, Any], name: str, whole: bool 
             raise damaged(path, "wrong checksum: changed after the pack was made")
         if touched:
             manifest["contents"][name]["mtime_ns"] = state.st_mtime_ns
-            with contextlib.suppress(OSError):  # a cache that may only be read
+            with contextlib.suppress(OSError):  # a read-only cache
                 write_manifest(folder, manifest)
     except (OSError, DamagedPackError) as error:
         if file is not None:

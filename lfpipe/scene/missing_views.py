@@ -1,4 +1,4 @@
-"""Views that a scene lacks, made from the nearest one that it has: warped by its disparity, filled from behind."""
+"""Fills in missing views from the nearest present one: warped by its disparity, holes filled from behind."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ _HIDDEN_PX = 1.0  # parallax that separates a surface from the one behind it
 
 
 def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMap:
-    """The disparity map of a view as the view `down` rows and `across` columns on has it, float32 (h, w) both.
+    """The disparity map of a view, warped to the view `down` rows and `across` columns further; float32 (h, w) both.
 
-    The nearest surface wins where several land; what none reaches lies behind, so the farther of its neighbours fills it.
+    If several surfaces land on a pixel, the nearest wins; pixels that none reaches lie behind, so the farther neighbour fills
+    them.
     """
     height, width = disparity.shape
     order = np.argsort(disparity.ravel(), kind="stable")
@@ -43,9 +44,10 @@ def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMa
 
 
 def warped_view(picture: NDArray[Any], disparity: FloatMap, made: FloatMap, down: float, across: float) -> NDArray[Any]:
-    """A view as the one `down` rows and `across` columns on sees it, (h, w) or (h, w, 3). made: `warped_disparity` of disparity.
+    """A view warped to the one `down` rows and `across` columns further, (h, w) or (h, w, 3). made: `warped_disparity` of
+    disparity.
 
-    Where the place that a pixel comes from shows something nearer, the pixel was hidden: the nearest one as far away fills it.
+    If the source of a pixel shows something nearer, the pixel was hidden: the nearest pixel at its depth fills it.
     """
     xx, yy = grid_xy(*made.shape)
     at = xx + made * np.float32(across), yy + made * np.float32(down)

@@ -1,4 +1,4 @@
-"""From file order to canonical order (row 0 top camera, column 0 left camera), with the evidence and how sure it is."""
+"""From file order to canonical order (row 0 top camera, column 0 left camera), with the evidence and its certainty."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
 from lfpipe.scene.source import SceneSource, Turn
 
 _FLOW_WINS = 0.89  # certainty above which flow overrides the convention of a layout
-_FLAT_PX = 0.05  # per step: below this the flow is noise
+_FLAT_PX = 0.05  # per step: smaller flow is noise
 _ALONG = 2.0  # motion along an axis over motion across it
 _ALIKE = 0.4  # correlation of rows and columns of a grid in order
-_FEW_VOTES, _VOTES_SHARE = 100, 0.71  # pixels that say what hides what, and the majority among them
-_MANY_VOTES, _UNEVEN = 120, 0.4  # fewer pixels, and motion across over motion along, as of a camera held by hand: less sure
-_LOWER = 0.5  # correlation from which what stands lower counts as nearer
-_LOWER_SURE = (0.5, 0.75), (0.82, 0.9)  # how often that is right, by the correlation
+_FEW_VOTES, _VOTES_SHARE = 100, 0.71  # pixels with evidence of occlusion, and the majority among them
+_MANY_VOTES, _UNEVEN = 120, 0.4  # less certain: fewer pixels, and motion across over motion along, as of a hand-held camera
+_LOWER = 0.5  # correlation above which lower parts count as nearer
+_LOWER_SURE = (0.5, 0.75), (0.82, 0.9)  # how often that is right, by correlation
 _HELP = "scene.flip=rows, cols or both and scene.transpose=yes turn it"
 
 
@@ -67,7 +67,7 @@ def _by_flow(source: SceneSource) -> Orientation:
         said = "the views move across the line as much as along it"
         return Orientation(Turn(), "nothing", 0.2, said, f"the whole order; {_HELP}")
     sign, sure, why = _half_turn([(axis, 1)])
-    # The line of views runs sideways (columns) or up and down (rows) once it is turned.
+    # after the turn, the line of views runs sideways (columns) or up and down (rows)
     turn = Turn(sign < 0 and not axis.sideways, sign < 0 and axis.sideways, axis.sideways != (axis is by_col))
     said = f"one line of views, {'side by side' if axis.sideways else 'above one another'}; {why}"
     undecided = "" if sure > 0.5 else f"its direction (near and far exchanged); {_HELP}"
@@ -75,8 +75,8 @@ def _by_flow(source: SceneSource) -> Orientation:
 
 
 def _half_turn(axes: list[tuple[Axis, int]]) -> tuple[int, float, str]:
-    """(1 or -1 for the first axis, how sure, why) of axes with the signs that tie them together: by what hides what; where
-    that says little, by what stands lower, which is usually nearer."""
+    """(1 or -1 for the first axis, certainty, reason) of axes with their relative signs: by occlusion; if that is weak, by
+    height, because lower parts are usually nearer."""
     votes = [(a.right, a.wrong) if sign > 0 else (a.wrong, a.right) for a, sign in axes]
     right, wrong = (sum(side) for side in zip(*votes, strict=True))
     share = max(right, wrong) / max(1, right + wrong)
@@ -95,8 +95,8 @@ def _half_turn(axes: list[tuple[Axis, int]]) -> tuple[int, float, str]:
 
 
 def _vote_certainty(share: float) -> float:
-    """Probability that the majority is right, from the share of pixels that agree with it: 0.97 over all
-    of them on disturbed parts of real scenes."""
+    """Probability that the majority is right, from the share of pixels that agree with it: 0.97 overall, measured on degraded
+    parts of real scenes."""
     return 0.9 + 0.3 * (share - _VOTES_SHARE)
 
 
@@ -125,7 +125,7 @@ def _two_axes(by_row: Axis, by_col: Axis, grown: float) -> Orientation:
 
 
 def _by_truth(source: SceneSource) -> tuple[Turn, float] | None:
-    """The turn under which a true map lands best on its neighbours, and how much better than the runner-up it does."""
+    """The turn under which a true map matches its neighbours best, and its lead over the runner-up."""
     inner = [p for p in source.truth if 0 < p[0] < source.rows - 1 and 0 < p[1] < source.cols - 1]
     if not inner or min(source.height_px, source.width_px) < SMALLEST_PX:
         return None
@@ -146,8 +146,8 @@ def _by_truth(source: SceneSource) -> tuple[Turn, float] | None:
 
 
 def orient(source: SceneSource, scene: config.Scene) -> Orientation:
-    """The way to canonical order: the user's setting first, then coordinates or the layout, checked by true disparity, then
-    flow between a few views. What the layout leaves open is part of `undecided`."""
+    """The turn to canonical order: from the user's setting, else from coordinates or the layout, checked by true disparity, else
+    from flow between a few views. Doubts of the layout are part of `undecided`."""
     found = _found(source)
     if source.doubt:
         undecided = "; ".join(filter(None, (source.doubt, found.undecided)))

@@ -1,4 +1,4 @@
-"""A light field on disk, any layout -> a pack of planar memory maps in canonical order, made once and then opened."""
+"""Packs a light field in any layout into planar memory maps in canonical order: once; later calls open the pack."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _silent(what: str, done: int, total: int) -> None:
 
 
 def _room(root: Path, source: SceneSource, channels: int) -> None:
-    """Raises UserError where the disk is too small for the pack, with both sizes."""
+    """Raises UserError with both sizes if the disk has no room for the pack."""
     views = source.frames * source.rows * source.cols
     maps = views * ((source.height_px + 1) // 2) * ((source.width_px + 1) // 2)
     need = views * channels * source.height_px * source.width_px + 3 * maps + (1 << 20)
@@ -50,13 +50,13 @@ def _room(root: Path, source: SceneSource, channels: int) -> None:
 
 
 def _is_grey(source: SceneSource) -> bool:
-    """Whether the corner views and the middle one have no colour."""
+    """Whether the corner views and the middle one are grey."""
     places = {(0, 0), (0, source.cols - 1), (source.rows // 2, source.cols // 2), (source.rows - 1, source.cols - 1)}
     return all(screen_values.is_grey(source.read(0, *place)) for place in places - source.missing)
 
 
 def _gamma(source: SceneSource, scene: config.Scene) -> tuple[float, str]:
-    """The exponent for this scene and why."""
+    """The exponent for this scene and the reason."""
     if scene.gamma != "auto":
         return float(scene.gamma), "set by scene.gamma"
     if source.linear:
@@ -72,7 +72,7 @@ def _gamma(source: SceneSource, scene: config.Scene) -> tuple[float, str]:
 
 @attrs.frozen
 class Examined:
-    """What a look at a scene says before anything is packed. gamma: the exponent for its values, and why. channels: 1 or 3."""
+    """The result of examining a scene before packing. gamma: the exponent for its values, and the reason. channels: 1 or 3."""
 
     source: SceneSource
     orientation: Orientation
@@ -82,7 +82,7 @@ class Examined:
 
 
 def examine_scene(path: str | os.PathLike[str], scene: config.Scene) -> Examined:
-    """The scene at path by its names and a few small views. Raises UserError where it is none."""
+    """Examines the scene at path by its names and a few small views. Raises UserError if there is none."""
     with library_errors(path):
         return _examined(without_implausible_truth(layouts.describe(path, scene)), scene)
 
@@ -94,7 +94,7 @@ def _examined(source: SceneSource, scene: config.Scene) -> Examined:
 
 
 def _make(root: Path, key: str, examined: Examined, progress: Progress, choose: ChooseMethod | None) -> Path:
-    """Write the pack of source under its key and return its folder. The lock of key is held."""
+    """Writes the pack of source under its key and returns its folder. The caller holds the lock of key."""
     source, orientation, channels = examined.source, examined.orientation, examined.channels
     _room(root, source, channels)
     started = time.monotonic()
@@ -145,11 +145,11 @@ def _make(root: Path, key: str, examined: Examined, progress: Progress, choose: 
 def open_scene(
     path: str | os.PathLike[str], scene: config.Scene, progress: Progress | None = None, choose_method: ChooseMethod | None = None
 ) -> LightField:
-    """The light field at path: its pack from the cache, made first where there is none.
+    """The light field at path: opens its pack from the cache, after creating it if needed.
 
-    progress: called from this thread with (what, done, total). choose_method: finds the method that `auto` stands for,
-    once, when the pack is made; without it a scene with disparity is warped. Safe with several processes at once; a
-    killed one leaves nothing that looks whole. Raises UserError.
+    progress: called from this thread with (what, done, total). choose_method: chooses the method that `auto` stands for, once,
+    when the pack is created; without it a scene with disparity is warped. Several processes may call this at once; a killed one
+    leaves nothing that looks complete. Raises UserError.
     """
     found = cache.find_pack(path, scene)
     if found is not None:
@@ -163,7 +163,7 @@ def open_scene(
 def _packed(
     path: str | os.PathLike[str], scene: config.Scene, mark: str, say: Progress, choose: ChooseMethod | None
 ) -> LightField:
-    """The light field of a scene that may still have to be packed."""
+    """The light field of a scene, packed now if needed."""
     source = without_implausible_truth(layouts.describe(path, scene))
     root = cache.prepare_cache(scene)
     key = cache.content_key(source, scene)

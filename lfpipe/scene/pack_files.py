@@ -37,7 +37,7 @@ class PlaneFile:
 
     @classmethod
     def create(cls, path: Path, shape: tuple[int, ...], dtype: Any, index_axes: int) -> PlaneFile:
-        """A new file of zeros of that shape."""
+        """Creates a file of zeros of that shape."""
         header, kind = _npy_header(shape, np.dtype(dtype)), np.dtype(dtype)
         with path.open("wb") as stream:
             stream.write(header)
@@ -49,8 +49,7 @@ class PlaneFile:
         return self.start + flat * int(np.prod(self.shape[len(index) :])) * self.dtype.itemsize
 
     def write(self, index: tuple[int, ...], piece: NDArray[Any]) -> None:
-        """Put a piece, contiguous in the file, where index begins: of shape shape[len(index):], or the first rows of that and
-        of what follows."""
+        """Writes a piece, contiguous in the file, at index: of shape shape[len(index):], or any number of its first rows."""
         data = np.ascontiguousarray(piece, self.dtype).reshape(-1).view(np.uint8).data
         offset = self._offset(index)
         while data:
@@ -64,7 +63,7 @@ class PlaneFile:
         return np.frombuffer(data, self.dtype).reshape(shape)
 
     def close(self) -> None:
-        """Nothing can be read or written after this."""
+        """Closes the file."""
         os.close(self.descriptor)
 
     def __enter__(self) -> PlaneFile:
@@ -75,7 +74,7 @@ class PlaneFile:
 
 
 def _mapped(file: BinaryIO, path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-    """A read-only map of an .npy file. Raises DamagedPackError where it is not of that shape and type."""
+    """A read-only map of an .npy file. Raises DamagedPackError if shape or type differ."""
     header, count = _npy_header(shape, np.dtype(dtype)), math.prod(shape)
     with file:
         size = os.fstat(file.fileno()).st_size
@@ -92,9 +91,9 @@ def _npy_header(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bytes:
 
 
 def open_pack(folder: Path) -> LightField:
-    """The light field of a pack, which `lfpipe scene clean` then leaves alone while the light field lives.
+    """The light field of a pack. `lfpipe scene clean` does not remove the pack while this object lives.
 
-    Raises DamagedPackError where it is missing, damaged, changed or of another version.
+    Raises DamagedPackError if it is missing, damaged, changed or of another version.
     """
     try:
         hold = PackLock(folder)
@@ -112,7 +111,7 @@ def open_pack(folder: Path) -> LightField:
 
 
 def _light_field(folder: Path, manifest: dict[str, Any], hold: PackLock) -> LightField:
-    """From a sealed manifest, whose values are checked all the same."""
+    """From a sealed manifest; checks its values nevertheless."""
     fields = Fields(manifest, str(folder), "")
     rows, cols, frames = (fields.integer(name, 1, 1 << 20) for name in ("rows", "cols", "frames"))
     height, width = (fields.integer(name, 1, 1 << 20) for name in ("height", "width"))
@@ -151,7 +150,7 @@ def _light_field(folder: Path, manifest: dict[str, Any], hold: PackLock) -> Ligh
 
 
 def check_pack(folder: Path) -> int:
-    """The size in bytes of a pack all of whose bytes are as they were written. Raises DamagedPackError."""
+    """Verifies every byte of a pack; returns its size in bytes. Raises DamagedPackError."""
     field = open_pack(folder)
     total = 0
     for name in field.manifest["contents"]:

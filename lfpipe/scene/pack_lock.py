@@ -1,4 +1,4 @@
-"""Who uses a pack: a shared lock on its folder, so that `lfpipe scene clean` leaves alone what a session shows."""
+"""A shared lock on a pack's folder, so that `lfpipe scene clean` keeps packs in use."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from lfpipe.host import file_lock
 
 
 class PackLock:
-    """Keeps a pack from being removed while this object lives, in whatever process. A killed process holds nothing."""
+    """Protects a pack from removal while this object lives. A killed process holds no lock."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises OSError where there is no such folder or it is being removed."""
+        """Raises OSError if there is no such folder or it is being removed."""
         self._lock = None
         if not folder.is_dir():
             raise FileNotFoundError(2, os.strerror(2), str(folder))
@@ -29,13 +29,13 @@ class PackLock:
             self._lock.release()
 
     def __reduce__(self) -> tuple[type[None], tuple[()]]:
-        """A lock is not copied to another process: there it is None."""
+        """Pickles as None: a lock is not copied to another process."""
         return type(None), ()
 
 
 @contextlib.contextmanager
 def unused(folder: Path) -> Iterator[bool]:
-    """Whether nobody holds the pack; if so, nobody can until the end of the block. Raises OSError."""
+    """Whether no process holds the pack; if so, none can lock it until the end of the block. Raises OSError."""
     if not folder.is_dir():
         raise FileNotFoundError(2, os.strerror(2), str(folder))
     lock = file_lock.take(folder)

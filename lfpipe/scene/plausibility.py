@@ -1,8 +1,8 @@
-"""Whether pictures fit together as a light field, from a quick look at a few small ones, before all of them are packed.
+"""Checks quickly, on a few small pictures, whether they form a light field, before all of them are packed.
 
-Two things have to speak against it: views between two others are predicted badly from these, and no disparity explains the flow
-(it has to lead as far to the one neighbour as to the other, along the line of cameras). Focal stacks predict each other well;
-they show in what is sharp where, without parallax.
+Refusal needs two findings: views between two others are predicted badly from these, and no disparity explains the flow (it must
+be equal to both neighbours, along the line of cameras). Focal stacks predict each other well; they are recognised by where they
+are sharp, without parallax.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from lfpipe.scene.flow_check import confirmed, textured
 from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
 from lfpipe.scene.source import SceneSource, ViewIndex
 
-_POOR_DB = 20.0  # of views between two others: below this they do not fit
-_EXPLAINED = 0.3  # share of textured pixels that one disparity explains: below this the flow is none of a light field
-_FINE_DB, _FINE_SHARE = 26.0, 0.6  # of the middle of all lines, with which no other views are asked
+_POOR_DB = 20.0  # of views between two others: lower ones do not fit
+_EXPLAINED = 0.3  # share of textured pixels that one disparity explains: a light field has more
+_FINE_DB, _FINE_SHARE = 26.0, 0.6  # of the middle of all lines: enough to skip other views
 _UNEXPLAINED = 0.1  # below this share a few dB more do not help
-_LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # what the flow may be off
+_LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # tolerance of the flow
 _STILL_PX, _STILL_FAR_PX = 0.3, 1.0  # flow between neighbours of a focal stack, and between its middle and its ends
 _REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
 _BLOCKS = 8
@@ -34,7 +34,7 @@ _BLOCKS = 8
 @attrs.frozen
 class Evidence:
     """held_out_db: PSNR of views predicted from two neighbours, median. explained: share of textured pixels whose flow one
-    disparity explains. refocused: ratio of sharpness within blocks over the views, where nothing moves; 1 otherwise."""
+    disparity explains. refocused: ratio of sharpness within blocks over the views, if nothing moves; 1 otherwise."""
 
     held_out_db: float
     explained: float
@@ -42,7 +42,7 @@ class Evidence:
 
     @property
     def reason(self) -> str:
-        """Why the pictures are no light field; "" where they may be one."""
+        """Why the pictures are no light field; "" if they may be one."""
         if self.refocused > _REFOCUSED:
             return f"their focus differs (sharpness by a factor of {self.refocused:.0f}), their viewpoint does not: a focal stack"
         poor_db = _POOR_DB + 20 * max(0.0, _UNEXPLAINED - self.explained)
@@ -55,7 +55,7 @@ class Evidence:
 
 
 def _pair(a: Grey, b: Grey) -> tuple[float, float, float]:
-    """As `_triple`, of two views: one predicted from the other, and the share of detail that is found again in it."""
+    """As `_triple`, for two views: one predicted from the other, and the share of its detail found there."""
     there, xx_yy = flow(a, b), grid_xy(*a.shape)
     seen = cv2.remap(b, xx_yy[0] + there[..., 0], xx_yy[1] + there[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     found, detail = confirmed(there, flow(b, a)), textured(a)
@@ -93,7 +93,7 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> tuple[float, float, floa
 
 
 def _stand_still(views: list[Grey]) -> bool:
-    """Whether nothing moves between views far apart: steps that are too small to see add up to parallax."""
+    """Whether nothing moves between views far apart, where steps too small to see would add up to parallax."""
     middle = views[len(views) // 2]
     detail = textured(middle)
     if not detail.any():
@@ -103,7 +103,7 @@ def _stand_still(views: list[Grey]) -> bool:
 
 
 def _refocused(views: list[Grey]) -> float:
-    """Median over textured blocks of the sharpest over the least sharp picture; 1 where all blocks are sharpest at once."""
+    """Median over textured blocks of the sharpest over the least sharp picture; 1 if all blocks are sharpest in the same one."""
     side = max(8, min(views[0].shape) // _BLOCKS)
     sharp = []
     for view in views:
@@ -122,7 +122,7 @@ def _spread(line: list[ViewIndex], most: int) -> list[ViewIndex]:
 
 
 def examine(source: SceneSource) -> Evidence | None:
-    """What a few small views say; None where there are too few of them, or they are too small."""
+    """Evidence from a few small views; None if there are too few, or they are too small."""
     if min(source.height_px, source.width_px) < 2 * SMALLEST_PX:
         return None
     grey: Callable[[int, int], Grey] = grey_views(source, LOOK_PX)
@@ -143,7 +143,7 @@ def examine(source: SceneSource) -> Evidence | None:
 
 
 def plausible(source: SceneSource, force: bool) -> SceneSource:
-    """The source, with a doubt where it is no light field and `force` opens it all the same. Raises UserError without force."""
+    """The source; if it is no light field, raises UserError, or with `force` adds a doubt."""
     evidence = examine(source)
     if evidence is None or not evidence.reason:
         return source

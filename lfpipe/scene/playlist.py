@@ -1,4 +1,4 @@
-"""The scenes of a playlist: light fields by their paths, and folders that hold some."""
+"""The scenes of a playlist: paths of light fields, and folders of light fields."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from lfpipe.errors import UserError
 from lfpipe.scene.cache import find_pack
 from lfpipe.scene.layouts import describe
 
-MAX_ENTRIES = 1000  # of a folder, looked at
+MAX_ENTRIES = 1000  # entries of a folder to examine
 
 
 def playlist(paths: Iterable[Path], settings: config.Scene) -> list[Path]:
-    """paths, each folder that is no light field itself replaced by the light fields in it, in the order of their names.
+    """Replaces each folder in paths that is no light field itself by the light fields in it, in order of name.
 
-    A path that is neither stays: opening it reports what is wrong. Single pictures in a folder are no light fields.
+    A path that is neither stays: opening it reports the error. Single pictures in a folder do not count.
     """
     return [scene for path in paths for scene in _scenes_at(path, settings)]
 
@@ -32,10 +32,10 @@ def _scenes_at(path: Path, settings: config.Scene) -> list[Path]:
 
 
 def _views(path: Path, settings: config.Scene) -> int:
-    """How many views the light field at path has; 0 where there is none."""
+    """Number of views of the light field at path; 0 if there is none."""
     try:
         if find_pack(path, settings):
-            return 2  # or more: who packs a single picture does so by name
+            return 2  # or more: single pictures are opened by name only
         source = describe(path, settings)
     except UserError:
         return 0

@@ -1,4 +1,4 @@
-"""The scenes that a person has shown, newest first, in the user's state folder."""
+"""Recently shown scenes, newest first, in the user's state folder."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _file() -> Path:
 
 
 def recent_scenes() -> list[Path]:
-    """Those that are still there."""
+    """The recent scenes that still exist."""
     try:
         paths = json.loads(read_bytes(_file(), MAX_BYTES))
     except (OSError, ValueError):
@@ -28,7 +28,7 @@ def recent_scenes() -> list[Path]:
 
 
 def remember_scene(path: Path) -> None:
-    """Puts a scene in front. A folder that cannot be written is no reason to show no picture: then nothing is remembered."""
+    """Puts a scene first. Does nothing if the folder cannot be written: the session matters more."""
     paths = list(dict.fromkeys([path.resolve(), *recent_scenes()]))[:COUNT]
     with contextlib.suppress(OSError):
         _file().parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""From a source's values to 8-bit screen values: bit depth, linear light, grey."""
+"""Converts a source's values to 8-bit screen values: bit depth, linear light, grey."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-STRIP_ROWS = 256  # that are worked on at a time where a whole view would take much memory
-SCREEN_GAMMA = 2.2  # of linear-light pictures, out = in ** (1 / gamma)
-_DARK = 0.17  # a linear-light picture of an ordinary scene has its median and mean below this, a screen-ready one above
+STRIP_ROWS = 256  # processed at a time, to limit memory for large views
+SCREEN_GAMMA = 2.2  # of linear-light pictures: out = in ** (1 / gamma)
+_DARK = 0.17  # median and mean of a linear-light picture of an ordinary scene are lower, those of a screen-ready one higher
 
 
 def screen_table(max_value: int, gamma: float) -> NDArray[np.uint8]:
@@ -38,11 +38,11 @@ def looks_linear(middle: NDArray[Any], max_value: int) -> bool:
 
     Darkness alone would also catch scenes lit by a lamp; the black corners are what rectification leaves.
     """
-    step = max(1, min(middle.shape[:2]) // 1024)  # of a large view, some pixels tell as much
+    step = max(1, min(middle.shape[:2]) // 1024)  # a sample of pixels suffices for a large view
     middle = middle[::step, ::step]
     grey = (middle if middle.ndim == 2 else middle.mean(axis=2)) / max_value
     side = max(2, min(grey.shape) // 64)
     corners = [grey[:side, :side], grey[:side, -side:], grey[-side:, :side], grey[-side:, -side:]]
     black = sum(float(corner.max()) < 0.01 for corner in corners)
-    empty = float(np.mean(grey < 0.01))  # a black background is no vignette
+    empty = float(np.mean(grey < 0.01))  # a black background is not a vignette
     return bool(float(np.median(grey)) < _DARK and float(grey.mean()) < 0.2 and black >= 2 and empty < 0.15)

@@ -1,4 +1,4 @@
-"""A light field of one row from a camera that was slid sideways: frames of a video, or pictures of a folder."""
+"""A light field of one row from a camera moved sideways: frames of a video, or pictures of a folder."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from lfpipe.scene.video import Video
 
 Progress = Callable[[str, int, int], None]
 
-_MAX_FRAMES = 400  # that are looked at
-_GLANCE_PX, _VIEW_PX = 320, 1280  # widths: of what motion is measured on, of the views at most
+_MAX_FRAMES = 400  # examined
+_GLANCE_PX, _VIEW_PX = 320, 1280  # widths: for measuring motion, and of the views at most
 _STEP_SHARE, _MIN_PARALLAX = 0.004, 0.008  # of the width: parallax between neighbouring views, and of the whole slide
 _FEWEST, _MOST = 5, 15  # views
-_SHARED = 0.3  # of the details of the middle frame, that a frame shows
-_BLURRED, _SHARPNESS = 0.15, 4.0  # sharpness of the chosen frames, over that of the sharpest tenth, and at least
-_SMEARED = 0.15  # detail that runs up and down over detail across, below which the motion has wiped it out
+_SHARED = 0.3  # share of the middle frame's details visible in a frame
+_BLURRED, _SHARPNESS = 0.15, 4.0  # sharpness of the chosen frames: over that of the sharpest tenth, and at least
+_SMEARED = 0.15  # ratio of vertical to horizontal detail; below it motion has blurred the picture
 _MAX_RESIDUAL_PX, _MIN_SHRINK, _MIN_VIEW_PX = 0.5, 0.4, 200
 _NO_DETAIL = (
     "the pictures share too little detail: the camera moves too fast, or they are blurred or too dark",
@@ -39,8 +39,9 @@ _NO_DETAIL = (
 
 @attrs.frozen
 class Slide:
-    """What was made: views in folder, of that size, from `frames` pictures. residual_px: vertical disparity, 95th percentile.
-    spread_px: parallax between the outermost views. order, order_sure: why near and far are not exchanged, and how sure."""
+    """The result: views in folder, of that size, from `frames` pictures. residual_px: vertical disparity, 95th percentile.
+    spread_px: parallax between the outermost views. order, order_sure: evidence that near and far are not exchanged, and its
+    certainty."""
 
     folder: Path
     views: int
@@ -80,8 +81,8 @@ def _grey(picture: NDArray[Any], width_px: int) -> Grey:
 
 @attrs.frozen
 class _Track:
-    """What the frames of a clip show. position: of the camera along the slide, px of parallax between the nearest and the
-    farthest, by frame from first to last: those that share enough detail. upright: it moves up and down."""
+    """Motion over the frames of a clip. position: of the camera along the slide, px of parallax between the nearest and the
+    farthest, by frame from first to last: those that share enough detail. upright: the camera moves up and down."""
 
     position: NDArray[np.float64]
     first: int
@@ -90,8 +91,8 @@ class _Track:
 
 
 def _followed(glances: list[Grey]) -> _Track:
-    """Corners of the middle frame, followed from frame to frame; the camera's position is their strongest common motion, less
-    what all share. Raises UserError."""
+    """Tracks corners of the middle frame from frame to frame; the camera's position is their first principal motion after
+    removing the common part. Raises UserError."""
     middle, count = len(glances) // 2, len(glances)
     start = corners(glances[middle], 400)
     if not len(start):
@@ -126,7 +127,7 @@ def _followed(glances: list[Grey]) -> _Track:
 
 
 def _without_rotation(moved: NDArray[np.float64], at: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.float64]:
-    """Motion (frames, points, 2) less what a turn of the camera, or a step forwards, explains of it."""
+    """Motion (frames, points, 2) minus the part explained by rotation or forward motion of the camera."""
     x, y = ((at - np.array(size[::-1]) / 2) / size[1]).T
     one, none = np.ones_like(x), np.zeros_like(x)
     terms = [(one, none), (none, one), (-y, x), (x, y), (x * x, x * y), (x * y, y * y)]
@@ -137,7 +138,7 @@ def _without_rotation(moved: NDArray[np.float64], at: NDArray[np.float64], size:
 
 
 def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Progress) -> list[int]:
-    """Frames at even steps along the longest slide, the sharpest ones near each step. Raises UserError."""
+    """Frames at even steps along the longest slide, the sharpest near each step. Raises UserError."""
     numbers = list(range(0, count, -(-count // _MAX_FRAMES)))
     if len(numbers) < _FEWEST:
         raise UserError(f"{len(numbers)} pictures are too few; at least {_FEWEST} are needed", "slide for at least two seconds")
@@ -174,7 +175,7 @@ def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Pro
 
 
 def _one_way(way: NDArray[np.float64]) -> tuple[int, int]:
-    """First and last frame of the longest motion in one direction; small turns back do not end it."""
+    """First and last frame of the longest motion in one direction; small reversals do not end it."""
     best, ends = -1.0, (0, len(way) - 1)
     for sign in (1, -1):
         low = 0
@@ -189,7 +190,7 @@ def _one_way(way: NDArray[np.float64]) -> tuple[int, int]:
 def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
     """Writes a row of rectified views of the slide at path into the new folder out, named with their camera positions.
 
-    Raises UserError where the clip does not do, with the reason.
+    Raises UserError with the reason if the clip is unsuitable.
     """
     with library_errors(path):
         count, read = _reader(path)
@@ -202,7 +203,7 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
         except UserError as error:
             raise UserError(f"{path}: {error.message}", error.remedy) from None
         top, left, height, width = common_area(found.maps)
-        # What is left of up and down is of the hand, which also rises and falls: smaller views have less of it.
+        # the remaining vertical motion comes from the hand, which also rises and falls: smaller views have less of it
         shrink = min(1.0, _MAX_RESIDUAL_PX / max(found.residual_px, 1e-9))
         if shrink * width < _MIN_VIEW_PX or shrink < _MIN_SHRINK:
             raise UserError(

@@ -1,8 +1,8 @@
-"""Views of a camera that was slid by hand, turned so that what they share moves along rows only.
+"""Rectifies views of a camera moved by hand, so that common points move only along rows.
 
-Corners of the middle view are followed into the others. For each view, how far they move up or down is fitted by a rotation
-(roll, pitch, yaw), a scale, and a share of how far they move sideways: the slope of the slide. Coordinates are centred and in
-units of half the width.
+Corners of the middle view are tracked in the others. For each view, a fit explains their vertical motion by a rotation (roll,
+pitch, yaw), a scale, and a share of the sideways motion: the slope of the slide. Coordinates are centred and in units of half the
+width.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from lfpipe.errors import UserError
 from lfpipe.scene.disparity import Grey
 
 Points = NDArray[np.float64]  # (n, 2) as (x, y)
-Corners = NDArray[np.float32]  # (n, 1, 2) as (x, y), as OpenCV has them
+Corners = NDArray[np.float32]  # (n, 1, 2) as (x, y), OpenCV's form
 
 _CORNERS, _FEWEST = 1200, 60
-_RETURN_PX = 0.4  # a corner that is followed there and back has to return
+_RETURN_PX = 0.4  # a corner tracked there and back must return
 _ROUNDS = 12  # of the robust fit
 _HUBER_PX = 0.3
-_TURNED_PX = 2.0  # spread of sideways motion, over the whole slide, below which nothing is nearer than anything else
+_TURNED_PX = 2.0  # smallest spread of sideways motion over the whole slide: below it there is no depth
 
 
 @attrs.frozen
 class Rectified:
-    """maps: by view, where each of its pixels comes from, (x, y) float32 (h, w) each. position: by view, of the camera along the
-    slide, rising to the right. residual_px: 95 % of the vertical disparities are smaller. spread_px: of sideways motion between
-    the outermost views."""
+    """maps: by view, the source of each pixel, (x, y) float32 (h, w) each. position: by view, of the camera along the slide,
+    rising to the right. residual_px: 95 % of the vertical disparities are smaller. spread_px: of sideways motion between the
+    outermost views."""
 
     maps: list[tuple[NDArray[np.float32], NDArray[np.float32]]]
     position: NDArray[np.float64]
@@ -44,7 +44,7 @@ def corners(view: Grey, most: int) -> Corners:
 
 
 def track(a: Grey, b: Grey, start: Corners, guess: Corners) -> tuple[Corners, NDArray[np.bool_]]:
-    """Where corners of a are in b, and whether they were found. guess: where they may be."""
+    """Positions in b of corners of a, and whether they were found. guess: initial positions."""
     ends = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.003)
     flags = cv2.OPTFLOW_USE_INITIAL_FLOW
     there, ok, _ = cv2.calcOpticalFlowPyrLK(a, b, start, guess.copy(), winSize=(21, 21), maxLevel=4, criteria=ends, flags=flags)
@@ -52,7 +52,7 @@ def track(a: Grey, b: Grey, start: Corners, guess: Corners) -> tuple[Corners, ND
 
 
 def follow(views: list[Grey]) -> tuple[Points, list[Points]]:
-    """Corners of the middle view, and where each is in every view, px; those that all views show. Raises UserError."""
+    """Corners of the middle view that all views show, and the position of each in every view, px. Raises UserError."""
     middle = len(views) // 2
     start = corners(views[middle], _CORNERS)
     if not len(start):
@@ -62,7 +62,7 @@ def follow(views: list[Grey]) -> tuple[Points, list[Points]]:
     for order in (range(middle + 1, len(views)), range(middle - 1, -1, -1)):
         before = start
         for k in order:
-            # From the middle view each time, so that errors do not add up; from the last view's place, so that it is found.
+            # always from the middle view, so that errors do not add up; starting at the last view's position, so that it is found
             there, ok = track(views[middle], views[k], start, before)
             back, ok_back = track(views[k], views[middle], there, start)
             off = np.linalg.norm((back - start).reshape(-1, 2), axis=1)
@@ -88,14 +88,14 @@ def _fit(matrix: NDArray[np.float64], values: NDArray[np.float64], unit_px: floa
 
 
 def rectify(views: list[Grey]) -> Rectified:
-    """The maps that rectify a row of views, in order of the slide. Raises UserError where the slide does not do."""
+    """The maps that rectify a row of views, in order of the slide. Raises UserError if the slide is unsuitable."""
     height, width = views[0].shape
     unit, centre = width / 2, np.array([width / 2, height / 2])
     start, found = follow(views)
     x, y = ((start - centre) / unit).T
     middle, count = len(views) // 2, len(views)
     fits = np.zeros((count, 6))  # pitch, roll, scale, yaw (x y and y y), and the slope of the slide
-    aside = np.zeros((count, len(x)))  # sideways motion that the rotation does not explain
+    aside = np.zeros((count, len(x)))  # sideways motion not explained by the rotation
     sideways = np.zeros(count)
     for k in range(count):
         if k == middle:
@@ -127,7 +127,7 @@ def rectify(views: list[Grey]) -> Rectified:
     pattern = aside[-1] - aside[0]
     position = aside @ pattern / float(pattern @ pattern)
     residual = _residual(fits, slope, aside, (x, y), [(p - centre) / unit for p in found]) * unit
-    if sideways[-1] > sideways[0]:  # what is seen moves to the right: the camera went to the left
+    if sideways[-1] > sideways[0]:  # the picture moves to the right: the camera moved to the left
         position = -position
     maps = [_maps(fits[k], shift[k], slope, (height, width)) for k in range(count)]
     return Rectified(maps, position, residual, spread)
@@ -137,7 +137,7 @@ def _residual(
     fits: NDArray[np.float64], slope: float, aside: NDArray[np.float64], at: tuple[NDArray[np.float64], NDArray[np.float64]],
     found: list[Points],
 ) -> float:  # fmt: skip
-    """95th percentile of the vertical disparities that are left."""
+    """95th percentile of the remaining vertical disparities."""
     x, y = at
     terms = np.stack([np.ones_like(x), x, y, x * y, y * y], axis=1)
     left = [np.abs(found[k][:, 1] - y - terms @ fits[k, :5] - slope * aside[k]) for k in range(len(fits)) if fits[k].any()]
@@ -147,7 +147,7 @@ def _residual(
 def _maps(
     fit: NDArray[np.float64], shift: float, slope: float, size: tuple[int, int]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Where the pixels of a rectified view come from."""
+    """Sources of the pixels of a rectified view."""
     height, width = size
     unit = width / 2
     rows, cols = np.mgrid[:height, :width]
@@ -155,14 +155,14 @@ def _maps(
     cos, sin = 1 / np.hypot(1, slope), slope / np.hypot(1, slope)
     x, y = cos * along - sin * up, sin * along + cos * up  # rows of the result run along the slide
     pitch, roll, scale, yaw, pitch_2 = fit[:5]
-    # A rotation's terms of second order are the same two in both directions.
+    # second-order terms of a rotation are the same two in both directions
     from_x = x * (1 + scale) - y * roll + shift + yaw * x * x + pitch_2 * x * y
     from_y = y + pitch + roll * x + scale * y + yaw * x * y + pitch_2 * y * y
     return (from_x * unit + width / 2).astype(np.float32), (from_y * unit + height / 2).astype(np.float32)
 
 
 def common_area(maps: list[tuple[NDArray[np.float32], NDArray[np.float32]]]) -> tuple[int, int, int, int]:
-    """(top, left, height, width) of the largest area, shrunk from all sides in turn, in which every view has a picture."""
+    """(top, left, height, width) of the largest area covered by every view, found by shrinking all sides in turn."""
     height, width = maps[0][0].shape
     inside = np.ones((height, width), bool)
     for x, y in maps:

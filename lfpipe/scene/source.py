@@ -17,7 +17,7 @@ ViewIndex = tuple[int, int]  # (row, column)
 
 @attrs.frozen
 class Turn:
-    """How file order becomes canonical order: the grid is transposed first, then its rows and columns are reversed."""
+    """The transform from file order to canonical order: transpose first, then reverse rows and columns."""
 
     rows: bool = False
     cols: bool = False
@@ -78,5 +78,5 @@ class SceneSource:
 
     @property
     def bit_depth(self) -> int:
-        """Bits that the source's values take."""
+        """Number of bits of the source's values."""
         return self.max_value.bit_length()

@@ -1,4 +1,4 @@
-"""The summary of a scene that a session keeps, so that only render opens the pack."""
+"""The summary of a scene for a session, so that only render opens the pack."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""True disparity of a scene, as far as it can be true."""
+"""Plausible true disparity of a scene."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from lfpipe.scene.source import SceneSource
 
 
 def without_implausible_truth(source: SceneSource) -> SceneSource:
-    """source without the maps that claim more than a picture's side per view, which a note then says.
+    """source without maps that claim more than a picture's side per view; a note reports them.
 
-    Such values leave a range in which the whole scene looks flat. Raises UserError where a map has another size than the views,
-    holds values that are no numbers, or cannot be read.
+    Such values would stretch the range until the whole scene looks flat. Raises UserError if a map differs in size from the
+    views, holds NaN, or cannot be read.
     """
     size, remedy = (source.height_px, source.width_px), "remove the map to have disparity estimated"
     largest: dict[tuple[int, int], float] = {}

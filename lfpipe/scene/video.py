@@ -1,4 +1,4 @@
-"""A video file whose frames are pictures of a scene; examined by another process before it is decoded in this one."""
+"""A video file whose frames are pictures of a scene; a child process examines it before this one decodes it."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from lfpipe.host.pipes import PipeReader
 from lfpipe.scene.files import descriptor_path, open_file
 from lfpipe.scene.video_probe import MAX_FRAME_PX, open_video
 
-# -P: the folder that lfpipe is run in may be anybody's, and no module is imported from there.
+# -P: imports no module from the working directory, which may be anybody's
 PROBE = ("-P", "-m", "lfpipe.scene.video_probe")
-USUAL_RATE_HZ = 25.0  # where a video has no rate
+USUAL_RATE_HZ = 25.0  # for a video without a rate
 SILENT_S = 30.0  # without a frame before the video is refused
 _REMEDY = "play it with another program, or export it again"
 
 
 @attrs.frozen
 class About:
-    """What a video holds, as counted: frames that decode, of that size."""
+    """Counted content of a video: number of frames that decode, and their size."""
 
     frames: int
     width_px: int
@@ -38,7 +38,7 @@ class About:
 
 
 def examine(path: Path) -> About:
-    """What the video at path holds. Raises UserError where it is none, too large, hangs or crashes its decoder."""
+    """The content of the video at path. Raises UserError if it is not a video, too large, or hangs or crashes its decoder."""
     with open_file(path) as file:
         if not is_video(file.read(12)):
             raise UserError(f"{path}: not a readable video (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY)
@@ -65,7 +65,7 @@ def examine(path: Path) -> About:
 
 
 def _answer(path: Path, child: subprocess.Popen[bytes]) -> tuple[bytes, int, bool]:
-    """What video_probe prints: its first line, the number of dots, whether it came to the end."""
+    """Output of video_probe: its first line, the number of dots, whether it reached the end."""
     assert child.stdout is not None
     head, tail, dots = b"", b"", 0
     output = PipeReader(child.stdout)
@@ -83,7 +83,7 @@ def _answer(path: Path, child: subprocess.Popen[bytes]) -> tuple[bytes, int, boo
 
 
 class Video:
-    """Frames of an examined video as RGB, by number; read in order mostly, sought otherwise."""
+    """Frames of an examined video as RGB, by number; seeks only if they are not read in order."""
 
     def __init__(self, path: Path) -> None:
         """Raises UserError."""

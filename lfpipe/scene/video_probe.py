@@ -1,8 +1,8 @@
-"""The child process that reads a video whole before anybody relies on it: `python -m lfpipe.scene.video_probe PATH`.
+"""A child process that reads a complete video before anything relies on it: `python -m lfpipe.scene.video_probe PATH`.
 
-What a container says of its frames need not be what its stream holds, and only decoding shows that. So it happens here, where
-running out of memory, a crash or a hang costs nothing. Prints a line of JSON with width, height and rate, a dot for every frame
-and, at the end of the video, a line "end".
+A container's claims about its frames may differ from its stream, and only decoding shows that. It happens here, where running out
+of memory, a crash or a hang does no harm. Prints a line of JSON with width, height and rate, a dot for every frame and, at the
+end of the video, a line "end".
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ import cv2
 
 from lfpipe.host.limits import limit_memory
 
-OPENING_BYTES = 200_000_000  # that a decoder may take before the size of the frames is known
-FRAME_BYTES_PX = 20  # that it may take per pixel once it is; measured: 6 to 15 with FFV1, MPEG-4, VP9
+OPENING_BYTES = 200_000_000  # memory limit of a decoder before the frame size is known
+FRAME_BYTES_PX = 20  # memory limit per pixel afterwards; measured: 6 to 15 with FFV1, MPEG-4, VP9
 MAX_FRAME_PX = 22_000_000  # 9x9 views of 512x512; OpenCV holds a frame three times
 MAX_FRAMES = 1_000_000
 
 
 def open_video(path: str, frame_px: int) -> cv2.VideoCapture:
-    """A video to be decoded by FFmpeg, large frames on one thread: each thread holds frames of its own."""
+    """Opens a video for decoding by FFmpeg; large frames on one thread, because each thread holds its own frames."""
     return cv2.VideoCapture(path, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 2 if frame_px <= 12_000_000 else 1])
 
 
 def main(path: str) -> None:
-    """Reads the video at path, which is trusted no more than its content."""
+    """Reads the video at path; trusts neither path nor content."""
     limit_memory(OPENING_BYTES)
     capture = open_video(path, MAX_FRAME_PX)
     if not capture.isOpened():

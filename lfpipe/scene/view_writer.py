@@ -1,4 +1,4 @@
-"""Writing the views of a pack: decoded on a few threads, a bounded number at a time."""
+"""Writes the views of a pack: decodes them on a few threads, a bounded number at a time."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from lfpipe.scene.orientation import Orientation
 from lfpipe.scene.pack_files import PlaneFile
 from lfpipe.scene.source import SceneSource
 
-Progress = Callable[[str, int, int], None]  # what is being done, how much of it is done, of how much
+Progress = Callable[[str, int, int], None]  # task, steps done, steps in total
 FrameIndex = tuple[int, int, int]  # frame, row, column
 T = TypeVar("T")
-_ROOM_BYTES = 200_000_000  # for views that are decoded at the same time
+_ROOM_BYTES = 200_000_000  # for views decoded at the same time
 
 
 class NotGreyError(Exception):
-    """A view has colour although those looked at first had none."""
+    """A view has colour although the sampled ones had none."""
 
 
 def workers(item_bytes: int = 0) -> int:
-    """Threads that decode and estimate: the cores this process may use, at most four, fewer where each takes much memory."""
+    """Number of threads that decode and estimate: the cores of this process, at most four, fewer if each needs much memory."""
     return max(1, min(4, len(usable_cores()), _ROOM_BYTES // max(1, item_bytes)))
 
 
 def run_parallel(work: Callable[[T], None], items: Iterable[T], done: Callable[[], None], item_bytes: int = 0) -> None:
-    """work(item) for every item on a few threads, a bounded number in flight; the first error ends it.
+    """Runs work(item) for every item on a few threads, a bounded number in flight; the first error ends it.
 
-    item_bytes: memory that one of them takes.
+    item_bytes: memory per item.
     """
     count = workers(item_bytes)
     waiting: Iterator[T] = iter(items)
@@ -89,8 +89,8 @@ class PackJob:
 
 
 def write_views(job: PackJob, out: PlaneFile, table: NDArray[np.uint8]) -> None:
-    """Decode every view into out; places without a view get the nearest one's copy. table: from a source value to a
-    screen value. Raises UserError, and NotGreyError where a view has colour that the pack has no planes for."""
+    """Decodes every view into out; missing views get a copy of the nearest one. table: from a source value to a screen value.
+    Raises UserError, and NotGreyError if a view has colour but the pack has no planes for it."""
     source = job.source
 
     def one(place: FrameIndex) -> None:
