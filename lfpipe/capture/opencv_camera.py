@@ -83,9 +83,12 @@ class CameraFinder:
             return self._spec.path
         found = [each for each in nodes() if wanted in each.name.casefold()]
         found = [each for each in found if each.name.casefold() == wanted] or found
-        if len(found) != 1:
-            there = ", ".join(f"camera:{_number(each.path)} ({each.name})" for each in nodes())
-            raise UserError(f"camera:{self._spec.name}: {len(found) or 'no'} cameras have that name", f"cameras here: {there}")
+        there = ", ".join(f"camera:{_number(each.path)} ({each.name})" for each in nodes())
+        if not found:
+            remedy = f"cameras here: {there}" if there else "no camera found: use --camera demo, or --camera file:PATH"
+            raise UserError(f"camera:{self._spec.name}: no camera of that name", remedy)
+        if len(found) > 1:
+            raise UserError(f"camera:{self._spec.name}: {len(found)} cameras have that name", f"cameras here: {there}")
         return found[0].path
 
 

@@ -18,6 +18,7 @@ from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
 from lfpipe.host.file_lock import lock_open
+from lfpipe.host.segment_names import names_in
 from lfpipe.host.untracked import untracked
 from lfpipe.host.users import user_id
 
@@ -68,14 +69,6 @@ def create(name: str, size_bytes: int, run_dir: bytes) -> Segment:
         os.close(directory)
 
 
-def names(prefix: str) -> list[str]:
-    """Names that begin with prefix, of files of any kind; empty if they cannot be listed."""
-    try:
-        return sorted(path.name for path in SHM_DIR.iterdir() if path.name.startswith(prefix))
-    except OSError:
-        return []
-
-
 def _identity(fd: int) -> tuple[int, int]:
     found = os.fstat(fd)
     return found.st_dev, found.st_ino
@@ -116,7 +109,7 @@ def _owner(fd: int) -> Path | None:
 
 def _opened(prefix: str) -> Iterator[tuple[str, int, Path]]:
     """Name, descriptor and run directory of each segment of this user whose name begins with prefix."""
-    for name in names(prefix):
+    for name in names_in(SHM_DIR, prefix):
         try:
             fd = os.open(SHM_DIR / name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError:

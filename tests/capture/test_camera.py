@@ -203,6 +203,7 @@ def test_a_camera_without_a_first_frame_is_closed(error: Exception) -> None:
     assert device.closed
 
 
+@pytest.mark.native("Video4Linux")
 @pytest.mark.parametrize(
     ("path", "says"), [("/dev/video97", "no such device"), ("/dev/null", "not a camera"), ("/etc/hostname", "not a camera")]
 )
@@ -298,6 +299,7 @@ class CountedDevice:
     keep, close = V4L2Device.keep, V4L2Device.close
 
 
+@pytest.mark.native("Video4Linux")
 @pytest.mark.parametrize("given", ["", "camera:/dev/video1"])
 def test_a_session_opens_its_camera_once(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The check opens it, each further check and the session take that one over."""
@@ -316,6 +318,7 @@ def test_a_session_opens_its_camera_once(given: str, monkeypatch: pytest.MonkeyP
     again.close()
 
 
+@pytest.mark.native("Video4Linux")
 def test_a_check_that_fails_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
     def busy(*_: object) -> Mode:
         raise OSError(errno.EBUSY, "Device or resource busy")

@@ -55,7 +55,7 @@ def test_frames_are_scaled_counted_and_stamped_when_read(made: None) -> None:
     camera.close()
 
 
-@pytest.mark.parametrize(("spec", "said"), [("nothing", "no cameras have"), ("ack", "2 cameras have")])
+@pytest.mark.parametrize(("spec", "said"), [("nothing", "no camera of that name"), ("ack", "2 cameras have")])
 def test_a_name_that_no_one_camera_has_is_named(made: None, spec: str, said: str) -> None:
     with pytest.raises(UserError, match=said) as error:
         opencv_camera.CameraFinder(CameraSpec(Path(), spec)).path()

@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from lfpipe.host import shared_memory
+from lfpipe.host.segment_names import names_in
 from lfpipe.supervisor import rundir
 from lfpipe.transport import segment
 from lfpipe.transport.session import Session
@@ -27,7 +28,7 @@ def prefix() -> Iterator[str]:
     """Of names that are removed afterwards."""
     made = f"{segment.PREFIX}{time.monotonic_ns() % 10**12:012d}-"
     yield made
-    for name in shared_memory.names(made):
+    for name in names_in(shared_memory.SHM_DIR, made):
         shared_memory.unlink(name)
 
 
@@ -132,11 +133,11 @@ def test_a_process_killed_at_any_moment_leaves_whole_segments_only(prefix: str) 
         time.sleep(0.01 + 0.0037 * k)
         maker.send_signal(signal.SIGKILL)
         maker.communicate()
-    found = shared_memory.names(prefix)
+    found = names_in(shared_memory.SHM_DIR, prefix)
     assert found and found == sorted(segment.owned(prefix)) == sorted(name for name, _ in segment.abandoned(prefix))
     for name, _ in segment.abandoned(prefix):
         shared_memory.unlink(name)
-    assert not shared_memory.names(prefix)
+    assert not names_in(shared_memory.SHM_DIR, prefix)
 
 
 def test_no_process_is_started_and_nothing_is_written_for_a_segment(prefix: str) -> None:

@@ -40,8 +40,16 @@ def write_at(fd: int, data: bytes | memoryview, offset: int) -> int:
 
 
 def path_of(file: IO[bytes]) -> str:
-    """The path that an open file was opened by."""
-    return str(file.name)
+    """The absolute path that an open file was opened by: a relative one may look like an address (concat:x.avi).
+
+    Libraries crash on a name that is not UTF-8, which only Linux has: then that of the descriptor.
+    """
+    path = str(Path(file.name).absolute())
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        return f"/dev/fd/{file.fileno()}"
+    return path
 
 
 def inherited(file: IO[bytes]) -> tuple[str, dict[str, Any]]:

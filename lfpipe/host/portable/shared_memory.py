@@ -23,6 +23,7 @@ import psutil
 
 from lfpipe.host.file_lock import waited_for
 from lfpipe.host.portable.liveness import lives, own_mark
+from lfpipe.host.segment_names import names_in
 from lfpipe.host.untracked import untracked
 from lfpipe.host.users import user_id, user_word
 
@@ -103,14 +104,6 @@ def _entry(name: str) -> dict[str, Any]:
         raise FileNotFoundError(errno.ENOENT, "no such segment", name) from None
 
 
-def names(prefix: str) -> list[str]:
-    """Names that begin with prefix, of files of any kind; empty if they cannot be listed."""
-    try:
-        return sorted(path.name for path in SHM_DIR.iterdir() if path.name.startswith(prefix))
-    except OSError:
-        return []
-
-
 def identity(name: str) -> tuple[int, int]:
     """What tells the segment that has that name now from any other. Raises FileNotFoundError."""
     return 0, _entry(name)["number"]
@@ -136,7 +129,7 @@ def more_room(needed_bytes: int) -> str:
 def owned(prefix: str) -> dict[str, Path]:
     """Segments of this user whose names begin with prefix, of living and dead sessions: name -> run directory."""
     found = {}
-    for name in names(prefix):
+    for name in names_in(SHM_DIR, prefix):
         with contextlib.suppress(FileNotFoundError):
             found[name] = _entry(name)["run_dir"]
     return found
@@ -146,7 +139,7 @@ def abandoned(prefix: str) -> Iterator[tuple[str, Path]]:
     """Name and run directory of those whose creator is dead. The caller may unlink each by name before it takes the next:
     until then no other process unlinks it, so that the name cannot pass to another segment.
     """
-    for name in names(prefix):
+    for name in names_in(SHM_DIR, prefix):
         with contextlib.suppress(FileNotFoundError):
             if lives(_entry(name)["owner"]):
                 continue
