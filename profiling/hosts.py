@@ -29,7 +29,6 @@ import room_tests
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "profiling" / "results" / "hosts.md"
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
-DETERMINISTIC = "not 100000_reads and not random_moments"  # of the transport's tests; the two others race for a time
 IMPORTS = """
 import importlib, pkgutil, lfpipe
 names = [each.name for each in pkgutil.walk_packages(lfpipe.__path__, "lfpipe.") if not each.name.endswith("__main__")]
@@ -103,7 +102,7 @@ class Interpreter:
 
     def transport(self) -> str:
         """The tests' own last line."""
-        options = ("-o", "addopts=", "-q", "-W", "ignore", "-p", "no:cacheprovider", "-k", DETERMINISTIC)
+        options = ("-o", "addopts=", "-q", "-W", "ignore", "-p", "no:cacheprovider")
         done = self.run("-m", "pytest", "--rootdir", ROOT, ROOT / "tests" / "transport", *options)
         return done.stdout.strip().splitlines()[-1].strip("= ").partition(" in ")[0] if not done.returncode else "FAILED"
 

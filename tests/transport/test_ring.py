@@ -58,22 +58,24 @@ def stop_in_mid_slot(name: str, told: Any) -> None:
 
 
 def test_no_torn_frame_in_100000_reads_with_a_writer_at_full_speed(made: str) -> None:
+    """Reads are counted, not frames: where both processes share a core, most reads find none."""
     writer = SPAWN.Process(target=write_for_ever, args=(made,), daemon=True)
     writer.start()
     try:
         reader, out = Reader(made), np.empty((96, 512), np.uint8)
-        reads, seen, last = 0, 0, reader.last_seq
+        seen, last = 0, reader.last_seq
         first = last
-        while reads < 100_000:
+        while not reader.published:
+            time.sleep(0.001)
+        for _ in range(100_000):
             stamp = reader.read(out)
             if stamp is None:
                 continue
-            reads += 1
             assert out.min() == out.max() == stamp.seq % 251, "torn"
             assert stamp.seq == last + stamp.skipped + 1
             assert stamp.source_seq == stamp.seq - 1
             last, seen = stamp.seq, seen + stamp.skipped + 1
-        assert seen == last - first
+        assert seen == last - first > 0
     finally:
         writer.kill()
         writer.join()
