@@ -13,6 +13,7 @@ from typing import IO, Any
 
 # Linux opens what could be a pipe or a terminal with care; Windows must not translate line ends.
 CAREFUL = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+_BY_NUMBER = "/dev/fd/"
 _position = threading.Lock()
 
 
@@ -48,13 +49,14 @@ def path_of(file: IO[bytes]) -> str:
     try:
         path.encode()
     except UnicodeEncodeError:
-        return f"/dev/fd/{file.fileno()}"
+        return f"{_BY_NUMBER}{file.fileno()}"
     return path
 
 
 def inherited(file: IO[bytes]) -> tuple[str, dict[str, Any]]:
     """The path by which a child process opens the file, and options for Popen."""
-    return path_of(file), {}
+    path = path_of(file)
+    return path, {"pass_fds": (file.fileno(),)} if path.startswith(_BY_NUMBER) else {}
 
 
 def longest_name(folder: Path) -> int:
