@@ -1,4 +1,4 @@
-"""Error against run time: what each choice costs and gains on this machine, this scene and this sequence.
+"""Error against run time: cost and gain of each choice on this machine, this scene and this sequence.
 
 A subject (`tracker.py`, `filters.py`, ...) is a function from inputs to candidates. A candidate is one point of a diagram.
 `runner` measures candidates in turns, `results` stores every sample, `diagrams` and `report` present them, `comparison` and

@@ -1,4 +1,4 @@
-"""Compares two builds: each in its own processes, in turns, until all differences are settled or the time is up."""
+"""Compares two builds, each in its own processes, in turns, until all differences are settled or the time is up."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from lfpipe.bench.subjects import SUBJECTS
 from lfpipe.config import Config, updated
 from lfpipe.errors import UserError
 
-BUDGET_S, MIN_ROUNDS, MAX_OVERRUN = 60.0, 60, 3  # on a busy machine MIN_ROUNDS may take up to MAX_OVERRUN budgets
-LOOKS = (12, 18, 27, 40, 60, 90, 135)  # rounds after which differences are judged
+BUDGET_S, MIN_ROUNDS, MAX_OVERRUN = 60.0, 60, 3  # MIN_ROUNDS may take up to MAX_OVERRUN budgets on a busy machine
+LOOKS = (12, 18, 27, 40, 60, 90, 135)  # differences are judged after these rounds
 Progress = Callable[[str, int, int], None]
-# Of these subjects only the first candidate of these curves is compared; of others every candidate.
+# Only the first candidate of these curves is compared in these subjects; in others, every candidate.
 CURVES: dict[str, tuple[str, ...]] = {"tracker": ("litert",), "synthesis": ("nearest", "blend", "warp", "warp2", "best")}
 
 
@@ -51,14 +51,14 @@ class Build:
         )  # fmt: skip
 
     def send(self, **request: Any) -> None:
-        """Sends a request; call `answer` before the next one."""
+        """Sends a request; call `answer` before sending the next."""
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # then there is no answer, and `answer` reports why
             self._process.stdin.write(json.dumps(request) + "\n")
             self._process.stdin.flush()
 
     def answer(self) -> dict[str, Any]:
-        """The answer to the request sent last."""
+        """The answer to the last request."""
         assert self._process.stdout is not None
         answer = self._process.stdout.readline()
         if not answer:
@@ -96,8 +96,8 @@ def compare_builds(
 ) -> list[Difference]:
     """Measures the compared candidates of the subjects with both checkouts, in turns.
 
-    inputs: a scene and a sequence; the demo's if empty. cache: a folder for generated files; a temporary one if None. budget_s:
-    for turns; less if all is settled earlier, more if MIN_ROUNDS take longer. Raises UserError.
+    inputs: a scene and a sequence; the demo's if empty. cache: a folder for generated files; temporary if None. budget_s: for
+    turns; it ends earlier if all is settled, later if MIN_ROUNDS take longer. Raises UserError.
     """
     with contextlib.ExitStack() as stack:
         folder = cache or Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -132,7 +132,7 @@ class _Compared:
         self._of: list[_Candidate] = []
 
     def add(self, subject: str) -> None:
-        """Adds the compared candidates of a subject and measures their errors. Raises UserError if the builds share none."""
+        """Adds a subject's compared candidates and measures their errors. Raises UserError if the builds share none."""
         answers = self._together(prepare=subject, curves=CURVES.get(subject))
         before = {one.name for one in self._of}
         names = [name for name in answers[0]["names"] if name in answers[1]["names"] and name not in before]
@@ -142,14 +142,14 @@ class _Compared:
         self._of += [_Candidate(subject, name, list(self._errors(subject, name))) for name in names]
 
     def _together(self, **request: Any) -> list[dict[str, Any]]:
-        """Answers of both to an untimed request, computed in parallel."""
+        """Answers of both builds to an untimed request, computed in parallel."""
         for build in self._both:
             build.send(**request)
         return [_checked(build.answer(), request) for build in self._both]
 
     def _errors(self, subject: str, name: str) -> Iterator[Paired]:
         """Pairs of all errors. If the builds differ, a second measurement shows whether both repeat their samples exactly, in all
-        figures together: a quantised figure may repeat by chance."""
+        figures: a single quantised figure may repeat by chance."""
         first = self._together(errors=name)
         exact = first[0] == first[1] or first == self._together(errors=name)
         for figure in SUBJECTS[subject].figures:

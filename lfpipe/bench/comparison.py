@@ -18,18 +18,18 @@ from lfpipe.errors import UserError
 from lfpipe.files.untrusted import Fields
 
 Kind = Literal["time", "apart", "error"]
-# Ratio up to which a difference is not reported, however many samples there are. apart: times of runs that did not take turns.
-# They differ by some percent because the layout of a process's memory affects its speed for as long as it lives.
+# Smaller ratios are not reported, however many samples there are. apart: times of runs that did not take turns. They differ by
+# some percent because the memory layout of a process affects its speed for its whole life.
 MIN_EFFECT: dict[Kind, float] = {"time": 1.03, "apart": 1.10, "error": 1.01}
-ALPHA = 0.05  # probability of any false call in a whole comparison if every true ratio is at its MIN_EFFECT
+ALPHA = 0.05  # probability of any false call in a comparison if every true ratio is at its MIN_EFFECT
 RULED_OUT = 0.05  # p-value at which a difference is ruled out
-MAX_RATIO = 1e9  # also the ratio to an error of 0
+MAX_RATIO = 1e9  # also the ratio if the other error is 0
 
 
 @attrs.frozen
 class Difference:
     """One figure of one candidate in two runs. ratio: median of B over A, with its 95 % bootstrap interval. called: beyond noise.
-    settled: called, or a difference beyond MIN_EFFECT ruled out; if not, the samples are too few or too noisy."""
+    settled: called, or a difference beyond MIN_EFFECT is ruled out; otherwise the samples are too few or too noisy."""
 
     subject: str
     candidate: str
@@ -50,7 +50,7 @@ class Difference:
 @attrs.frozen
 class Paired:
     """Ratios B over A of one figure, each from samples taken under equal conditions. exact: both builds repeat their samples bit
-    for bit, and the single ratio is that of the figure itself, free of chance."""
+    for bit, so the single ratio is that of the figure itself, free of chance."""
 
     subject: str
     candidate: str
@@ -108,7 +108,7 @@ def timed(figure: Figure) -> bool:
 
 
 def paired(subject: str, a: Measured, b: Measured) -> Iterator[Paired]:
-    """Every figure that both have, sample by sample."""
+    """Every figure in both, sample by sample."""
     for figure in SUBJECTS[subject].figures:
         key, ratios = figure.key, list[float]()
         kind: Kind = "error"

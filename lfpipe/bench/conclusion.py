@@ -1,4 +1,4 @@
-"""What a run found, a line per subject: the least error and the shortest time beside what the paper does."""
+"""The findings of a run, one line per subject: the least error and the shortest time, compared with the paper's method."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lfpipe.bench.stats import pareto
 
 
 def conclusion(subject: Subject, found: SubjectResults) -> str:
-    """The finding of a subject in one line; what failed comes first."""
+    """The finding of a subject in one line; failures come first."""
     cells = [cell.state for table in found.tables for row in table.rows for cell in row]
     failed = len(found.omissions) + cells.count("failed")
     said = [f"{failed} failed"] if failed else []
@@ -22,7 +22,7 @@ def conclusion(subject: Subject, found: SubjectResults) -> str:
 
 
 def _best(subject: Subject, diagram: Diagram, shown: list[Point]) -> str:
-    """The one with the least error, and the paper's way."""
+    """The candidate with the least error, and the paper's."""
     papers = [point for point in shown if point.one.paper]
     front = [shown[k] for k in pareto([(p.x, p.y) for p in shown])]
     paper = min(papers, key=lambda p: p.y, default=None)

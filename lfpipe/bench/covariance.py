@@ -17,7 +17,7 @@ Number = TypeVar("Number", float, Fraction)
 NOISES = (1e-12, 1e-6, 1.0, 1e6, 1e12)
 STEPS_S = (1e-9, 1e-3, 1 / 30, 10.0, 1e6)
 FORMS = ("without subtraction", "Joseph", "standard")  # the first is the one in use
-ROUNDS, EXACT_ROUNDS = 60, 12  # the digits of the rationals double every round
+ROUNDS, EXACT_ROUNDS = 60, 12  # the rationals' digits double every round
 
 
 @attrs.frozen

@@ -109,7 +109,7 @@ def draw(subject: Subject, found: SubjectResults, diagram: Diagram | Profile, th
 def _work_precision(
     axes: Axes, subject: Subject, found: SubjectResults, diagram: Diagram, theme: Theme
 ) -> tuple[list[Point], list[Point]]:
-    """Draws the points. Returns those to label with their knobs, most important first, and all points."""
+    """Draws the points. Returns the points to label with their knobs, most important first, and all points."""
     shown = points(subject, found, diagram)
     curves: dict[str, list[Point]] = {}
     for point in shown:

@@ -18,7 +18,7 @@ Float = NDArray[np.float64]
 def monotone_slopes(t: Float, y: Float) -> Float:
     """Slopes (n, k) of the monotone cubic through y (n, k) at t (n,), n >= 2: Fritsch and Butland 1984.
 
-    The slope is 0 where y turns: nothing overshoots, and a head at rest stays at rest.
+    The slope is 0 where y reverses: no overshoot, and a head at rest stays at rest.
     """
     step = np.diff(t)[:, None]
     secant = np.diff(y, axis=0) / step
@@ -33,7 +33,8 @@ def monotone_slopes(t: Float, y: Float) -> Float:
 
 
 class EyePath:
-    """The path of the true eyes. visible_ns, still_ns: per row, since when both eyes are visible and the head rests; else -1."""
+    """The path of the true eyes. visible_ns, still_ns: per row, the time from which both eyes are visible and the head rests;
+    else -1."""
 
     def __init__(self, truth: Truth) -> None:
         self.t_ns, self.eyes_px = truth.t_ns, truth.eyes_px

@@ -75,7 +75,7 @@ def follow(filter_: EyeFilter, rate_hz: int, horizons_ms: tuple[int, ...] = HORI
 
 
 def sweeps() -> dict[str, list[tuple[str, Callable[[], EyeFilter]]]]:
-    """Curve -> (knob, filter) in the order of the knob. "default" has the parameters of the configuration."""
+    """Curve -> (knob, filter), ordered by knob. "default" has the parameters of the configuration."""
     ones = [(f"beta {beta:g}", partial(OneEuro, 1.0, beta, 4.0)) for beta in (0.3, 1.0, 5.0, 20.0)]
     motions = [(f"agility {a:.0e}", partial(Kalman, a)) for a in (1e1, 1e2, 1e3, 1e5, 1e6)]
     cautions = [(f"caution {c:g}", partial(_predictive, c)) for c in (0.05, 0.1, 0.2, 0.6, 1.0)]

@@ -1,4 +1,4 @@
-"""Light fields with views left out, and viewpoints that move among the views."""
+"""Light fields with views held out, and viewpoints that move among the views."""
 
 from __future__ import annotations
 

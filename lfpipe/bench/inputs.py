@@ -40,7 +40,7 @@ class FrameSequence:
 class Inputs:
     """fields: the scenes as (path, light field); views are rendered from the first. demo: the sequence is the demo's.
 
-    work: a folder for generated files, which later runs use again.
+    work: a folder for generated files, which later runs reuse.
     """
 
     fields: tuple[tuple[Path, LightField], ...]
@@ -84,7 +84,7 @@ def read_sequence(path: Path, frames: int) -> FrameSequence:
 
 
 def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
-    """The demo's viewer as a video with its truth, generated unless it exists: still for STILL_S, then on the demo's path.
+    """The demo's viewer as a video with its truth, generated if missing: still for STILL_S, then on the demo's path.
 
     Every frame has its own sensor noise: a still face would otherwise be a constant picture.
     """
@@ -122,7 +122,7 @@ def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
 
 
 def make_inputs(scenes: tuple[Path, ...], sequence: Path | None, quick: bool, settings: config.Config, say: Progress) -> Inputs:
-    """Opens the scenes (packing new ones) and reads the sequence; the demo's for those not given. Raises UserError."""
+    """Opens the scenes (packs new ones) and reads the sequence; uses the demo's if none are given. Raises UserError."""
     from lfpipe.render.scoring import choose_method
     from lfpipe.scene.cache import cache_dir
     from lfpipe.scene.demo import demo_scene

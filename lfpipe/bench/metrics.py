@@ -1,4 +1,4 @@
-"""PSNR and SSIM as papers on angular super-resolution print them: of luma in studio range, a border shaved off."""
+"""PSNR and SSIM as printed in papers on angular super-resolution: of luma in studio range, without a border."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LUMA = np.array([65.481, 128.553, 24.966]) / 255  # ITU-R BT.601, 16 to 235, as 
 BLACK = 16.0
 SIGMA_PX, WINDOW_PX = 1.5, 11  # Wang, Bovik, Sheikh, Simoncelli, "Image Quality Assessment", IEEE TIP 2004
 K1, K2 = 0.01, 0.03
-BEST_DB = 100.0  # stands for pictures without any difference
+BEST_DB = 100.0  # for identical pictures
 
 
 def studio_luma(planes: NDArray[np.generic]) -> Float:
@@ -25,7 +25,7 @@ def studio_luma(planes: NDArray[np.generic]) -> Float:
 
 
 def shaved(picture: Float, border_px: int) -> Float:
-    """The picture without border_px on each side. Raises ValueError if nothing that SSIM needs is left."""
+    """The picture without border_px on each side. Raises ValueError if the rest is too small for SSIM."""
     height, width = picture.shape
     if min(height, width) - 2 * border_px < WINDOW_PX:
         raise ValueError(f"a view of {width}x{height} px is too small for a border of {border_px} px")

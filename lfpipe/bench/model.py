@@ -56,7 +56,7 @@ class Prepared:
 
 @attrs.frozen(eq=False)
 class Candidate:
-    """One point of a diagram. curve and knob (the setting that varies along the curve) together are its name.
+    """One point of a diagram, named by its curve and knob (the setting that varies along the curve).
 
     paper: this is what the paper does. line: points with the same line are joined, if a curve has more than one setting.
     """
@@ -74,14 +74,14 @@ class Candidate:
 
 @attrs.frozen
 class Skipped:
-    """A measurement that was left out, and why: it does not apply to the inputs, or --quick saves its time."""
+    """An omitted measurement and the reason: it does not apply to the inputs, or --quick saves its time."""
 
     what: str
     why: str
 
     @property
     def for_speed(self) -> bool:
-        """Whether a run without --quick has it."""
+        """Whether a run without --quick includes it."""
         return self.why.startswith("--quick")
 
 

@@ -15,7 +15,7 @@ HeadPosition = tuple[float, float, float]
 
 
 def minimum_jerk(s: float) -> float:
-    """Share of the way at share s of the time, both in 0..1. The largest slope is 1.875, in the middle."""
+    """Share of the distance at share s of the time, both in 0..1. The largest slope is 1.875, in the middle."""
     return s * s * s * (10 + s * (-15 + 6 * s))
 
 
@@ -41,7 +41,7 @@ def reach(start: HeadPosition, end: HeadPosition, peak_mm_s: float, name: str = 
 def stop(start: HeadPosition, end: HeadPosition, speed_mm_s: float, brake_s: float = 0.06, run_up_s: float = 0.4) -> Piece:
     """A sudden stop: a move that accelerates to speed_mm_s within run_up_s and brakes within brake_s.
 
-    The way must be longer than accelerating and braking take.
+    The distance must be longer than accelerating and braking need.
     """
     way_mm = math.dist(start, end)
     cruise_s = way_mm / speed_mm_s - (run_up_s + brake_s) / 2
@@ -56,7 +56,7 @@ def stop(start: HeadPosition, end: HeadPosition, speed_mm_s: float, brake_s: flo
 
 
 def sway(around: HeadPosition, reach_mm: float, rate_hz: float, duration_s: float) -> Piece:
-    """Slow swinging about a position, mostly sideways. Starts and ends there at rest."""
+    """Slow sway about a position, mostly sideways. Starts and ends there at rest."""
 
     def position(t_s: float) -> HeadPosition:
         fade = minimum_jerk(min(t_s, duration_s - t_s, 1.0))

@@ -1,7 +1,8 @@
 """The paper's pipeline as one plain loop in one process: the reference that `lfpipe` is compared with.
 
 video frame -> FaceMesh -> mean of 16 landmarks around each eye -> k-frame moving average -> nearest view of the grid laid over
-the camera picture -> red of the left view, green and blue of the right. It uses nothing of lfpipe but the landmarks' numbers.
+the camera picture -> red of the left view, green and blue of the right. It uses nothing from lfpipe except the landmarks'
+numbers.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from lfpipe.track.landmarks import LEFT_EYE, RIGHT_EYE
 
-WARM_UP = 10  # frames that do not count
+WARM_UP = 10  # warm-up frames, not counted
 PRELOADED = 600  # frames held in memory
 
 
@@ -47,7 +48,7 @@ class Loop:
 
 
 def frames(video: Path, decode: bool, size: tuple[int, int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """Indices in the video and BGR frames, repeated forever. decode: on demand; else PRELOADED frames before the first."""
+    """Yields indices in the video and BGR frames, forever. decode: on demand; else PRELOADED frames before the first."""
     capture = cv2.VideoCapture(str(video))
 
     def one_pass() -> Iterator[tuple[int, NDArray[np.uint8]]]:

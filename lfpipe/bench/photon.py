@@ -1,9 +1,9 @@
 """Subject: motion to photon on a known motion, by the definitions of docs/photon.md.
 
-Onset latency: from the moment at which a head that rested has moved by ONSET_PX to the light of the first picture made for eyes
-that have. Nothing can be predicted yet, so it holds the whole way from exposure to light, and waiting for frame and refresh.
-Steady latency: the shift in time that explains most of the displayed error while the head is under way, -sum(error * velocity) /
-sum(velocity^2): positive where pictures lag, 0 where the prediction makes up for all.
+Onset latency: from the moment at which a resting head has moved by ONSET_PX to the light of the first picture made for moved
+eyes. Nothing can be predicted yet, so it covers the whole path from exposure to light, including the wait for frame and refresh.
+Steady latency: the time shift that explains most of the displayed error while the head moves, -sum(error * velocity) /
+sum(velocity^2): positive if pictures lag, 0 if prediction compensates fully.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from lfpipe.track.filters import make_filter
 from lfpipe.track.smoothing import EyeFilter, Mean
 
 HORIZONS_MS = (20, 40, 60, 80, 100, 120, 140)
-SHOWN_MS, LOOP_MS = 80, 60  # of the diagram; of camera and display, where that is not known
+SHOWN_MS, LOOP_MS = 80, 60  # of the diagram; of camera and display, if unknown
 CAMERA_HZ, REFRESH_HZ = 30, 60
-ONSET_PX = 3.0  # mean of both eyes: far above noise, and a head is hardly under way
+ONSET_PX = 3.0  # mean of both eyes: far above noise, yet the head has hardly moved
 UNDER_WAY_PX_S = 60.0
-WITHIN_MS = 600  # an onset later than this was not followed at all
+WITHIN_MS = 600  # a later onset counts as not followed at all
 
 Float = NDArray[np.float64]
 
 
 @attrs.frozen
 class Displayed:
-    """Pictures by their light. at: int (n,), ms of the path. used: float (n, 2, 2), eyes that they were made for, px."""
+    """Pictures by their time of light. at: int (n,), ms of the path. used: float (n, 2, 2), eyes that they were made for, px."""
 
     at: NDArray[np.int64]
     used: Float
 
 
 def displayed(filter_: EyeFilter, horizons_ms: tuple[int, ...], unknown_ms: float = 0.0, seed: int = 30) -> list[Displayed]:
-    """What a display of REFRESH_HZ shows of the known motion, for each time from exposure to light.
+    """The pictures that a display of REFRESH_HZ shows of the known motion, for each time from exposure to light.
 
-    unknown_ms: so much of that time the prediction does not know of. Only light while the camera sees the eyes counts.
+    unknown_ms: the part of that time unknown to the prediction. Only light while the camera sees the eyes counts.
     """
     eyes, visible, _ = known_motion()
     rng, frame = np.random.default_rng(seed), 0
@@ -65,20 +65,20 @@ def displayed(filter_: EyeFilter, horizons_ms: tuple[int, ...], unknown_ms: floa
 
 
 def errors_px(pictures: Displayed) -> Float:
-    """RMS of both eyes' distance from the truth, of each picture."""
+    """RMS distance of both eyes from the truth, for each picture."""
     off = pictures.used - known_motion()[0][pictures.at]
     return np.asarray(np.sqrt(np.square(off).sum(axis=(1, 2)) / 2))
 
 
 def velocity_px_s(at: NDArray[np.int64]) -> Float:
-    """(n, 2, 2), true, around those ms of the path."""
+    """True velocity (n, 2, 2) around those ms of the path."""
     eyes = known_motion()[0]
     low, high = np.maximum(at - 5, 0), np.minimum(at + 5, len(eyes) - 1)
     return np.asarray((eyes[high] - eyes[low]) / ((high - low) / 1e3)[:, None, None])
 
 
 def steady_ms(pictures: Displayed) -> list[float]:
-    """Steady latency of each second of the path in which the head is under way."""
+    """Steady latency of each second of the path in which the head moves."""
     velocity = velocity_px_s(pictures.at)
     moving = np.sqrt(np.square(velocity).sum(axis=(1, 2)) / 2) > UNDER_WAY_PX_S
     off = ((pictures.used - known_motion()[0][pictures.at]) * velocity).sum(axis=(1, 2))
@@ -117,7 +117,7 @@ def onset_ms(pictures: Displayed) -> list[float]:
 
 
 def samples(make: Callable[[], EyeFilter], unknown_ms: float) -> Samples:
-    """Of every figure of the subject."""
+    """Samples of every figure of the subject."""
     found: Samples = {}
     for horizon_ms, pictures in zip(HORIZONS_MS, displayed(make(), HORIZONS_MS, unknown_ms), strict=True):
         errors = errors_px(pictures)
@@ -129,7 +129,7 @@ def samples(make: Callable[[], EyeFilter], unknown_ms: float) -> Samples:
 
 
 def candidates(inputs: Inputs) -> Iterator[Candidate]:
-    """The filters with a horizon that is known, the default one where LOOP_MS of it are not, and the paper's average."""
+    """The filters with a known horizon, the default one with LOOP_MS of it unknown, and the paper's average."""
     for name in ("predictive", "kalman", "one-euro"):
         track = Track(filter=name)
         yield Candidate(name, "default", partial(_prepare, partial(make_filter, track), 0.0))

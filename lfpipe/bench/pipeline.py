@@ -16,12 +16,12 @@ from lfpipe.bench.trace_error import AlignedTrace
 from lfpipe.track.models import package_folder
 
 PAPER_ALPHA_PX = 12.0
-SKIPPED_S = 1.0  # after the first picture, while the face is being found
+SKIPPED_S = 1.0  # after the first picture, while the tracker looks for the face
 MAX_S = 16.0
 
 
 def alpha_for(inputs: Inputs) -> float:
-    """px per view that keeps the eyes of the sequence within the grid, so that every method could show what they should see."""
+    """px per view that keeps the eyes of the sequence within the grid, so that every method can show the correct view."""
     truth, field = inputs.sequence.truth, inputs.field
     if truth is None or field.cols == 1:
         return PAPER_ALPHA_PX

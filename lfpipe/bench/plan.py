@@ -1,4 +1,4 @@
-"""Subject: what each scene does not need, the saving, and the measured error of leaving it out."""
+"""Subject: work that a scene does not need, its saving, and the measured error of omitting it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ VIEWS, PICTURES = 7, 12
 
 
 def without_warp(field: LightField, plan: Plan) -> Cell:
-    """Loss in dB on left-out views, compared with the best method that warps."""
+    """Loss in dB on held-out views, compared with the best method that warps."""
     if field.disparity is None:
         return Cell("unknown: there is no disparity to warp by")
     views = left_out(field, VIEWS) if min(field.rows, field.cols) >= 3 else []
@@ -51,7 +51,7 @@ def without_planes(field: LightField, config: Config) -> Cell:
 
 
 def without_rows(field: LightField, config: Config) -> Cell:
-    """Largest difference between pictures for eyes anywhere up and down."""
+    """Largest difference between pictures for eyes at any height."""
     solver = ViewSolver(field.rows, field.cols, config.render, 30.0, (320.0, 240.0))
     compositor = Compositor(field, config.render)
     first, *others = [compositor.compose(*solver.views([[350.0, v], [290.0, v]])).copy() for v in (240.0, 0.0, 479.0, -1e6)]
@@ -98,7 +98,7 @@ def _difference(pairs: Iterable[tuple[NDArray[np.uint8], NDArray[np.uint8]]]) ->
 
 
 def error_of(item: LeftOut, field: LightField, config: Config, plan: Plan) -> Cell:
-    """The measured error of leaving one item out."""
+    """The measured error of omitting one item."""
     what = item.what
     if what in ("warping", "disparity maps"):
         return without_warp(field, plan)

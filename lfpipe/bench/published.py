@@ -14,7 +14,7 @@ TEST_SCENES = {
 
 @attrs.frozen
 class Row:
-    """A method's printed means: {set: (PSNR in dB, SSIM)}. table: the publication that the figures were copied from."""
+    """A method's printed means: {set: (PSNR in dB, SSIM)}. table: the publication from which the figures were copied."""
 
     method: str
     table: str
@@ -39,5 +39,5 @@ ROWS = (
 
 
 def set_of(scene: str) -> str:
-    """The set whose test scenes include one of this name, or ""."""
+    """The set with a test scene of this name, or ""."""
     return next((name for name, scenes in TEST_SCENES.items() if scene.lower() in scenes), "")

@@ -138,7 +138,7 @@ def fronts(subject: Subject, found: SubjectResults) -> set[str]:
 
 
 def number(one: Measured, figure: Figure) -> str:
-    """The figure of a candidate as text. If timed: with half its interval, or with the number and range of its turns if they are
+    """The figure of a candidate as text. Timed figures include half their interval, or the number and range of turns if there are
     too few for an interval."""
     value = one.value(figure)
     if not math.isfinite(value):

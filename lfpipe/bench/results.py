@@ -58,7 +58,7 @@ class Measured:
 
 @attrs.define
 class SubjectResults:
-    """omissions: candidates that failed, with the reason. skipped: what does not apply to the inputs."""
+    """omissions: failed candidates with the reason. skipped: measurements that do not apply to the inputs."""
 
     name: str
     measured: dict[str, Measured] = attrs.Factory(dict)
@@ -88,7 +88,7 @@ class Results:
 
 
 def _rounded(value: Any) -> Any:
-    """Floats with seven digits, null if not finite: a tenth of the bytes, and no loss that matters."""
+    """Floats with seven digits, null if not finite: a tenth of the bytes, without relevant loss."""
     if isinstance(value, float):
         return float(f"{value:.7g}") if math.isfinite(value) else None
     if isinstance(value, dict):
@@ -99,7 +99,7 @@ def _rounded(value: Any) -> Any:
 
 
 def read(folder: Path) -> Results:
-    """The results in a folder. Raises UserError if there are none, or if they have another format."""
+    """The results in a folder. Raises UserError if there are none, or they have another format."""
     path = folder / "results.json" if folder.is_dir() else folder
     remedy = "give a folder written by `lfpipe bench --out`"
     try:
@@ -165,7 +165,7 @@ def source_digest() -> str:
 
 
 def describe_run(inputs: Inputs) -> dict[str, Any]:
-    """Everything that the figures depend on."""
+    """All conditions that the figures depend on."""
     built = versions()
     processor = built.pop("processor")
     commit = _output(["git", "rev-parse", "--short=12", "HEAD"])

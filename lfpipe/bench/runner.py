@@ -19,7 +19,7 @@ from lfpipe.bench.timing import REFERENCE, reference_ms
 from lfpipe.errors import UserError
 
 NARROW = 0.05  # width of the 95 % interval of the median over the median
-LONG_TURNS = 3  # a subject with at most this many turns has long ones, and no warm-up
+LONG_TURNS = 3  # a subject with at most this many turns has long turns and no warm-up
 Progress = Callable[[str, int, int], None]
 
 
@@ -51,7 +51,7 @@ def measure(names: Sequence[str], inputs: Inputs, out: Path, progress: Progress)
 
 
 def run(subject: Subject, inputs: Inputs, found: SubjectResults, progress: Progress, save: Callable[[], None]) -> None:
-    """Measures what found does not hold yet; calls save after every candidate and every round.
+    """Measures what is missing in found; calls save after every candidate and every round.
 
     A candidate that raises or returns a number that is not finite moves to found.omissions, with the reason and no samples.
     """
@@ -90,7 +90,7 @@ def _measure_errors(candidate: Candidate, ready: dict[str, Prepared], found: Sub
             found.measured[candidate.name] = Measured(curve, knob, paper, errors, line=candidate.line)
             save()
         ready[candidate.name] = prepared
-    except Exception as error:  # any failure of a method is reported, and the others continue
+    except Exception as error:  # report any failure of a method and continue with the others
         _omit(found, candidate.name, error)
 
 
@@ -102,7 +102,7 @@ def _measure_turns(
     progress: Progress,
     save: Callable[[], None],
 ) -> None:
-    """Rounds of one turn each, in a new order every round, so that other load of the machine affects all candidates alike."""
+    """Rounds of one turn each, in a new order every round, so that other load on the machine affects all candidates alike."""
     budget_s, least = subject.budget_s[0 if quick else 1], subject.turns[0 if quick else 1]
     timed = {name: prepared.turn for name, prepared in ready.items() if prepared.turn is not None}
     shuffled, started = random.Random(1), time.monotonic()

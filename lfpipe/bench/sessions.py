@@ -1,4 +1,4 @@
-"""Whole sessions, and the paper's loop, as processes of their own: their traces and their CPU."""
+"""Runs whole sessions, and the paper's loop, in separate processes; returns their traces and CPU time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from lfpipe.scene.lightfield import LightField
 
 STEADY_S = 1.0  # after the first picture every stage has started and found the face
 POLL_S, START_S = 0.05, 90.0
-PART_S = 0.5  # of a run: the differences between its parts are its noise
+PART_S = 0.5  # of a run: differences between its parts are its noise
 
 
 @attrs.frozen
@@ -92,7 +92,7 @@ def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str]
         trace = Path(folder, "trace.jsonl")
         camera = f"file:{video}?loop=1" + (f"&pace={pace}" if pace else "")
         command = [sys.executable, "-m", "lfpipe", "up", str(scene), "--camera", camera]
-        command += ["--set=governor.quality=fixed"]  # measure the quality asked for even if it is too slow
+        command += ["--set=governor.quality=fixed"]  # measure the requested quality even if it is too slow
         command += ["--display", "none", "--trace", str(trace), "--session", f"bench{os.getpid()}x{time.monotonic_ns() % 10**6}"]
         started_ns = time.monotonic_ns()
         process = subprocess.Popen([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -1,6 +1,6 @@
 """Subject: stiff and extreme cases as tables of cells: ok, degraded or failed, with the worst error.
 
-References are exact or in long double: rationals for the covariance, np.longdouble for the mapping and the mixing, the last good
+References are exact or in long double: rationals for the covariance, np.longdouble for mapping and mixing, the last good
 measurement for filters that receive nonsense, the stored views for pictures.
 """
 
@@ -41,7 +41,7 @@ def judged(worst: float, ok: float, degraded: float) -> Cell:
 
 
 def _cell(work: Callable[[], float], ok: float, degraded: float) -> Cell:
-    """The worst error that work returns, judged; an exception is a failure and named."""
+    """The worst error that work returns, judged; an exception is a failure with its name."""
     try:
         return judged(work(), ok, degraded)
     except Exception as error:  # the exception is the result
@@ -66,7 +66,7 @@ def covariance_tables(exact_rounds: int) -> Iterator[Table]:
 
 
 def disturbances() -> dict[str, list[tuple[int, NDArray[np.float64]]]]:
-    """Name -> what comes between two runs of good frames, as (step in ns since the last frame, measurement)."""
+    """Name -> input between two runs of good frames, as (step in ns since the last frame, measurement)."""
 
     def eyes(value: float) -> NDArray[np.float64]:
         return np.full((2, 2), value)
@@ -88,8 +88,8 @@ def disturbances() -> dict[str, list[tuple[int, NDArray[np.float64]]]]:
 
 
 def error_after(name: str, disturbance: list[tuple[int, NDArray[np.float64]]]) -> float:
-    """Largest distance in px from a still viewer's eyes, from a second after the disturbance on; infinite if any output of the
-    run was not finite."""
+    """Largest distance in px from a still viewer's eyes, starting a second after the disturbance; infinite if any output is not
+    finite."""
     filter_ = make_filter(Track(filter=name))  # type: ignore[arg-type]
     t_ns, worst = 10**12, 0.0
     good = [(FRAME_NS, EYES)]

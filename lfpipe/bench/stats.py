@@ -47,7 +47,7 @@ def _rank_sums(n: int) -> NDArray[np.float64]:
 
 
 def p_above(values: Sequence[float]) -> float:
-    """Probability of values (n,) this high if they were spread evenly around 0: Wilcoxon's signed ranks (1945), exact, one-sided.
+    """Probability of values (n,) this high if they were symmetric around 0: Wilcoxon's signed ranks (1945), exact, one-sided.
 
     A small result means that their median is above 0. No normal distribution is assumed; an outlier counts by its rank.
     """

@@ -1,4 +1,4 @@
-"""Subject: views between and beyond the stored ones. Error on left-out views, continuity, time per picture."""
+"""Subject: views between and beyond the stored ones. Error on held-out views, continuity, time per picture."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TURN_PICTURES, APART = 15, 23  # pictures per turn, and steps of the walk betwee
 
 
 def every(count: int, stride: int) -> list[int]:
-    """Every stride-th of count indices; the only index if count is 1; [] if nothing is left out."""
+    """Every stride-th of count indices; the only index if count is 1; [] if none is held out."""
     indices = list(range(0, count, stride))
     return indices if count == 1 or len(indices) > 1 else []
 
@@ -63,7 +63,7 @@ def _part(field: LightField, stride: int) -> LightField:
 
 
 def _middle(field: LightField) -> LightField | None:
-    """The middle three columns (and rows) as a field of their own; None if no view is outside them."""
+    """The middle three columns (and rows) as a separate field; None if no view is outside them."""
     if field.cols < 5 or field.disparity is None or 1 < field.rows < 5:
         return None
     rows, cols = ([0] if n == 1 else list(range(n // 2 - 1, n // 2 + 2)) for n in (field.rows, field.cols))

@@ -1,7 +1,7 @@
-"""The protocol of papers on angular super-resolution: the corners of 7x7 views are kept, the 45 others are made and compared.
+"""The protocol of papers on angular super-resolution: keep the corners of 7x7 views, synthesise the 45 others and compare.
 
-PSNR and SSIM of luma are averaged over the made views of a scene. The 7x7 views are the central ones of 9x9 (DistgASR) or the top
-left ones (LFASR-geo, ELFR). Smaller grids take the largest square that fits and say so.
+PSNR and SSIM of luma are averaged over the synthesised views of a scene. The 7x7 views are the central ones of 9x9 (DistgASR) or
+the top left ones (LFASR-geo, ELFR). Smaller grids use the largest square that fits; the table notes it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from lfpipe.errors import UserError
 from lfpipe.scene.lightfield import LightField
 
 SIDE = 7  # views per side in the printed protocol
-PASSES = 3  # over all made views, to time them
+PASSES = 3  # timed passes over all synthesised views
 FILE = "table.jsonl"
 Say = Callable[[str, int, int], None]
 
@@ -81,7 +81,7 @@ def grid_of(field: LightField, protocol: Protocol) -> tuple[tuple[int, int], tup
 def measure_scene(
     field: LightField, scene: str, protocol: Protocol, done: Sequence[str], say: Say, timed: bool = True
 ) -> Iterator[Line]:
-    """One line for each method not in done. What cannot be measured is a line with a reason. timed: also ms a picture."""
+    """One line for each method not in done; failed ones have a reason. timed: also ms a picture."""
     try:
         (row, rows), (col, cols), step = grid_of(field, protocol)
         made = [
@@ -125,7 +125,7 @@ def measure_scene(
 
 
 def _median_ms(renderer: ViewRenderer, made: Sequence[tuple[int, int]], step: int) -> float:
-    """Median time to draw one view in colour, over PASSES passes over the made views."""
+    """Median time to draw one view in colour, over PASSES passes over the synthesised views."""
     times = []
     for _ in range(PASSES):
         for row, col in made:
@@ -138,7 +138,7 @@ def _median_ms(renderer: ViewRenderer, made: Sequence[tuple[int, int]], step: in
 def measure(
     scenes: Sequence[tuple[Path, Callable[[], LightField]]], protocol: Protocol, identity: str, out: Path, say: Say
 ) -> list[Line]:
-    """Measures what out/FILE does not hold yet, appends a line for each result, and returns all lines of these scenes.
+    """Measures what is missing in out/FILE, appends a line for each result, and returns all lines of these scenes.
 
     scenes: (path, function that opens it). identity: hash of the code and its versions; other lines of the file are kept but not
     used. A scene that cannot be opened is a line with the reason. Raises UserError if out cannot be written.
@@ -151,7 +151,7 @@ def measure(
         lines: list[Line] = []
         with file.open("a") as target:
             if file.stat().st_size and not file.read_text().endswith("\n"):
-                target.write("\n")  # the last run was killed in the middle of a line
+                target.write("\n")  # the last run was killed while writing a line
             for path, open_field in scenes:
                 try:
                     field = open_field()

@@ -56,7 +56,7 @@ def set_means(lines: Sequence[Line]) -> list[tuple[str, ...]]:
 
 
 def markdown(lines: Sequence[Line], protocol: Protocol) -> str:
-    """The table, and the printed results in a table of their own."""
+    """The table, and the printed results in a separate table."""
 
     def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         wrote = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in (head, ["---"] * len(head), *rows)]
@@ -77,7 +77,7 @@ def _printed() -> list[tuple[str, ...]]:
 
 
 def draw(lines: Sequence[Line], protocol: Protocol, theme: Theme = LIGHT) -> Canvas:
-    """PSNR over time: a panel for each published set, its printed means as lines. Scenes outside of the set are hollow."""
+    """PSNR over time: a panel for each published set, its printed means as lines. Scenes outside the set are hollow."""
     some = [line for line in lines if not line.left_out]
     panels = (HCI_NEW, HCI_OLD, THIRTY) if protocol.keep == 2 else ("",)
     scenes, methods = list(dict.fromkeys(one.scene for one in some)), list(dict.fromkeys(one.method for one in some))

@@ -38,6 +38,6 @@ def time_figures(times: Sequence[float], unit: str = "ms", scale: float = 1.0) -
 def reference_ms() -> float:
     """Speed of the machine right now: time in ms to resample a plane of 256x256, without any code of this package.
 
-    Two runs are compared by their times over this one. A slow hour of the machine then does not look like a slow build.
+    Comparisons of two runs divide their times by this one. Then a slow hour of the machine does not look like a slow build.
     """
     return median_ms(lambda: cv2.remap(_PLANE, _X, _Y, cv2.INTER_LINEAR, _OUT, borderMode=cv2.BORDER_REPLICATE), 5)

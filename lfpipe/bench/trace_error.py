@@ -1,4 +1,4 @@
-"""Error of the eyes that pictures on the screen were made for, over display time, from a trace and the true eyes."""
+"""Error over display time of the eyes that pictures on the screen were made for, from a trace and the true eyes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class AlignedTrace:
     """A trace aligned with the true eyes, sampled every STEP_NS while a picture is on the screen.
 
     rows: of a trace, in order. A picture stays on the screen from its t_presented_ns until the next one's. Its frame aligns the
-    clocks: the truth at time t is the truth at the frame's own time plus t - t_sensor_ns. Two stretches do not count: the first
+    clocks: the truth at time t is the truth at the frame's own time plus t - t_sensor_ns. Two parts do not count: the first
     SKIP_NS, in which every tracker searches for the face, and SETTLE_NS after a looped file restarts, where the head jumps as no
     real head does. Raises ValueError if nothing remains.
     """
@@ -49,7 +49,7 @@ class AlignedTrace:
         self.drawn = np.maximum.accumulate([i if row.get("composed", True) else 0 for i, row in enumerate(rows)])
 
     def figures(self) -> dict[str, float]:
-        """RMS in px over both eyes. error: while both eyes are visible. jitter: deviation from the mean of each stretch in which
+        """RMS in px over both eyes. error: while both eyes are visible. jitter: deviation from the mean of each period in which
         the head rests, from STILL_NS after its start; NaN if it never rests."""
         error = self.used_px[self.now] - self.true_px
         deviation = np.zeros_like(self.true_px)

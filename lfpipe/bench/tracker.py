@@ -30,7 +30,7 @@ Float = NDArray[np.float64]
 
 
 def track_frames(engine: Engine, frames: NDArray[np.uint8], every: int, scale: float) -> Float:
-    """Eyes (n, 2, 2) in px of the frames times scale, from every `every`-th frame and held between; NaN if no face is found."""
+    """Eyes (n, 2, 2) in px of the frames times scale, from every `every`-th frame, held in between; NaN if no face is found."""
     found = np.full((len(frames), 2, 2), np.nan)
     for k, frame in enumerate(frames):
         if k % every:

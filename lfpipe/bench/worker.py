@@ -1,11 +1,11 @@
-"""One build under comparison. It answers requests on stdin, one JSON object per line, with figures on stdout.
+"""One of two builds in a comparison. Answers requests on stdin, one JSON object per line, with figures on stdout.
 
     {"prepare": SUBJECT, "curves": [CURVE, ...] or null}  ->  {"names": [...], "failed": {name: why}}
     {"errors": NAME} -> {figure: [sample, ...]}        {"turn": NAME} -> {figure: sample}
 
 With `curves` only the first candidate of each is prepared. Errors and turns are measured in a child forked for the request, which
-prepares the candidate again. The layout of a process's memory changes its speed by some percent for as long as it lives. Children
-have different layouts, so this becomes noise between turns and does not look like a difference between builds.
+prepares the candidate again. The memory layout of a process changes its speed by some percent for its whole life. Children have
+different layouts, so this becomes noise between turns and does not look like a difference between builds.
 
 The worker runs with its own checkout first on the path. Builds of other versions must understand the requests.
 """
@@ -40,7 +40,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     gc.disable()
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what libraries print is not an answer
+    os.dup2(2, 1)  # output of libraries is not an answer
     settings = updated(Config(), {"scene.cache_dir": sys.argv[1]})
     given = [Path(text) for text in sys.argv[2:]]
     inputs = make_inputs(tuple(given[:1]), given[1] if given else None, True, settings, lambda *_: None)
@@ -53,9 +53,9 @@ def main() -> None:
             found = [one for one in (offered(inputs) if offered else ()) if isinstance(one, Candidate)]
             for one in first_of_curves(found, request["curves"]):
                 try:
-                    one.prepare().close()  # what candidates share is computed once, here
+                    one.prepare().close()  # shared work of candidates is done once, here
                     ready[one.name] = one
-                except Exception as error:  # reported, and the others continue
+                except Exception as error:  # report it and continue with the others
                     failed[one.name] = f"{type(error).__name__}: {error}"
             answer: Answer = {"names": list(ready), "failed": failed}
         else:

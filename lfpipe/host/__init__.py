@@ -1,8 +1,8 @@
 """Everything that differs between operating systems, behind plain functions.
 
 The modules here are Linux's. Those in `portable` have the same names and functions and use only what Windows, macOS and Linux
-have in common. They take the place of Linux's on every other system, and on Linux where LFPIPE_HOST=portable asks for them. This
-is the one place that chooses: `lfpipe.host.wake` is then the module in `portable`. A module that is only here serves all systems.
+have in common. They replace Linux's on every other system, and on Linux if LFPIPE_HOST=portable is set. Only this module chooses:
+`lfpipe.host.wake` is then the module in `portable`. A module without a counterpart there serves all systems.
 """
 
 from __future__ import annotations
@@ -19,6 +19,6 @@ if PORTABLE:
 
 
 def check_choice() -> None:
-    """Raises UserError where LFPIPE_HOST names no implementation."""
+    """Raises UserError if LFPIPE_HOST names no implementation."""
     if _ASKED not in ("", "portable"):
         raise UserError(f"LFPIPE_HOST={_ASKED!r} is not known", "set it to portable, or unset it")

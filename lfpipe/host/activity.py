@@ -9,7 +9,7 @@ from pathlib import Path
 from lfpipe.host.sample import Sample, Thread
 
 TICK_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
-STATE, MAJOR_FAULTS, USER_TICKS, SYSTEM_TICKS = 0, 9, 11, 12  # of the fields behind the name in /proc/PID/stat
+STATE, MAJOR_FAULTS, USER_TICKS, SYSTEM_TICKS = 0, 9, 11, 12  # of the fields after the name in /proc/PID/stat
 
 
 def _stat(path: Path) -> list[str]:
@@ -26,7 +26,7 @@ def _thread(path: Path) -> Thread:
 
 
 def sample(pid: int) -> Sample | None:
-    """Process pid now; None where it is gone."""
+    """A sample of process pid; None if it is gone."""
     folder, threads = Path(f"/proc/{pid}"), {}
     try:
         for path in (folder / "task").iterdir():

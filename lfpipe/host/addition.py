@@ -1,4 +1,4 @@
-"""Addition with the same bits under every Python: `sum` carries what rounding loses from Python 3.12 on, and not before."""
+"""Addition with the same bits under every Python: from Python 3.12 on, `sum` compensates rounding errors."""
 
 from __future__ import annotations
 

@@ -1,3 +1,3 @@
-"""Which modules of `lfpipe.capture` list and read cameras here: those of Video4Linux."""
+"""The modules of `lfpipe.capture` that list and read cameras: those of Video4Linux."""
 
 LIST, SOURCE = "camera_list", "camera"

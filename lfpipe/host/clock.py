@@ -1,4 +1,4 @@
-"""The clock that all processes share, and how long the machine has been suspended."""
+"""The clock that all processes share, and the time for which the machine has been suspended."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ now_ns = time.monotonic_ns  # CLOCK_MONOTONIC
 
 
 def asleep_ns() -> int:
-    """How long the machine has been suspended since it started: the monotonic clock stands still then."""
+    """The time for which the machine has been suspended since it started: the monotonic clock stops then."""
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""Open files: by name for libraries that take nothing else, handed to child processes, read and written at a place."""
+"""Open files: by name for libraries that need one, inherited by child processes, read and written at an offset."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import os
 from pathlib import Path
 from typing import IO, Any
 
-# For files that somebody names: opening waits for no other process, and makes no terminal this process's own.
+# for files that a user names: opening waits for no other process and acquires no terminal
 CAREFUL = os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 read_at, write_at = os.pread, os.pwrite
 
 
 def path_of(file: IO[bytes]) -> str:
-    """A path of plain ASCII to an open file, whatever its own name is, and even where it has none."""
+    """A plain ASCII path to an open file, whatever its own name is, and even if it has none."""
     return f"/proc/self/fd/{file.fileno()}"
 
 
@@ -22,5 +22,5 @@ def inherited(file: IO[bytes]) -> tuple[str, dict[str, Any]]:
 
 
 def longest_name(folder: Path) -> int:
-    """How many bytes a name in a folder may have. Raises OSError."""
+    """The longest name in a folder, in bytes. Raises OSError."""
     return os.pathconf(folder, "PC_NAME_MAX")

@@ -1,4 +1,4 @@
-"""Where a session's ZeroMQ sockets meet: Unix sockets in its run directory, which its user alone may enter."""
+"""Endpoints of a session's ZeroMQ sockets: Unix sockets in its run directory, which only its user may enter."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LONGEST = zmq.IPC_PATH_MAX_LEN
 
 
 def too_long(run_dir: Path, name: str) -> int:
-    """Characters of the path of a socket, where that is more than LONGEST; else 0."""
+    """Length of a socket's path if it exceeds LONGEST; else 0."""
     length = len(str(run_dir / name))
     return length if length > LONGEST else 0
 
@@ -25,14 +25,15 @@ def bind(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
 
 
 def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
-    """Connects to the socket of that name; where there is none, messages wait."""
+    """Connects to the socket of that name; if there is none, messages wait."""
     socket.connect(f"ipc://{run_dir / name}")
 
 
 def shut_down(fd: int) -> None:
     """Ends a connection that libzmq has accepted.
 
-    libzmq closes the descriptor itself, perhaps by now; what has its number then is no Unix socket, or one more client.
+    libzmq closes the descriptor itself, perhaps already; then its number belongs to something else than a Unix socket, or to
+    another client.
     """
     with contextlib.suppress(OSError), sockets.socket(fileno=os.dup(fd)) as connection:
         if connection.family == sockets.AF_UNIX:

@@ -1,4 +1,4 @@
-"""The memory fence: no store or load before it is seen after one that follows it."""
+"""The memory fence: no store or load before it is observed after one that follows it."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from collections.abc import Callable
 
 from lfpipe.errors import UserError
 
-TOTAL_STORE_ORDER = ("x86_64", "AMD64", "i686")  # machines that keep program order themselves, as far as a ring needs it
+TOTAL_STORE_ORDER = ("x86_64", "AMD64", "i686")  # processors that keep program order as far as a ring needs it
 LIBRARIES = ("libatomic.so.1", "libatomic.1.dylib")
 SEQ_CST = 5  # memory_order_seq_cst of <stdatomic.h>
 
 
 @functools.cache
 def _full_fence() -> Callable[[], object]:
-    """libatomic's fence, or the C library's own where it has one (macOS). Raises UserError where neither is there."""
+    """libatomic's fence, or the C library's if it has one (macOS). Raises UserError if there is neither."""
     for name in (*LIBRARIES, ctypes.util.find_library("atomic")):
         try:
             if name:
@@ -37,7 +37,7 @@ def _fence() -> None:
 
 
 def _nothing() -> None:
-    """Program order is enough."""
+    """Does nothing: program order suffices."""
 
 
 fence: Callable[[], None] = _nothing if platform.machine() in TOTAL_STORE_ORDER else _fence

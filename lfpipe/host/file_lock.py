@@ -22,13 +22,13 @@ def lock_open(fd: int, shared: bool = False) -> bool:
 
 
 class Lock:
-    """A lock that this process holds on what is at path. fd: open, and locked; closed by this object."""
+    """A lock that this process holds on the file or folder at path. fd: open and locked; closed by this object."""
 
     def __init__(self, path: Path, fd: int) -> None:
         self._path, self._fd = path, fd
 
     def in_place(self) -> bool:
-        """Whether what is locked is still at its path. True if the path cannot be examined now."""
+        """Whether the locked file or folder is still at its path. True if the path cannot be examined."""
         try:
             return os.path.samestat(self._path.lstat(), os.fstat(self._fd))
         except (FileNotFoundError, NotADirectoryError):
@@ -37,13 +37,13 @@ class Lock:
             return True
 
     def release(self) -> None:
-        """Lets others lock it; may be called again."""
+        """Releases the lock; may be called again."""
         fd, self._fd = self._fd, -1
         if fd >= 0:
             os.close(fd)
 
     def remove_folder(self) -> None:
-        """Removes the folder of the locked file with all that is in it, the file last. Leaves what cannot be removed.
+        """Removes the folder of the locked file with its content, the file last. Leaves what cannot be removed.
 
         Works relative to the open folder: if that is replaced meanwhile, the new one stays untouched.
         """
@@ -85,14 +85,14 @@ def take(path: Path, shared: bool = False, mode: int = 0o600) -> Lock | None:
 
 @contextlib.contextmanager
 def waited_for(path: Path) -> Iterator[None]:
-    """Holds the lock of a file, made if missing, as soon as no other process holds one. Raises OSError."""
+    """Holds the lock of a file, created if missing; waits until no other process holds one. Raises OSError."""
     with path.open("w") as file:
         fcntl.flock(file.fileno(), fcntl.LOCK_EX)
         yield
 
 
 def is_held(path: Path) -> bool:
-    """Whether a process holds the lock of the file at path alone. Raises OSError if there is none, or it cannot be opened."""
+    """Whether a process holds an exclusive lock on the file at path. Raises OSError if it is missing or cannot be opened."""
     fd = os.open(path, os.O_RDWR | _SAFE)
     try:
         return not lock_open(fd, shared=True)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 
 def has_gpu() -> bool:
-    """Whether there is a device that renders; always true where the system does not say."""
+    """Whether there is a rendering device; true if the system cannot report it."""
     return sys.platform != "linux" or any(Path("/dev/dri").glob("renderD*"))
 
 
 def has_desktop() -> bool:
-    """Whether windows can be opened without a display server that is named in the environment: on macOS and Windows."""
+    """Whether windows need no display server named in the environment: on macOS and Windows."""
     return sys.platform in ("darwin", "win32")

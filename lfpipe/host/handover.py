@@ -1,6 +1,6 @@
-"""Open descriptors that one process hands to the next one that it starts: to open a webcam again takes up to a second.
+"""Open descriptors that a process hands to the next one that it starts: reopening a webcam takes up to a second.
 
-The process that checks a device keeps it open; a child that is spawned with `Kept` owns it from then on.
+The process that checks a device keeps it open; a child spawned with `Kept` then owns it.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ _kept: dict[str, int] = {}
 
 
 def keep(name: str, fd: int) -> None:
-    """Owns fd from now on, under a name; one that had it is closed."""
+    """Takes ownership of fd under a name; closes an older descriptor of that name."""
     release(name)
     _kept[name] = fd
 
 
 def take(name: str) -> int | None:
-    """The descriptor of that name, which the caller then owns; None where there is none."""
+    """The descriptor of that name, which the caller then owns; None if there is none."""
     return _kept.pop(name, None)
 
 
@@ -32,7 +32,7 @@ def release(*names: str) -> None:
 
 
 class Kept:
-    """All kept descriptors, as an argument of a spawned process: they are duplicated for it when this is pickled."""
+    """All kept descriptors, as an argument of a spawned process: pickling duplicates them for it."""
 
     def __init__(self, copies: dict[str, Any] | None = None) -> None:
         self._copies = copies or {}
@@ -41,7 +41,7 @@ class Kept:
         return Kept, ({name: reduction.DupFd(fd) for name, fd in _kept.items()},)
 
     def adopt(self) -> None:
-        """In the child: keeps them there."""
+        """In the child: keeps the descriptors there."""
         for name, copy in self._copies.items():
             fd = copy.detach()
             os.set_inheritable(fd, False)

@@ -12,7 +12,7 @@ from typing import Self
 
 
 class Keyboard:
-    """A context; where stdin is no terminal no key is ever pressed. The terminal is put back as it was, always."""
+    """A context; without a terminal on stdin there are no keys. Always restores the terminal."""
 
     def __enter__(self) -> Self:
         self._fd = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
@@ -28,7 +28,7 @@ class Keyboard:
         if not ready:
             return ""
         data = os.read(self._fd, 1)
-        if not data:  # the terminal is gone: nobody can press a key or read the screen
+        if not data:  # the terminal is gone: no keys, and nobody reads the output
             return "q"
         return data.decode(errors="ignore").lower()
 

@@ -1,5 +1,5 @@
-"""Limits of the operating system: of open files, raised before a session is built, since some libraries abort where they are too
-low; and of memory, where the system reports what a process has. Elsewhere nothing is limited.
+"""Limits of the operating system. Open files: raised before a session starts, because some libraries abort if the limit is too
+low. Memory: limited only if the system reports the use of a process.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ try:
 except ImportError:
     resource = None  # type: ignore[assignment]  # Windows: neither is limited
 
-OPEN_FILES = 128  # a stage has about 30 open, the supervisor as many, and a reserve
-# More is of no use, and some programs close every number up to the limit; macOS refuses more than OPEN_MAX.
+OPEN_FILES = 128  # about 30 for a stage, as many for the supervisor, and a reserve
+# more is useless, and some programs close every number up to the limit; macOS refuses more than OPEN_MAX
 MOST_FILES = 1 << 16 if sys.platform == "linux" else 1 << 13
 
 
 def allowed_files() -> int:
-    """How many files this process may have open."""
+    """The number of files that this process may have open."""
     soft = resource.getrlimit(resource.RLIMIT_NOFILE)[0] if resource else -1
     return soft if soft >= 0 else MOST_FILES
 
 
 def allow_files(needed: int = OPEN_FILES) -> None:
-    """Lets this process and its children have as many files open as the hard limit allows.
+    """Raises the limit of open files, for this process and its children, to the hard limit.
 
-    Raises UserError where that is fewer than needed.
+    Raises UserError if that is fewer than needed.
     """
     if not resource:
         return
@@ -45,7 +45,7 @@ def allow_files(needed: int = OPEN_FILES) -> None:
 
 
 def _used_bytes() -> int | None:
-    """Memory of this process that the limit counts; None where the system does not report it."""
+    """Memory of this process that the limit counts; None if the system does not report it."""
     with contextlib.suppress(OSError, StopIteration):
         lines = Path("/proc/self/status").read_text().splitlines()
         return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmData"))
@@ -53,15 +53,15 @@ def _used_bytes() -> int | None:
 
 
 def limit_memory(more_bytes: int) -> None:
-    """Lets this process take that much more memory than it has now; mapped files do not count."""
+    """Limits this process to this much more memory than it uses now; mapped files do not count."""
     used = _used_bytes()
     if resource and used is not None:
         resource.setrlimit(resource.RLIMIT_DATA, (used + more_bytes, resource.RLIM_INFINITY))
 
 
 class MemoryLimit:
-    """A context in which this process may have only so much more memory than it had when the limit was made: what asks for more
-    gets none and fails. Shared memory and mapped files do not count.
+    """A context in which this process may use only this much more memory than at its creation: larger allocations fail. Shared
+    memory and mapped files do not count.
     """
 
     def __init__(self, more_bytes: int) -> None:

@@ -1,4 +1,4 @@
-"""What processes use, by psutil."""
+"""CPU time and memory of processes, by psutil."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ if TYPE_CHECKING:
 
 @functools.lru_cache(64)
 def _process(pid: int) -> psutil.Process:
-    import psutil  # for monitors alone: a stage starts sooner without it
+    import psutil  # only for monitors: a stage starts faster without it
 
-    return psutil.Process(pid)  # which takes longer than what it is asked for
+    return psutil.Process(pid)  # which takes longer than the query itself
 
 
 def cpu_ns(pid: int) -> int:
-    """User and system time of a process so far; 0 where it is gone."""
+    """User and system time of a process so far; 0 if it is gone."""
     import psutil
 
     try:
@@ -28,7 +28,7 @@ def cpu_ns(pid: int) -> int:
 
 
 def rss_bytes(pid: int) -> int:
-    """Resident memory of a process, shared pages included; 0 where it is gone."""
+    """Resident memory of a process, including shared pages; 0 if it is gone."""
     import psutil
 
     try:

@@ -1,4 +1,4 @@
-"""Native libraries that write to file descriptor 2, kept off the user's terminal."""
+"""Keeps output of native libraries to file descriptor 2 off the user's terminal."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def quiet_stderr() -> Iterator[None]:
-    """Drops what native code writes to stderr meanwhile; shows it after all if the body raises.
+    """Drops output of native code to stderr inside the block; shows it if the block raises.
 
-    Only for moments known to be noisy (a network's start): anything another thread writes then is dropped too.
+    Only for noisy moments (a network's start): it also drops what other threads write.
     """
     sys.stderr.flush()
     kept = os.dup(2)

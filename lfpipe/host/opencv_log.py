@@ -1,4 +1,4 @@
-"""How much OpenCV prints by itself, past Python, under the name that this OpenCV gives to it."""
+"""The log level of OpenCV's own output, past Python, for OpenCV 4 and 5."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SILENT, ERROR = 0, 2  # cv::utils::logging::LogLevel
 
 
 def set_log_level(level: int) -> int:
-    """Sets the level for the whole process and returns the one before."""
+    """Sets the level for the whole process; returns the previous one."""
     utils: Any = cv2.utils
     if hasattr(utils, "logging"):  # OpenCV 5
         before: int = utils.logging.setLogLevel(level)
@@ -25,7 +25,7 @@ def set_log_level(level: int) -> int:
 
 @contextmanager
 def silent() -> Iterator[None]:
-    """OpenCV's warnings are dropped: an error that follows says it in the user's words."""
+    """Drops OpenCV's warnings: the error that follows reports the cause in the user's words."""
     before = set_log_level(SILENT)
     try:
         yield

@@ -1,4 +1,4 @@
-"""The end of a process with its parent, however the parent ends."""
+"""Ends a process with its parent, however the parent ends."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ PR_SET_PDEATHSIG = 1
 
 
 def end_with_parent(parent_pid: int) -> bool:
-    """Has this process get SIGTERM when its parent ends. False where it has ended already.
+    """Sends this process SIGTERM when its parent ends. Returns False if the parent has already ended.
 
-    A thread reads the pipe that multiprocessing holds open in the parent, to its end. Where the kernel can, it sends the signal
-    as well: at once, and to a process whose threads do not run.
+    A thread reads the pipe that multiprocessing holds open in the parent until it ends. If possible, the kernel sends the signal
+    too: at once, and even to a process whose threads do not run.
     """
     with contextlib.suppress(AttributeError, OSError):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)

@@ -1,4 +1,4 @@
-"""Output of a child process, read without waiting."""
+"""Reads the output of a child process without waiting."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class PipeReader:
         return bool(connection.wait([self._stream.fileno()], timeout_s))
 
     def read(self) -> bytes | None:
-        """At most 64 KiB; nothing at the end, None where there is nothing now."""
+        """At most 64 KiB; empty at the end, None if nothing is available yet."""
         try:
             return os.read(self._stream.fileno(), 1 << 16)
         except BlockingIOError:
             return None
 
     def close(self) -> None:
-        """Once the child has ended, or to leave it alone."""
+        """Call after the child has ended, or to stop reading."""
         self._stream.close()

@@ -1,4 +1,4 @@
-"""What a window system reports about a picture on its screen."""
+"""Reports of a window system about a picture on its screen."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import attrs
 
 @attrs.frozen
 class Presented:
-    """serial: number of the picture. t_ns: the vertical blank that shows it
-    (CLOCK_MONOTONIC), 0 where it was never shown. period_ns: of the screen, 0 where unknown."""
+    """serial: number of the picture. t_ns: the vertical blank that shows it (CLOCK_MONOTONIC), 0 if it was never shown.
+    period_ns: of the screen, 0 if unknown."""
 
     serial: int
     t_ns: int
@@ -22,7 +22,7 @@ class Presentation(Protocol):
 
     @property
     def name(self) -> str:
-        """What it asks: wp_presentation, wl_surface.frame or x_present."""
+        """The protocol: wp_presentation, wl_surface.frame or x_present."""
         ...
 
     def expect(self, serial: int) -> None:
@@ -34,7 +34,7 @@ class Presentation(Protocol):
         ...
 
     def take(self) -> list[Presented]:
-        """What became known since the last call."""
+        """The reports since the last call."""
         ...
 
     def close(self) -> None:

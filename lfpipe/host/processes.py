@@ -1,4 +1,4 @@
-"""Processes: the cores they run on, their niceness; and what a stage asks of the system for itself."""
+"""Processes: cores, niceness, and settings of a stage's own process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 PR_SET_TIMERSLACK = 29
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
-KEPT_BYTES = 32 << 20  # the most that glibc accepts; a frame of 4K has 25 MB
+KEPT_BYTES = 32 << 20  # the maximum of glibc; a 4K frame has 25 MB
 
 
 def usable_cores() -> list[int]:
@@ -21,7 +21,7 @@ def usable_cores() -> list[int]:
 
 
 def scheduling(pid: int) -> tuple[list[int], int]:
-    """Cores that a process may run on, and its niceness; ([], 0) where it is gone."""
+    """Cores that a process may run on, and its niceness; ([], 0) if it is gone."""
     try:
         return (sorted(os.sched_getaffinity(pid)), os.getpriority(os.PRIO_PROCESS, pid)) if pid > 0 else ([], 0)
     except OSError:
@@ -29,7 +29,7 @@ def scheduling(pid: int) -> tuple[list[int], int]:
 
 
 def set_scheduling(cores: Iterable[int], nice: int | None) -> None:
-    """Moves this process to cores, all where none are named, with that niceness. Raises PermissionError."""
+    """Moves this process to cores, or to all if empty, and sets its niceness. Raises PermissionError."""
     if cores := list(cores):
         os.sched_setaffinity(0, cores)
     if nice is not None:
@@ -37,18 +37,18 @@ def set_scheduling(cores: Iterable[int], nice: int | None) -> None:
 
 
 def yield_to_others() -> None:
-    """Gives way to the other processes of this core whenever they want it; as before where the system cannot."""
+    """Yields the core to other processes whenever they need it; no effect if the system cannot do this."""
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 def set_up(name: str) -> None:
-    """Gives this process a name that tools show, sleeps that end on time, and an allocator that keeps memory for the next
-    frame: pictures given back to the kernel and faulted in again, page by page, cost 1 ms a frame of 640x480.
+    """Sets a process name for tools, precise sleeps, and an allocator that keeps memory for the next frame: returning pictures to
+    the kernel and faulting them in again costs 1 ms per frame of 640x480.
     """
     with contextlib.suppress(OSError):
         Path("/proc/self/comm").write_text(name[:15])
-    with contextlib.suppress(AttributeError, OSError):  # another C library: as it is
+    with contextlib.suppress(AttributeError, OSError):  # another C library: leave it unchanged
         libc = ctypes.CDLL(None)
         libc.mallopt(M_MMAP_THRESHOLD, KEPT_BYTES)
         libc.mallopt(M_TRIM_THRESHOLD, 2 * KEPT_BYTES)
@@ -56,12 +56,12 @@ def set_up(name: str) -> None:
 
 
 def sentinels(process: BaseProcess) -> list[int]:
-    """Descriptors for a poller that are readable once a process has ended; none where a poller cannot take them."""
+    """Descriptors for a poller that become readable when a process ends; none if a poller cannot use them."""
     return [process.sentinel]
 
 
 def resume_stage(pid: int) -> None:
-    """Lets a stopped stage continue; nothing where it is gone, and another program has its number by now."""
+    """Resumes a stopped stage; does nothing if it is gone, because another program may have its number."""
     with contextlib.suppress(OSError):
         if Path(f"/proc/{pid}/comm").read_text().startswith("lfpipe-"):
             os.kill(pid, signal.SIGCONT)

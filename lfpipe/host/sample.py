@@ -1,4 +1,4 @@
-"""What is known of a process at one moment."""
+"""The activity of a process at one moment."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import attrs
 
 @attrs.frozen
 class Thread:
-    """cpu_ns: time on a CPU. queued_ns: time in which it could have run and another one did. state: R, S, D, T, ..."""
+    """cpu_ns: time on a CPU. queued_ns: time runnable but waiting for a CPU. state: R, S, D, T, ..."""
 
     cpu_ns: int = 0
     queued_ns: int = 0
@@ -16,8 +16,8 @@ class Thread:
 
 @attrs.frozen
 class Sample:
-    """A process at one moment. disk: pages and bytes that came from or went to a disk; bytes: all that it read and wrote, from
-    pipes and caches too. Both only grow.
+    """A process at one moment. disk: pages and bytes read from or written to a disk; bytes: everything read and written,
+    including pipes and caches. Both only grow.
     """
 
     threads: dict[int, Thread]

@@ -1,8 +1,8 @@
-"""Named shared memory: on Linux the files of a tmpfs. `multiprocessing.shared_memory` maps what is created here.
+"""Named shared memory: on Linux, files of a tmpfs. `multiprocessing.shared_memory` maps the segments created here.
 
-The last page of a segment names its owner: magic, length, path of its run directory. Its creator holds a shared lock (`flock`)
-on it as long as it lives. From these two any process, in any directory or container, can decide whether a segment is lfpipe's
-and whether its session lives. Nothing else is ever unlinked by name.
+The last page of a segment names its owner: magic, length, path of its run directory. Its creator holds a shared lock (`flock`) on
+it for life. From these two facts any process, in any directory or container, can decide whether a segment is lfpipe's and whether
+its session lives. Nothing else is ever unlinked by name.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _OWNER = struct.Struct("<8sq")  # magic, length of the path that follows
 
 
 class Segment(SharedMemory):
-    """A segment that this process created. `unlink` never removes another segment that has its name by now."""
+    """A segment that this process created. `unlink` never removes another segment that has taken its name."""
 
     def __init__(self, name: str) -> None:
         with untracked():
@@ -49,7 +49,7 @@ class Segment(SharedMemory):
 def create(name: str, size_bytes: int, run_dir: bytes) -> Segment:
     """Creates a segment, mode 0600, of at least size_bytes zeros for the session of run_dir.
 
-    It gets its name only when it is complete and locked: a process killed in here leaves nothing. Its pages exist, so that a full
+    It gets its name only when it is complete and locked: a process killed here leaves nothing. Its pages are allocated, so a full
     tmpfs is an error here and never a SIGBUS at a later write. Raises OSError, FileExistsError if the name is taken.
     """
     owner = (_OWNER.pack(MAGIC, len(run_dir)) + run_dir).ljust(PAGE, b"\0")
@@ -75,7 +75,7 @@ def _identity(fd: int) -> tuple[int, int]:
 
 
 def identity(name: str) -> tuple[int, int]:
-    """What tells the segment that has that name now from any other. Raises FileNotFoundError."""
+    """Identifies the segment that currently has this name. Raises FileNotFoundError."""
     found = (SHM_DIR / name).lstat()
     return found.st_dev, found.st_ino
 
@@ -92,7 +92,7 @@ def room() -> tuple[int, int]:
 
 
 def more_room(needed_bytes: int) -> str:
-    """What helps where there is too little."""
+    """The remedy for too little room."""
     return f"mount -o remount,size={max(64, 2 * needed_bytes >> 20)}m {SHM_DIR}, or docker run --shm-size=128m"
 
 
@@ -108,7 +108,7 @@ def _owner(fd: int) -> Path | None:
 
 
 def _opened(prefix: str) -> Iterator[tuple[str, int, Path]]:
-    """Name, descriptor and run directory of each segment of this user whose name begins with prefix."""
+    """Yields name, descriptor and run directory of each segment of this user whose name begins with prefix."""
     for name in names_in(SHM_DIR, prefix):
         try:
             fd = os.open(SHM_DIR / name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -130,8 +130,8 @@ def owned(prefix: str) -> dict[str, Path]:
 
 
 def abandoned(prefix: str) -> Iterator[tuple[str, Path]]:
-    """Name and run directory of those whose creator is dead. The caller may unlink each by name before it takes the next:
-    until then no other process unlinks it, so that the name cannot pass to another segment.
+    """Yields name and run directory of segments whose creator is dead. The caller may unlink each by name before it takes the
+    next: until then no other process unlinks it, so the name cannot pass to another segment.
     """
     for name, fd, owner in _opened(prefix):
         if lock_open(fd):

@@ -1,5 +1,5 @@
-"""Signals, as far as the system has them: those of a terminal to all processes in it, on which the supervisor alone acts, and
-those between processes. Windows has Ctrl-C and the end of a process.
+"""Signals, as far as the system has them: those of a terminal to all its processes, which only the supervisor handles, and those
+between processes. Windows has Ctrl-C and process termination.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ TERMINAL = tuple(filter(None, (signal.SIGINT, _HANGUP, getattr(signal, "SIGQUIT"
 
 @contextlib.contextmanager
 def blocked() -> Iterator[None]:
-    """Processes that start within begin with these signals blocked, where signals can be blocked."""
+    """Processes started inside the block begin with these signals blocked, if the system can block signals."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -39,7 +39,7 @@ def blocked() -> Iterator[None]:
 
 
 def ignore() -> None:
-    """In a process that started `blocked`."""
+    """Ignores the signals, in a process that was started `blocked`."""
     for signum in TERMINAL:
         signal.signal(signum, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
@@ -47,12 +47,12 @@ def ignore() -> None:
 
 
 def handle(handler: Callable[[int, FrameType | None], None]) -> dict[signal.Signals, Any]:
-    """Has handler called for what ends a session; returns what was in force before, for `restore`.
+    """Calls handler for signals that end a session; returns the previous handlers, for `restore`.
 
-    A hang-up stays ignored where it was: who started the session with nohup wants it to outlive the terminal.
+    A hang-up stays ignored if it was: a session started with nohup should outlive the terminal.
     """
     with blocked():
-        pass  # multiprocessing's resource tracker starts out of the terminal's reach
+        pass  # multiprocessing's resource tracker starts outside the terminal's session
     ends = [signal.SIGINT, signal.SIGTERM]
     if _HANGUP is not None and signal.getsignal(_HANGUP) != signal.SIG_IGN:
         ends.append(_HANGUP)
@@ -60,23 +60,23 @@ def handle(handler: Callable[[int, FrameType | None], None]) -> dict[signal.Sign
 
 
 def restore(before: dict[signal.Signals, Any]) -> None:
-    """Puts back what `handle` found."""
+    """Restores the handlers that `handle` returned."""
     for signum, handler in before.items():
         signal.signal(signum, handler)
 
 
 def send(pid: int, signum: int) -> None:
-    """Sends END or KILL. Raises OSError where the process is gone."""
+    """Sends END or KILL. Raises OSError if the process is gone."""
     os.kill(pid, signum)
 
 
 def leave_stack_on_request(file: IO[str]) -> None:
-    """Has this process write the stacks of its threads to file when `ask_for_stack` is called with its number."""
+    """Makes this process write the stacks of its threads to file when `ask_for_stack` is called with its pid."""
     if _STACK is not None:
         faulthandler.register(_STACK, file)
 
 
 def ask_for_stack(pid: int) -> None:
-    """Asks a process for its stacks, where there is a way. Raises OSError where it is gone."""
+    """Requests the stacks of a process, if the system can. Raises OSError if it is gone."""
     if _STACK is not None:
         os.kill(pid, _STACK)

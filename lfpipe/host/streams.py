@@ -1,4 +1,4 @@
-"""Standard output and standard error that may go away: a closed terminal, a reader that has ended, a full disk."""
+"""Standard output and standard error that survive a closed terminal, a reader that has ended, a full disk."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class _Forgiving(io.RawIOBase):
-    """Writes to a descriptor. What that does not take is lost, and nobody is stopped by it."""
+    """Writes to a descriptor; drops output that it does not accept instead of raising."""
 
     def __init__(self, fd: int) -> None:
         self._fd = fd
@@ -31,14 +31,14 @@ class _Forgiving(io.RawIOBase):
 
 
 def open_standard_descriptors() -> None:
-    """Leads 0, 1 and 2 to /dev/null where they were closed: else the next file that is opened would be standard error."""
+    """Opens /dev/null for those of 0, 1 and 2 that are closed: otherwise the next opened file would become standard error."""
     while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(fd, True)
     os.close(fd)
 
 
 def protect(*names: str) -> None:
-    """Makes sys.stdout and sys.stderr, those that are named, forgiving. A stream that leads elsewhere (a test's) stays."""
+    """Makes the named ones of sys.stdout and sys.stderr drop output instead of raising. Redirected streams (a test's) stay."""
     open_standard_descriptors()
     for name in names:
         fd = {"stdout": 1, "stderr": 2}[name]

@@ -1,7 +1,7 @@
-"""Shared memory out of reach of Python's resource tracker.
+"""Shared memory without Python's resource tracker.
 
-The tracker unlinks by name after its process has died, when the next session may have that name already, and up to Python 3.12
-also segments that its process only attached (cpython issue 82300).
+The tracker unlinks by name after its process has died, when the next session may already use that name. Up to Python 3.12 it also
+unlinks segments that its process only attached (cpython issue 82300).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _lock = threading.Lock()
 
 @contextlib.contextmanager
 def untracked() -> Iterator[None]:
-    """Keeps segments that are opened or unlinked within from the tracker."""
+    """Hides segments opened or unlinked inside the block from the tracker."""
     with _lock:
         register, unregister = resource_tracker.register, resource_tracker.unregister
         resource_tracker.register = resource_tracker.unregister = lambda name, rtype: None

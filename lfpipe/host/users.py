@@ -8,17 +8,17 @@ from pathlib import Path
 
 
 def user_id() -> int:
-    """The number of the user that this process runs as, as `stat` gives it for their files."""
+    """The numeric id of this process's user, as in `stat` of their files."""
     return os.getuid()
 
 
 def user_word() -> str:
-    """The user, as part of a name that others must not share."""
+    """The user, as a part of names that must differ between users."""
     return str(os.getuid())
 
 
 def user_name(number: int) -> str:
-    """The name of a user, or the number where it has none."""
+    """The name of a user, or the number if there is none."""
     try:
         return pwd.getpwuid(number).pw_name
     except KeyError:
@@ -26,5 +26,5 @@ def user_name(number: int) -> str:
 
 
 def runtime_dir() -> Path:
-    """Where a user's programs keep what lives as long as they, where XDG_RUNTIME_DIR does not say."""
+    """The folder for a user's runtime files if XDG_RUNTIME_DIR is not set."""
     return Path("/tmp")

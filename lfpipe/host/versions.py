@@ -1,4 +1,4 @@
-"""What results depend on besides the code: the versions of what computes them, and the machine."""
+"""Conditions of results besides the code: versions of the packages that compute them, and the machine."""
 
 from __future__ import annotations
 
@@ -31,5 +31,5 @@ def versions() -> dict[str, str]:
         try:
             found[name] = version(name)
         except PackageNotFoundError:
-            found[name] = cv2.__version__ if name == OPENCV else "none"  # another of the four packages that bring cv2
+            found[name] = cv2.__version__ if name == OPENCV else "none"  # another of the four packages that provide cv2
     return found

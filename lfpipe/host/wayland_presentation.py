@@ -1,9 +1,9 @@
-"""When a Wayland compositor showed a picture, through the client library that the window uses.
+"""Times at which a Wayland compositor showed a picture, through the client library that the window uses.
 
-wp_presentation reports the vertical blank. Some compositors offer it and never answer (wlroots 0.15 without a screen): until the
-first answer, and where none comes, the frame callback stands in. It reports the repaint that took the picture, in whole ms.
-Events arrive on a queue of their own, so the window library's own events are never touched. Interfaces and opcodes are those of
-wayland.xml and presentation-time.xml.
+wp_presentation reports the vertical blank. Some compositors offer it but never answer (wlroots 0.15 without a screen). Until the
+first answer, or if none comes, the frame callback stands in; it reports the repaint that used the picture, in whole ms. Events
+arrive on a separate queue, so the window library's events stay untouched. Interfaces and opcodes are those of wayland.xml and
+presentation-time.xml.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from lfpipe.host.presentation import Presented
 _PRESENTATION_FEEDBACK, _DISPLAY_GET_REGISTRY, _REGISTRY_BIND, _SURFACE_FRAME = 1, 1, 0, 3
 _CLOCK_MONOTONIC = 1
 _MOST_WAITING = 64  # answers outstanding; a hidden window gets none
-_UNANSWERED = 30  # frame callbacks without any feedback, after which none is expected
-_CLOCK_MS, _WRAP_MS = 1000, 1 << 32  # a frame's stamp further than that from now is of another clock
+_UNANSWERED = 30  # after this many frame callbacks without feedback none is expected
+_CLOCK_MS, _WRAP_MS = 1000, 1 << 32  # a frame's stamp further from now comes from another clock
 
 _Pointer, _Int = ctypes.c_void_p, ctypes.c_uint32
 
@@ -44,7 +44,7 @@ class _Argument(ctypes.Union):
 
 
 def _interface(name: bytes, methods: list[tuple[bytes, bytes]], events: list[tuple[bytes, bytes]]) -> _Interface:
-    """Types of arguments are left open (null): only objects of one's own making would be checked by them."""
+    """Types of arguments are null: libwayland would use them only to check this module's own objects."""
     untyped = (_Pointer * 8)()
     lists = [(_Message * len(each))(*(_Message(*names, untyped) for names in each)) for each in (methods, events)]
     return _Interface(name, 1, len(methods), lists[0], len(events), lists[1])
@@ -81,7 +81,7 @@ def _library() -> ctypes.CDLL:
 class WaylandPresentation:
     """Feedback for one surface. display, surface: addresses of its wl_display and wl_surface.
 
-    Raises OSError where the library is missing or too old.
+    Raises OSError if the library is missing or too old.
     """
 
     def __init__(self, display: int, surface: int) -> None:
@@ -108,7 +108,7 @@ class WaylandPresentation:
         self._library.wl_display_roundtrip_queue(display, self._queue)  # the globals
         if self._presentation:
             self._library.wl_display_roundtrip_queue(display, self._queue)  # the clock
-        # A new object is put on the queue of the one that makes it.
+        # a new object joins the queue of its creator
         self._framer = self._library.wl_proxy_create_wrapper(surface)
         self._library.wl_proxy_set_queue(self._framer, self._queue)
         self._callback_interface = ctypes.addressof(_Pointer.in_dll(self._library, "wl_callback_interface"))
@@ -123,7 +123,7 @@ class WaylandPresentation:
 
     @property
     def name(self) -> str:
-        """Which of the two reports now."""
+        """The one of the two protocols that reports now."""
         return "wp_presentation" if self._answered else "wl_surface.frame"
 
     def _request(self, proxy: int, opcode: int, interface: int, arguments: list[_Argument]) -> int:
@@ -134,7 +134,7 @@ class WaylandPresentation:
         return int(made)
 
     def _table(self, callbacks: list[Any]) -> Any:
-        self._listeners.append(callbacks)  # the caller does not keep them alive
+        self._listeners.append(callbacks)  # keep them alive, the caller does not
         table = (_Pointer * len(callbacks))(*(ctypes.cast(each, _Pointer) for each in callbacks))
         self._listeners.append(table)
         return table
@@ -175,13 +175,13 @@ class WaylandPresentation:
         self._library.wl_proxy_destroy(proxy)
 
     def _repaints(self) -> list[Presented]:
-        """Of the pictures taken by one repaint, the last was shown."""
+        """Reports repaints; of the pictures used by one repaint, only the last was shown."""
         done, self._done = sorted(self._done), []
         shown = {t_ns: serial for t_ns, serial in done}
         return [Presented(serial, t_ns if shown[t_ns] == serial else 0, 0) for t_ns, serial in done]
 
     def expect(self, serial: int) -> None:
-        """The next picture handed over is number serial."""
+        """Announces picture number serial as the next to be handed over."""
         if not self._answered and len(self._frames) < _MOST_WAITING:
             frame = self._request(self._framer, _SURFACE_FRAME, self._callback_interface, [_Argument()])
             self._frames[frame] = serial
@@ -194,17 +194,17 @@ class WaylandPresentation:
             self._library.wl_proxy_add_listener(feedback, self._feedback_listener, None)
 
     def handed_over(self, serial: int) -> None:
-        """Nothing to do: both requests belong to the picture that follows them."""
+        """Does nothing: both requests apply to the picture that follows them."""
 
     def take(self) -> list[Presented]:
-        """What became known since the last call. The window's own event loop reads the connection."""
+        """The reports since the last call. The window's own event loop reads the connection."""
         self._library.wl_display_dispatch_queue_pending(self._display, self._queue)
         found, self._found = self._found, []
         repaints = self._repaints()
         return found if self._answered else repaints
 
     def close(self) -> None:
-        """Must come before the window is closed."""
+        """Call before the window closes."""
         for proxy in (*self._waiting, *self._frames, self._presentation, self._registry):
             if proxy:
                 self._library.wl_proxy_destroy(proxy)

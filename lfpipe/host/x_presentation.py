@@ -1,7 +1,7 @@
-"""When an X server's screen begins its next picture: the Present extension, over a connection of its own.
+"""Times at which an X server's screen begins its next picture: the Present extension, over a separate connection.
 
-Present reports vertical blanks. The first after a picture was handed over shows all of it, unless a compositor is in between.
-Which one that is follows from the time: servers without a screen count blanks half a period off (present_fake.c).
+Present reports vertical blanks. The first one after the hand-over of a picture shows it, unless a compositor intervenes. It is
+identified by its time, because servers without a screen count blanks half a period off (present_fake.c).
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class _Extension(ctypes.Structure):
 
 
 class XPresentation:
-    """Blanks for one window of the server that DISPLAY names. Raises OSError where the library or the extension is missing."""
+    """Blanks for one window of the server that DISPLAY names. Raises OSError if the library or the extension is missing."""
 
     name = "x_present"
 
@@ -84,7 +84,7 @@ class XPresentation:
         self._xcb.xcb_flush(self._connection)
 
     def expect(self, serial: int) -> None:
-        """Nothing to do: the question follows the picture."""
+        """Does nothing: the request follows the picture."""
 
     def handed_over(self, serial: int) -> None:
         """Asks for the next blank."""

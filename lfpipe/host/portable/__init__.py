@@ -1,1 +1,1 @@
-"""The modules of `lfpipe.host` by what Windows, macOS and Linux have in common; see there."""
+"""The modules of `lfpipe.host` for all systems, using only what Windows, macOS and Linux have in common."""

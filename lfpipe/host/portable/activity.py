@@ -1,4 +1,4 @@
-"""The activity of a process as psutil reports it: time on a CPU, whether it is stopped, bytes where the system counts them."""
+"""The activity of a process as psutil reports it: time on a CPU, whether it is stopped, bytes if the system counts them."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import psutil
 
 from lfpipe.host.sample import Sample, Thread
 
-# Never R: which of its threads runs is not known, and one that runs without computing counts as starved.
+# never R: the running thread is unknown, and one that runs without computing counts as starved
 STATES = {psutil.STATUS_DISK_SLEEP: "D", psutil.STATUS_STOPPED: "T"}
 
 
 def sample(pid: int) -> Sample | None:
-    """Process pid now; None where it is gone. All threads have the state of the process."""
+    """A sample of process pid; None if it is gone. All threads have the state of the process."""
     try:
         process = psutil.Process(pid)
         with process.oneshot():

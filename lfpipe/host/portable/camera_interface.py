@@ -1,3 +1,3 @@
-"""Which modules of `lfpipe.capture` list and read cameras here: OpenCV's, which knows AVFoundation and Media Foundation."""
+"""The modules of `lfpipe.capture` that list and read cameras: OpenCV's, which supports AVFoundation and Media Foundation."""
 
 LIST = SOURCE = "opencv_camera"

@@ -1,4 +1,4 @@
-"""The clock that all processes share, and how long the machine has been suspended: unknown."""
+"""The clock that all processes share; the time for which the machine has been suspended is unknown."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ now_ns = time.perf_counter_ns if os.name == "nt" else time.monotonic_ns
 
 
 def asleep_ns() -> int:
-    """0: whether the monotonic clock goes on meanwhile differs between systems."""
+    """0: systems differ on whether the monotonic clock continues during suspension."""
     return 0

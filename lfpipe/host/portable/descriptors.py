@@ -1,5 +1,5 @@
-"""Open files: by name for libraries that take nothing else, read and written at a place. A name is the file's own: another file
-may have it by the time that it is opened again.
+"""Open files: by name for libraries that need one, read and written at an offset. The name is the file's own: another file may
+have taken it before it is opened again.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
-# Linux opens what could be a pipe or a terminal with care; Windows must not translate line ends.
+# on Linux, safe for pipes and terminals; on Windows, no translation of line ends
 CAREFUL = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 _BY_NUMBER = "/dev/fd/"
 _position = threading.Lock()
@@ -29,21 +29,21 @@ def _at(fd: int, offset: int) -> Iterator[None]:
 
 
 def read_at(fd: int, count: int, offset: int) -> bytes:
-    """At most count bytes from there. Raises OSError."""
+    """At most count bytes from that offset. Raises OSError."""
     with _at(fd, offset):
         return os.read(fd, count)
 
 
 def write_at(fd: int, data: bytes | memoryview, offset: int) -> int:
-    """Writes there; how many bytes were written. Raises OSError."""
+    """Writes at that offset; returns the number of bytes written. Raises OSError."""
     with _at(fd, offset):
         return os.write(fd, data)
 
 
 def path_of(file: IO[bytes]) -> str:
-    """The absolute path that an open file was opened by: a relative one may look like an address (concat:x.avi).
+    """The absolute path by which the file was opened: a relative one may look like an address (concat:x.avi).
 
-    Libraries crash on a name that is not UTF-8, which only Linux has: then that of the descriptor.
+    For a name that is not UTF-8, on which libraries crash and which only Linux has: the path of the descriptor.
     """
     path = str(Path(file.name).absolute())
     try:
@@ -60,5 +60,5 @@ def inherited(file: IO[bytes]) -> tuple[str, dict[str, Any]]:
 
 
 def longest_name(folder: Path) -> int:
-    """How many bytes a name in a folder may have."""
+    """The longest name in a folder, in bytes."""
     return 255

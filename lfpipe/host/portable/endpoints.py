@@ -1,8 +1,8 @@
-"""Where a session's ZeroMQ sockets meet: ports of the loopback interface, which every user of the machine can reach.
+"""Endpoints of a session's ZeroMQ sockets: ports of the loopback interface, which every user of the machine can reach.
 
 A file in the run directory, for its user alone, holds the port and the socket's public key of CurveZMQ (rfc.zeromq.org/spec/26).
-That key is never sent: a client shows in the handshake that it has it, and one that has not is dropped before its first message.
-So the file is the token. What follows is encrypted.
+That key is never sent: a client proves in the handshake that it has the key; one without it is dropped before its first message.
+So the file is the token. All messages are encrypted.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 import zmq
 
 LONGEST = 4096
-_NOBODY = "tcp://127.0.0.1:1"  # where no session is: messages wait, as they would for a Unix socket that is missing
+_NOBODY = "tcp://127.0.0.1:1"  # no session there: messages wait, as for a missing Unix socket
 
 
 def too_long(run_dir: Path, name: str) -> int:
@@ -37,7 +37,7 @@ def bind(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
 
 
 def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
-    """Connects to the socket of that name; where there is none, messages wait."""
+    """Connects to the socket of that name; if there is none, messages wait."""
     try:
         where, key = (run_dir / name).read_bytes().split(b"\n")
         socket.curve_serverkey = key
@@ -50,7 +50,8 @@ def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
 def shut_down(fd: int) -> None:
     """Ends a connection that libzmq has accepted.
 
-    libzmq closes the descriptor itself, perhaps by now; what has its number then is no stream, or one more client.
+    libzmq closes the descriptor itself, perhaps already; then its number belongs to something else than a stream, or to another
+    client.
     """
     with contextlib.suppress(OSError):
         connection = sockets.socket(fileno=fd)  # not a copy: a Windows socket has none

@@ -1,7 +1,7 @@
-"""Locks on files and folders without the kernel's help: every holder has an entry of its own, named after its process.
+"""Locks on files and folders without the kernel's help: every holder has its own entry, named after its process.
 
-A lock counts if no living process has a conflicting entry. Whoever finds an entry of a dead process removes it. That is safe,
-because no name is used twice. Of two that try in the same moment both may fail.
+A lock is granted if no living process has a conflicting entry. Any process may remove the entry of a dead one, safely, because no
+name is used twice. Two processes that try at the same moment may both fail.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ PAUSE_S = 0.01
 
 
 def _entries(path: Path) -> Path:
-    """Where the entries of a lock are: in a folder itself, beside a file."""
+    """The folder of a lock's entries: the locked folder itself, or one beside the locked file."""
     return path if path.is_dir() else path.with_name(f"{path.name}.d")
 
 
@@ -41,13 +41,13 @@ def _others(folder: Path, own: str = "") -> Iterator[str]:
 
 
 class Lock:
-    """A lock that this process holds on what is at path, by its entry."""
+    """A lock that this process holds on the file or folder at path, by its entry."""
 
     def __init__(self, path: Path, entry: Path) -> None:
         self._path, self._entry = path, entry
 
     def in_place(self) -> bool:
-        """Whether the lock is still there. True if the path cannot be examined now."""
+        """Whether the lock still exists. True if the path cannot be examined."""
         try:
             self._entry.lstat()
         except (FileNotFoundError, NotADirectoryError):
@@ -57,15 +57,15 @@ class Lock:
         return True
 
     def release(self) -> None:
-        """Lets others lock it; may be called again."""
+        """Releases the lock; may be called again."""
         with contextlib.suppress(OSError):
             self._entry.unlink()
         if self._entry.parent != self._path:
-            with contextlib.suppress(OSError):  # another one tries just now
+            with contextlib.suppress(OSError):  # another process is trying right now
                 self._entry.parent.rmdir()
 
     def remove_folder(self) -> None:
-        """Removes the folder of the locked file with all that is in it, the lock last. Leaves what cannot be removed."""
+        """Removes the folder of the locked file with its content, the lock last. Leaves what cannot be removed."""
         for entry in list(self._path.parent.iterdir()) if self.in_place() else ():
             if entry == self._entry.parent:
                 continue
@@ -82,13 +82,13 @@ class Lock:
 def take(path: Path, shared: bool = False, mode: int = 0o600) -> Lock | None:
     """Locks path without waiting: a folder, or the name of a file. None if another process holds a conflicting lock.
 
-    Raises OSError, FileNotFoundError where the folder of a file is missing.
+    Raises OSError, FileNotFoundError if the folder of a file is missing.
     """
     folder = _entries(path)
     entry = folder / f"{PREFIX}{SHARED if shared else ALONE}-{own_mark()}-{secrets.token_hex(8)}"
     for _ in range(100):
         if folder != path:
-            with contextlib.suppress(FileExistsError):  # not exist_ok: it may go before that has looked
+            with contextlib.suppress(FileExistsError):  # not exist_ok: the folder may vanish before that checks
                 folder.mkdir(mode=0o700)
         try:
             os.close(os.open(entry, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
@@ -105,7 +105,7 @@ def take(path: Path, shared: bool = False, mode: int = 0o600) -> Lock | None:
 
 @contextlib.contextmanager
 def waited_for(path: Path) -> Iterator[None]:
-    """Holds the lock of a file's name as soon as no other process holds one. Raises OSError."""
+    """Holds the lock of a file's name; waits until no other process holds one. Raises OSError."""
     while (lock := take(path)) is None:
         time.sleep(PAUSE_S * random.random())
     try:
@@ -115,6 +115,6 @@ def waited_for(path: Path) -> Iterator[None]:
 
 
 def is_held(path: Path) -> bool:
-    """Whether a process holds the lock of the file's name alone. Raises OSError if its folder is missing."""
+    """Whether a process holds an exclusive lock on the file's name. Raises OSError if its folder is missing."""
     path.parent.stat()
     return ALONE in _others(_entries(path))

@@ -13,7 +13,7 @@ _POLL_S = 0.02
 
 
 class Keyboard:
-    """A context; where stdin is no terminal no key is ever pressed. The terminal is put back as it was, always."""
+    """A context; without a terminal on stdin there are no keys. Always restores the terminal."""
 
     def __enter__(self) -> Self:
         self._fd = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1

@@ -1,4 +1,4 @@
-"""Whether a process lives, by its number and the time of its start: numbers are given again."""
+"""Whether a process lives, by its number and start time: numbers are reused."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 
 import psutil
 
-SAME_START_S = 60.0  # a clock that is set between two looks moves the time of a start on some systems
+SAME_START_S = 60.0  # on some systems, setting the clock moves the reported start time
 
 
 @functools.cache
@@ -16,12 +16,12 @@ def _started_s(pid: int) -> int:
 
 
 def own_mark() -> str:
-    """This process, as a word for `lives`."""
+    """The mark of this process, for `lives`."""
     return f"{os.getpid()}-{_started_s(os.getpid())}"
 
 
 def lives(mark: str) -> bool:
-    """Whether the process of a mark lives; False for a word that is none."""
+    """Whether the process of a mark lives; False for an invalid mark."""
     try:
         pid, started_s = (int(part) for part in mark.split("-"))
         process = psutil.Process(pid)

@@ -1,4 +1,4 @@
-"""The end of a process with its parent, however the parent ends."""
+"""Ends a process with its parent, however the parent ends."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import psutil
 
 
 def end_with_parent(parent_pid: int) -> bool:
-    """Has this process get SIGTERM when its parent ends, on Windows end at once. False where it has ended already.
+    """Sends this process SIGTERM when its parent ends; on Windows ends it at once. Returns False if the parent has already ended.
 
-    A thread reads the pipe that multiprocessing holds open in the parent, to its end. In a process of another kind it waits for
-    the parent itself.
+    A thread reads the pipe that multiprocessing holds open in the parent until it ends. In other processes it waits for the
+    parent itself.
     """
     parent = multiprocessing.parent_process()
     if parent is not None:

@@ -1,4 +1,4 @@
-"""Output of a child process, read without waiting: by a thread, as not every system can wait for a pipe."""
+"""Reads the output of a child process without waiting: in a thread, because some systems cannot poll a pipe."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import queue
 import threading
 from typing import IO
 
-CHUNKS = 16  # of 64 KiB that wait to be read; then the child waits
+CHUNKS = 16  # chunks of 64 KiB in the queue; then the child waits
 
 
 class PipeReader:
@@ -36,7 +36,7 @@ class PipeReader:
 
     @property
     def fds(self) -> list[int]:
-        """None: a poller returns by itself, and `read` then says what is there."""
+        """None: a poller returns after its timeout, and `read` then reports what is available."""
         return []
 
     def wait(self, timeout_s: float) -> bool:
@@ -49,7 +49,7 @@ class PipeReader:
         return True
 
     def read(self) -> bytes | None:
-        """At most 64 KiB; nothing at the end, None where there is nothing now."""
+        """At most 64 KiB; empty at the end, None if nothing is available yet."""
         if not self.wait(0.001):
             return None
         data, self._next = self._next, None
@@ -58,5 +58,5 @@ class PipeReader:
         return data
 
     def close(self) -> None:
-        """Once the child has ended, or to leave it alone. The thread closes the pipe."""
+        """Call after the child has ended, or to stop reading. The thread closes the pipe."""
         self._closed = True

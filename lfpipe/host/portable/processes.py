@@ -1,4 +1,4 @@
-"""Processes: the cores they run on and their niceness, where the system has such things."""
+"""Processes: cores and niceness, if the system has them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def usable_cores() -> list[int]:
 
 
 def scheduling(pid: int) -> tuple[list[int], int]:
-    """Cores that a process may run on, and its niceness, 0 on Windows, which has classes; ([], 0) where it is gone."""
+    """Cores that a process may run on, and its niceness, 0 on Windows, which has classes; ([], 0) if it is gone."""
     cores: list[int] = []
     nice = 0
     with contextlib.suppress(psutil.Error, AttributeError, OSError, ValueError):
@@ -30,7 +30,7 @@ def scheduling(pid: int) -> tuple[list[int], int]:
 
 
 def set_scheduling(cores: Iterable[int], nice: int | None) -> None:
-    """Moves this process to cores, all where none are named or the system decides, with that niceness. Raises PermissionError."""
+    """Moves this process to cores, to all if empty or if the system decides, and sets its niceness. Raises PermissionError."""
     process = psutil.Process()
     if cores := list(cores):
         with contextlib.suppress(AttributeError):  # macOS
@@ -43,20 +43,20 @@ def set_scheduling(cores: Iterable[int], nice: int | None) -> None:
 
 
 def yield_to_others() -> None:
-    """Nothing: no system but Linux knows it."""
+    """Does nothing: only Linux supports it."""
 
 
 def set_up(name: str) -> None:
-    """Nothing: a process keeps its name and its allocator."""
+    """Does nothing: a process keeps its name and its allocator."""
 
 
 def sentinels(process: BaseProcess) -> list[int]:
-    """None: a poller of sockets takes no handle of a process. An end is seen when the poller returns by itself."""
+    """None: a poller of sockets accepts no process handle. The end is noticed after the poller's timeout."""
     return []
 
 
 def resume_stage(pid: int) -> None:
-    """Lets a stopped stage go on; nothing where it is gone, and another program has its number by now."""
+    """Resumes a stopped stage; does nothing if it is gone, because another program may have its number."""
     with contextlib.suppress(psutil.Error, AttributeError, ValueError):
         process = psutil.Process(pid)
         if any(SPAWNED in word for word in process.cmdline()):

@@ -1,8 +1,8 @@
-"""Named shared memory as `multiprocessing` has it everywhere, and a folder of the user in which every segment is registered.
+"""Named shared memory from `multiprocessing`, and a folder of the user in which every segment is registered.
 
-On Windows a segment lives as long as a process has it open, elsewhere until it is unlinked. Systems differ in whether segments
-can be listed, so an entry of the registry says who made one: the run directory, the process, and a number of its own. Entries
-change only while the registry is locked.
+On Windows a segment lives as long as a process has it open, elsewhere until it is unlinked. Not every system can list segments,
+so an entry of the registry names the creator of each: the run directory, the process, and a unique number. Entries change only
+while the registry is locked.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _LOCK = "registry"
 
 
 class Segment(SharedMemory):
-    """A segment that this process created. `unlink` never removes another segment that has its name by now."""
+    """A segment that this process created. `unlink` never removes another segment that has taken its name."""
 
     def __init__(self, name: str, size_bytes: int, number: int) -> None:
         with untracked():
@@ -49,14 +49,15 @@ class Segment(SharedMemory):
 
 
 def _make_registry() -> None:
-    """Creates the folder. Raises PermissionError where it is another user's or a link."""
+    """Creates the folder. Raises PermissionError if it is another user's or a link."""
     SHM_DIR.mkdir(mode=0o700, parents=True, exist_ok=True)
     if SHM_DIR.is_symlink() or SHM_DIR.stat().st_uid != user_id():
         raise PermissionError(errno.EPERM, "not a directory of yours", str(SHM_DIR))
 
 
 def create(name: str, size_bytes: int, run_dir: bytes) -> Segment:
-    """Creates a segment of at least size_bytes zeros for the session of run_dir; its pages exist where the system lets us ask.
+    """Creates a segment of at least size_bytes zeros for the session of run_dir; its pages are allocated if the system supports
+    it.
 
     Raises OSError, FileExistsError if the name is taken.
     """
@@ -72,7 +73,7 @@ def create(name: str, size_bytes: int, run_dir: bytes) -> Segment:
         try:
             try:
                 made = Segment(name, size_bytes, number)
-            except FileExistsError:  # nobody registered it: its entry was lost
+            except FileExistsError:  # unregistered: its entry was lost
                 _unlink_memory(name)
                 made = Segment(name, size_bytes, number)
             if hasattr(os, "posix_fallocate"):
@@ -92,7 +93,7 @@ def _unlink_memory(name: str) -> None:
 
 
 def _entry(name: str) -> dict[str, Any]:
-    """Raises FileNotFoundError where there is none, or what is there is none."""
+    """Raises FileNotFoundError if there is no valid entry."""
     try:
         path = SHM_DIR / name
         kind = path.lstat()
@@ -105,7 +106,7 @@ def _entry(name: str) -> dict[str, Any]:
 
 
 def identity(name: str) -> tuple[int, int]:
-    """What tells the segment that has that name now from any other. Raises FileNotFoundError."""
+    """Identifies the segment that currently has this name. Raises FileNotFoundError."""
     return 0, _entry(name)["number"]
 
 
@@ -116,13 +117,13 @@ def unlink(name: str) -> None:
 
 
 def room() -> tuple[int, int]:
-    """Free and total bytes for segments: of the machine's memory."""
+    """Free and total bytes for segments: the machine's memory."""
     memory = psutil.virtual_memory()
     return int(memory.available), int(memory.total)
 
 
 def more_room(needed_bytes: int) -> str:
-    """What helps where there is too little."""
+    """The remedy for too little room."""
     return "close other programs"
 
 
@@ -136,8 +137,8 @@ def owned(prefix: str) -> dict[str, Path]:
 
 
 def abandoned(prefix: str) -> Iterator[tuple[str, Path]]:
-    """Name and run directory of those whose creator is dead. The caller may unlink each by name before it takes the next:
-    until then no other process unlinks it, so that the name cannot pass to another segment.
+    """Yields name and run directory of segments whose creator is dead. The caller may unlink each by name before it takes the
+    next: until then no other process unlinks it, so the name cannot pass to another segment.
     """
     for name in names_in(SHM_DIR, prefix):
         with contextlib.suppress(FileNotFoundError):

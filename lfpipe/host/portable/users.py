@@ -9,20 +9,20 @@ import platformdirs
 
 
 def user_id() -> int:
-    """The number of the user that this process runs as, as `stat` gives it for their files: 0 for everybody on Windows."""
+    """The numeric id of this process's user, as in `stat` of their files: 0 for everybody on Windows."""
     return os.getuid() if hasattr(os, "getuid") else 0
 
 
 def user_word() -> str:
-    """The user, as part of a name that others must not share: nor sessions of the other implementation of `host`."""
+    """The user, as a part of names that must differ between users and between implementations of `host`."""
     return f"p{user_id()}"
 
 
 def user_name(number: int) -> str:
-    """A word for a user."""
+    """A name for a user."""
     return str(number)
 
 
 def runtime_dir() -> Path:
-    """Where a user's programs keep what lives as long as they, where XDG_RUNTIME_DIR does not say."""
+    """The folder for a user's runtime files if XDG_RUNTIME_DIR is not set."""
     return Path(platformdirs.user_runtime_dir("lfpipe", appauthor=False, ensure_exists=True))
