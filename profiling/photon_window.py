@@ -55,8 +55,9 @@ def calibrated(world: World, display: str, optics: Optics, number: int) -> tuple
 
 
 def main() -> int:
-    runs = int(parser_of(__doc__, runs=24).parse_args().runs)
-    rng, errors, held, refused = np.random.default_rng(5), [], 0, 0
+    args = parser_of(__doc__, runs=24, seed=5).parse_args()
+    runs, errors, held, refused = int(args.runs), [], 0, 0
+    rng = np.random.default_rng(int(args.seed))
     command = ["Xvfb", "-screen", "0", SCREEN, "-nocursor", "-fbdir"]
     with (
         tempfile.TemporaryDirectory() as folder,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lfpipe.transport.clock import SECOND_NS
 
-SHARE = 0.05  # weight of the newest onset in its running mean
+SHARE = 0.05  # weight of the newest onset in its running mean, which begins as a plain mean
 KEPT = 0.995  # decay of the sums per picture: some 200 pictures in motion
 UNDER_WAY = 0.5  # distances between the eyes per second; slower, noise is most of it
 MOST_PICTURES = 120  # waiting for the frame that shows where the eyes were
@@ -31,7 +31,7 @@ class MotionLatency:
         self._pictures: deque[tuple[int, Points]] = deque(maxlen=MOST_PICTURES)
         self._last: tuple[int, Points] | None = None
         self._period_ns = 0
-        self._shown_ns = 0  # stamp of the frame whose first picture was shown
+        self._shown_ns = self._onsets = 0  # stamp of the frame whose first picture was shown; how many such
         self._lag = self._power = 0.0
 
     def measured(self, t_sensor_ns: int, eyes_px: Points | None) -> None:
@@ -59,7 +59,8 @@ class MotionLatency:
         time that it was made for; loop_ns: the part of it that is the delay of camera and display.
         """
         self._pictures.append((t_presented_ns + after_ns, eyes_px.copy()))
-        if t_sensor_ns != self._shown_ns:
+        if t_sensor_ns != self._shown_ns and self._period_ns:  # not known of the first frame, which waits for the start, too
             self._shown_ns = t_sensor_ns
+            self._onsets += 1
             onset_ns = self._period_ns // 2 + t_presented_ns - t_sensor_ns + loop_ns
-            self.onset_ns += round((onset_ns - self.onset_ns) * (SHARE if self.onset_ns else 1.0))
+            self.onset_ns += round((onset_ns - self.onset_ns) * max(SHARE, 1 / self._onsets))

@@ -3,7 +3,7 @@
 Interacting multiple models (Blom and Bar-Shalom 1988; Bar-Shalom, Li, Kirubarajan 2001, section 11.6.6), on the point midway
 between the eyes: one model of rest, the others of constant velocity under accelerations of different strength. At rest, the model
 of rest dominates, and noise does not move the picture. If the eyes move by more than noise explains, a livelier model takes over
-within a frame. The eyes' half distance, which changes slowly, is smoothed separately.
+within a frame. The eyes' half distance, which changes slowly, is smoothed separately. See `acceleration` for curved paths.
 
 The noise is measured while running, from third differences of the half distance, in which head motion cancels. Lengths are in
 distances between the eyes, so the constants are valid for any camera and viewing distance.
@@ -17,7 +17,10 @@ import attrs
 import numpy as np
 
 from lfpipe.host.addition import add
+from lfpipe.track.acceleration import Acceleration
 from lfpipe.track.smoothing import Filter, Points
+
+FIRST_SPEED = 8.0  # distances between the eyes per second (500 mm/s): all that is known of a face that has just appeared
 
 
 @attrs.frozen
@@ -80,9 +83,10 @@ class Predictive(Filter):
         self._noise = (self._tuning.first * apart) ** 2  # variance of the half distance, px^2
         spread = self._noise * self._tuning.common**2
         x, y = (lx + rx) / 2, (ly + ry) / 2
-        moving = [_Estimate(x, y, 0.0, 0.0, spread, 0.0, apart**2) for _ in self._tuning.motions]
+        moving = [_Estimate(x, y, 0.0, 0.0, spread, 0.0, (FIRST_SPEED * apart) ** 2) for _ in self._tuning.motions]
         self._models = [_Estimate(x, y, 0.0, 0.0, spread, 0.0, 0.0), *moving]
         self._shares = [1 / len(self._models)] * len(self._models)
+        self._acceleration = Acceleration()
 
     def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
         (lx, ly), (rx, ry) = measured.tolist()
@@ -100,7 +104,8 @@ class Predictive(Filter):
         u, v = add(share * model.u for share, model in trusted), add(share * model.v for share, model in trusted)
         band = (30 * self._tuning.speed_band) ** 2 * self._noise  # a smaller speed may be noise
         fast = (u * u + v * v) / max(u * u + v * v + band, 1e-300)
-        u, v = fast * u, fast * v
+        measured_px = (lx + rx) / 2, (ly + ry) / 2
+        u, v = self._acceleration.corrected(t_ns, dt_s, (x, y), (fast * u, fast * v), measured_px, apart)
         hx, hy = self._half
         return np.array(((x + hx, y + hy), (x - hx, y - hy))), np.array(((u, v), (u, v)))
 

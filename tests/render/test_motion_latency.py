@@ -38,3 +38,12 @@ def test_a_still_viewer_and_one_who_leaves_give_no_steady_latency() -> None:
         latency.measured(stamp, None if frame % 10 == 9 else eyes(0))
         latency.pictured(stamp, stamp + 20 * MS, 8 * MS, 0, eyes(0) + 1)
     assert latency.steady_ns == 0 and latency.onset_ns > 0
+
+
+def test_the_first_frame_of_a_session_does_not_count_and_the_next_have_equal_weights() -> None:
+    latency, ways_ms = MotionLatency(), (900, 20, 60, 25)
+    for frame, way_ms in enumerate(ways_ms):
+        stamp = (frame + 1) * 40 * MS
+        latency.measured(stamp, eyes(stamp))
+        latency.pictured(stamp, stamp + way_ms * MS, 0, 0, eyes(0))
+    assert latency.onset_ns / MS == pytest.approx(20 + sum(ways_ms[1:]) / 3, abs=0.001)

@@ -187,6 +187,49 @@ def test_jitter_at_rest_is_no_more_than_the_means() -> None:
     assert shown["predictive"] <= shown["mean"]
 
 
+def missed_px(filter_: EyeFilter, x_px: Callable[[float], float], from_s: float, to_s: float, ahead_s: float = 0.1) -> float:
+    """RMS of the error ahead_s after each frame at 30 Hz of eyes that move sideways from from_s to to_s; noise of 0.15 px."""
+    rng, missed = np.random.default_rng(4), []
+    for i in range(round(from_s * 30), round(to_s * 30)):
+        t_s = i / 30
+        filter_.update(round(t_s * 1e9), EYES + np.array([x_px(t_s), 0]) + rng.normal(0, 0.15, (2, 2)))
+        if t_s > (from_s + to_s) / 2:
+            missed.append(filter_.predict(round((t_s + ahead_s) * 1e9))[:, 0].mean() - EYES[:, 0].mean() - x_px(t_s + ahead_s))
+    return float(np.sqrt(np.mean(np.square(missed))))
+
+
+@pytest.mark.parametrize("speed_px_s", [150, 450, -450])
+def test_a_face_that_enters_at_speed_is_predicted_from_its_second_frame_on(speed_px_s: float) -> None:
+    filter_ = make("predictive")
+    for i in range(2):
+        filter_.update(i * FRAME_NS, EYES + np.array([speed_px_s * i / 30, 0]))
+    ahead = filter_.predict(4 * FRAME_NS)[:, 0].mean() - EYES[:, 0].mean()
+    assert ahead / (speed_px_s * 4 / 30) == pytest.approx(1, abs=0.35), "the lively models are not trusted in full"
+    for i in range(2, 4):
+        filter_.update(i * FRAME_NS, EYES + np.array([speed_px_s * i / 30, 0]))
+    ahead = filter_.predict(6 * FRAME_NS)[:, 0].mean() - EYES[:, 0].mean()
+    assert ahead / (speed_px_s * 6 / 30) == pytest.approx(1, abs=0.1)
+
+
+def test_acceleration_is_used_where_it_has_improved_predictions() -> None:
+    slow = missed_px(make("predictive"), lambda t_s: 80 * math.sin(2 * math.pi * 0.4 * t_s), 0, 12)
+    assert slow < 2, "without it, 2.75 px"
+    quick = missed_px(make("predictive"), lambda t_s: 8 * math.sin(2 * math.pi * 4 * t_s), 0, 12)
+    assert quick < 12.5, "a shaking head turns before an acceleration carries that far: as without it"
+
+
+def test_landmarks_that_jump_do_not_change_how_far_acceleration_is_used() -> None:
+    def x_px(t_s: float) -> float:
+        return 80 * math.sin(2 * math.pi * 0.4 * t_s)
+
+    filter_, untouched = make("predictive"), make("predictive")
+    for one in (filter_, untouched):
+        missed_px(one, x_px, 0, 8)
+    filter_.update(round(8e9), EYES + np.array([900, -700]))
+    after = [missed_px(one, x_px, 8 + 1 / 30, 12) for one in (filter_, untouched)]
+    assert after[0] < 1.1 * after[1]
+
+
 def test_mean_starts_without_a_jump_and_covers_k_frames() -> None:
     filter_ = Mean(3)
     values = [EYES + d for d in (0, 3, 6, 9)]
