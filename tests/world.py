@@ -78,7 +78,7 @@ class World:
         text = self.trace.read_text() if self.trace.exists() else ""
         return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
-    def wait_for(self, condition: Callable[[], Any], what: str, timeout_s: float = 30) -> Any:
+    def wait_for(self, condition: Callable[[], Any], what: str, timeout_s: float = 60) -> Any:
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
             if found := condition():

@@ -89,7 +89,7 @@ def test_the_picture_moves_with_nobody_there_and_keys_do_nothing_until_the_code_
     world.pictures(before + 10)
     assert process.poll() is None and '"dubois"' in world.run("ctl", "--session", world.name, "--json", "status").stdout
     subprocess.run(["xdotool", "type", "--delay", "30", "bye42"], check=True, env=world.env)
-    assert process.wait(20) == 0
+    assert process.wait(60) == 0
 
 
 def test_the_unit_starts_it_again_and_quotes_what_systemd_would_expand(world: World, scene: Path) -> None:

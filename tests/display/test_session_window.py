@@ -69,7 +69,7 @@ def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene:
     _choose(world, screen)
     _drop(world, screen)
     subprocess.run(["xdotool", "key", "q"], check=True, env=world.env)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "render" in out, err
     assert not world.left()
 

@@ -138,7 +138,7 @@ def test_the_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path
         world.wait_for(lambda: _count(world) > 5, "outputs of the stage", 60)
     finally:
         process.terminate()
-        _, err = process.communicate(timeout=20)
+        _, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "failed" not in err, err
 
 

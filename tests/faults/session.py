@@ -19,7 +19,7 @@ from tests.world import World, write_scene
 
 STAGES = ("capture", "track", "render")
 PLAIN = ("render.method=nearest", "render.anaglyph=colour", "render.alpha_px=12")  # pictures of one colour: a torn one shows
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 
 def runs(pid: int) -> bool:
@@ -119,7 +119,7 @@ class WatchedSession:
         """Lets go of the session and ends it; nothing of it stays."""
         self.watcher.end()
         self.supervisor.send_signal(signal.SIGINT)
-        self.supervisor.wait(10)
+        self.supervisor.wait(60)
         self._log.close()
 
     def killed(self) -> float:

@@ -54,7 +54,7 @@ def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(world:
     assert "error" not in _ask(world, cmd="load", scene=str(write_scene(tmp_path / "other", 1, 5)))
     assert world.pictures(len(world.lines()) + 3)[-1]["view"]["left"][0] == 0
     _ask(world, cmd="stop")
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
     assert err.count("the last change is rolled back: render.loop_ms = 7: not for me") == 3
     assert err.count("the last change is rolled back: render fails with it") == 3

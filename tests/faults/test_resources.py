@@ -231,12 +231,12 @@ def test_the_video_of_a_render_stage_that_was_killed_is_not_overwritten(world: W
     args = ("--camera", "demo", "--display", f"file:{video}", "--trace", world.trace, "--session", world.name)
     process = world.start("up", packed, *args)
     world.pictures(20)
-    world.wait_for(lambda: video.stat().st_size > 1000, "video on disk", 10)
+    world.wait_for(lambda: video.stat().st_size > 1000, "video on disk")
     os.kill(world.monitor()["stages"]["render"]["pid"], signal.SIGKILL)
     count = len(world.lines())
     world.pictures(count + 20)
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
     for path in (video, world.root / "v.2.mkv"):
         assert cv2.VideoCapture(str(path)).read()[0], f"{path.name} can be played"

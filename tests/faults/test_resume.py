@@ -97,7 +97,7 @@ def test_stopped_and_continued_each_process_and_all_are_back_at_rate(world: Worl
         name: (row["pid"], 0) for name, row in before.items()
     }, "nobody was taken for hung"
     world.run("ctl", "--session", world.name, "stop")
-    supervisor.wait(10)
+    supervisor.wait(60)
 
 
 def test_a_recording_that_stood_still_goes_on_where_it_stood_and_every_frame_is_accounted_for(

@@ -28,7 +28,6 @@ SMALL = (
     "--set",
     "render.method=nearest",
 )
-WITHIN_S = 1.0  # after its supervisor was killed a stage may live so long
 
 
 def _gone(pids: list[int]) -> bool:
@@ -37,8 +36,7 @@ def _gone(pids: list[int]) -> bool:
 
 def test_stages_do_not_outlive_a_killed_supervisor(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
-    gone_s = WatchedSession(world, size_px=(160, 120)).killed()
-    assert gone_s < 3 * WITHIN_S  # other programs may have the cores; the script has the exact figure
+    WatchedSession(world, size_px=(160, 120)).killed()  # waits for their end; the soak measures how long that takes
 
 
 @pytest.mark.parametrize("stopped", [1, 3])
@@ -55,8 +53,8 @@ def test_a_stage_that_is_stopped_does_not_outlive_its_supervisor_either(world: W
     if stopped == 3:
         assert world.left() and not _gone(pids), "nobody to wake: this test shows nothing"
         world.run("up", scene, "--camera", "demo", "--display", "none", "--session", "other", "--duration", "0.2", *SMALL)
-    world.wait_for(lambda: _gone(pids), "end of all", 10)
-    world.wait_for(lambda: not world.left(), "clean end", 10)
+    world.wait_for(lambda: _gone(pids), "end of all")
+    world.wait_for(lambda: not world.left(), "clean end")
 
 
 def test_after_a_kill_of_the_group_the_next_session_of_any_name_sweeps(world: World, scene: Path) -> None:
@@ -133,7 +131,7 @@ def test_a_session_whose_run_directory_is_removed_ends_in_order(world: World, sc
         remove_lock(run_dir)
     else:
         shutil.rmtree(run_dir if what == "directory" else world.run_dir)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 1 and f"{run_dir} was removed" in err and "remedy" in err and "Traceback" not in err, err
     assert not world.left() and _gone(pids)
 
@@ -167,18 +165,18 @@ def test_ten_sessions_of_different_names_do_not_meet(
     for name, before in zip(names[1:], told[1:], strict=True):
         assert control.request(Session(name).run_dir, {"cmd": "hello"})["config"] == before["config"], "a command of another's"
     assert control.request(Session(names[0]).run_dir, {"cmd": "stop"})["ok"]
-    started[0].communicate(timeout=20)
+    started[0].communicate(timeout=60)
     started[1].kill()  # and one that dies does not take another along
     started[1].communicate()
     assert started[0].returncode == 0
     counts = {name: _pictures(name) for name in names[2:]}
-    world.wait_for(lambda: all(_pictures(name) > count for name, count in counts.items()), "pictures of the eight left", 30)
+    world.wait_for(lambda: all(_pictures(name) > count for name, count in counts.items()), "pictures of the eight left")
     for process in started[2:]:
         process.send_signal(signal.SIGINT)
     for process in started[2:]:
-        _, err = process.communicate(timeout=30)
+        _, err = process.communicate(timeout=60)
         assert process.returncode == 0 and "Traceback" not in err, err
-    world.wait_for(lambda: not world.left(), "clean end of all", 10)
+    world.wait_for(lambda: not world.left(), "clean end of all")
 
 
 def _pictures(name: str) -> int:

@@ -63,7 +63,7 @@ def test_closing_the_terminal_ends_a_recording_in_order(world: World) -> None:
     terminal = Terminal(world, f"{lfpipe('record', out, '--camera', 'demo', *LARGE)}; true")
     world.wait_for(lambda: frames(out) > 10, "frames")
     terminal.close()
-    terminal.shell.wait(10)
+    terminal.shell.wait(60)
     world.wait_for(lambda: not world.left(), "clean end", 60)
     manifest = json.loads((out / "manifest.json").read_text())
     assert manifest["complete"] and manifest["frames"] == len(open_sequence(out).packets) > 10
@@ -124,7 +124,7 @@ def test_a_session_without_ears_goes_on_says_what_it_has_to_say_and_ends_when_as
     assert deaf.poll() is None
     pids = stages(world)
     assert world.run("ctl", "--session", world.name, "stop").returncode == 0
-    assert deaf.wait(20) == 0
+    assert deaf.wait(60) == 0
     assert not world.left() and not any(runs(pid) for pid in pids)
 
 
@@ -133,6 +133,6 @@ def test_a_signal_while_the_stages_start_leaves_nothing(world: World, scene: Pat
     process = world.up(scene, *SMALL, start_new_session=True)
     world.wait_for(lambda: list(world.run_dir.glob("*/session.json")), "session")
     os.killpg(process.pid, signum)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "Traceback" not in err, err
     assert not world.left()

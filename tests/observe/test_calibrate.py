@@ -179,7 +179,7 @@ def test_a_card_is_clicked_in_a_real_window(world: World, screen: Screen, tmp_pa
     drawn(lambda: click(CARD_PX[0], middle))
     drawn(lambda: click(CARD_PX[0] + width_px, middle))
     tool("key", "Return")
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
     cameras = settings.with_name("cameras.toml")
     measured = tomllib.loads(cameras.read_text())[f"file:{world.root / 'card.avi'}"]

@@ -125,7 +125,7 @@ def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None
         viewer = world.start("monitor", "--session", world.name, "--json")
         assert viewer.stdout is not None and json.loads(viewer.stdout.readline())["session"] == world.name
         viewer.send_signal(signum)
-        viewer.communicate(timeout=10)
+        viewer.communicate(timeout=60)
     assert len(list(Path("/proc/self/fd").iterdir())) <= descriptors + 1
     assert (world.segments(), sorted(world.run_dir.rglob("*"))) == before
     state = world.monitor()
@@ -188,7 +188,7 @@ def test_prometheus_reads_what_is_served(world: World, scene: Path) -> None:
     assert url is not None
 
     def scrape() -> dict[str, list[tuple[dict[str, str], float]]]:
-        with urllib.request.urlopen(url.group(), timeout=10) as answer:
+        with urllib.request.urlopen(url.group(), timeout=60) as answer:
             families = text_string_to_metric_families(answer.read().decode())
             return {
                 sample.name: [(s.labels, s.value) for s in family.samples if s.name == sample.name]
@@ -216,9 +216,9 @@ def test_prometheus_reads_what_is_served(world: World, scene: Path) -> None:
         half.close()
     for wrong in ("/camera.jpg", "/metrics/x"):
         with pytest.raises(urllib.error.HTTPError, match="404"):
-            urllib.request.urlopen(url.group().replace("/metrics", wrong), timeout=10)
+            urllib.request.urlopen(url.group().replace("/metrics", wrong), timeout=60)
     pointed_here = urllib.request.Request(url.group(), headers={"Host": "example.org"})
     with pytest.raises(urllib.error.HTTPError, match="403"):
-        urllib.request.urlopen(pointed_here, timeout=10)
+        urllib.request.urlopen(pointed_here, timeout=60)
     busy = world.run("monitor", "--session", world.name, "--prometheus", address)
     assert busy.returncode == 2 and "another port" in busy.stderr

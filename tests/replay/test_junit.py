@@ -138,7 +138,7 @@ def test_a_replay_that_is_ended_says_so(world: World, short: Path, blocks: Path,
     trace = world.root / "out" / "trace.jsonl"
     world.wait_for(lambda: trace.exists() and trace.stat().st_size, "picture")
     os.kill(process.pid, number)
-    process.communicate(timeout=20)
+    process.communicate(timeout=60)
     assert process.returncode != 0 and outcome(junit)[:2] == (0, 1)
 
 

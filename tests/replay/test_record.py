@@ -40,7 +40,7 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
     stopped = world.monitor()
     world.pictures(len(world.lines()) + 5)  # the session continues
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=10)
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 0 and f"recorded {len(open_sequence(out).packets)} frames" in err
     sequence = open_sequence(out)
     source = open_sequence(short)

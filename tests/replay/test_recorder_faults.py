@@ -83,7 +83,7 @@ def test_a_disk_that_stalls_costs_nothing_and_nobody_is_killed(world: World, sce
     assert [stage["restarts"] for stage in stages.values()] == [0] * 4
     assert open_sequence(out).lost <= stages["capture"]["dropped"] + stages["record"]["dropped"], "every hole is counted"
     process.send_signal(signal.SIGINT)
-    assert process.wait(20) == 0
+    assert process.wait(60) == 0
 
 
 def test_the_end_of_a_session_waits_for_the_disk(world: World, disk: Path) -> None:
@@ -95,7 +95,7 @@ def test_the_end_of_a_session_waits_for_the_disk(world: World, disk: Path) -> No
         process.send_signal(signal.SIGINT)
         time.sleep(4.0)  # longer than a stage may take for its end
         assert process.poll() is None
-    out_text, err = process.communicate(timeout=30)
+    out_text, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "record: writing the recording" in err, (out_text, err)
     sequence = open_sequence(out)
     assert sequence.complete and len(sequence.packets) > 50
@@ -113,7 +113,7 @@ def test_a_second_ctrl_c_does_not_wait_and_leaves_what_is_written(world: World, 
         time.sleep(1.5)
         process.send_signal(signal.SIGINT)
         time.sleep(0.2)
-    assert process.wait(20) is not None
+    assert process.wait(60) is not None
     sequence = open_sequence(out)
     assert not sequence.complete and len(sequence.packets) > 30
 
@@ -132,7 +132,7 @@ def test_a_folder_that_goes_away_ends_the_recording_and_nothing_else(world: Worl
     assert world.run("ctl", "--session", world.name, "record", "start", again).returncode == 0, "the recording is over"
     world.wait_for(lambda: frames(again) > 10, "frames")
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 0 and f"recording {out}: its folder is gone" in err, err
     assert open_sequence(again).complete and "restarting" not in err
 
@@ -147,7 +147,7 @@ def test_recordings_that_follow_each_other_at_once_are_each_whole(world: World, 
         world.wait_for(lambda out=out: frames(out) > 10, "frames")
         assert control.request(run_dir, {"cmd": "record", "path": ""}, 20)["ok"]
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "restarting" not in err, err
     assert all(open_sequence(out).complete for out in outs)
 
@@ -234,4 +234,4 @@ def test_the_row_counts_what_is_in_the_recording(world: World, scene: Path) -> N
     world.wait_for(lambda: recorder(world)["state"] == "FINISHED", "end of the recorder")
     assert recorder(world)["count"] == len(open_sequence(out).packets)
     process.send_signal(signal.SIGINT)
-    assert process.wait(20) == 0
+    assert process.wait(60) == 0

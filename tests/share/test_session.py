@@ -221,7 +221,7 @@ def test_without_a_picture_the_eyes_alone(world: World) -> None:
         assert stages["render"]["state"] == "NONE"
     finally:
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=20)
+        _, said = process.communicate(timeout=60)
         receiver.close()
     assert process.returncode == 0 and "no picture" in said
 

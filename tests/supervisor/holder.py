@@ -28,18 +28,18 @@ class Holder:
         """Waits until the session holds its memory; the names of its segments."""
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
-        assert line.startswith("ready"), self.process.communicate(timeout=20)[1]
+        assert line.startswith("ready"), self.process.communicate(timeout=60)[1]
         return line.split()[1:]
 
     def failed(self) -> str:
         """Waits for an end with exit code 2; what it said."""
-        said = self.process.communicate(timeout=30)[1]
+        said = self.process.communicate(timeout=60)[1]
         assert self.process.returncode == 2 and "Traceback" not in said, said
         return said
 
     def end(self) -> str:
         """Has it end in order; what it wrote on stdout."""
-        out, said = self.process.communicate("end\n", timeout=20)
+        out, said = self.process.communicate("end\n", timeout=60)
         assert self.process.returncode == 0 and not said, said
         return out
 

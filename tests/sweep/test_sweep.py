@@ -77,7 +77,7 @@ def scheduler(world: World) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
         process.terminate()
     for process in started:
         try:
-            process.wait(20)
+            process.wait(60)
         except subprocess.TimeoutExpired:
             process.kill()
 

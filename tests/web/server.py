@@ -37,7 +37,7 @@ class Server:
 
     def answer(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[http.client.HTTPResponse, bytes]:
         """The same, with its headers and without the token."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
         kind = {"Content-Type": "application/json"} if body is not None else {}
         data = body if body is None or isinstance(body, str | bytes) else json.dumps(body)
         connection.request(method, path, data, {**kind, **headers})
@@ -48,7 +48,7 @@ class Server:
 
     def send(self, data: bytes) -> socket.socket:
         """A connection that has sent data."""
-        made = socket.create_connection(("127.0.0.1", self.port), timeout=20)
+        made = socket.create_connection(("127.0.0.1", self.port), timeout=60)
         made.sendall(data)
         return made
 
@@ -71,7 +71,7 @@ def served(world: World, *args: str) -> Iterator[Server]:
     yield Server(int(said[2]), said[3], process.pid, log)
     assert process.poll() is None, log.read_text()
     process.terminate()
-    process.wait(10)
+    process.wait(60)
     text = log.read_text()
     assert "Traceback" not in text, text
     assert text.count(said[3]) == 1, text

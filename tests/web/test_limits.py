@@ -38,7 +38,7 @@ def test_half_requests_hold_nothing(live_server: Server) -> None:
 
 
 def test_those_with_the_token_are_not_closed_for_strangers(live_server: Server) -> None:
-    known = http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=20)
+    known = http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=60)
     bearer = {"Authorization": f"Bearer {live_server.token}"}
     known.request("GET", "/events", headers=bearer)
     told = known.getresponse()
@@ -56,7 +56,7 @@ def test_large_requests_are_refused(live_server: Server) -> None:
         start = f"POST /ctl HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {live_server.token}\r\n{head}\r\n\r\n".encode()
         piece = b"8000\r\n" + 0x8000 * b" " + b"\r\n" if "chunked" in head else 0x8000 * b" "
         answer = b""
-        with socket.create_connection(("127.0.0.1", live_server.port), timeout=20) as connection:
+        with socket.create_connection(("127.0.0.1", live_server.port), timeout=60) as connection:
             try:
                 connection.sendall(start)
                 for _ in range(LARGE // len(piece)):
@@ -75,8 +75,8 @@ def test_many_clients(live_server: Server) -> None:
     until(lambda: live_server.ask("GET", "/picture.jpg")[0] == 200, "picture")
     threads = live_server.threads()
     bearer = {"Authorization": f"Bearer {live_server.token}"}
-    streams = [http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=20) for _ in range(64)]
-    others = [http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=20) for _ in range(64)]
+    streams = [http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=60) for _ in range(64)]
+    others = [http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=60) for _ in range(64)]
     answers = []
     for stream, other in zip(streams, others, strict=True):
         stream.request("GET", "/events", headers=bearer)
@@ -92,7 +92,7 @@ def test_many_clients(live_server: Server) -> None:
         connection.close()
 
     def served_again() -> bool:
-        again = http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=20)
+        again = http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=60)
         again.request("GET", "/events", headers=bearer)
         found = again.getresponse().status == 200
         again.close()
@@ -120,11 +120,11 @@ def test_the_end_with_viewers_is_quiet(world: World, scene: Path) -> None:
         process = world.start("monitor", "--session", world.name, "--web", ":0", stdout=output, stderr=output)
     until(lambda: "token=" in log.read_text(), "address")
     address, token = log.read_text().split("http://")[1].split()[0].split("/?token=")
-    viewer = http.client.HTTPConnection(address, timeout=20)
+    viewer = http.client.HTTPConnection(address, timeout=60)
     viewer.request("GET", "/events", headers={"Authorization": f"Bearer {token}"})
     assert viewer.getresponse().readline().startswith(b"data: ")
     process.send_signal(signal.SIGINT)
-    assert process.wait(20) == 0 and len(log.read_text().splitlines()) == 1, log.read_text()
+    assert process.wait(60) == 0 and len(log.read_text().splitlines()) == 1, log.read_text()
 
 
 def test_a_server_that_nobody_looks_at_lets_go_of_the_session(live: World) -> None:
