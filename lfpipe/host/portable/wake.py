@@ -31,9 +31,9 @@ class Wake:
         self._port = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
+        self._socket.bind((_HOST, 0))  # a writer too: its first datagram would open a port of every interface
         self.fd = self._socket.fileno()
         if reads:
-            self._socket.bind((_HOST, 0))
             part = path.with_name(f".{path.name}.{os.getpid()}")
             part.write_text(str(self._socket.getsockname()[1]))
             part.replace(path)
