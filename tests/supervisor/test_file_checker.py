@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 import time
 from pathlib import Path
@@ -12,8 +13,10 @@ import pytest
 
 from lfpipe.config import Config
 from lfpipe.errors import UserError
+from lfpipe.host.pipes import PipeReader
 from lfpipe.supervisor import file_checker
 from lfpipe.supervisor.file_checker import FileChecker
+from lfpipe.transport.clock import now_ns
 from tests.world import write_scene
 
 
@@ -45,15 +48,19 @@ def child(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):  # type: ignore[no-u
     return run
 
 
-def test_a_scene_gives_its_summary(tmp_path: Path) -> None:
+def test_a_scene_gives_its_summary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = bytearray()
+
+    class Recorded(PipeReader):
+        def read(self) -> bytes | None:
+            data = super().read()
+            said.extend(data or b"")
+            return data
+
+    monkeypatch.setattr(file_checker, "PipeReader", Recorded)
     checker = FileChecker({"check": "scene", "path": str(write_scene(tmp_path / "views", 2, 3))}, Config())
-    steps = set()
-    while not checker.done:
-        checker.read()
-        steps.add(checker.progress)
-        time.sleep(0.001)
     result = finish(checker, 60)
-    assert checker.progress == "" and any(step.startswith("views ") and step.endswith(" of 6") for step in steps), steps
+    assert checker.progress == "" and re.search(rb"^views \d of 6$", said, re.MULTILINE), said
     assert (result["rows"], result["cols"], result["height_px"], result["width_px"]) == (2, 3, 48, 64)
     assert Path(str(result["pack"])).is_dir()
 
@@ -104,9 +111,17 @@ def test_a_child_that_hangs_is_ended(child, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_child_that_reports_progress_may_take_its_time(child, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
-    monkeypatch.setattr(file_checker, "LIMIT_S", 1.0)
-    slow = 'import time\nfor _ in range(15): print(flush=True); time.sleep(0.1)\nprint(\'{"ok": true, "result": {"a": 1}}\')'
-    assert finish(child(slow)) == {"a": 1}
+    t_ns = now_ns()
+    monkeypatch.setattr(file_checker, "now_ns", lambda: t_ns)
+    checker = child('for step in range(5): print(step, flush=True); input()\nprint(\'{"ok": true, "result": {"a": 1}}\')')
+    for step in range(5):
+        while checker.progress != str(step):
+            checker.read()
+        t_ns += int(0.9 * file_checker.LIMIT_S * 1e9)
+        assert not checker.done
+        checker._process.stdin.write(b"\n")
+        checker._process.stdin.flush()
+    assert finish(checker) == {"a": 1}
 
 
 def test_a_child_outlives_nobody() -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import attrs
 import numpy as np
+import psutil
 import pytest
 
 from lfpipe.config import Config, SessionOptions
@@ -137,10 +138,10 @@ def _stop(process: StageProcess) -> None:
 
 
 def _watched(command: list[str], seconds: float = 2.0, before: Callable[[int], None] = lambda pid: None) -> TimeSpent:
-    """Where the time of a command goes."""
+    """Where the time of a command goes, once it has written a line."""
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdout is not None and process.stdout.readline()
     before(process.pid)
-    time.sleep(0.3)
     spent, last = TimeSpent(), activity.sample(process.pid)
     assert last is not None
     t_ns = now_ns()
@@ -159,21 +160,26 @@ def _watched(command: list[str], seconds: float = 2.0, before: Callable[[int], N
 
 
 PYTHON = [sys.executable, "-c"]
+SPINS = "print(flush=True)\nwhile True: pass"
 
 
 def test_computing_is_work_and_sleeping_is_idle() -> None:
-    spins, sleeps = _watched([*PYTHON, "while True: pass"]), _watched([*PYTHON, "import time; time.sleep(60)"])
+    spins, sleeps = _watched([*PYTHON, SPINS]), _watched([*PYTHON, "import time; print(flush=True); time.sleep(60)"])
     assert spins.worked > 3 * spins.idle and spins.able == spins.worked + spins.idle
     assert not sleeps.worked and sleeps.idle == sleeps.able == sleeps.waited == sleeps.unmoved > 0
 
 
 def test_a_stopped_process_is_stopped() -> None:
-    spent = _watched([*PYTHON, "import os; os.kill(os.getpid(), 19)"])
+    def stopped(pid: int) -> None:
+        while psutil.Process(pid).status() != psutil.STATUS_STOPPED:
+            time.sleep(0.01)
+
+    spent = _watched([*PYTHON, "import os; print(flush=True); os.kill(os.getpid(), 19)"], before=stopped)
     assert spent.stopped == spent.able > 0
 
 
 def test_bytes_end_a_wait() -> None:
-    spent = _watched([*PYTHON, "while True: open('/proc/self/status').read(); __import__('time').sleep(0.02)"])
+    spent = _watched([*PYTHON, "print(flush=True)\nwhile True: open('/proc/self/status').read(); __import__('time').sleep(0.02)"])
     assert not spent.waited and not spent.unmoved and not spent.idle
 
 
@@ -189,7 +195,7 @@ def test_a_process_without_a_cpu_is_excused() -> None:
     try:
         for hog in hogs:
             os.sched_setaffinity(hog.pid, core)
-        spent = _watched([*PYTHON, "while True: pass"], 3.0, starve)
+        spent = _watched([*PYTHON, SPINS], 3.0, starve)
     finally:
         for hog in hogs:
             hog.kill()
