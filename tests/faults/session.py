@@ -107,7 +107,7 @@ class WatchedSession:
 
     def told(self) -> dict[str, Any]:
         """What the session was told to do, without what it decides itself."""
-        answer = control.request(self.run_dir, {"cmd": "hello"})
+        answer = control.request(self.run_dir, {"cmd": "hello"}, 30)
         options = {key: value for key, value in answer["options"].items() if key not in ("level", "pictures")}
         return {"config": answer["config"], "paused": answer["paused"], "options": options}
 

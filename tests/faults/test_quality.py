@@ -100,7 +100,7 @@ def test_quality_goes_down_a_level_at_a_time_while_others_have_the_cores_and_com
         tap.subscribe(b"")
         run_dir = next(path.parent for path in world.run_dir.rglob("session.json"))
         control.connect(tap, run_dir, "tap")
-        control.request(run_dir, {"cmd": "pictures", "lease_s": 60})  # then there is something to hear: the tap is connected
+        control.request(run_dir, {"cmd": "pictures", "lease_s": 60}, 30)  # then there is something to hear: the tap is connected
         assert tap.poll(10_000)
         hogs.start()
         world.wait_for(lambda: _level(world) >= 1, "lower level")

@@ -123,7 +123,7 @@ def test_paths_over_ctl_are_checked_as_on_the_command_line(world: World, scene: 
     world.up(scene, "--set", "render.clock=camera")
     world.pictures(5)
     run_dir = next(world.run_dir.glob("lfpipe-*"))
-    before = control.request(run_dir, {"cmd": "hello"})
+    before = control.request(run_dir, {"cmd": "hello"}, 30)
     closed = tmp_path / "closed"
     closed.mkdir()
     (closed / "view_00_00.png").write_bytes(b"not a picture")
@@ -138,8 +138,8 @@ def test_paths_over_ctl_are_checked_as_on_the_command_line(world: World, scene: 
     for word in ("trace", "record"):
         for path in ("relative", "../x", "a\0b", 5, None, "/dev/null/x"):
             with pytest.raises(UserError):
-                control.request(run_dir, {"cmd": word, "path": path})
-    after = control.request(run_dir, {"cmd": "hello"})
+                control.request(run_dir, {"cmd": word, "path": path}, 30)
+    after = control.request(run_dir, {"cmd": "hello"}, 30)
     assert (after["options"], after["config"]) == (before["options"], before["config"])
     world.pictures(len(world.lines()) + 5)
 

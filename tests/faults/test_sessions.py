@@ -160,11 +160,11 @@ def test_ten_sessions_of_different_names_do_not_meet(
     started = [world.start("up", scene if k < 2 else single, "--session", name, *slow) for k, name in enumerate(names)]
     world.wait_for(lambda: all(_pictures(name) > 3 for name in names), "pictures of ten sessions", 90)
     assert rundir.running() == sorted(names)
-    told = [control.request(Session(name).run_dir, {"cmd": "hello"}) for name in names]
-    assert control.request(Session(names[0]).run_dir, {"cmd": "set", "set": {"render.swap_eyes": True}})["ok"]
+    told = [control.request(Session(name).run_dir, {"cmd": "hello"}, 30) for name in names]
+    assert control.request(Session(names[0]).run_dir, {"cmd": "set", "set": {"render.swap_eyes": True}}, 30)["ok"]
     for name, before in zip(names[1:], told[1:], strict=True):
-        assert control.request(Session(name).run_dir, {"cmd": "hello"})["config"] == before["config"], "a command of another's"
-    assert control.request(Session(names[0]).run_dir, {"cmd": "stop"})["ok"]
+        assert control.request(Session(name).run_dir, {"cmd": "hello"}, 30)["config"] == before["config"], "another's command"
+    assert control.request(Session(names[0]).run_dir, {"cmd": "stop"}, 30)["ok"]
     started[0].communicate(timeout=60)
     started[1].kill()  # and one that dies does not take another along
     started[1].communicate()

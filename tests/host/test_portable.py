@@ -59,7 +59,7 @@ print(plain.poll(700))
 heard = context.socket(zmq.SUB)
 heard.subscribe(b"")
 endpoints.connect(heard, wrong, "tap")
-print(heard.poll(700), control.request(real, {{"cmd": "hello"}})["ok"], oct((real / "ctl").stat().st_mode & 0o777))
+print(heard.poll(700), control.request(real, {{"cmd": "hello"}}, 30)["ok"], oct((real / "ctl").stat().st_mode & 0o777))
 """
 
 
