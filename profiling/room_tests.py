@@ -30,25 +30,30 @@ def rooms() -> list[str]:
 
 @attrs.frozen
 class Tally:
-    """Outcome of a room's tests. failed: their names; skipped: reason -> how many."""
+    """Outcome of a room's tests. failed, again: names of those that failed, and of those that passed only when they ran again;
+    skipped: reason -> how many.
+    """
 
     passed: int
     failed: list[str]
+    again: list[str]
     skipped: dict[str, int]
 
     @classmethod
     def read(cls, path: Path) -> Tally:
-        """From a report in JUnit's format."""
-        passed, failed, skipped = 0, [], collections.Counter[str]()
+        """From a report in JUnit's format; a test that ran twice has two entries."""
+        found, tries, skipped = {}, collections.Counter[tuple[str, str]](), collections.Counter[str]()
         for case in ElementTree.parse(path).iter("testcase"):
-            found = case.find("skipped")
-            if found is not None:
-                skipped[found.get("message", "")] += 1
-            elif case.find("failure") is not None or case.find("error") is not None:
-                failed.append(case.get("name", ""))
-            else:
-                passed += 1
-        return cls(passed, failed, dict(sorted(skipped.items())))
+            reason = case.find("skipped")
+            if reason is not None:
+                skipped[reason.get("message", "")] += 1
+                continue
+            key = case.get("classname", ""), case.get("name", "")
+            found[key] = case.find("failure") is None and case.find("error") is None
+            tries[key] += 1
+        failed = [name for (place, name), passed in found.items() if not passed]
+        again = [name for (place, name), passed in found.items() if passed and tries[place, name] > 1]
+        return cls(len(found) - len(failed), failed, again, dict(sorted(skipped.items())))
 
     @property
     def cell(self) -> str:
@@ -57,7 +62,9 @@ class Tally:
 
     @property
     def notes(self) -> list[str]:
-        return [*(f"failed: `{name}`" for name in self.failed), *(f"skipped {n}: {why}" for why, n in self.skipped.items())]
+        failed = [f"failed: `{name}`" for name in self.failed]
+        again = [f"passed when it ran again: `{name}`" for name in self.again]
+        return [*failed, *again, *(f"skipped {n}: {why}" for why, n in self.skipped.items())]
 
 
 def run(room: str, python: Path, env: dict[str, str]) -> Tally:
@@ -66,7 +73,7 @@ def run(room: str, python: Path, env: dict[str, str]) -> Tally:
     with tempfile.TemporaryDirectory(prefix="lfr") as name:
         report = Path(name) / "report.xml"
         done = subprocess.run([python, "-m", "pytest", *OPTIONS, f"--junitxml={report}", *where], cwd=ROOT, env=env)
-        return Tally.read(report) if report.exists() else Tally(0, [f"pytest itself, exit code {done.returncode}"], {})
+        return Tally.read(report) if report.exists() else Tally(0, [f"pytest itself, exit code {done.returncode}"], [], {})
 
 
 class Table:
