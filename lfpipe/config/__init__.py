@@ -1,9 +1,10 @@
 """One frozen tree of typed values from TOML; every error names the key, the value and the remedy.
 
-`tree` defines the keys, `check` validates values, `layers` merges their sources, `text` writes them for people.
+`tree` defines the keys, `keys` lists them, `check` validates values, `layers` merges sources, `text` writes them for people.
 """
 
 from lfpipe.config.check import from_dict, updated
+from lfpipe.config.keys import choices, options
 from lfpipe.config.layers import load, parse_set, user_file
 from lfpipe.config.session_options import QualityLevel, ReplayOutput, SceneSummary, SessionOptions
 from lfpipe.config.tree import (
@@ -17,8 +18,6 @@ from lfpipe.config.tree import (
     Scene,
     Screen,
     Track,
-    choices,
-    options,
     to_dict,
     trusted,
 )

@@ -13,7 +13,8 @@ from collections.abc import Iterable, Mapping
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
 
-from lfpipe.config.tree import Config, Opt, choices, options, to_dict, trusted
+from lfpipe.config.keys import choices, options
+from lfpipe.config.tree import Config, Opt, to_dict, trusted
 from lfpipe.errors import UserError, shown
 
 TEXT_CHARS = 4096  # of any text; the longest path

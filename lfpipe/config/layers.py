@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe.config.check import changed, corrected, flat, problems, refusal, wrong_text
-from lfpipe.config.tree import Config, options
+from lfpipe.config.keys import options
+from lfpipe.config.tree import Config
 from lfpipe.errors import UserError, shown
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import toml_table

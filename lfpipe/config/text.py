@@ -6,7 +6,8 @@ import json
 import math
 from typing import Any, get_args
 
-from lfpipe.config.tree import Config, Opt, options, to_dict
+from lfpipe.config.keys import options
+from lfpipe.config.tree import Config, Opt, to_dict
 
 
 def _range(kind: Any, opt: Opt) -> str:

@@ -4,8 +4,7 @@
 
 import math
 from collections.abc import Mapping
-from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal
 
 import attrs
 
@@ -42,43 +41,40 @@ class Camera:
         ),
     ] = 640
     height_px: Annotated[int, Opt("frame height requested from the camera", "px", 16, 4320)] = 480
-    rate_hz: Annotated[float, Opt("frame rate requested from the camera, and used for a file without a rate of its own", "Hz", 0.1, 1000)] = (
-        30.0
-    )
+    rate_hz: Annotated[
+        float, Opt("frame rate requested from the camera, and used for a file without a rate of its own", "Hz", 0.1, 1000)
+    ] = 30.0
     format: Annotated[
         Literal["auto", "MJPG", "YUYV", "UYVY", "NV12", "YU12", "BGR3", "RGB3", "GREY", "Y10"],
         Opt("pixel format requested from the camera; auto: uncompressed up to 640x480, MJPG above, else any available one"),
     ] = "auto"
     exposure: Annotated[float | Literal["auto"], Opt("exposure time; auto: the camera decides", "ms", 0.01, 1000)] = "auto"
-    gain: Annotated[
-        float | Literal["auto"], Opt("gain in the camera's own units; auto: the camera decides", "", 0, 65535)
-    ] = "auto"
+    gain: Annotated[float | Literal["auto"], Opt("gain in the camera's own units; auto: the camera decides", "", 0, 65535)] = (
+        "auto"
+    )
     power_line_hz: Annotated[
-        Literal["auto", 0, 50, 60], Opt("mains frequency whose flicker the exposure avoids, 0 for none; auto: leave the camera's setting", "Hz")
+        Literal["auto", 0, 50, 60],
+        Opt("mains frequency whose flicker the exposure avoids, 0 for none; auto: leave the camera's setting", "Hz"),
     ] = "auto"
     dynamic_framerate: Annotated[
-        Literal["off", "on", "auto"], Opt("let a camera lower its rate in dim light, until the session ends; auto: leave the camera's setting")
+        Literal["off", "on", "auto"],
+        Opt("let a camera lower its rate in dim light, until the session ends; auto: leave the camera's setting"),
     ] = "off"
     rotate: Annotated[
         Literal[0, 90, 180, 270], Opt("turn the picture clockwise, for a camera mounted upside down or sideways", "deg")
     ] = 0
     mirror: Annotated[bool, Opt("mirror the picture, after the turn, for a driver that delivers it mirrored")] = False
     above_mm: Annotated[
-        float,
-        Opt("height of the camera above the middle of the picture on the screen", "mm", -2000, 2000, live=True),
+        float, Opt("height of the camera above the middle of the picture on the screen", "mm", -2000, 2000, live=True)
     ] = 0.0
     tilt_deg: Annotated[float, Opt("angle by which the camera looks down", "deg", -60, 60, live=True)] = 0.0
     focal_px: Annotated[
         float | Literal["auto"],
-        Opt(
-            "focal length at width_px; auto: measured by `lfpipe calibrate`, else from fov_deg",
-            "px",
-            1,
-            100000,
-            live=True,
-        ),
+        Opt("focal length at width_px; auto: measured by `lfpipe calibrate`, else from fov_deg", "px", 1, 100000, live=True),
     ] = "auto"
-    fov_deg: Annotated[float, Opt("horizontal field of view, used if focal_px is auto and was not measured", "deg", 5, 175, live=True)] = 56.0
+    fov_deg: Annotated[
+        float, Opt("horizontal field of view, used if focal_px is auto and was not measured", "deg", 5, 175, live=True)
+    ] = 56.0
 
     @property
     def frame_px(self) -> tuple[int, int]:
@@ -271,24 +267,6 @@ class Config:
     governor: Governor = Governor()
     control: Control = Control()
     replay: Replay = Replay()
-
-
-def options() -> dict[str, tuple[Any, Opt, Any]]:
-    """Every dotted key with (type, Opt, default), in the order of the tree."""
-    found: dict[str, tuple[Any, Opt, Any]] = {}
-    for section in attrs.fields(Config):
-        default = getattr(Config(), section.name)
-        for name, hint in get_type_hints(type(default), include_extras=True).items():
-            kind, opt = get_args(hint)
-            found[f"{section.name}.{name}"] = (kind, opt, getattr(default, name))
-    return found
-
-
-def choices(key: str) -> tuple[str, ...]:
-    """The words that a key accepts, in order."""
-    kind = options()[key][0]
-    parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    return tuple(word for part in parts if not isinstance(part, type) for word in get_args(part) if isinstance(word, str))
 
 
 def trusted(tree: Mapping[str, Any]) -> Config:
