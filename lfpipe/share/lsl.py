@@ -13,7 +13,6 @@ import math
 import threading
 from typing import Any
 
-from lfpipe.errors import UserError
 from lfpipe.host.native_stderr import quiet_stderr
 from lfpipe.host.processes import yield_to_others
 from lfpipe.share.output import Sample, Shown
@@ -26,17 +25,6 @@ EYES += [("t_sensor", "s")]
 PICTURES = [("source_seq", "count"), *((f"{eye}_{axis}", "views") for eye in ("left", "right") for axis in ("row", "col"))]
 BUFFER_S = 30  # a receiver further behind loses the oldest samples
 TRIES = 50  # pairs of readings of both clocks; the closest pair counts
-
-
-def check_library() -> None:
-    """Raises UserError if pylsl finds no liblsl."""
-    try:
-        import pylsl  # noqa: F401
-    except (ImportError, OSError, RuntimeError) as error:
-        raise UserError(
-            f"--share lsl: pylsl does not find its library: {str(error).splitlines()[0] if str(error) else type(error).__name__}",
-            "install liblsl for this system (its releases, or conda-forge), and name it in PYLSL_LIB",
-        ) from None
 
 
 def clock_offset_s() -> tuple[float, float]:

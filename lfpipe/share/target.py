@@ -60,6 +60,17 @@ def parse_target(text: str) -> Target:
     return Target(kind, host, int(port), rate_hz=rate_hz)
 
 
+def check_liblsl() -> None:
+    """Raises UserError if pylsl finds no liblsl."""
+    try:
+        import pylsl  # noqa: F401
+    except (ImportError, OSError, RuntimeError) as error:
+        raise UserError(
+            f"--share lsl: pylsl does not find its library: {str(error).splitlines()[0] if str(error) else type(error).__name__}",
+            "install liblsl for this system (its releases, or conda-forge), and name it in PYLSL_LIB",
+        ) from None
+
+
 def check_target(text: str) -> Target:
     """Parses a target and checks that its library is installed and its host resolves and has a route.
 
@@ -71,9 +82,7 @@ def check_target(text: str) -> Target:
         if importlib.util.find_spec(module) is None:
             raise UserError(f"--share {text}: {package} is not installed", "install it: pip install 'lfpipe[share]'")
     if target.kind == "lsl":
-        from lfpipe.share.lsl import check_library
-
-        check_library()
+        check_liblsl()
         return target
     return attrs.evolve(target, host=_resolved(text, target))
 

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
 from lfpipe.share import target as module
-from lfpipe.share.lsl import check_library
-from lfpipe.share.target import check_target, check_targets, parse_target
+from lfpipe.share.target import check_liblsl, check_target, check_targets, parse_target
 
 
 @pytest.mark.parametrize(
@@ -93,7 +92,7 @@ def test_a_missing_library_is_named_with_its_extra(text: str, library: str, monk
 def test_a_pylsl_without_its_library_is_told_where_that_is_to_be_had(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pylsl", None)
     with pytest.raises(UserError, match="does not find its library") as caught:
-        check_library()
+        check_liblsl()
     assert "PYLSL_LIB" in caught.value.remedy
 
 
