@@ -53,7 +53,7 @@ class CameraWatch(threading.Thread):
 
     @property
     def stamped(self) -> bool:
-        """Whether the driver stamps the frames: all but single ones, which are left out."""
+        """Whether the driver stamps the frames: nearly all; single frames without a stamp are left out."""
         return self._unstamped < MOST_UNSTAMPED or self._unstamped < len(self._frames) * UNSTAMPED_SHARE
 
     def frames(self, since_ns: int) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:

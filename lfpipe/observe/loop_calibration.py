@@ -97,7 +97,7 @@ class _Guide:
     def measured(self) -> LoopDelay:
         """Waits until the camera sees the window, then measures."""
         began_ns = look_ns = now_ns()
-        found_ns, next_ns = 0, 0  # since when the window is seen, and when to estimate next
+        found_ns, next_ns = 0, 0  # first sight of the window, and time of the next estimate
         while True:
             t_ns = self._flip()
             if self._watch.failure is not None:
@@ -152,14 +152,14 @@ class _Guide:
         return t_ns
 
     def _recording(self, since_ns: int) -> Recording:
-        """What was presented and seen from since_ns on."""
+        """The recording from since_ns on."""
         t_frame_ns, pictures = self._watch.frames(since_ns)
         flips = sorted((t_ns, number) for number, t_ns in self._presented_ns.items() if t_ns >= since_ns)
         times, numbers = (np.array([each[k] for each in flips], np.int64) for k in (0, 1))
         return Recording(times, numbers % 2 == 1, t_frame_ns, pictures, self._watch.stamped, self._clock.period_ns / 1e6)
 
     def _estimate(self, since_ns: int) -> LoopDelay:
-        """See `estimate`: rows in the order in which the sensor reads them."""
+        """See `estimate`; rows in the sensor's order of readout."""
         recording = self._recording(since_ns)
         return estimate(attrs.evolve(recording, pictures=as_read(recording.pictures, self._camera)))
 

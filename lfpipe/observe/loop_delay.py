@@ -1,12 +1,13 @@
-"""The delay of the loop, from what a camera saw of a screen that flips between black and white: camera's and display's together.
+"""The delay of the loop (camera and display together), from a camera's recording of a screen that flips between black and white.
 
-A frame with stamp t sees the light of the screen, averaged over its exposure, as it was presented `delay` earlier. The light of a
-flip rises and falls exponentially (pixel response). The delay runs from the present to the middle of the exposure that sees it,
-by the mean of the response, for the row in the middle of the camera's picture: rows above are read earlier, rows below later.
+A frame with stamp t sees the screen's light, averaged over its exposure, as it was presented `delay` earlier. The light of a flip
+rises and falls exponentially (pixel response). The delay runs from the present to the middle of the exposure that sees it. It
+includes the mean of the response and holds for the middle row of the camera's picture: rows above are read earlier, rows below
+later.
 
 Fitted by damped least squares (Levenberg 1944, Marquardt 1963): delay, time from row to row, exposure, response, gamma and stray
-light, with an amplitude for each band of rows. The interval is that of the delay's profile likelihood, so it is honest where the
-likelihood is flat: a short exposure in step with the screen sees black or white only, and says little of the time between.
+light, with an amplitude for each band of rows. The interval comes from the delay's profile likelihood, so it stays valid if the
+likelihood is flat: a short exposure in step with the screen sees only black or white, and shows little of the time between.
 """
 
 from __future__ import annotations
@@ -20,25 +21,25 @@ from lfpipe.observe.screen_light import ScreenLight
 
 DELAYS_MS = (-20.0, 300.0)  # searched
 COARSE_STEP_MS, COARSE_EXPOSURES_MS = 2.0, (4.0, 16.0, 33.0)
-SLOW_S = 1.0  # slower changes are the room's light and the camera's automatic exposure
+SLOW_S = 1.0  # slower changes come from the room's light and automatic exposure
 LEAST_FRAMES, LEAST_FLIPS = 60, 30
 OFF_BEAT, OFF_BEAT_SHARE = 0.25, 0.1  # of a period, and of all frames
 LEAST_R, AREA_R, LEAST_R2 = 0.25, 0.5, 0.5  # correlation of a pixel, as a share of the best pixel, and of the fit
 LEAST_PIXELS = 4
 BANDS = 6
 SHORT_HOLD = 0.1  # quantile: a busy machine may cut a single hold short
-WIDEST_MS = 3.0  # half of an interval that is still worth writing down
-MODEL_MS = 0.35  # by which pixels that respond otherwise than exponentially put the delay off, in made recordings
-SPAN = 0.12  # of the picture's height: how far from its middle the screen's may lie
+WIDEST_MS = 3.0  # half of the widest acceptable interval
+MODEL_MS = 0.35  # error of the delay from a non-exponential pixel response, in simulated recordings
+SPAN = 0.12  # of the picture's height: allowed distance of the screen's middle from the picture's
 
 Float = NDArray[np.float64]
 
 
 @attrs.frozen
 class Recording:
-    """t_flip_ns: int64 (m,), when the screen presented another level; bright: bool (m,), which one. t_frame_ns: int64 (n,), the
-    camera's stamps. pictures: uint8 (n, height, width), small grey pictures. stamped: the stamps are the driver's, not times of
-    reading. refresh_ms: period of the screen."""
+    """t_flip_ns: int64 (m,), times at which the screen presented another level; bright: bool (m,), that level. t_frame_ns: int64
+    (n,), the camera's stamps. pictures: uint8 (n, height, width), small grey pictures. stamped: the stamps come from the driver,
+    not from the time of reading. refresh_ms: period of the screen."""
 
     t_flip_ns: NDArray[np.int64]
     bright: NDArray[np.bool_]
@@ -50,8 +51,8 @@ class Recording:
 
 @attrs.frozen
 class LoopDelay:
-    """delay_ms with its 90 % interval. exposure_ms, response_ms (time constant of the pixels): as fitted. area: bool
-    (height, width), where the screen was seen."""
+    """delay_ms with its 90 % interval. exposure_ms, response_ms (time constant of the pixels): as fitted. area: bool (height,
+    width), the pixels that see the screen."""
 
     delay_ms: float
     low_ms: float
@@ -67,7 +68,7 @@ class LoopDelay:
 
 
 def _without_slow(series: Float, frames: int) -> Float:
-    """series (n, ...) less its running mean over so many frames."""
+    """series (n, ...) minus its running mean over this many frames."""
     n, half = len(series), frames // 2
     sums = np.concatenate([np.zeros((1, *series.shape[1:])), np.cumsum(series, axis=0)])
     low, high = np.maximum(np.arange(n) - half, 0), np.minimum(np.arange(n) + half + 1, n)
@@ -76,13 +77,13 @@ def _without_slow(series: Float, frames: int) -> Float:
 
 
 def find_area(recording: Recording) -> tuple[NDArray[np.float64], float, float]:
-    """Correlation of each pixel with the pattern, float (height, width), at the best delay within half a frame; the delay, and
-    the exposure that fitted best, in ms. No judgement: where nothing is seen all correlations are small."""
+    """Correlation of each pixel with the pattern, float (height, width), at the best delay within half a frame; that delay and
+    the best exposure in ms. Makes no decision: without a screen all correlations are small."""
     times, flips = _times_ms(recording)
     period = float(np.median(np.diff(times)))
     slow = max(3, round(SLOW_S * 1e3 / period))
     seen = _without_slow(recording.pictures.reshape(len(times), -1).astype(float), slow)
-    seen /= np.maximum(np.linalg.norm(seen, axis=0), 1e-9 + 0.3 * np.sqrt(len(times)))  # less than 0.3 levels is no signal
+    seen /= np.maximum(np.linalg.norm(seen, axis=0), 1e-9 + 0.3 * np.sqrt(len(times)))  # below 0.3 levels there is no signal
     delays = np.arange(*DELAYS_MS, COARSE_STEP_MS)
     light = ScreenLight(flips, recording.bright, 1.0)
     best: tuple[float, float, float, Float] | None = None
@@ -100,7 +101,7 @@ def find_area(recording: Recording) -> tuple[NDArray[np.float64], float, float]:
 
 
 def estimate(recording: Recording) -> LoopDelay:
-    """The delay of the loop. Raises UserError with the reason where it cannot be told from this recording."""
+    """The delay of the loop. Raises UserError with the reason if this recording does not determine it."""
     recording = _checked(recording)
     r, coarse_ms, width_ms = find_area(recording)
     area = (r > LEAST_R) & (r > AREA_R * r.max())
@@ -145,7 +146,7 @@ def _times_ms(recording: Recording) -> tuple[Float, Float]:
 
 
 def _checked(recording: Recording) -> Recording:
-    """The part of the recording that the pattern covers. Raises UserError where stamps or flips are of no use."""
+    """The part of the recording that the pattern covers. Raises UserError if stamps or flips are unusable."""
     if not recording.stamped:
         raise UserError("the frames have no stamps of the camera's driver", "another camera: nothing can be timed without")
     if len(recording.t_flip_ns) < LEAST_FLIPS or (np.diff(recording.t_flip_ns) <= 0).any():
@@ -167,7 +168,7 @@ def _checked(recording: Recording) -> Recording:
 
 class _Fit:
     """Least squares for a vector of delay (ms), time over the picture's height (ms), log exposure, log response, log gamma, log
-    stray light. row: where the screen is seen, from -0.5 at the top of the picture to 0.5."""
+    stray light. row: position of the screen, from -0.5 at the top of the picture to 0.5."""
 
     PRIOR = np.array([0.0, 15.0, np.log(12.0), np.log(2.0), np.log(2.1), np.log(0.05)])
     SPREAD = np.array([np.inf, 30.0, np.inf, 0.8, 0.2, 1.5])
@@ -176,7 +177,7 @@ class _Fit:
     HIGH = np.array([500.0, 200.0, np.log(200.0), np.log(20.0), np.log(3.5), np.log(10.0)])
 
     def __init__(self, recording: Recording, weights: Float) -> None:
-        """weights: float (height, width), 0 outside of the screen's area."""
+        """weights: float (height, width), 0 outside the screen's area."""
         self._times, self._flips = _times_ms(recording)
         self._bright, self._period = recording.bright, float(np.median(np.diff(self._times)))
         self._slow = max(3, round(SLOW_S * 1e3 / self._period))
@@ -213,7 +214,7 @@ class _Fit:
         return float(1 - np.square(off).sum() / np.square(self._seen).sum())
 
     def _minimised(self, vector: Float, steps: int, held: int = 0) -> tuple[Float, float]:
-        """Marquardt's steps over the entries from `held` on; the vector and half its sum of squares."""
+        """Marquardt's steps over the entries from `held` on; returns the vector and half its sum of squares."""
         damping, off = 1e-2, self._residuals(vector)
         free = np.arange(held, len(vector))
         cost = float(off @ off)
@@ -238,7 +239,7 @@ class _Fit:
         return vector, cost
 
     def solved(self, delay_ms: float, width_ms: float) -> tuple[Float, float]:
-        """The best vector near these, and what it leaves unexplained."""
+        """The best vector near these, and its residual."""
         start = self.PRIOR.copy()
         start[0], start[2] = delay_ms, np.log(width_ms)
         self._sigma = np.full(len(self._places), np.maximum(self._seen.std(axis=0), 1e-6)) * 0.2
@@ -249,7 +250,7 @@ class _Fit:
         off = self._residuals(vector)[: self._seen.size].reshape(self._seen.shape) * self._sigma
         self._sigma = np.maximum(off.std(axis=0), 0.05)
         best, least = self._minimised(vector, 10)
-        weight = len(self._times) / self._seen.size  # bands share their stamps' errors: no more independent than one
+        weight = len(self._times) / self._seen.size  # bands share the errors of stamps: as independent as one band
         span = 0.1
         while True:
             grid = best[0] + span * np.linspace(-1, 1, 21)
@@ -270,10 +271,10 @@ class _Fit:
         return float(low), float((chances * grid).sum() / chances.sum()), float(high)
 
     def to_middle_row(self, vector: Float, refresh_ms: float) -> tuple[float, float]:
-        """What to add to the delay for the middle row of the picture, and how far that may be off.
+        """The correction of the delay to the middle row of the picture, and its uncertainty.
 
-        The time from row to row is the camera's readout less the screen's own scan, which is known for neither: the screen
-        takes up to a refresh for the height at which it is seen, the camera up to a frame for its picture.
+        The time from row to row is the camera's readout minus the screen's own scan, both unknown: the screen takes up to a
+        refresh for its visible height, the camera up to a frame for its picture.
         """
         low = max(0.0, vector[1])
         high = min(max(vector[1] + refresh_ms / self._extent, low), max(self._period, low))

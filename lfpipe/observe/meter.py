@@ -59,11 +59,10 @@ class StageReading:
 
 @attrs.frozen(eq=False)
 class Reading:
-    """A session now. viewer: state of the viewer, in a word. age: of the picture when presented, over the last seconds;
-    worst: since the reset; age_now_ms: since the reading before, None where no picture was composed. horizon: how far ahead of
-    the sensor's stamp the eyes are predicted. judder_percent: see `snapshot`. motion_to_photon: its latencies in words.
-    level: of quality, 0 for full; lowest_level: the last one; level_words: what is reduced, in
-    words. supervisor: (CPU %, RSS in MB)."""
+    """A session now. viewer: state of the viewer, in a word. age: of the picture when presented, over the last seconds; worst:
+    since the reset; age_now_ms: since the previous reading, None if no picture was composed. horizon: time from the sensor's
+    stamp to the predicted eyes. judder_percent: see `snapshot`. motion_to_photon: its latencies in words. level: of quality, 0
+    for full; lowest_level: the last one; level_words: what is reduced, in words. supervisor: (CPU %, RSS in MB)."""
 
     uptime_s: float
     camera_hz: float

@@ -30,5 +30,5 @@ class ScreenLight:
         return np.asarray(self._sum[at] + self._goal[at] * since + self._above[at] * fading)
 
     def mean(self, t_ms: Float, width_ms: float) -> Float:
-        """Of the light within width_ms around each of t_ms."""
+        """The mean light within width_ms around each of t_ms."""
         return (self.integral(t_ms + width_ms / 2) - self.integral(t_ms - width_ms / 2)) / width_ms
