@@ -65,7 +65,7 @@ def up(
 ) -> int:
     """Show SCENE, a folder or file with a light field, from the position of the viewer's eyes.
 
-Several scenes, or a folder of scenes, form a playlist. Switch with Tab, Page Up and Page Down, or `lfpipe ctl load --next`.
+    Several scenes, or a folder of scenes, form a playlist. Switch with Tab, Page Up and Page Down, or `lfpipe ctl load --next`.
     Camera, layout, method and alpha are detected and printed in five lines. In the window, h shows the keys.
     """
     from lfpipe.cli import launch

@@ -17,7 +17,7 @@ GIF_PICTURES = 300  # a GIF is held in memory
 
 
 def check_clip(path: Path, count: int) -> None:
-    """Raises UserError if a clip of that many pictures cannot be written to path."""
+    """Raises UserError if a clip of this many pictures cannot be written to path."""
     if path.suffix.lower() not in SUFFIXES:
         raise UserError(f"{path}: not .mp4 or .gif", "for example boxes.mp4")
     if path.suffix.lower() == ".gif" and count > GIF_PICTURES:
@@ -33,7 +33,7 @@ def check_clip(path: Path, count: int) -> None:
 def write_clip(path: Path, pictures: Iterable[NDArray[np.uint8]], rate_hz: float) -> int:
     """Writes pictures, uint8 (height, width, 3) BGR of one size, to a path that `check_clip` allows; returns how many.
 
-    Raises UserError where the disk is full; no part of it stays.
+    Raises UserError if the disk is full, and removes the partial file.
     """
     count = 0
     try:
@@ -56,10 +56,10 @@ def _write_gif(path: Path, pictures: list[NDArray[np.uint8]], rate_hz: float) ->
     from PIL import Image  # comes with matplotlib
 
     images = [Image.fromarray(np.ascontiguousarray(picture[..., ::-1])) for picture in pictures]
-    # One palette for all: one a picture makes still parts flicker.
+    # one palette for all: a palette per picture makes static parts flicker
     sample = Image.fromarray(np.vstack([np.asarray(image)[::4, ::4] for image in images]))
     palette = sample.quantize(256, dither=Image.Dither.NONE)
     indexed = [image.quantize(palette=palette) for image in images]
-    hundredths = max(2, round(100 / rate_hz))  # what a GIF counts in; players slow down faster ones
+    hundredths = max(2, round(100 / rate_hz))  # unit of a GIF's delays; players slow down shorter ones
     indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=10 * hundredths, loop=0)
     return len(images)

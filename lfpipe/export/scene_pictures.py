@@ -1,4 +1,4 @@
-"""What a light field is exported as. Every view is drawn by the method that suits the scene; videos of light fields play along.
+"""Exports of a light field. The method that suits the scene draws every view; light-field videos play on.
 
     quilt    views from left to right as tiles of one picture, the leftmost at the bottom left: Looking Glass displays
              (https://docs.lookingglassfactory.com/keyconcepts/quilts)
@@ -27,7 +27,7 @@ from lfpipe.scene.lightfield import LightField
 Picture = NDArray[np.uint8]
 
 QUILT = (8, 6)  # columns and rows of tiles, as on most of these displays
-QUILT_PX = 8192  # of a side: the largest that they take
+QUILT_PX = 8192  # of a side: the largest that they accept
 MOST_TILES = 20  # a side
 RATE_HZ = 30.0
 WIGGLE_S, SWEEP_S = 0.8, 6.0  # there and back
@@ -35,8 +35,8 @@ LONGEST_S = 600.0
 
 
 class SceneExport:
-    """Draws the exports of one scene. config: render.method and render.zero_plane_px, and all that the distance between the eyes'
-    views rests on."""
+    """Draws the exports of one scene. config: render.method, render.zero_plane_px, and the keys that determine the distance
+    between the eyes' views."""
 
     def __init__(self, field: LightField, config: Config) -> None:
         self._field, self._config = field, config
@@ -52,7 +52,7 @@ class SceneExport:
         return min(chosen.views_between_eyes, self._field.cols - 1.0)
 
     def _eyes(self, apart_views: float | None) -> tuple[float, float]:
-        """Columns of the left eye and of the right eye. Raises UserError."""
+        """Columns of the left and the right eye. Raises UserError."""
         apart, widest = self.comfortable_views if apart_views is None else apart_views, self._field.cols - 1.0
         if not 0 < apart <= widest:
             raise UserError(
@@ -63,7 +63,7 @@ class SceneExport:
         return middle - apart / 2, middle + apart / 2
 
     def quilt(self, cols: int, rows: int) -> Picture:
-        """cols * rows views, evenly from the first column to the last; tiles are made smaller where it would exceed QUILT_PX."""
+        """cols * rows views, evenly from the first column to the last; tiles shrink if the quilt would exceed QUILT_PX."""
         field = self._field
         scale = min(1.0, QUILT_PX / (cols * field.width_px), QUILT_PX / (rows * field.height_px))
         width, height = (max(1, math.floor(scale * side)) for side in (field.width_px, field.height_px))
@@ -97,7 +97,7 @@ class SceneExport:
 
 
 def quilt_name(path: Path, cols: int, rows: int, aspect: float) -> Path:
-    """path with what a viewer of quilts reads from a name; as it is where it says that already."""
+    """path with the grid and aspect that quilt viewers read from a name; unchanged if it has them."""
     if re.search(r"_qs\d+x\d+", path.stem):
         return path
     return path.with_stem(f"{path.stem}_qs{cols}x{rows}a{aspect:.2f}")

@@ -1,6 +1,6 @@
 """Depth maps inside JPEGs, as phones write portrait photographs: GDepth (in extended XMP) and Dynamic Depth (appended items).
 
-GDepth: https://developers.google.com/depthmap-metadata/reference; Dynamic Depth 1.0, an XMP directory of what follows the
+GDepth: https://developers.google.com/depthmap-metadata/reference; Dynamic Depth 1.0, an XMP directory of the items after the
 picture; XMP Part 3 (Adobe) for its parts in a JPEG. In both, larger values are farther away.
 """
 
@@ -20,7 +20,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.picture_header import header_of
 from lfpipe.scene.files import read_bytes
 
-MAX_BYTES = 60_000_000  # of a photograph with what it carries
+MAX_BYTES = 60_000_000  # of a photograph with its embedded items
 _MAX_DEPTH_BYTES = 40_000_000  # of a decoded map
 _XMP, _MORE = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _ITEM = re.compile(rb"<\w+:Item\b([^>]{0,2000})>")
@@ -48,7 +48,7 @@ def _value(xmp: bytes, name: bytes) -> bytes | None:
 
 
 def _appended(data: bytes, xmp: bytes) -> bytes | None:
-    """The item with the depth, of those that a directory lists: they follow the picture, in order, to the end of the file."""
+    """The depth item of a directory: items follow the picture, in order, to the end of the file."""
     end, depth = len(data), None
     for item in reversed(_ITEM.findall(xmp)):
         length = int(_value(item, rb"\w*Item:Length") or 0)
@@ -62,7 +62,7 @@ def _appended(data: bytes, xmp: bytes) -> bytes | None:
 
 
 def has_depth(path: Path) -> bool:
-    """Whether a JPEG says that it carries a depth map."""
+    """Whether a JPEG declares a depth map."""
     if path.suffix.lower() not in (".jpg", ".jpeg"):
         return False
     try:

@@ -1,4 +1,4 @@
-"""HDF5 files that others made: opened read-only, nothing in them may lead to another file, and claims are checked first."""
+"""Untrusted HDF5 files: opened read-only, links to other files refused, claimed sizes checked first."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.scene.files import descriptor_path, open_file
 
-_WHOLE_BYTES = 1 << 30  # a compressed data set up to this size is unpacked once
-_SMALL_BYTES = 150_000_000  # what may be unpacked before anything is known to be wrong
-_MAX_RATIO = 100  # unpacked over stored, for what is not small; pictures pack 2 to 10 times, black ones more
+_WHOLE_BYTES = 1 << 30  # a compressed data set up to this size is unpacked in one go
+_SMALL_BYTES = 150_000_000  # bytes to unpack before the checks below apply
+_MAX_RATIO = 100  # unpacked over stored size, above that; pictures compress 2 to 10 times, black ones more
 _MAX_PIECES = 200_000
 _DEFLATE, _SHUFFLE, _FLETCHER32, _LZF, _LZF_RATIO = 1, 2, 3, 32000, 90
 _REMEDY = "fetch the file again"
@@ -43,8 +43,8 @@ class Hdf5:
         self._h5py = h5py
 
     def shape(self, key: str) -> tuple[int, ...] | None:
-        """Shape of a data set of numbers, None where there is none. Raises UserError where it leads out of the file or
-        claims what its file cannot hold."""
+        """Shape of a numeric data set, None if there is none. Raises UserError if it leads out of the file or claims more than
+        the file can hold."""
         with self._guarded(key):
             link = self._file.get(key, getlink=True)
             if isinstance(link, self._h5py.ExternalLink | self._h5py.SoftLink):  # a chain of them may end anywhere
@@ -61,7 +61,7 @@ class Hdf5:
 
     @contextlib.contextmanager
     def _guarded(self, what: str) -> Iterator[None]:
-        """One thread at a time; whatever h5py raises for damage is a UserError."""
+        """One thread at a time; h5py's errors for damage become UserError."""
         with self._lock:
             try:
                 yield
@@ -91,7 +91,7 @@ class Hdf5:
             return sorted(str(name) for name in self._file)
 
     def attributes(self) -> dict[str, float]:
-        """Numeric attributes of the root; those of several numbers are left out."""
+        """Numeric attributes of the root, without arrays."""
         found: dict[str, float] = {}
         with self._guarded("the attributes"):
             attrs = self._file.attrs
@@ -102,11 +102,11 @@ class Hdf5:
         return found
 
     def piece(self, key: str, index: Any) -> NDArray[Any]:
-        """A part of a data set that `shape` has found. Raises UserError where the file is damaged there."""
+        """A part of a data set that `shape` has found. Raises UserError if the file is damaged there."""
         with self._guarded(key):
             if key not in self._whole:
                 found = self._file[key]
-                # A view may cross every compressed chunk: unpacking them all once beats doing so for each view.
+                # a view may cross every compressed chunk: unpacking all of them once beats unpacking for each view
                 if found.chunks:
                     _require_bounded(found)
                     found = found[()] if found.nbytes <= _WHOLE_BYTES else found
@@ -115,7 +115,7 @@ class Hdf5:
 
 
 def _require_bounded(dataset: Any) -> None:
-    """Raises ValueError where a chunk does not unpack, or unpacks to more than its size, as the library does without end."""
+    """Raises ValueError if a chunk does not unpack, or unpacks to more than its size, which the library does not limit."""
     size = math.prod(dataset.chunks) * dataset.dtype.itemsize
     made = dataset.id.get_create_plist()
     filters = [made.get_filter(number)[0] for number in range(made.get_nfilters())]
@@ -145,7 +145,7 @@ def _first_line(error: Exception) -> str:
 
 
 def is_hdf5(path: Path) -> bool:
-    """Whether a file is HDF5, as MATLAB's v7.3 is behind a header of its own. Raises UserError where it cannot be read."""
+    """Whether a file is HDF5, like MATLAB's v7.3 after its own header. Raises UserError if it cannot be read."""
     import h5py
 
     with open_file(path) as file:
@@ -156,7 +156,7 @@ def is_hdf5(path: Path) -> bool:
 
 
 def unsigned(values: NDArray[Any], path: Path, full: Callable[[], float] = lambda: 1.0) -> NDArray[Any]:
-    """uint8 and uint16 as they are; floats 0 .. full() as uint16 0 .. 65535. Raises UserError for other types, NaN."""
+    """uint8 and uint16 unchanged; floats 0 .. full() as uint16 0 .. 65535. Raises UserError for other types, NaN."""
     if values.dtype in (np.uint8, np.uint16):
         return values
     if values.dtype.kind != "f":

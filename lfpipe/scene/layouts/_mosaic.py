@@ -20,18 +20,18 @@ from lfpipe.scene.files import Listing, picture_header, read_picture
 from lfpipe.scene.layouts._grid import parse_grid
 
 MOST_TILES = 64  # along one side
-# Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the rest is at the right and the bottom.
+# Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the remainder is at the right and the bottom.
 UNEVEN = {(4096, 4096): (5, 9), (8192, 8192): (5, 9)}
 _SMALLEST_TILE_PX = 24
 _LARGE_BYTES = 64_000_000  # of a picture
-_GLANCE_PX = 1024  # the longer side of the picture that is searched for tiles
+_GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
 _TWO_AXES, _ONE_AXIS = 0.5, 0.2  # limits of `_unlike` for neighbouring tiles
 
 
 @attrs.frozen
 class Tiling:
-    """How a picture is cut: tile_rows x tile_cols tiles. quilt: one row of views from the bottom left tile to the right,
-    then upwards (or downwards where `down`)."""
+    """The division of a picture into tile_rows x tile_cols tiles. quilt: one row of views from the bottom left tile to the right,
+    then upwards (downwards with `down`)."""
 
     tile_rows: int
     tile_cols: int
@@ -44,7 +44,7 @@ class Tiling:
         return (1, self.tile_rows * self.tile_cols) if self.quilt else (self.tile_rows, self.tile_cols)
 
     def cut(self, picture: NDArray[Any], row: int, col: int) -> NDArray[Any]:
-        """One view; what is left over at the right and the bottom belongs to none."""
+        """One view; the remainder at the right and the bottom belongs to none."""
         if self.quilt:
             row, col = divmod(col, self.tile_cols)
             row = row if self.down else self.tile_rows - 1 - row
@@ -53,7 +53,7 @@ class Tiling:
 
 
 class LastPictures:
-    """Whole pictures by frame number, the last two kept, of large ones one, for readers in several threads."""
+    """A cache of the last two pictures by frame number (one if they are large), for readers in several threads."""
 
     def __init__(self, load: Callable[[int], NDArray[Any]]) -> None:
         self._load = load
@@ -70,14 +70,14 @@ class LastPictures:
 
 
 def single_picture(listing: Listing) -> Path | None:
-    """The picture that is the whole scene: the file given, or the only picture of the folder."""
+    """The picture of a scene of one picture: the given file, or the only picture of the folder."""
     pictures = listing.pictures()
     return listing.file(pictures[0]) if len(pictures) == 1 else None
 
 
 def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
-    """By count of tiles along an axis: mean square difference at the shift of one tile, relative to that at half a tile
-    more or less. A mosaic dips there; the difference of an ordinary picture only grows with the shift."""
+    """By number of tiles along an axis: mean square difference at a shift of one tile, relative to shifts of half a tile more or
+    less. A mosaic has a dip there; the difference of an ordinary picture only grows with the shift."""
     size = grey.shape[axis]
 
     def difference(shift: int) -> float:
@@ -95,7 +95,7 @@ def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
 
 
 def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
-    """The count of tiles whose neighbours are most alike, and how unlike they are; (1, 1.0) where none divides."""
+    """The number of tiles whose neighbours are most alike, and their difference; (1, 1.0) if no number divides."""
     fits = {n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= _SMALLEST_TILE_PX}
     best = min(fits, key=lambda n: fits[n], default=1)
     return best, fits.get(best, 1.0)
@@ -112,7 +112,7 @@ def find_tiles(picture: NDArray[Any], name: str) -> tuple[int, int] | None:
         if find_tiles(picture[: height - height % preset[1], : width - width % preset[0]], name) == preset[::-1]:
             return preset[1], preset[0]
     scale = min(1.0, _GLANCE_PX / max(height, width))
-    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)  # of one plane it would be a copy of that
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)  # of a single plane it would be a copy
     plane = (small if small.ndim == 2 else small[..., 1]).astype(np.float32)
     down, across = _unlike(plane, 0), _unlike(plane, 1)
     for found in re.finditer(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", name):
@@ -133,7 +133,7 @@ def _grey(tile: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def detect_quilt(picture: NDArray[Any], rows: int, cols: int) -> Tiling:
-    """The tiling of a picture of rows x cols tiles: a quilt where tiles below one another differ sideways only."""
+    """The tiling of a picture of rows x cols tiles: a quilt if vertically adjacent tiles differ only sideways."""
     plain = Tiling(rows, cols)
     tiles = [[_grey(plain.cut(picture, r, c)) for c in range(cols)] for r in range(rows)]
     if min(rows, cols) < 2 or min(tiles[0][0].shape) < _SMALLEST_TILE_PX:
@@ -156,7 +156,7 @@ def detect_quilt(picture: NDArray[Any], rows: int, cols: int) -> Tiling:
 
 
 def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling:
-    """How the picture at path is cut: as scene.grid says, else detected. Raises UserError."""
+    """The tiling of the picture at path: from scene.grid, else detected. Raises UserError."""
     height, width = picture.shape[:2]
     grid = parse_grid(scene.grid) or find_tiles(picture, f"{path.parent.name}/{path.stem}")
     if grid is None:
@@ -170,7 +170,7 @@ def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling:
 
 
 def picture_loader(paths: list[Path]) -> LastPictures:
-    """Pictures by frame number. Raises UserError where their sizes differ, and when one is read that is damaged."""
+    """Pictures by frame number. Raises UserError if their sizes differ, and on reading a damaged one."""
     headers = [picture_header(path) for path in paths]
     sizes = [f"{header.width_px}x{header.height_px}" for header in headers]
     for path, size in zip(paths, sizes, strict=True):

@@ -1,4 +1,4 @@
-"""What plenoptic cameras have in common: raw pictures are a honeycomb of lenslets, the outer views are dark or empty."""
+"""Common properties of plenoptic cameras: raw pictures are a honeycomb of lenslets, the outer views are dark or empty."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from lfpipe.scene.source import ViewIndex
 
-_CROP_PX, _PITCH_PX, _PEAK = 512, (5, 30), 300.0  # of the part that is looked at, of a lenslet; over the median around it
-_SMALLEST_PX = 256  # side of a raw picture: they have thousands
-_DARK_SIDE, _DARK_VIEW = 0.55, 0.4  # brightness over that of the middle view, below which a whole side, a view is left out
+_CROP_PX, _PITCH_PX, _PEAK = 512, (5, 30), 300.0  # of the examined part, of a lenslet; over the median around it
+_SMALLEST_PX = 256  # side of a raw picture: at least thousands of px
+_DARK_SIDE, _DARK_VIEW = 0.55, 0.4  # brightness over that of the middle view; darker sides and views are left out
 
 
 def is_honeycomb(picture: NDArray[Any]) -> bool:
-    """Whether a picture is a raw one of lenslets in a honeycomb: its spectrum has peaks of one distance 60 degrees apart."""
+    """Whether a picture is a raw honeycomb of lenslets: its spectrum has peaks at equal distance, 60 degrees apart."""
     plane = picture if picture.ndim == 2 else picture[..., 1]
     size = min(_CROP_PX, *plane.shape)
     top, left = ((side - size) // 2 for side in plane.shape)
@@ -46,10 +46,10 @@ def is_honeycomb(picture: NDArray[Any]) -> bool:
 def bright_part(
     read: Callable[[int, int], NDArray[Any] | None], rows: int, cols: int
 ) -> tuple[int, int, int, int, set[ViewIndex]]:
-    """(first row, first column, rows, columns, missing places of the part) of the views that got light.
+    """(first row, first column, rows, columns, missing places of the part) of the lit views.
 
-    Removes whole sides, evenly from both ends, while the middle of a side is dark; dark views in the corners
-    count as missing. read(row, col): a view, or None where there is none.
+    Removes whole sides, evenly from both ends, while the middle of a side is dark; dark views in the corners count as missing.
+    read(row, col): a view, or None.
     """
 
     def light(row: int, col: int) -> float:
@@ -66,7 +66,7 @@ def bright_part(
     missing: set[ViewIndex] = set()
     for row in range(inner_rows):
         for col in range(inner_cols):
-            # Light falls off towards the corners only: the rest of the grid is not looked at.
+            # light falls off only towards the corners: no need to check the rest of the grid
             corner = min(row, inner_rows - 1 - row) + min(col, inner_cols - 1 - col) < max(1, min(inner_rows, inner_cols) // 4)
             if corner and light(row + top, col + left) < _DARK_VIEW * middle:
                 missing.add((row, col))

@@ -1,6 +1,6 @@
 """ESLF: one PNG of lenslets, N x N px each (14 x 14 of a Lytro Illum); pixel (row, col) of every lenslet is one view.
 
-As LFToolbox's LFReadESLF reads it; a picture that is no multiple of N is filled up at its end.
+As in LFToolbox's LFReadESLF; a picture that is not a multiple of N is padded at its end.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _GLANCE_PX = 1024
 
 
 def lenslet_pitch(picture: NDArray[Any]) -> int | None:
-    """The side of a lenslet in px, or None: neighbouring lenslets see nearly the same, their halves do not."""
+    """The side of a lenslet in px, or None: neighbouring lenslets are nearly alike, their halves are not."""
     plane = picture if picture.ndim == 2 else picture[..., 1]
     top, left = ((max(0, size - _GLANCE_PX)) // 2 for size in plane.shape)
     part = plane[top : top + _GLANCE_PX, left : left + _GLANCE_PX].astype(np.float32)

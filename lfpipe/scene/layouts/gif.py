@@ -1,4 +1,4 @@
-"""A GIF whose frames are views along a line: a wiggle. One that goes there and back again gives each view once."""
+"""A GIF whose frames are views along a line: a wiggle. If it goes there and back, each view counts once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lfpipe.scene.source import SceneSource
 
 NAME = "gif"
 _MAX_BYTES = 60_000_000  # of the file
-_SAME = 2.0  # grey levels between frames that show one view: dithering
+_SAME = 2.0  # grey levels between frames of one view: dithering
 
 
 def _path(listing: Listing) -> Path | None:
@@ -30,7 +30,7 @@ def detect(listing: Listing) -> int | None:
 
 
 def count_frames(data: bytes) -> int:
-    """Frames of a GIF (GIF89a specification): image descriptors between its blocks; 0 where it is damaged."""
+    """Number of frames of a GIF (GIF89a specification): image descriptors between its blocks; 0 if it is damaged."""
 
     def table(flags: int) -> int:
         return 3 << (1 + (flags & 7)) if flags & 0x80 else 0
@@ -67,7 +67,7 @@ def _frames(path: Path) -> list[NDArray[Any]]:
 
 
 def _there(frames: list[NDArray[Any]]) -> list[NDArray[Any]]:
-    """The frames up to where they turn back; all of them where they do not."""
+    """The frames before the sequence reverses; all of them if it does not."""
 
     def same(a: int, b: int) -> bool:
         return float(cv2.norm(frames[a], frames[b], cv2.NORM_L1)) < _SAME * frames[a].size

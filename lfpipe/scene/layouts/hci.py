@@ -48,7 +48,7 @@ def _parameters(path: Path) -> configparser.SectionProxy:
 
 
 def _number(path: Path, table: configparser.SectionProxy, key: str, low: float, high: float) -> float | None:
-    """The number at key; None where there is none, or zero or text for "not known". Raises UserError where it is out of range."""
+    """The number at key; None if it is missing, or zero or text for "not known". Raises UserError if it is out of range."""
     try:
         value = float(table.get(key, "0"))
     except ValueError:
@@ -91,7 +91,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     require_whole(listing, files, rows, cols, views[min(views)], grouped=False)
     truth: dict[tuple[int, int], Callable[[], NDArray[np.float32]]] = {}
     maps: list[Path] = []
-    for name in sorted(listing.names, key=len):  # a map that names its view comes last and wins
+    for name in sorted(listing.names, key=len):  # a map that names its view is last and wins
         if found := _TRUTH.fullmatch(name):
             index = int(found[1]) if found[1] else (rows // 2) * cols + cols // 2
             if index < rows * cols:

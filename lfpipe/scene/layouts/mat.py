@@ -28,8 +28,8 @@ _KEYS = ("LF", "lf", "LightField", "lightfield")
 _PLANES = (1, 3, 4, 5)  # grey, colour, and colour with weights behind it
 _ORDERS: dict[bytes, Literal["little", "big"]] = {b"IM": "little", b"MI": "big"}
 _MAX_VARIABLES = 1000
-_PIECE_BYTES, _MAX_PIECE_BYTES = 1 << 17, 40_000_000  # of packed data, of what it may unpack to
-_SMALL_BYTES, _MAX_RATIO = 40_000_000, 100  # unpacked over stored, for what is not small; pictures pack 2 to 10 times
+_PIECE_BYTES, _MAX_PIECE_BYTES = 1 << 17, 40_000_000  # of compressed data, and of its unpacked size
+_SMALL_BYTES, _MAX_RATIO = 40_000_000, 100  # unpacked over stored size, above that; pictures compress 2 to 10 times
 
 
 def _file(listing: Listing) -> Path | None:
@@ -44,7 +44,7 @@ def detect(listing: Listing) -> int | None:
 def axis_order(shape: tuple[int, ...]) -> tuple[int, ...] | None:
     """Which axes of the array are (rows, cols, y, x[, planes]), by size: planes are few and views larger than the grid.
 
-    v7.3 order (planes first) and MATLAB's own (planes last) both occur. None where the shape cannot be a light field.
+    Both v7.3 order (planes first) and MATLAB's own (planes last) occur. None if the shape cannot be a light field.
     """
     natural: tuple[int, ...] = tuple(range(len(shape)))
     if len(shape) not in (4, 5) or 0 in shape:
@@ -83,7 +83,7 @@ def _open(path: Path) -> tuple[str, tuple[int, ...], np.dtype[Any], Callable[[An
             held = scipy.io.loadmat(file, variable_names=list(_KEYS))
         except UserError:
             raise
-        except Exception as error:  # scipy raises whatever its parser stumbles over
+        except Exception as error:  # scipy's parser may raise anything
             raise UserError(f"{path}: not a readable .mat file: {error!r}"[:300], "save it again, with -v7.3") from None
     for key in _KEYS:
         if isinstance(values := held.get(key), np.ndarray):
@@ -94,10 +94,10 @@ def _open(path: Path) -> tuple[str, tuple[int, ...], np.dtype[Any], Callable[[An
 
 
 def _require_whole(path: Path, file: BinaryIO) -> None:
-    """Raises UserError where the variables of a .mat file (version 5) are not whole, or unpack to much more than pictures do.
+    """Raises UserError if variables of a .mat file (version 5) are incomplete, or unpack to far more than pictures would.
 
-    Each is a tag of type and size, 4 bytes each, and zlib data where the type is 15; it is unpacked here piece by piece, as
-    scipy unpacks pieces of this size whole.
+    Each is a tag of type and size, 4 bytes each, and zlib data if the type is 15. This unpacks it piece by piece; scipy would
+    unpack it all at once.
     """
     size, at, unpacked = os.fstat(file.fileno()).st_size, 128, 0
     order = _ORDERS.get(file.read(at)[126:])
@@ -106,7 +106,7 @@ def _require_whole(path: Path, file: BinaryIO) -> None:
     variables = 0
     while at + 8 <= size:
         variables += 1
-        if variables > _MAX_VARIABLES:  # zeros behind the last one read as variables of no bytes
+        if variables > _MAX_VARIABLES:  # zeros after the last one look like empty variables
             raise UserError(f"{path}: more than {_MAX_VARIABLES} variables", "save only the light field, as LF")
         file.seek(at)
         tag = file.read(8)

@@ -46,7 +46,7 @@ def _alike(a: Path, b: Path) -> bool:
 
 
 def _glance(path: Path) -> NDArray[Any]:
-    """A picture as 256x256 values."""
+    """A picture, reduced to 256x256 values."""
     small = cv2.resize(read_picture(path)[0], (256, 256), interpolation=cv2.INTER_AREA)
     return (small if small.ndim == 2 else small[..., 1]).ravel()
 

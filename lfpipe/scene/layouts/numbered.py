@@ -1,6 +1,6 @@
 """Pictures with a running number: a grid row by row, column by column or as a snake, or a line of views.
 
-The names do not say which; views that are near in the grid look alike, and that decides.
+The names do not say which; the pictures decide, because neighbouring views look alike.
 """
 
 from __future__ import annotations

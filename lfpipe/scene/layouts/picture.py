@@ -19,11 +19,11 @@ from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "picture"
 _GLANCE_PX, _FEWEST_PX = 512, 300
-_ASIDE_PX = 1.5  # between red and green: more than lenses leave
+_ASIDE_PX = 1.5  # between red and green: more than lens errors
 
 
 def is_anaglyph(picture: NDArray[Any]) -> bool:
-    """Whether red lies beside green and blue as one eye's picture lies beside the other's, and not on it."""
+    """Whether red is shifted against green and blue like one eye's picture against the other's."""
     if picture.ndim == 2:
         return False
     scale = min(1.0, _GLANCE_PX / max(picture.shape[:2]))

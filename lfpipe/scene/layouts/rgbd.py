@@ -1,7 +1,7 @@
 """A picture with its depth map: side by side or one below the other in one file (Looking Glass RGB-D), in two files, or inside
 a JPEG as phones write it.
 
-White is near. Views around the picture are made from it: shifted by depth, and filled from behind where nothing was seen.
+White is near. Views around the picture are synthesised from it: shifted by depth, holes filled from behind.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _NAMED = re.compile(r"rgb-?[dz](?![a-z])")
 _DEPTH = re.compile(r"[-_. ]*(depth|depthmap|disparity|dpt)$")
 _GRID = (5, 9)
 _RANGE_SHARE = 0.008  # of the width: disparity between the nearest and the farthest, per view
-_GREY, _COLOURED = 2.0, 6.0  # levels between channels: of a depth map at most, of a picture at least
+_GREY, _COLOURED = 2.0, 6.0  # levels between channels: at most for a depth map, at least for a picture
 
 
 def _pair(listing: Listing) -> tuple[str, str] | None:
@@ -40,7 +40,7 @@ def _pair(listing: Listing) -> tuple[str, str] | None:
 
 
 def _colour(part: NDArray[Any]) -> float:
-    """How far the channels of a picture differ, levels."""
+    """Difference between the channels of a picture, in levels."""
     if part.ndim == 2:
         return 0.0
     small = cv2.resize(part, (64, 64), interpolation=cv2.INTER_AREA).astype(np.float32)
@@ -48,7 +48,7 @@ def _colour(part: NDArray[Any]) -> float:
 
 
 def _beside(picture: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]] | None:
-    """(picture, depth) of a file that holds both: the grey half is the depth; None where there is none."""
+    """(picture, depth) of a file that holds both: the grey half is the depth; None if there is none."""
     if picture.ndim == 2:
         return None
     height, width = picture.shape[0] // 2, picture.shape[1] // 2

@@ -1,4 +1,4 @@
-"""The Stanford light field archive: out_RR_CC_Y_X_.png, where Y and X are where the camera stood.
+"""The Stanford light field archive: out_RR_CC_Y_X_.png, where Y and X are the camera's position.
 
 Coordinates decide, never the index: X grows to the right, Y downwards, and scenes were shot in either direction.
 http://lightfield.stanford.edu; variants of prefix, suffix and further fields occur in copies.
@@ -49,7 +49,8 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
 
 
 def coordinate_turn(stood: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[Turn, bool]:
-    """From coordinates (rows, cols, 2) as (down, right) in file order: the way to canonical order, and whether they tell.
+    """From coordinates (rows, cols, 2) as (down, right) in file order: the turn to canonical order, and whether they determine
+    it.
 
     Along each index axis the mean step of the coordinate that moves most decides.
     """

@@ -35,14 +35,14 @@ _BESIDE = re.compile(r"(?<![a-z])(h?sbs|half[-_ ]?sbs|side[-_ ]?by[-_ ]?side|par
 _CROSSED = re.compile(r"cross[-_ ]?ey|(?<![a-z])(xeye|rl)(?![a-z])")
 _ABOVE = re.compile(r"(?<![a-z])(h?ou|h?tb|over[-_ ]?under|top[-_ ]?bottom)(?![a-z])")
 _HALF = re.compile(r"(?<![a-z])(h|half[-_ ]?)(sbs|ou|tb|width|over|top|side)")
-_VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape holds halves at half their width
-_GLANCE_PX = 384  # the longer side of a half that is compared
-_ALIKE, _AGREED = 0.5, 0.5  # correlation of two halves; share of their detail that flow finds again
+_VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape holds halves squeezed to half their width
+_GLANCE_PX = 384  # longer side of the compared halves
+_ALIKE, _AGREED = 0.5, 0.5  # correlation of two halves; share of their detail that flow matches
 _MAX_MPO_BYTES, _MAX_MPO_DECODED_BYTES = 40_000_000, 60_000_000  # of the file, and of each picture
 
 
 def _pair(listing: Listing) -> tuple[str, str] | None:
-    """The names of the left and the right picture of a folder; None where there is no such pair."""
+    """The names of the left and the right picture of a folder; None without such a pair."""
     if listing.is_file:
         return None
     pictures = listing.pictures()
@@ -74,7 +74,7 @@ def _halves(picture: NDArray[Any], above: bool) -> tuple[NDArray[Any], NDArray[A
 
 
 def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
-    """Whether two pictures of one size show one scene from two places side by side."""
+    """Whether two pictures of equal size show one scene from two positions side by side."""
     scale = min(1.0, _GLANCE_PX / max(a.shape[:2]))
     greys = []
     for picture in (a, b):
@@ -96,7 +96,7 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
 
 
 def _arrangement(path: Path) -> tuple[bool, bool, bool] | None:
-    """(above one another, half width or height, named so) of a picture of two; None where it is none."""
+    """(one above the other, half width or height, named so) of a picture of two; None if it is not one."""
     name = path.stem.lower().replace("_", " ")
     if path.suffix.lower() == ".jps":
         return False, bool(_HALF.search(name)), True
@@ -123,7 +123,7 @@ def detect(listing: Listing) -> int | None:
         found = _arrangement(path)
     except UserError:
         return None
-    # The halves of a mosaic are alike, too: without a word in the name, tiles come first.
+    # the halves of a mosaic are also alike: without a word in the name, tiles come first
     return None if found is None else 65 if found[2] else 55
 
 
@@ -189,7 +189,7 @@ def _mpo(path: Path) -> tuple[list[NDArray[Any]], int, Turn | None, str]:
 
 
 def _second_jpeg(data: bytes) -> int | None:
-    """Where the second JPEG of an .mpo file starts, by its index (APP2 "MPF": a TIFF whose tag 0xB002 lists the pictures)."""
+    """The offset of the second JPEG of an .mpo file, from its index (APP2 "MPF": a TIFF whose tag 0xB002 lists the pictures)."""
     mark = data.find(b"MPF\0", 0, 1 << 17)
     tiff = mark + 4
     if mark < 0 or data[tiff : tiff + 4] not in (b"II*\0", b"MM\0*"):
