@@ -69,7 +69,7 @@ WIDE_LUT = int(cv2.__version__.split(".")[0]) >= 5  # cv2.LUT takes 16-bit indic
 SHARED_TOLERANCE = 0.015  # a cross row this close to a multiple of an own row uses the own plane
 
 
-@attrs.frozen
+@attrs.frozen(cache_hash=True)
 class Plane:
     """One plane to be had from one eye's view. eye: 0 left, 1 right. weights: on its red, green, blue; they sum to 1.
     linear: whether they weigh linear light or code values."""

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 BAND_BYTES = 1 << 20  # of blocks packed and sampled at a time
+Reach = tuple[int, int, NDArray[np.float32]]  # first and last row of blocks that a band needs, and its y counted from there
 MARGIN = 1  # blocks before the first pixel: the border is repeated outwards for each of a block's pixels
 
 
@@ -43,56 +44,61 @@ def bands_of(rows: int, row_bytes: int, most_bytes: int = BAND_BYTES) -> list[sl
 class Blocks:
     """Packs planes of one size into blocks and unpacks them; owns its buffers, so a call allocates nothing."""
 
-    def __init__(self, height_px: int, width_px: int, band_bytes: int = BAND_BYTES) -> None:
+    def __init__(self, height_px: int, width_px: int) -> None:
         self._size = height_px, width_px
-        rows, cols = size_of(height_px, width_px)
-        self._bands = bands_of(rows, 8 * width_px, band_bytes)
+        rows, cols = self._count = size_of(height_px, width_px)
         self._padded = np.empty((height_px + 2, width_px + 2), np.uint8)
         self._whole = near_array((height_px + 1, width_px + 2, 4))
-        self._all = self._rows_of(height_px + 1)
+        self._rows: dict[int, tuple[NDArray[np.uint8], list[NDArray[np.uint8]], NDArray[np.uint8]]] = {}
         self._even = np.empty((2 * rows, 2 * cols), np.uint8)
-        self._y = np.empty((self._bands[0].stop, cols), np.float32)
+        self._y = np.empty((rows, cols), np.float32)
 
     def _rows_of(self, count: int) -> tuple[NDArray[np.uint8], list[NDArray[np.uint8]], NDArray[np.uint8]]:
         """Buffers for this many rows of blocks: the padded plane, the four corners of its blocks, and the merged blocks.
 
         One long row, so that one call merges all; pixels that wrap around at the end of a row are never read.
         """
-        padded = self._padded[: count + 1]
-        flat, wide = padded.reshape(1, -1), self._size[1] + 2
-        length = flat.size - wide - 1
-        corners = [flat[:, start : start + length] for start in (0, 1, wide, wide + 1)]
-        return padded, corners, self._whole.reshape(1, -1, 4)[:, :length]
+        if count not in self._rows:
+            padded = self._padded[: count + 1]
+            flat, wide = padded.reshape(1, -1), self._size[1] + 2
+            length = flat.size - wide - 1
+            corners = [flat[:, start : start + length] for start in (0, 1, wide, wide + 1)]
+            self._rows[count] = padded, corners, self._whole.reshape(1, -1, 4)[:, :length]
+        return self._rows[count]
 
-    def lay(self, plane: NDArray[np.uint8], first: int = 0, last: int | None = None) -> NDArray[np.uint8]:
-        """Blocks at every pixel, MARGIN before the first: uint8 (height + 1, width + 1, 4), valid until the next call; or only
-        its rows from first to last, inclusive.
+    def lay(self, plane: NDArray[np.uint8], first: int, last: int) -> NDArray[np.uint8]:
+        """Blocks at every pixel, MARGIN before the first: rows first to last, inclusive, of uint8 (height + 1, width + 1, 4).
+        Valid until the next call.
         """
         height, width = self._size
-        last = height if last is None else last
         above, below, count = int(first == 0), int(last == height), last - first + 1
-        padded, corners, flat = self._all if count > height else self._rows_of(count)
+        padded, corners, flat = self._rows_of(count)
         part = plane[first - 1 + above : last + 1 - below]
         cv2.copyMakeBorder(part, above, below, MARGIN, MARGIN, cv2.BORDER_REPLICATE, padded)
         cv2.merge(corners, flat)
         return self._whole[:count, : width + 1]
 
-    def sample(self, plane: NDArray[np.uint8], x: NDArray[np.float32], y: NDArray[np.float32], out: NDArray[np.uint8]) -> None:
-        """out[i, j] = the block of plane at (x, y)[i, j], bilinear between pixels; x, y: `places` plus a displacement."""
-        if len(self._bands) == 1:
-            cv2.remap(self.lay(plane), x, y, cv2.INTER_LINEAR, out, borderMode=cv2.BORDER_REPLICATE)
-            return
+    def reach(self, y: NDArray[np.float32]) -> Reach:
+        """The rows of `lay` that the places y of a band need, and y counted from the first of them. All rows if y is that of a
+        whole picture. Valid until the next call."""
         height = self._size[0]
-        for band in self._bands:
-            at = y[band]
-            first = min(max(int(at.min()), 0), height)
-            last = min(max(math.ceil(at.max()), first), height)
-            below = np.subtract(at, np.float32(first), out=self._y[: len(at)])
-            cv2.remap(self.lay(plane, first, last), x[band], below, cv2.INTER_LINEAR, out[band], borderMode=cv2.BORDER_REPLICATE)
+        if len(y) == self._count[0]:
+            return 0, height, y
+        first = min(max(int(y.min()), 0), height)
+        last = min(max(math.ceil(y.max()), first), height)
+        return first, last, np.subtract(y, np.float32(first), out=self._y[: len(y)])
+
+    def sample(self, plane: NDArray[np.uint8], x: NDArray[np.float32], reach: Reach, out: NDArray[np.uint8]) -> None:
+        """out[i, j] = the block of plane at (x, y)[i, j], bilinear between pixels; x, y: `places` plus a displacement, y as
+        `reach`."""
+        first, last, y = reach
+        cv2.remap(self.lay(plane, first, last), x, y, cv2.INTER_LINEAR, out, borderMode=cv2.BORDER_REPLICATE)
 
     def pixels(self, blocks: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
-        """Unpacks side-by-side blocks, uint8 (rows, columns, 4), into out, uint8 (height, width) with contiguous rows."""
-        whole = out if out.shape == self._even.shape else self._even
+        """Unpacks side-by-side blocks, uint8 (rows, columns, 4), into out, uint8 (height, width) with contiguous rows; or a band
+        of them."""
+        even = self._even[: 2 * len(blocks)]
+        whole = out if out.shape == even.shape else even
         pairs, lines = blocks.view(np.uint16), whole.view(np.uint16)
         cv2.extractChannel(pairs, 0, lines[0::2])
         cv2.extractChannel(pairs, 1, lines[1::2])

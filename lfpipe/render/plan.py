@@ -170,6 +170,14 @@ def _warp_ms(field: LightField, render: Render, method: str) -> float:
 
 def _row_ms(field: LightField) -> float:
     """Additional time of a view's maps if rows count as well."""
-    warper, tap = Warper(field), ViewWeight(0, 0, 1.0)
-    both, cols = (_median_ms(lambda down=down: warper.maps(0, tap, (down, 0.3), (0.0, 0.0))) for down in (0.3, 0.0))  # type: ignore[misc]
-    return max(both - cols, 0.0)
+    warper = Warper(field)
+
+    def maps_ms(down: float) -> float:
+        def all_maps() -> None:
+            warper.aim(0, ViewWeight(0, 0, 1.0), (down, 0.3), (0.0, 0.0))
+            for band in warper.bands:
+                warper.maps(band)
+
+        return _median_ms(all_maps)
+
+    return max(maps_ms(0.3) - maps_ms(0.0), 0.0)

@@ -34,13 +34,13 @@ class PlaneStore:
         if len(channels) == 1:
             stored: NDArray[np.uint8] = self._views[frame, row, col, channels[0]]
             return stored
-        view: NDArray[np.uint8] = self._views[frame, row, col]
         place = (frame, row, col, plane)
         found = self._built.get(place)
         if found is not None:
             self._built.move_to_end(place)
             return found
-        buffer = self._built.popitem(last=False)[1] if len(self._built) >= self._room else np.empty(view.shape[1:], np.uint8)
-        self._builder.build(view, plane, buffer)
+        full = len(self._built) >= self._room
+        buffer = self._built.popitem(last=False)[1] if full else np.empty(self._views.shape[4:], np.uint8)
+        self._builder.build(self._views[frame, row, col], plane, buffer)
         self._built[place] = buffer
         return buffer

@@ -53,7 +53,8 @@ class Synthesiser:
         self._cross: list[NDArray[np.uint8]] = []  # the cross-fade at pixels of unknown disparity
         self._blocks = Blocks(*size)
         self._mean = ViewMean(*size) if method == "best" else None
-        self._made = [np.empty((*size_of(*size), 4), np.uint8) for _ in range(5)]
+        self._made = [np.empty((*size_of(*size), 4), np.uint8) for _ in range(4)]
+        self._part = np.empty((*size_of(*size), 4), np.uint8)
 
     def render(
         self, position: Position, frame: int, zero_plane_px: float, sources: Sequence[Source], outs: Sequence[NDArray[np.uint8]]
@@ -109,25 +110,31 @@ class Synthesiser:
             steps = warper.offset(view, position)
             if steps == (0.0, 0.0) and not any(shift):
                 return [source(view.row, view.col) for source in sources]
-            x, y = warper.maps(frame, view, steps, shift)
-            if mean is not None:
-                mean.weigh(warper.weights(view.weight), view.weight, x, y)
-                for k, source in enumerate(sources):
-                    self._blocks.sample(source(view.row, view.col), x, y, self._made[0])
-                    mean.add(k, self._made[0])
-                continue
-            share = view.weight / (total + view.weight)
-            for source, blocks in zip(sources, self._made, strict=False):
-                part = blocks if share == 1 else self._made[-1]
-                self._blocks.sample(source(view.row, view.col), x, y, part)
-                if part is not blocks:
-                    cv2.addWeighted(part, share, blocks, 1 - share, 0.0, blocks)
+            warper.aim(frame, view, steps, shift)
+            planes = [source(view.row, view.col) for source in sources]
             total += view.weight
+            share = view.weight / total
+            for band in warper.bands:
+                x, y = warper.maps(band)
+                reach = self._blocks.reach(y)
+                if mean is not None:
+                    mean.weigh(band.rows, warper.weights(band, view.weight, x, y), view.weight, x, y)
+                    for k, plane in enumerate(planes):
+                        self._blocks.sample(plane, x, reach, self._part[band.rows])
+                        mean.add(k, band.rows, self._part[band.rows])
+                    continue
+                for plane, made, out in zip(planes, self._made, drawn, strict=False):
+                    blocks = made[band.rows]
+                    if share == 1:
+                        self._blocks.sample(plane, x, reach, blocks)
+                    else:
+                        part = self._part[: len(blocks)]
+                        self._blocks.sample(plane, x, reach, part)
+                        cv2.addWeighted(part, share, blocks, 1 - share, 0.0, blocks)
+                    if view is used[-1]:
+                        self._blocks.pixels(blocks, out[2 * band.rows.start : 2 * band.rows.stop])
         if mean is not None:
             mean.planes(drawn)
-        else:
-            for blocks, out in zip(self._made, drawn, strict=False):
-                self._blocks.pixels(blocks, out)
         if not warper.known_around(frame, position):
             every = view_weights("blend", position, self._rows, self._cols)
             faded = warper.unknown(frame, every)

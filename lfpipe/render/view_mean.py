@@ -9,6 +9,8 @@ fifteenth of its time (docs/quality.md).
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 from lfpipe.render.blocks import size_of
 
 SHARPEN = 0.5  # times f (1 - f) times the second difference
-_EVERY = 8  # one block in this many is sampled for the fractions
+_EVERY = 8  # one block in this many, along either axis, is sampled for the fractions
 
 
 class ViewMean:
@@ -29,6 +31,7 @@ class ViewMean:
         self._scale = np.empty((rows, cols, 4), np.float32)
         self._weights = np.empty((rows, cols, 4), np.uint8)
         self._whole, self._sharp = (np.empty((2 * rows, 2 * cols), np.float32) for _ in range(2))
+        self._samples = math.ceil(rows / _EVERY) * math.ceil(cols / _EVERY)
         self._gain_x = self._gain_y = 0.0
 
     def clear(self, planes: int) -> None:
@@ -37,18 +40,22 @@ class ViewMean:
         self._total.fill(0)
         self._gain_x = self._gain_y = 0.0
 
-    def weigh(self, weights: NDArray[np.uint8], share: float, x: NDArray[np.float32], y: NDArray[np.float32]) -> None:
-        """Announces the next view: its weight at each block, uint8 (rows, columns), its share of the whole picture, and the
-        sampled places in it."""
-        cv2.merge([weights] * 4, self._weights)
-        cv2.accumulate(weights, self._total)
-        self._gain_x += share * _blur(x)
-        self._gain_y += share * _blur(y)
+    def weigh(
+        self, band: slice, weights: NDArray[np.uint8], share: float, x: NDArray[np.float32], y: NDArray[np.float32]
+    ) -> None:
+        """Announces the next band of a view: its weight at each block, uint8 (rows, columns), the view's share of the whole
+        picture, and the places to be sampled in it."""
+        cv2.merge([weights] * 4, self._weights[: len(weights)])
+        cv2.accumulate(weights, self._total[band])
+        first = -band.start % _EVERY
+        share /= self._samples
+        self._gain_x += share * _blur(x[first::_EVERY, ::_EVERY])
+        self._gain_y += share * _blur(y[first::_EVERY, ::_EVERY])
 
-    def add(self, number: int, blocks: NDArray[np.uint8]) -> None:
-        """Adds one plane of that view, as uint8 (rows, columns, 4) blocks."""
-        total = self._sums[number]
-        cv2.accumulateProduct(blocks.reshape(total.shape), self._weights.reshape(total.shape), total)
+    def add(self, number: int, band: slice, blocks: NDArray[np.uint8]) -> None:
+        """Adds one plane of that band, as uint8 (rows, columns, 4) blocks."""
+        total = self._sums[number][band]
+        cv2.accumulateProduct(blocks.reshape(total.shape), self._weights[: len(blocks)].reshape(total.shape), total)
 
     def planes(self, outs: list[NDArray[np.uint8]]) -> None:
         """Writes the means of the planes so far to outs, uint8 (height, width) each."""
@@ -71,7 +78,6 @@ class ViewMean:
 
 
 def _blur(at: NDArray[np.float32]) -> float:
-    """Mean of f (1 - f) over the fractions f of places: 0 on pixels, 0.25 halfway between."""
-    some = at[::_EVERY, ::_EVERY]
-    fraction = some - np.floor(some)
-    return float((fraction - fraction * fraction).mean(dtype=np.float64))
+    """Sum of f (1 - f) over the fractions f of places: 0 on pixels, 0.25 each halfway between."""
+    fraction = at - np.floor(at)
+    return float((fraction - fraction * fraction).sum(dtype=np.float64))

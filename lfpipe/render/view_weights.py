@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-
-import attrs
+from typing import NamedTuple
 
 Position = tuple[float, float]
 
@@ -17,8 +16,7 @@ ROW_FADE, COL_FADE = 0.1, 0.25
 LEAST_SHARE, FULL_SHARE = 0.09, 0.14
 
 
-@attrs.frozen
-class ViewWeight:
+class ViewWeight(NamedTuple):
     """A stored view and its share of the picture."""
 
     row: int

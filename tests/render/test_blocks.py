@@ -20,15 +20,18 @@ def picture(height: int, width: int) -> NDArray[np.uint8]:
 
 def through(plane: NDArray[np.uint8], dx: NDArray[np.float32], dy: NDArray[np.float32]) -> NDArray[np.uint8]:
     """plane, each block displaced by its (dx, dy)."""
-    subject, banded = Blocks(*plane.shape), Blocks(*plane.shape, band_bytes=1)
+    subject = Blocks(*plane.shape)
     x, y = places(*plane.shape)
-    drawn = np.empty((*x.shape, 4), np.uint8)
-    subject.sample(plane, x + dx, y + dy, drawn)
-    again = np.empty_like(drawn)
-    banded.sample(plane, x + dx, y + dy, again)
-    np.testing.assert_array_equal(again, drawn)
-    out = np.full(plane.shape, 99, np.uint8)
+    x, y = x + dx, y + dy
+    drawn, again = (np.empty((*x.shape, 4), np.uint8) for _ in range(2))
+    out, banded = (np.full(plane.shape, 99, np.uint8) for _ in range(2))
+    subject.sample(plane, x, subject.reach(y), drawn)
     subject.pixels(drawn, out)
+    for band in bands_of(len(y), 3, 1):  # of one row each
+        subject.sample(plane, x[band], subject.reach(y[band]), again[band])
+        subject.pixels(again[band], banded[2 * band.start : 2 * band.stop])
+    np.testing.assert_array_equal(again, drawn)
+    np.testing.assert_array_equal(banded, out)
     return out
 
 
@@ -54,7 +57,7 @@ def test_blocks_sample_as_pixels_do_even_beyond_the_border(size: tuple[int, int]
 
 def test_a_block_is_a_pixel_and_its_neighbours() -> None:
     plane = picture(4, 5)
-    laid = Blocks(4, 5).lay(plane)
+    laid = Blocks(4, 5).lay(plane, 0, 4)
     assert laid.shape == (5, 6, 4)
     assert laid[1 + MARGIN, 2 + MARGIN].tolist() == [plane[1, 2], plane[1, 3], plane[2, 2], plane[2, 3]]
     assert laid[0, 0].tolist() == [plane[0, 0]] * 4

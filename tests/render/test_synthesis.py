@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
+from lfpipe.render import warper
 from lfpipe.render.scoring import psnr_db
 from lfpipe.render.synthesis import Synthesiser, shifted
 from lfpipe.render.view_weights import Position, view_weights
@@ -173,6 +174,17 @@ def test_best_takes_from_each_view_what_lies_within_it() -> None:
     for third in (1, 2):
         off = np.abs(made(wide, "best", (0.0, third / 3)).astype(float) - whole.views[0, 0, third, :1])
         assert off[..., :4].mean() < 3 and off[..., -4:].mean() < 3
+
+
+@pytest.mark.parametrize("method", WARPS)
+def test_a_picture_made_in_bands_is_the_same_picture(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    fields = rendered.field(3, 3, scale=4.0), rendered.noise(3, 3, 37, 41, 30.0, seed=1)
+    places = (0.3, 1.6), (1.0, 2.4), (-0.7, 0.5)
+    whole = [made(field, method, place, 0.5, 3) for field in fields for place in places]
+    monkeypatch.setattr(warper, "bands_of", lambda rows, _: [slice(k, min(k + 7, rows)) for k in range(0, rows, 7)])
+    banded = [made(field, method, place, 0.5, 3) for field in fields for place in places]
+    for one, other in zip(whole, banded, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("method", ["warp2", "best"])
