@@ -1,14 +1,17 @@
-"""`lfpipe calibrate --latency` as a whole: the real window on Xvfb, and a camera that looks at that screen.
+"""`lfpipe calibrate --latency` as a whole: the real window on Xvfb or sway, and a camera that looks at that screen.
 
-`python -m profiling.photon_window [--runs N]`, with Xvfb installed. Each run draws delays, camera and exposure anew.
+`python -m profiling.photon_window [--runs N] [--seed N] [--screen xvfb|RATE]`; a rate in Hz takes sway. Each run draws delays,
+camera and exposure anew. `--report FILE...` makes the table of what earlier runs printed.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import attrs
@@ -17,13 +20,29 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from arguments import parser_of, start
+from arguments import existing, parser_of, start
 
 from tests.display.screen_camera import Optics, stamp_offset_ms
+from tests.sway_screen import sway
 from tests.world import World, private_world
 from tests.xvfb_screen import x_server
 
-SCREEN = "1280x800x24"
+SIZE_PX = 640, 400
+LINE = re.compile(r"(\S+): ([\d.]+) Hz, .*? ([\d.]+) ms: (?:([+-][\d.]+) ms, (-?[\d.]+) to ([\d.]+)|(.*))")
+
+
+@contextlib.contextmanager
+def shown(name: str) -> Iterator[tuple[Path, dict[str, str]]]:
+    """A screen: what shows it to the camera, and the environment of its window."""
+    width, height = SIZE_PX
+    if name == "xvfb":
+        with tempfile.TemporaryDirectory() as folder:
+            command = ["Xvfb", "-screen", "0", f"{width}x{height}x24", "-nocursor", "-fbdir", folder]
+            with x_server(command, Path(folder)) as display:
+                yield Path(folder) / "Xvfb_screen0", {"DISPLAY": display}
+    else:
+        with sway(width, height, float(name)) as socket:
+            yield Path(socket), {"WAYLAND_DISPLAY": socket, "SDL_VIDEODRIVER": "wayland"}
 
 
 def drawn(rng: np.random.Generator, buffer: Path) -> Optics:
@@ -32,6 +51,7 @@ def drawn(rng: np.random.Generator, buffer: Path) -> Optics:
     total_ms, share = rng.uniform(15, 150), rng.uniform(0.2, 0.8)
     return Optics(
         str(buffer),
+        quick=False,
         screen_ms=total_ms * share,
         camera_ms=total_ms * (1 - share),
         rate_hz=rate_hz,
@@ -42,43 +62,59 @@ def drawn(rng: np.random.Generator, buffer: Path) -> Optics:
     )
 
 
-def calibrated(world: World, display: str, optics: Optics, number: int) -> tuple[float, str]:
-    """The truth, and what the command printed."""
+def calibrated(world: World, optics: Optics, number: int) -> str:
+    """What the command printed."""
     node = world.root / f"video{number}"
     node.write_text(json.dumps(attrs.asdict(optics)))
-    world.module, world.env["DISPLAY"] = "tests.display.screen_camera", display
+    world.module = "tests.display.screen_camera"
     size = ("--set", "camera.width_px=160", "--set", "camera.height_px=120", "--set", f"camera.rate_hz={optics.rate_hz:g}")
     out, err = world.start("calibrate", "--latency", "--camera", f"camera:{node}", *size).communicate(timeout=200)
-    truth = Path(f"{node}.truth")
-    xvfb_ms = json.loads(truth.read_text()) if truth.exists() else float("nan")
-    return optics.screen_ms + stamp_offset_ms(optics) + xvfb_ms, out or err
+    return out or err
+
+
+def report(lines: list[str]) -> None:
+    """Prints a table by screen and one by camera."""
+    rows = [found.groups() for line in lines if (found := LINE.match(line))]
+    print("| | runs | refused | within 1 ms | error, median | 95 % | largest | mean with its sign | 90 % interval holds |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    cameras = [(f"camera {hz} Hz", [row for row in rows if abs(float(row[1]) / hz - 1) < 0.1]) for hz in (15, 30, 60)]
+    screens = [(name, [row for row in rows if row[0] == name]) for name in dict.fromkeys(row[0] for row in rows)]
+    for name, part in (*screens, *cameras, ("all", rows)):
+        if not any(row[3] for row in part):
+            continue
+        good = np.array([[float(value) for value in row[2:6]] for row in part if row[3]]).reshape(-1, 4)
+        truth, errors, low, high = good.T
+        sizes = np.abs(errors)
+        held = np.mean((low <= truth) & (truth <= high))
+        print(
+            f"| {name} | {len(part)} | {len(part) - len(good)} | {np.mean(sizes <= 1):.1%} | {np.median(sizes):.2f} ms"
+            f" | {np.quantile(sizes, 0.95):.2f} ms | {sizes.max():.2f} ms | {errors.mean():+.2f} ms | {held:.1%} |"
+        )
 
 
 def main() -> int:
-    args = parser_of(__doc__, runs=24, seed=5).parse_args()
-    runs, errors, held, refused = int(args.runs), [], 0, 0
-    rng = np.random.default_rng(int(args.seed))
-    command = ["Xvfb", "-screen", "0", SCREEN, "-nocursor", "-fbdir"]
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        private_world() as world,
-        x_server([*command, folder], Path(folder)) as display,
-    ):
-        for number in range(runs):
-            optics = drawn(rng, Path(folder) / "Xvfb_screen0")
-            truth_ms, said = calibrated(world, display, optics, number)
-            found = re.search(r": ([\d.]+) ms \(90 %: (-?[\d.]+) to ([\d.]+)", said)
+    parser = parser_of(__doc__, runs=24, seed=5, screen="xvfb")
+    parser.add_argument("--report", type=existing, nargs="+")
+    args = parser.parse_args()
+    if args.report:
+        report([line for path in args.report for line in path.read_text().splitlines()])
+        return 0
+    rng, lines = np.random.default_rng(int(args.seed)), []
+    with shown(args.screen) as (buffer, env), private_world() as world:
+        world.env |= env
+        for number in range(int(args.runs)):
+            optics = drawn(rng, buffer)
+            truth_ms = optics.screen_ms + stamp_offset_ms(optics)
+            said = calibrated(world, optics, number)
             about = f"{optics.rate_hz:.1f} Hz, exposure {optics.exposure_ms:.0f} ms, readout {optics.readout_ms:.0f} ms"
-            if found is None:
-                refused += 1
-                print(f"{about}, {truth_ms:.1f} ms: {said.splitlines()[0]}", flush=True)
-                continue
-            ms, low, high = map(float, found.groups())
-            errors.append(abs(ms - truth_ms))
-            held += low <= truth_ms <= high
-            print(f"{about}, {truth_ms:.1f} ms: {ms - truth_ms:+.2f} ms, {low:.1f} to {high:.1f}", flush=True)
-    within = sum(error <= 1 for error in errors)
-    print(f"{runs} runs, {refused} refused, {within} within 1 ms, median {np.median(errors):.2f} ms, interval held {held}")
+            if found := re.search(r": ([\d.]+) ms \(90 %: (-?[\d.]+) to ([\d.]+)", said):
+                ms, low, high = map(float, found.groups())
+                result = f"{ms - truth_ms:+.2f} ms, {low:.1f} to {high:.1f}"
+            else:
+                result = said.splitlines()[0]
+            lines.append(f"{args.screen}: {about}, {truth_ms:.1f} ms: {result}")
+            print(lines[-1], flush=True)
+    report(lines)
     return 0
 
 

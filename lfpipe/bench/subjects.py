@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from lfpipe.bench import anaglyph, filters, photon, pipeline, plan, stability, synthesis, tracker
+from lfpipe.bench import anaglyph, filters, judder, photon, pipeline, plan, stability, synthesis, tracker
 from lfpipe.bench.model import Subject
 
 SUBJECTS: dict[str, Subject] = {
-    module.SUBJECT.name: module.SUBJECT for module in (tracker, filters, photon, synthesis, anaglyph, pipeline, stability, plan)
+    module.SUBJECT.name: module.SUBJECT
+    for module in (tracker, filters, photon, judder, synthesis, anaglyph, pipeline, stability, plan)
 }

@@ -9,7 +9,7 @@ import click
 
 from lfpipe.cli.options import with_config
 
-NAMES = ("tracker", "filters", "photon", "synthesis", "anaglyph", "pipeline", "stability", "plan")
+NAMES = ("tracker", "filters", "photon", "judder", "synthesis", "anaglyph", "pipeline", "stability", "plan")
 
 
 class AllByDefault(click.Group):

@@ -23,7 +23,7 @@ from lfpipe.render.optional_outputs import OptionalOutputs
 from lfpipe.render.pair_layout import Pair
 from lfpipe.render.screen_clock import LeadTime, ScreenClock
 from lfpipe.render.shown_pictures import HANDOVER, REPLACED, ShownPictures
-from lfpipe.render.viewer import Viewer, Viewpoints
+from lfpipe.render.viewer import VIDEO_LEAD, Viewer, Viewpoints
 from lfpipe.render.viewer_reports import ViewerReports
 from lfpipe.transport.clock import now_ns, sleep_until
 from lfpipe.transport.context import Context
@@ -106,7 +106,7 @@ class Presenter:
         loop_ns = int(self._viewer.config.render.loop_ms * 1e6) * on_screen
         seen_ns = target_ns + loop_ns + refresh_ns // 2
         t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
-        self._viewer.video_lead_ns = refresh_ns // 2 if self.clock is not None else 0
+        self._viewer.video_lead_ns = round(VIDEO_LEAD * refresh_ns) if self.clock is not None else 0
         viewpoints = self._viewer.viewpoints(self._record, t_sensor_ns, seen_ns)
         key = self._viewer.key(viewpoints)
         composed = key != self._key or not refresh_ns  # the paper draws for every camera frame

@@ -26,6 +26,10 @@ NEUTRAL_S = 0.5  # time constant of changes of the neutral position and of the v
 POSE_S = 0.1  # time constant of the distance that gives the position before the screen
 MOVED = 0.15  # change of the distance after which the views between the eyes are chosen again
 
+# From a video's start to its first blank, in refreshes. On 60, 75 and 144 Hz, frames of 24, 25 and 30 Hz begin at multiples of 1,
+# 1/2 or 1/5 of a refresh (once 1/8, once 1/25): 0.3 keeps a tenth away from all blanks. At a blank, noise would choose the frame.
+VIDEO_LEAD = 0.3
+
 
 @attrs.frozen(eq=False)
 class Viewpoints:
@@ -158,7 +162,7 @@ class Viewer:
         if self.field.frames == 1:
             return 0
         self._start_ns = self._start_ns or t_ns - self.video_lead_ns
-        return int((t_ns - self._start_ns) * self.field.frame_rate_hz / 1e9)
+        return video_frame(t_ns, self._start_ns, self.field.frame_rate_hz)
 
     @staticmethod
     def _eyes(record: NDArray[np.void], horizon_ns: int) -> NDArray[np.float64] | None:
@@ -232,3 +236,8 @@ def _share(dt_s: float, time_s: float) -> float:
     """Share of the new value in a low-pass over dt_s: backward Euler, stable for any step."""
     ratio = dt_s / time_s
     return ratio / (1 + ratio)
+
+
+def video_frame(t_ns: int, start_ns: int, rate_hz: float) -> int:
+    """The number of a video's frame at t_ns."""
+    return int((t_ns - start_ns) * rate_hz / 1e9)

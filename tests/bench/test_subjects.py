@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 import pytest
 
-from lfpipe.bench import anaglyph, filters, paper_loop, photon, pipeline, plan, stability, synthesis, tracker
+from lfpipe.bench import anaglyph, filters, judder, paper_loop, photon, pipeline, plan, stability, synthesis, tracker
 from lfpipe.bench.eye_path import EyePath
 from lfpipe.bench.inputs import FrameSequence, demo_sequence, read_sequence
 from lfpipe.bench.model import Candidate, Skipped
@@ -101,6 +101,29 @@ def test_latencies_of_pictures_that_are_late_by_a_known_time(late_ms: int) -> No
     refresh_ms = 1e3 / photon.REFRESH_HZ
     assert np.median(photon.steady_ms(pictures)) == pytest.approx(late_ms, abs=1.5)
     assert late_ms <= np.mean(photon.onset_ms(pictures)) <= late_ms + refresh_ms + 1
+
+
+def on_every_blank(rate_hz: float, late: dict[int, int]) -> judder.Shown:
+    """A second of pictures; picture k is shown late[k] blanks too late."""
+    count = np.arange(round(rate_hz))
+    blanks = count + np.array([late.get(int(k), 0) for k in count])
+    return judder.Shown(0.0, 0.0, blanks, np.round(judder.T0_NS + count * 1e9 / rate_hz).astype(np.int64))
+
+
+def test_a_video_on_a_screen_is_planned_and_each_blank_off_the_plan_counts() -> None:
+    found = [judder.video_judder(on_every_blank(hz, {}), hz, video) for hz in (60.0, 144.0) for video in (24, 25, 30)]
+    assert {share for share, _ in found} == {0.0}
+    assert [held for _, held in found] == ["2 or 3", "2 or 3", "2", "6", "5 or 6", "4 or 5"]
+    starts = on_every_blank(60.0, {10: 1})  # the first picture of a frame of 30 Hz, and the second one takes its place
+    assert judder.video_judder(starts, 60.0, 30)[0] == pytest.approx(1 / 59)
+    assert judder.video_judder(on_every_blank(60.0, {11: 1}), 60.0, 30)[0] == pytest.approx(0), "the same frame stays"
+
+
+@pytest.mark.parametrize("rate_hz", [60.0, 75.0, 144.0])
+def test_a_clock_that_is_a_little_off_does_not_choose_the_frames(rate_hz: float) -> None:
+    shown = judder.simulate(rate_hz, 3.0, 2000, whole_ms=True)
+    videos_hz = (24, 30) if rate_hz == 144 else (24, 25, 30)  # 25 Hz on 144 leave 0.1 ms
+    assert max(judder.video_judder(shown, rate_hz, video_hz)[0] for video_hz in videos_hz) <= judder.GOAL
 
 
 def test_synthesis_of_a_wall(tmp_path: Path) -> None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
+from lfpipe.bench.judder import T0_NS, simulate
 from lfpipe.render.screen_clock import LeadTime, ScreenClock, ScreenRefresh
 
 MS = 1_000_000
-T0_NS = 10**12
 
 
 def grid(rate_hz: float, count: int, jitter_ns: float, seed: int = 1, shown: float = 1.0) -> list[int]:
@@ -71,50 +69,26 @@ def test_blanks_that_are_on_no_grid_change_nothing_but_another_phase_is_followed
     assert abs(clock.nearest(moved[-1]) - moved[-1]) < MS // 10
 
 
-def simulate(rate_hz: float, deadline_ms: float, pictures: int, cost_ms: float = 1.0, slow: float = 0.0) -> tuple[float, float]:
-    """A compositor takes what was handed over deadline_ms before a blank. Returns (judder, mean lead in ms) of the second
-    half."""
-    random = np.random.default_rng(5)
-    clock, lead = ScreenClock(rate_hz, T0_NS), LeadTime()
-    refresh = ScreenRefresh(clock, lead, 0.0, T0_NS)
-    period_ns, bad, leads = 1e9 / rate_hz, [], []
-    clock.blank(T0_NS)
-    now_ns = T0_NS
-    for _ in range(pictures):
-        due_ns, begin_ns = refresh.due_ns(), max(now_ns, refresh.due_ns() - refresh.lead_ns())
-        woken_ns = begin_ns + random.exponential(0.1) * MS + (random.random() < slow) * random.exponential(5) * MS
-        now_ns = round(woken_ns + cost_ms * random.lognormal(0, 0.2) * MS)
-        lead.took(now_ns - (due_ns - lead.ns), clock.period_ns)
-        now_ns = max(now_ns, lead.earliest_ns(due_ns, clock.period_ns))
-        shown_ns = round(T0_NS + math.ceil((now_ns + deadline_ms * MS - T0_NS) / period_ns) * period_ns)
-        leads.append(refresh.lead_ns() / MS)
-        bad.append(lead.judge(due_ns, now_ns, shown_ns, clock.period_ns))
-        clock.blank(shown_ns)
-        refresh.advance(now_ns)
-    half = pictures // 2
-    return float(np.mean(bad[half:])) + refresh.missed / pictures, float(np.mean(leads[half:]))
-
-
 @pytest.mark.parametrize("rate_hz", [60.0, 75.0, 144.0])
 @pytest.mark.parametrize("deadline_ms", [0.0, 3.0, 6.0])
 def test_pictures_begin_late_and_still_make_their_blank(rate_hz: float, deadline_ms: float) -> None:
-    judder, lead_ms = simulate(rate_hz, deadline_ms, 6000)
-    assert judder <= 0.005
-    assert deadline_ms + 1.0 < lead_ms < deadline_ms + 4.0
+    shown = simulate(rate_hz, deadline_ms, 6000)
+    assert shown.juddered <= 0.005
+    assert deadline_ms + 1.0 < shown.lead_ms < deadline_ms + 4.0
 
 
 def test_a_compositor_that_takes_pictures_a_period_ahead_is_learnt() -> None:
-    judder, lead_ms = simulate(60.0, 18.0, 6000)
-    assert judder <= 0.005
-    assert 19.0 < lead_ms < 22.0
+    shown = simulate(60.0, 18.0, 6000)
+    assert shown.juddered <= 0.005
+    assert 19.0 < shown.lead_ms < 22.0
 
 
 @pytest.mark.parametrize(("slow", "most"), [(0.02, 0.02), (0.1, 0.05), (0.3, 0.12)])
 def test_a_busy_machine_costs_a_picture_now_and_then_and_never_runs_away(slow: float, most: float) -> None:
     """slow: share of wake-ups that come 5 ms late on average."""
-    judder, lead_ms = simulate(60.0, 3.0, 4000, slow=slow)
-    assert judder <= most
-    assert lead_ms < 3.0 + 16.7 + 3.0
+    shown = simulate(60.0, 3.0, 4000, slow=slow)
+    assert shown.juddered <= most
+    assert shown.lead_ms < 3.0 + 16.7 + 3.0
 
 
 def test_a_lead_that_is_far_too_long_shrinks_to_what_is_needed() -> None:

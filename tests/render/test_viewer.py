@@ -13,7 +13,7 @@ import pytest
 from lfpipe.config import Config, Render
 from lfpipe.eyes import EYES
 from lfpipe.render.presence import ViewerState
-from lfpipe.render.viewer import DISTANCE_S, Viewer, Viewpoints
+from lfpipe.render.viewer import DISTANCE_S, VIDEO_LEAD, Viewer, Viewpoints
 from tests.render import rendered
 
 S = 1_000_000_000
@@ -167,7 +167,7 @@ def test_a_video_keeps_its_cadence_on_a_screen_whose_clock_jitters(film_hz: floa
     film = attrs.evolve(rendered.field(1, 2, 8, 8), frame_rate_hz=film_hz)
     film = attrs.evolve(film, views=np.repeat(film.views, 500, axis=0))
     subject, random = Viewer(film, Config()), np.random.default_rng(2)
-    subject.video_lead_ns = round(S / screen_hz / 2)
+    subject.video_lead_ns = round(VIDEO_LEAD * S / screen_hz)
     moments = [round(7 * S + k * S / screen_hz + random.uniform(-3e5, 3e5)) for k in range(1200)]
     shown = np.bincount([subject.viewpoints(None, 0, t_ns).frame for t_ns in moments])[1:-1]
     ratio = screen_hz / film_hz
