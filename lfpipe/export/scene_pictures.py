@@ -26,12 +26,10 @@ from lfpipe.scene.lightfield import LightField
 
 Picture = NDArray[np.uint8]
 
-QUILT = (8, 6)  # columns and rows of tiles, as on most of these displays
 QUILT_PX = 8192  # of a side: the largest that they accept
 MOST_TILES = 20  # a side
 RATE_HZ = 30.0
 WIGGLE_S, SWEEP_S = 0.8, 6.0  # there and back
-LONGEST_S = 600.0
 
 
 class SceneExport:

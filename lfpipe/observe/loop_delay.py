@@ -51,15 +51,12 @@ class Recording:
 
 @attrs.frozen
 class LoopDelay:
-    """delay_ms with its 90 % interval. exposure_ms, response_ms (time constant of the pixels): as fitted. area: bool (height,
-    width), the pixels that see the screen."""
+    """delay_ms with its 90 % interval. exposure_ms: as fitted."""
 
     delay_ms: float
     low_ms: float
     high_ms: float
     exposure_ms: float
-    response_ms: float
-    area: NDArray[np.bool_]
 
     @property
     def half_ms(self) -> float:
@@ -127,7 +124,7 @@ def estimate(recording: Recording) -> LoopDelay:
         )
     low, middle, high = fit.interval(best)
     shift, doubt = fit.to_middle_row(best, recording.refresh_ms)
-    found = LoopDelay(middle + shift, low + shift - doubt, high + shift + doubt, exposure_ms, float(np.exp(best[3])), area)
+    found = LoopDelay(middle + shift, low + shift - doubt, high + shift + doubt, exposure_ms)
     if abs(fit.row) > SPAN:
         side = "above" if fit.row < 0 else "below"
         raise UserError(f"the screen is seen {side} the middle of the camera's picture", "aim the camera at the screen's middle")

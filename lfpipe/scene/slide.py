@@ -86,7 +86,6 @@ class _Track:
 
     position: NDArray[np.float64]
     first: int
-    last: int
     upright: bool
 
 
@@ -123,7 +122,7 @@ def _followed(glances: list[Grey]) -> _Track:
     ends = np.percentile(mode, (5, 95), axis=0)
     reach = np.ptp(ends, axis=0)
     position = parallax.reshape(len(parallax), -1) @ mode.ravel() * float(np.hypot(*reach))
-    return _Track(position, first, last, bool(reach[1] > reach[0]))
+    return _Track(position, first, bool(reach[1] > reach[0]))
 
 
 def _without_rotation(moved: NDArray[np.float64], at: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.float64]:
