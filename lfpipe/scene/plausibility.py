@@ -19,7 +19,7 @@ from lfpipe.errors import UserError
 from lfpipe.scene.disparity import SMALLEST_PX, Grey, flow, grid_xy
 from lfpipe.scene.flow_check import confirmed, textured
 from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
-from lfpipe.scene.source import SceneSource, ViewIndex
+from lfpipe.scene.source import SceneSource
 
 _POOR_DB = 20.0  # of views between two others: lower ones do not fit
 _EXPLAINED = 0.3  # share of textured pixels that one disparity explains: a light field has more
@@ -117,10 +117,6 @@ def _refocused(views: list[Grey]) -> float:
     return float(np.median(ratio)) if len(np.unique(best)) > 1 and np.bincount(best).max() < 0.8 * len(best) else 1.0
 
 
-def _spread(line: list[ViewIndex], most: int) -> list[ViewIndex]:
-    return [line[k] for k in sorted({round(p) for p in np.linspace(0, len(line) - 1, most)})]
-
-
 def examine(source: SceneSource) -> Evidence | None:
     """Evidence from a few small views; None if there are too few, or they are too small."""
     if min(source.height_px, source.width_px) < 2 * SMALLEST_PX:
@@ -137,7 +133,8 @@ def examine(source: SceneSource) -> Evidence | None:
                 found.append(_triple(*(grey(*line[middle + k]) for k in (-1, 0, 1))))
     held_out, explained, motion = (float(np.median(values)) for values in zip(*found, strict=True))
     every = [(r, c) for r in range(source.rows) for c in range(source.cols) if (r, c) not in source.missing]
-    some = [grey(*index) for index in _spread(every, 9)] if motion < _STILL_PX else []
+    spread = sorted({round(p) for p in np.linspace(0, len(every) - 1, 9)})
+    some = [grey(*every[k]) for k in spread] if motion < _STILL_PX else []
     refocused = _refocused(some) if some and _stand_still(some) else 1.0
     return Evidence(held_out, explained, refocused)
 
