@@ -1,4 +1,4 @@
-"""What tests of several rooms need: a world of their own for whole sessions, a clip of a face, a real X server."""
+"""Fixtures of several rooms: a private world for whole sessions, a clip of a face, a real X server."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lfpipe.track import models
 from tests.world import World, write_scene
 from tests.xvfb_screen import Screen, x_server
 
-# Hundreds of processes start in these tests: where bytecode is not kept, each compiles everything anew, which is minutes.
+# These tests start hundreds of processes: without stored bytecode each compiles everything again, which takes minutes.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a runner in the background has it ignored, and hands that down
@@ -29,8 +29,8 @@ REAL_TIME_ROOMS = {"display", "faults", "pipeline", "share", "sweep", "web"}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
-    """A test in real time shares the machine with whatever else runs there: where it fails it runs once more, and the summary
-    names it. A defect fails twice. Tests that compute run once."""
+    """A real-time test shares the machine with other programs: if it fails, it runs once more, and the summary names it. A defect
+    fails twice. Tests that only compute run once."""
     for item in items:
         if REAL_TIME & set(item.fixturenames) or item.path.parent.name in REAL_TIME_ROOMS:
             item.add_marker(pytest.mark.flaky(reruns=1))
@@ -48,14 +48,14 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def face_networks() -> None:
-    """Fetched once where the package mediapipe has no wheel, as the first `lfpipe up` would."""
+    """Fetches the networks once if the package mediapipe has no wheel, as the first `lfpipe up` would."""
     if models.missing_models():
         models.fetch_models(print)
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _no_recent_scenes(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """A person's list of recent scenes stays as it is."""
+    """The user's list of recent scenes stays untouched."""
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
 
 
@@ -70,7 +70,7 @@ def world(tmp_path: Path) -> Iterator[World]:
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[World]:
-    """A world with a session that runs, for all tests of a module that leave it as it was. Pictures reach light after 100 ms."""
+    """A world with a running session, for all tests of a module that leave it unchanged. Pictures reach light after 100 ms."""
     made = World(tmp_path_factory.mktemp("live"))
     shown = ("render.anaglyph=colour", "render.method=nearest", "render.alpha_px=12", "render.loop_ms=100")
     made.up(scene, *(f"--set={text}" for text in shown))

@@ -1,4 +1,4 @@
-"""Files that nobody should trust, made from a seed: wrong values, damaged bytes, and things that are no files at all.
+"""Untrusted files, generated from a seed: wrong values, damaged bytes, and things that are no files at all.
 
 Plain functions of `random.Random` and of paths, so that tests and attack harnesses share them.
 """
@@ -40,7 +40,7 @@ VALUES: tuple[Any, ...] = (
     [], [1], [None], [[1.0, 2.0], [3.0, 4.0]], ["left", "right"], {}, {"": 1}, {"left": [1, 2]}, {"k": {"k": {}}},
 )  # fmt: skip
 
-# Texts that stand where JSON wants a value, and are none or a strange one.
+# Texts in place of a JSON value that are invalid or strange.
 JSON_TEXTS = (
     "NaN", "-Infinity", "1e400", "-1e400", "9" * 5000, "-" + "9" * 400, "1." + "9" * 5000,
     "[" * 100_000, '{"k":' * 5000 + "1" + "}" * 5000,
@@ -57,7 +57,7 @@ TOML_TEXTS = (
 
 
 def json_text(value: Any) -> str:
-    """value as JSON, with the words of Python's own dialect for what JSON has none for; whole numbers may have any length."""
+    """value as JSON, with Python's extensions; whole numbers may have any length."""
     sys.set_int_max_str_digits(0)
     try:
         return json.dumps(value)
@@ -74,7 +74,7 @@ def places(tree: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 def damaged_tree(rng: random.Random, tree: Any) -> Any:
-    """tree with one place changed, taken out, doubled or put elsewhere."""
+    """tree with one place changed, removed, duplicated or moved."""
     tree = copy.deepcopy(tree)
     found = list(places(tree))
     if not found or rng.random() < 0.05:
@@ -116,7 +116,7 @@ def damaged_json(rng: random.Random, tree: Any) -> bytes:
 
 
 def damaged_bytes(rng: random.Random, data: bytes) -> bytes:
-    """data cut, with bits turned, with parts taken out, doubled, overwritten or put in."""
+    """data truncated, with flipped bits, or with parts removed, duplicated, overwritten or inserted."""
     kind, size = rng.randrange(7), len(data)
     at = rng.randrange(size + 1)
     end = min(size, at + rng.choice((1, 2, 4, 16, 300, 5000)))
@@ -212,7 +212,7 @@ def _loop(path: Path) -> None:
     path.symlink_to(path.name + ".turn")
 
 
-NO_FILES: dict[str, Callable[[Path], None]] = {  # what may stand where a file is expected; each takes the place of what is there
+NO_FILES: dict[str, Callable[[Path], None]] = {  # replacements of an expected file
     "fifo": _no_file(os.mkfifo),
     "directory": _no_file(lambda path: path.mkdir()),
     "socket": _no_file(_bind),

@@ -1,6 +1,6 @@
-"""Recorded sequences with damage, made from a seed: in their JSON, their table, their pictures, or files that are none.
+"""Damaged recorded sequences, generated from a seed: in JSON, table or pictures, or with non-files in place of files.
 
-Half of the damage is signed: checksums and lengths are made to agree with it, as an attacker would, so that it gets further in.
+Half of the damage is signed: checksums and lengths are adjusted to it, as by an attacker, so that it gets further.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def picture(seq: int) -> np.ndarray:
 
 
 def made_sequence(out: Path) -> Path:
-    """A whole one of six frames in all three codecs, with eyes and truth."""
+    """An intact sequence of six frames in all three codecs, with eyes and truth."""
     out.mkdir(parents=True)
     config = {"camera": {"width_px": SIZE[0], "height_px": SIZE[1], "focal_px": 60.0, "fov_deg": 56.0}}
     manifest = begin_manifest(out, "demo", *SIZE, 30.0, versions={"lfpipe": "0.1.0"}, config=config)

@@ -1,4 +1,4 @@
-"""Real sessions in a world of their own: run directory, cache and settings under tmp_path."""
+"""Real sessions in a private world: run directory, cache and settings under tmp_path."""
 
 from __future__ import annotations
 

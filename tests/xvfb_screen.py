@@ -1,4 +1,4 @@
-"""X servers for tests, and what one without a screen shows, read from the file in which it keeps its picture."""
+"""X servers for tests, and the picture of a server without a screen, read from its framebuffer file."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""The public interface: what docs/python.md promises, where its examples do not show it already."""
+"""The public interface: promises of docs/python.md that its examples do not show."""
 
 from __future__ import annotations
 

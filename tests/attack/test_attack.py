@@ -1,4 +1,4 @@
-"""The attack in its short form, and what it is made with: `profiling.attack` has the long one."""
+"""The short form of the attack, and its tools; `profiling.attack` has the long form."""
 
 from __future__ import annotations
 

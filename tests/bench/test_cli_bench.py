@@ -1,4 +1,4 @@
-"""`lfpipe bench` as a person types it."""
+"""`lfpipe bench` on the command line."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_a_subject_from_the_command_line_and_again(world: World, scene: Path, cl
     results = json.loads((world.root / "out" / "results.json").read_text())
     assert set(results["subjects"]) == {"anaglyph"} and results["about"]["command"].startswith("lfpipe bench anaglyph")
     assert results["about"]["machine"]["cores"] and results["about"]["versions"]["numpy"]
-    second = world.run(*words)  # all is there: nothing is measured again
+    second = world.run(*words)  # complete: nothing is measured again
     assert second.returncode == 0, second.stderr
     again = json.loads((world.root / "out" / "results.json").read_text())
     assert again["subjects"] == results["subjects"]

@@ -1,4 +1,4 @@
-"""What differs beyond noise is called every time, and what does not never is."""
+"""Differences beyond noise are always called, others never."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TIME = Figure("time_ms", "time", "ms")
 
 
 def times(rng: np.random.Generator, slower: float) -> list[Difference]:
-    """As two builds give them: 80 rounds with noise of 5 % and outliers, each turn a draw of its own."""
+    """Times like those of two builds: 80 rounds with noise of 5 % and outliers, each turn drawn independently."""
     found = []
     for k in range(FIGURES):
         turns = rng.normal(1, 0.05, (2, 80))

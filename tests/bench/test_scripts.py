@@ -1,4 +1,4 @@
-"""The scripts of profiling/ and tools/, as somebody with a clone runs them: without sample data."""
+"""The scripts of profiling/ and tools/ in a fresh clone, without sample data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Intervals, fronts, and the truth between its rows."""
+"""Intervals, fronts, and the interpolated truth."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_signed_ranks_are_those_of_the_books(values: list[float]) -> None:
 
 def test_signed_ranks_err_as_seldom_as_they_say() -> None:
     rng = np.random.default_rng(8)
-    wrong = sum(p_above(rng.standard_cauchy(25).tolist()) <= 0.05 for _ in range(1000))  # outliers without end
+    wrong = sum(p_above(rng.standard_cauchy(25).tolist()) <= 0.05 for _ in range(1000))  # extreme outliers
     assert 25 < wrong < 75
     assert p_above([1.0] * 12) == 0.5**12 and p_above([-1.0] * 12) == 1.0
 

@@ -1,4 +1,4 @@
-"""Subjects on small inputs: what they measure, and what they skip."""
+"""Subjects on small inputs: figures and skipped measurements."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_filters_know_their_motion() -> None:
 
 
 class Late:
-    """Shows the eyes as they were before."""
+    """Shows the previous eyes."""
 
     def __init__(self, late_ms: int) -> None:
         self._late_ms = late_ms

@@ -1,4 +1,4 @@
-"""The protocol of angular super-resolution: figures as scikit-image has them, the views that papers keep, resumed runs."""
+"""The protocol of angular super-resolution: figures equal to scikit-image's, the views that papers keep, resumed runs."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Suspends every process and device of the guest for 5 s, with a camera open: run last, because the 9p root does not survive it.
 
-The kernel tests suspending itself (pm_test = devices): all but switching off the processor, which emulated clocks do not wake.
+The kernel's suspend test (pm_test = devices) does everything except switch off the processor, which emulated clocks do not wake.
 
 Everything is mapped and locked before; the result goes to the console.
 """
@@ -28,7 +28,7 @@ MCL_CURRENT, MCL_FUTURE = 1, 2
 
 
 def measure() -> dict[str, object]:
-    """What suspending cost."""
+    """Measures the cost of suspending."""
     driver.unload("vivid")
     vivid = driver.plug()
     camera = open_reconnecting(f"camera:{vivid}", CAMERA)
@@ -68,7 +68,7 @@ if __name__ == "__main__":
     console = os.open("/dev/ttyS0", os.O_WRONLY | os.O_NOCTTY)
     try:
         say(measure())
-    except BaseException as error:  # a traceback would read files, which are gone after the sleep
+    except BaseException as error:  # a traceback would read files that are gone after the sleep
         say({"error": repr(error)})
-    Path("/proc/sysrq-trigger").write_text("o")  # nor can the script that started this be read on
+    Path("/proc/sysrq-trigger").write_text("o")  # nor can the shell read the rest of the script that started this
     time.sleep(60)

@@ -1,4 +1,4 @@
-"""These tests run in the guest only, and begin without a camera each."""
+"""These tests run only in the guest; each begins without a camera."""
 
 from __future__ import annotations
 
@@ -19,5 +19,5 @@ def vivid() -> Iterator[Path]:
     """A vivid webcam that was just plugged in."""
     driver.unload("vivid")
     yield driver.plug()
-    handover.release()  # what a check left open for a session
+    handover.release()  # descriptors that a check kept open for a session
     driver.unload("vivid")

@@ -45,7 +45,7 @@ def load(module: str, *parameters: str) -> None:
 
 
 def unload(module: str, limit_s: float = 20.0) -> None:
-    """Unloads a module as soon as nobody uses it."""
+    """Unloads a module as soon as it is unused."""
     until = time.monotonic() + limit_s
     while f"{module} " in Path("/proc/modules").read_text():
         done = subprocess.run(("busybox", "rmmod", module), capture_output=True, text=True, check=False)
@@ -64,7 +64,7 @@ def plug(number: int = 0, *more: str) -> Path:
 
 
 def inject(path: Path, control: int, value: int = 1) -> None:
-    """Sets a control of vivid through another descriptor, as another program would."""
+    """Sets a control of vivid through another descriptor, like another program."""
     device = V4L2Device(path)
     try:
         device.set_control(control, value)
@@ -74,7 +74,7 @@ def inject(path: Path, control: int, value: int = 1) -> None:
 
 @attrs.define
 class Cost:
-    """What a fault cost. frames: missing ones. seconds: the longest time without a picture. lost: a session would say so."""
+    """Cost of a fault. frames: missing ones. seconds: the longest time without a picture. lost: a session would report it."""
 
     frames: int
     seconds: float
@@ -98,7 +98,7 @@ def read(camera: ReconnectingCamera, out: np.ndarray, limit_s: float = 30.0) -> 
 
 
 def cost_of(fault: str, camera: ReconnectingCamera, rate_hz: float, act: Callable[[], None], frames: int = 10) -> Cost:
-    """Injects a fault between frames, reads on for some more, and records what it cost."""
+    """Injects a fault between frames, reads some more, and records its cost."""
     out = np.empty((180, 320, 3), np.uint8)
     for _ in range(5):
         last, _ = read(camera, out)
@@ -155,7 +155,7 @@ class Feeder:
 
 @contextlib.contextmanager
 def loopback(fourcc: str, size: tuple[int, int], number: int = 8) -> Iterator[tuple[Path, Feeder]]:
-    """A v4l2loopback camera and what feeds it."""
+    """A v4l2loopback camera and its feeder."""
     load("v4l2loopback", f"video_nr={number}", "card_label=Feeder", "exclusive_caps=0")
     path = Path(f"/dev/video{number}")
     feeder = Feeder(path, fourcc, size)

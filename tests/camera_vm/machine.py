@@ -64,7 +64,7 @@ def _call(*words: str | Path, cwd: Path | None = None, timeout_s: float = 300.0)
 
 
 def install_tools() -> None:
-    """Installs what is missing, if this user may. Raises UnavailableError."""
+    """Installs missing tools if this user may. Raises UnavailableError."""
     if sys.platform != "linux" or os.uname().machine != "x86_64":
         raise UnavailableError("needs Linux on x86-64")
     missing = [tool for tool in TOOLS if not shutil.which(tool)]
@@ -98,7 +98,7 @@ def _kernel_package() -> str:
 
 
 def _build_loopback(cache: Path, version: str) -> Path | None:
-    """Builds v4l2loopback against the kernel's headers, once; None where that cannot be done: its tests then skip."""
+    """Builds v4l2loopback against the kernel's headers, once; None if that fails: its tests then skip."""
     module = cache / f"v4l2loopback-{version}.ko"
     if module.exists():
         return module

@@ -1,4 +1,4 @@
-"""Each fault of the driver: the picture comes back, and what it cost is recorded."""
+"""Each fault of the driver: the picture returns, and its cost is recorded."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_frames_that_the_driver_drops_are_counted(vivid: Path, camera: Reconnect
 
 
 def replug(camera: ReconnectingCamera, at: Path, number: int) -> Callable[[], None]:
-    """Unplugs now, plugs in again while somebody reads."""
+    """Unplugs now and plugs in again during a read."""
 
     def again() -> None:
         unload("vivid")
@@ -138,7 +138,7 @@ def test_another_program_holds_the_camera(vivid: Path) -> None:
 
 
 def test_the_signal_changes() -> None:
-    """On a grabber's HDMI input; the device tells by an event, and its frames would be of the old size."""
+    """On a grabber's HDMI input: the device sends an event, and its frames would have the old size."""
     unload("vivid")
     path = plug(0, "num_inputs=1", "input_types=3")
     camera = opened(f"camera:{path}")

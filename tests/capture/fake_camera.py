@@ -1,4 +1,4 @@
-"""A V4L2 device and its stream in memory, which rounds, fails and stamps as a test says. The real driver: tests/camera_vm."""
+"""A V4L2 device and its stream in memory; the test defines rounding, failures and stamps. The real driver: tests/camera_vm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The demo's viewer: where it is said to be, found on every frame, without an end."""
+"""The demo's viewer: at the stated position, detected on every frame, endless."""
 
 from itertools import pairwise
 

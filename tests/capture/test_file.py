@@ -21,7 +21,7 @@ CAMERA = config.Camera(width_px=SIZE[0], height_px=SIZE[1], rate_hz=50.0)
 
 
 def picture(index: int) -> np.ndarray:
-    """A frame that tells its number: its grey is 10 * index + 5."""
+    """A frame that encodes its number: its grey is 10 * index + 5."""
     return np.full((SIZE[1], SIZE[0], 3), 10 * index + 5, np.uint8)
 
 
@@ -106,7 +106,7 @@ def test_other_sizes_are_scaled_and_said(kind: str, request: pytest.FixtureReque
 
 
 def test_frames_go_straight_into_a_slot(video: Path, folder: Path) -> None:
-    """A slot is a view of foreign memory; its neighbours stay as they were."""
+    """A slot is a view of foreign memory; its neighbours stay unchanged."""
     for path in (video, folder):
         memory = np.full((3, SIZE[1], SIZE[0], 3), 77, np.uint8)
         FileSource(FileSpec(path), CAMERA).read(memory[1])

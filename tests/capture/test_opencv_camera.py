@@ -1,4 +1,4 @@
-"""Cameras through OpenCV, with a made-up one: what the portable host uses where there is no Video4Linux."""
+"""Cameras through OpenCV, with a fake one: the portable host uses them without Video4Linux."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sources that deliver JPEGs hand each one out unchanged, and the frame beside it is what that JPEG decodes to."""
+"""Sources of JPEGs pass on each one unchanged, with the frame that it decodes to."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CAMERA = config.Camera(width_px=SIZE[0], height_px=SIZE[1])
 
 
 def jpeg(index: int, size: tuple[int, int] = SIZE) -> bytes:
-    """A frame that no other equals."""
+    """A unique frame."""
     picture = cv2.GaussianBlur(np.random.default_rng(index).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8), (5, 5), 0)
     return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 70 + index])[1].tobytes()
 

@@ -64,7 +64,7 @@ Played = tuple[list[int], list[float], int]  # frames passed on, how late each i
 
 
 def _played(rate_hz: float, decode_ms: float, seconds: float, stall: tuple[int, float] = (-1, 0.0)) -> Played:
-    """A recording, played by a reader that takes decode_ms a frame and stalls before one of them for so many seconds."""
+    """A recording, played by a reader that takes decode_ms a frame. stall: (frame, seconds) of a pause before it."""
     schedule, lateness = EvenSchedule(rate_hz), Lateness(int(2e9 / rate_hz))
     t_ns, passed, late_ms, k = 0, [], [], 0
     while t_ns < seconds * 1e9:
@@ -96,6 +96,6 @@ def test_a_recording_that_stood_still_goes_on_where_it_stood() -> None:
 
 
 def test_a_reader_too_slow_for_the_pace_gets_most_frames_and_no_old_ones() -> None:
-    """It once got one frame a second: all others were late, and dropped."""
+    """It used to get one frame a second: all others were late, and dropped."""
     passed, late_ms, _ = _played(120, 12, 10)
     assert len(passed) > 0.7 * 10 / 0.012 and max(late_ms) <= 2000 / 120

@@ -1,4 +1,4 @@
-"""What a person may type for a source, and what they are told when it is wrong."""
+"""Names of sources, and the errors for wrong ones."""
 
 from pathlib import Path
 

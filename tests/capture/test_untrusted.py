@@ -1,4 +1,4 @@
-"""Files given as a camera that are not what they seem: too large, broken half-way, no files at all, odd names."""
+"""Deceptive files given as a camera: too large, broken midway, no files at all, odd names."""
 
 from __future__ import annotations
 

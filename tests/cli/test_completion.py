@@ -1,4 +1,4 @@
-"""What bash offers when a person presses Tab: the real script in a real bash."""
+"""Completions on Tab: the real script in a real bash."""
 
 from __future__ import annotations
 

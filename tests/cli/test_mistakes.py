@@ -1,4 +1,4 @@
-"""Slips of the fingers and narrow terminals at the command line: each message names the way out, each table fits."""
+"""Typos and narrow terminals on the command line: each message has a remedy, each table fits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A file in, a file out: it plays once, its size is said before and while it grows, and it ends."""
+"""A file in, a file out: it plays once, its size is reported before and while it grows, and it ends."""
 
 from __future__ import annotations
 

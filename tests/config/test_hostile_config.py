@@ -1,4 +1,4 @@
-"""Settings from files, the command line and messages: whatever they hold, they are taken whole or refused by name."""
+"""Settings from files, the command line and messages: any content is accepted completely or refused by name."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def no_user_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def usable(made: Config) -> None:
-    """Whatever was taken can be sent to a stage, stored and printed, and is what it was when it comes back."""
+    """Accepted settings can be sent to a stage, stored and printed, and come back unchanged."""
     assert config.trusted(msgpack.unpackb(msgpack.packb(config.to_dict(made)))) == made
     commented(made).encode()
 
@@ -177,7 +177,7 @@ def test_the_text_of_every_configuration_reads_back(tmp_path: Path) -> None:
 
 
 def nasty() -> dict[str, bytes]:
-    """Files that cost time or memory where they are read without care."""
+    """Files that cost time or memory if they are read carelessly."""
     return {
         "dotted keys": b"a." * 60_000 + b"a = 1",
         "tables": b"[" + b"a." * 60_000 + b"a]",

@@ -1,4 +1,4 @@
-"""The video: every value back, at the right time, and no harm where the disk ends."""
+"""The video: every value preserved, at the right time, and no harm from a full disk."""
 
 import subprocess
 import sys

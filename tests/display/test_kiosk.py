@@ -1,4 +1,4 @@
-"""An exhibition: no key does anything but the code, and the desktop starts it."""
+"""An exhibition: only the code has an effect, and the desktop starts it."""
 
 from __future__ import annotations
 

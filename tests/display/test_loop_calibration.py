@@ -1,4 +1,4 @@
-"""The closed loop: the real window on an X server, a camera that looks at that screen, and what is written at the end."""
+"""The closed loop: the real window on an X server, a camera that sees that screen, and the written result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which monitor, how large its pixels are, and windows on an X server with two of them and on a desktop that scales."""
+"""Choice of the monitor, pixel sizes, and windows on an X server with two monitors and on a desktop that scales."""
 
 from __future__ import annotations
 

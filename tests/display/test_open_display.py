@@ -1,4 +1,4 @@
-"""What may follow `--display`."""
+"""Values of `--display`."""
 
 from pathlib import Path
 

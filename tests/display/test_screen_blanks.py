@@ -1,4 +1,4 @@
-"""Real windows on real servers: who reports blanks, on which grid, and what reaches the trace."""
+"""Real windows on real servers: the protocol that reports blanks, their grid, and the trace."""
 
 from __future__ import annotations
 

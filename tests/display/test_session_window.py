@@ -1,4 +1,4 @@
-"""A whole session in a real window: what is on the screen comes from the views that the trace names."""
+"""A whole session in a real window: the picture on the screen comes from the views in the trace."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _steady(world: World, screen: Screen) -> list[int] | None:
 
 
 def _choose(world: World, screen: Screen) -> None:
-    """Thumbnails lie over the picture; a scene is shown by arrow and Enter, and by a click."""
+    """Thumbnails appear over the picture; arrow and Enter, or a click, choose a scene."""
     second = cv2.imread(str(world.root / "second" / "view_01_01.png"))[0, 0].tolist()
     _press(world, "Tab")
     world.wait_for(lambda: _count(screen, GRID_MIDDLE) > 5000, "the thumbnail of the scene shown")
@@ -106,7 +106,7 @@ def _count(screen: Screen, colour: list[int]) -> int:
 
 
 def _drop(world: World, screen: Screen) -> None:
-    """What is no scene is refused in the picture, and the session continues; a scene is shown, and named in the title."""
+    """A file that is not a scene is refused in the picture, the session continues; a scene is shown and named in the title."""
     (world.root / "letters").mkdir()
     (world.root / "letters" / "letter.txt").write_text("Dear ...")
     title = "lfpipe: grid"

@@ -1,4 +1,4 @@
-"""`lfpipe` alone: on a desktop the demo and recent scenes to choose from, elsewhere the help."""
+"""`lfpipe` without arguments: on a desktop a choice of the demo and recent scenes, elsewhere the help."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every example of README and docs/ does what it says: code runs, commands parse, files are accepted."""
+"""Every example of README and docs/ works: code runs, commands parse, files are accepted."""
 
 from __future__ import annotations
 

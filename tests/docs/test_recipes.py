@@ -1,4 +1,4 @@
-"""The programs of docs/recipes.md run, fed by what a session would send."""
+"""The programs of docs/recipes.md run on the data of a session."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The docs as a site: every page is in it, every link holds, and its drawing is what the tool draws."""
+"""The docs as a site: it has every page, every link works, and its drawing equals the tool's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exports of a scene, read by programs that were not written here: FFmpeg's libraries through PyAV, Pillow."""
+"""Exports of a scene, read by independent programs: FFmpeg's libraries through PyAV, Pillow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a stranger may send to the control socket: no two alike, nothing that the session should obey."""
+"""Messages of a stranger to the control socket: no two alike, none valid."""
 
 from __future__ import annotations
 
@@ -68,7 +68,8 @@ def hostile(rng: random.Random) -> bytes:
 
 
 def pester(run_dir: Path, rng: random.Random, count: int) -> int:
-    """Sends so many to a session, as fast as it answers; returns how many it answers. Raises AssertionError where it obeys."""
+    """Sends count messages to a session, as fast as it answers; returns the number of answers. Raises AssertionError if it obeys
+    one."""
     answers = 0
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
         control.connect(socket, run_dir, "ctl")

@@ -1,4 +1,4 @@
-"""A stage that does what option "does" says: slow in one way, or hung in another."""
+"""A stage controlled by option "does": slow in one way, or hung in another."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""`lfpipe` with a render stage that cannot work by some settings, and one that dies again and again.
+"""`lfpipe` with a render stage that fails with some settings, and one that dies again and again.
 
-render.loop_ms = 7: it ends with a UserError once it has said that it works by it; 8: with an error of its own; 9: always, from
-its first picture on.
+render.loop_ms = 7: it ends with a UserError after it has confirmed the setting; 8: with another error; 9: always, at its first
+picture.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`lfpipe` with a camera that does what a file says: everything above the driver is the product's own.
+"""`lfpipe` with a camera controlled by a file: everything above the driver is the product's own code.
 
 The device's node is an ordinary file that holds a word: "frames", "empty" (frames with nobody in them), "stall" (the driver waits
 a second and has nothing) or "hang" (a call does not come back). No file: the camera is unplugged. Used as

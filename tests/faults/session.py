@@ -23,7 +23,7 @@ PATIENCE_S = 60.0
 
 
 def runs(pid: int) -> bool:
-    """Whether a process is there and not ended: one whose parent was killed may wait long for init to take its exit code."""
+    """Whether a process exists and has not ended: one whose parent was killed may wait long for init to read its exit code."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):
@@ -31,7 +31,7 @@ def runs(pid: int) -> bool:
 
 
 class WatchedSession:
-    """Runs from the constructor to `end`. scene None: one whose every picture is of a single colour, and looked at as well."""
+    """Runs from the constructor to `end`. scene None: one whose pictures have a single colour and are checked too."""
 
     def __init__(
         self,
@@ -59,11 +59,11 @@ class WatchedSession:
         self.watcher.start()
 
     def said(self) -> str:
-        """The last of what the session had to say."""
+        """The session's last output."""
         return (self.world.root / "session.log").read_text()[-3000:]
 
     def pid(self, stage: str) -> int:
-        """Of the process that is that stage now."""
+        """The pid of the stage's current process."""
         return int(self.watcher.table.rows[stage]["pid"])
 
     def restarts(self, stage: str) -> int:
@@ -71,9 +71,9 @@ class WatchedSession:
         return int(self.watcher.table.rows[stage]["restarts"])
 
     def pictures_again(self) -> float:
-        """Waits for every stage to run and for a picture of a frame taken from now on; the time to its presentation in s.
+        """Waits for every stage to run and for a picture of a new frame; returns the time to its presentation in s.
 
-        Raises AssertionError where there is none.
+        Raises AssertionError if there is none.
         """
         begin_ns = now_ns()
         while True:
@@ -87,18 +87,18 @@ class WatchedSession:
             time.sleep(0.005)
 
     def books(self) -> Account:
-        """Where every frame went: capture stands still for a moment, so that nothing is under way.
+        """The account of every frame: capture pauses for a moment, so that no frame is in flight.
 
-        What capture has just dropped is missed only when the next frame comes, and a stage may still be at work: books that do
-        not close are looked at again. What was counted wrong stays wrong.
+        A drop by capture shows only at the next frame, and a stage may still be working, so an account that does not balance is
+        read again. A wrong count stays wrong.
         """
         for _ in range(5):
             pid = self.pid("capture")
             os.kill(pid, signal.SIGSTOP)
             try:
-                found = self.watcher.settled(1.2)  # less than what is taken for a hang
+                found = self.watcher.settled(1.2)  # shorter than the limit of a hang
             finally:
-                with contextlib.suppress(ProcessLookupError):  # it was taken for hung all the same
+                with contextlib.suppress(ProcessLookupError):  # it counted as hung nevertheless
                     os.kill(pid, signal.SIGCONT)
                 self.pictures_again()
             if not any(found.errors().values()):
@@ -106,26 +106,26 @@ class WatchedSession:
         return found
 
     def told(self) -> dict[str, Any]:
-        """What the session was told to do, without what it decides itself."""
+        """The session's settings from commands, without its own decisions."""
         answer = control.request(self.run_dir, {"cmd": "hello"}, 30)
         options = {key: value for key, value in answer["options"].items() if key not in ("level", "pictures")}
         return {"config": answer["config"], "paused": answer["paused"], "options": options}
 
     def figures(self) -> Figures:
-        """What the session holds now."""
+        """The session's current resources."""
         return figures(self.supervisor.pid, self.session, self.run_dir)
 
     def end(self) -> None:
-        """Lets go of the session and ends it; nothing of it stays."""
+        """Detaches from the session and ends it; checks that nothing remains."""
         self.watcher.end()
         self.supervisor.send_signal(signal.SIGINT)
         self.supervisor.wait(60)
         self._log.close()
 
     def killed(self) -> float:
-        """Instead of `end`: kills the supervisor; how long the last of its processes lived after it, in s.
+        """Instead of `end`: kills the supervisor; returns how long its last process outlived it, in s.
 
-        Raises AssertionError where one lives on, or what they leave stays.
+        Raises AssertionError if one survives, or if leftovers remain.
         """
         pids = [self.pid(name) for name in STAGES]
         self.watcher.end()

@@ -1,4 +1,4 @@
-"""Random faults into one session, one after the other: how soon pictures come again, what was lost, what is left behind.
+"""Random faults in one session, one after another: time until pictures return, lost frames, leftovers.
 
 `profiling/faults_soak.py` runs hundreds of them, the tests twenty.
 """
@@ -26,14 +26,14 @@ from tests.faults.watcher import Account, Figures, Watcher, is_whole
 
 LETHAL = ("kill", "terminate", "stop 3 s")
 HARMLESS = ("stop the supervisor 3 s", "source stalls 1 s", "monitor killed", "slow reader", "hogs 2 s", "garbage")
-DEATHS, WINDOW_S = 3, 61.0  # of one stage: five in 60 s end a session, and from the fourth on it waits before it starts again
+DEATHS, WINDOW_S = 3, 61.0  # of one stage: five in 60 s end a session, and after the fourth it waits before a restart
 LEAK_MB = 4.0  # of one process; allocators differ by less from start to start
 HOG = "import time\nend = time.time() + 2\nwhile time.time() < end: pass"
 
 
 @attrs.frozen
 class Fault:
-    """What was done to whom, and the time from its end to a picture of a frame that was taken after it."""
+    """A fault, its target, and the time from its end to a picture of a newer frame."""
 
     kind: str
     stage: str
@@ -42,7 +42,7 @@ class Fault:
 
 @attrs.define
 class Outcome:
-    """Of a whole run."""
+    """The outcome of a whole run."""
 
     faults: list[Fault]
     accounts: list[Account]
@@ -53,7 +53,7 @@ class Outcome:
     seconds: float
 
     def broken(self, recovery_s: float) -> list[str]:
-        """What was promised and not kept, in words; nothing where all was."""
+        """The broken promises, in words; empty if all were kept."""
         late = [f"pictures only {f.recovery_s:.2f} s after {f.kind} {f.stage}" for f in self.faults if f.recovery_s > recovery_s]
         watcher = self.watcher
         counts = {
@@ -76,7 +76,7 @@ class Outcome:
         return late + wrong + books + leaks
 
     def table(self) -> str:
-        """Markdown: kinds of faults, the books, what was held before and after."""
+        """Markdown: kinds of faults, the account of frames, resources before and after."""
         lines = ["| fault | times | pictures again, median s | longest s |", "|---|---|---|---|"]
         for kind in (*LETHAL, *HARMLESS):
             found = [fault.recovery_s for fault in self.faults if fault.kind == kind]
@@ -106,7 +106,7 @@ class Outcome:
 
 
 class Soak:
-    """A session under fault. Raises AssertionError where pictures do not come again."""
+    """A session under faults. Raises AssertionError if pictures do not return."""
 
     def __init__(self, session: WatchedSession, seed: int) -> None:
         self._session, self._rng = session, random.Random(seed)
@@ -114,9 +114,9 @@ class Soak:
         self._deaths: dict[str, list[float]] = {name: [] for name in STAGES}
 
     def run(self, count: int, tell: Callable[[str], None] = print, books_every: int = 25) -> Outcome:
-        """So many faults, of each kind one before chance chooses; the books are looked at after every books_every of them."""
+        """Injects faults, one of each kind before random ones; checks the account of frames after every books_every faults."""
         session, watcher = self._session, self._session.watcher
-        time.sleep(3.0)  # allocators and lazy imports have had their turn
+        time.sleep(3.0)  # after warm-up of allocators and lazy imports
         before, start = session.figures(), time.monotonic()
         faults: list[Fault] = []
         accounts: list[Account] = []
@@ -152,7 +152,7 @@ class Soak:
             self._restarts[name] = restarts
 
     def _signal(self, pid: int, signum: int) -> None:
-        with contextlib.suppress(ProcessLookupError):  # the supervisor was quicker
+        with contextlib.suppress(ProcessLookupError):  # the supervisor was faster
             os.kill(pid, signum)
 
     def _kill(self, stage: str) -> None:
@@ -162,7 +162,7 @@ class Soak:
         self._signal(self._session.pid(stage), signal.SIGTERM)
 
     def _stop_3_s(self, stage: str) -> None:
-        self._stop(stage, 3.0)  # longer than what is taken for a hang
+        self._stop(stage, 3.0)  # longer than the limit of a hang
 
     def _source_stalls_1_s(self, _: str) -> None:
         self._stop("capture", 1.0)
@@ -187,7 +187,7 @@ class Soak:
         monitor.communicate()
 
     def _slow_reader(self, _: str) -> None:
-        """It holds a slot for a second: what it sees is whole, or known not to be."""
+        """It holds a slot for a second: the frame is intact, or detected as overwritten."""
         reader = ring.Reader(self._session.session.segment("frames"))
         try:
             reader.last_seq = max(0, reader.published - 1)

@@ -1,4 +1,4 @@
-"""Where every frame went: no gap in the trace that drops and frames left out do not explain, over pauses too."""
+"""The account of every frame: drops and skipped frames explain every gap in the trace, also across pauses."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_gaps_in_the_trace_are_what_was_dropped_and_left_out(
 
     @contextlib.contextmanager
     def at_rest() -> Iterator[tuple[int, int]]:
-        """While capture stands still: the last frame shown, and what has not been shown so far."""
+        """While capture is paused: the last frame shown, and the number not shown so far."""
         pid = int(table.rows["capture"]["pid"])
         os.kill(pid, signal.SIGSTOP)
         try:

@@ -1,4 +1,4 @@
-"""A camera that stalls, hangs in its driver, is unplugged and comes back: the session lives, and tells."""
+"""A camera that stalls, hangs in its driver, is unplugged and comes back: the session survives and reports it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 
 
 class Told:
-    """What comes over the tap."""
+    """Messages on the tap."""
 
     def __init__(self, world: World) -> None:
         self._ctx = control.context()
@@ -89,7 +89,7 @@ def test_one_session_outlives_all_that_happens_to_its_camera(world: World, scene
     seqs = [line["source_seq"] for line in world.lines()]
     assert seqs == sorted(set(seqs)), "the camera's count goes on"
 
-    node.unlink()  # unplugged while its process dies, too: a new process waits for it as the old one did
+    node.unlink()  # also unplugged while its process dies: a new process waits for it like the old one
     os.kill(pid, signal.SIGKILL)
     world.wait_for(lambda: _rows(world)["capture"][0::2] == ("READY", 1), "waiting capture")
     count = len(world.lines())
@@ -138,7 +138,7 @@ def test_a_camera_that_is_not_there_at_the_start_is_a_mistake(world: World, scen
 
 
 class Made:
-    """A camera that opens, reads and fails as told."""
+    """A camera that opens, reads and fails on command."""
 
     def __init__(self, steps: list[Any], size: tuple[int, int] = (4, 4)) -> None:
         self.info = SourceInfo("camera:made", 4, 4, 30.0, live=True)
@@ -158,7 +158,7 @@ class Made:
 
 
 def _read(camera: ReconnectingCamera, out: np.ndarray, limit_s: float = 3.0) -> tuple[Frame, list[Exception]]:
-    """The next frame and what was raised before it."""
+    """The next frame and the errors before it."""
     raised: list[Exception] = []
     end = time.monotonic() + limit_s
     while time.monotonic() < end:

@@ -1,4 +1,4 @@
-"""Strangers at the control socket: nothing they send changes the session, ends it or costs a frame."""
+"""Strangers at the control socket: none of their messages changes the session, ends it or costs a frame."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_hostile_messages_change_nothing_and_delay_no_frames(session: WatchedSes
 
 
 def test_a_flood_keeps_neither_frames_nor_other_clients_waiting(session: WatchedSession) -> None:
-    """Of a flood so much is taken in a given time, and of each client in turn."""
+    """Only a limited part of a flood is read per unit of time, from each client in turn."""
     with control.context() as ctx, ctx.socket(zmq.DEALER) as flood, ctx.socket(zmq.DEALER) as other:
         for socket in (flood, other):
             control.connect(socket, session.run_dir, "ctl")

@@ -1,4 +1,4 @@
-"""One session, fault after fault: pictures come again after each, none is torn, every drop is counted, and nothing piles up."""
+"""One session, fault after fault: pictures return after each, none is torn, every drop is counted, and nothing accumulates."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_a_session_outlives_a_row_of_random_faults(world: World, monkeypatch: py
 
 
 def test_the_checks_of_the_soak_can_fail(tmp_path: Path) -> None:
-    """A frame spoilt by one bit, and books with one frame too few, are noticed."""
+    """A frame with one flipped bit, and an account with one frame too few, are detected."""
     import cv2
 
     from tests.faults.watcher import Account, is_whole, write_checked_frames

@@ -1,4 +1,4 @@
-"""What ends a session and what does not: failures of a stage, and changes that cannot be worked by."""
+"""Which events end a session: failures of a stage, and changes that a stage cannot apply."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(world:
     for path in (tmp_path / "nowhere", Path(__file__)):
         assert path.name in _ask(world, cmd="load", scene=str(path))["error"]
     assert _ask(world, cmd="status")["config"] == before
-    for loop_ms in (7, 8):  # said to be applied, and then it was not to be worked by
-        for _ in range(3):  # more failures in all than end a session that nobody drives
+    for loop_ms in (7, 8):  # acknowledged, and then it failed
+        for _ in range(3):  # more failures in total than end an unattended session
             _ask(world, cmd="set", set={"render.swap_eyes": True, "render.loop_ms": loop_ms})
             world.wait_for(lambda: _ask(world, cmd="status").get("config") == before, "configuration as it was")
     world.pictures(len(world.lines()) + 3)

@@ -1,4 +1,4 @@
-"""Quality on a machine that is too slow: real sessions beside programs that take both cores."""
+"""Quality on a machine that is too slow: real sessions beside programs that occupy both cores."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BEFORE_OTHERS = -15
 
 @pytest.fixture
 def before_others() -> Iterator[None]:
-    """Test, session and hogs contend with each other and not with what else this machine does, where that is allowed.
+    """Test, session and hogs compete with each other, not with other programs of this machine, if that is allowed.
 
     Where the kernel groups processes by terminal session (autogroup) the group's niceness counts, elsewhere each process's own.
     """

@@ -1,7 +1,7 @@
-"""Too little of everything: said before a session starts; once it runs, the output it concerns ends and nothing else.
+"""Too little of everything: reported before a session starts; later, only the affected output ends.
 
-Mounts and lost privileges are real. Root's are dropped for what is a question of permission; where no mount is allowed, tests
-of small disks are skipped.
+Mounts and dropped privileges are real. Tests of permissions drop root's; without the right to mount, tests of small disks are
+skipped.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def unprivileged(world: World, *command: object, **env: str) -> Done:
 
 
 def assert_said(done: Done, world: World, *parts: str) -> None:
-    """A mistake in one message with a remedy, and nothing left."""
+    """One message with a remedy, and no leftovers."""
     assert done.returncode == 2, done.stderr
     assert "error: " in done.stderr and "remedy: " in done.stderr and "Traceback" not in done.stderr, done.stderr
     for part in parts:
@@ -78,7 +78,7 @@ def cache(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def packed(world: World, scene: Path, cache: Path) -> Path:
-    """The scene, which need not be packed again."""
+    """The scene, already packed."""
     world.env["XDG_CACHE_HOME"] = str(cache)
     return scene
 
@@ -154,7 +154,7 @@ def test_a_run_directory_of_another_user_is_refused_and_never_spoken_to(world: W
     (theirs / "lock").touch(0o666)
     for path in (theirs / "lock", theirs):
         os.chown(path, NOBODY, NOBODY)
-    lock = run_lock.take(theirs / "lock")  # as if a session of theirs were running: it must not be taken for ours
+    lock = run_lock.take(theirs / "lock")  # as if their session were running: it must not count as ours
     assert lock is not None
     for command in (("up", packed, *PLAIN), ("ctl", "status"), ("monitor", "--once")):
         done = unprivileged(world, *command, "--session", world.name)

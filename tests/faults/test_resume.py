@@ -1,4 +1,4 @@
-"""SIGSTOP and SIGCONT of each process and of all of them, as a suspended machine, a debugger or a starved host do it."""
+"""SIGSTOP and SIGCONT of each process and of all of them, as by a suspended machine, a debugger or a starved host."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _rows(world: World) -> dict[str, dict[str, int]]:
 
 
 def back_to_rate_s(lines: list[dict[str, Any]], t_ns: int, rate_hz: float, span_s: float = 0.5) -> float:
-    """From t_ns to the first picture from which on span_s go by at nine tenths of the rate and more; inf where there is none."""
+    """Time from t_ns to the first picture that begins span_s at nine tenths of the rate or more; inf if there is none."""
     shown = [line["t_presented_ns"] for line in lines if line["t_presented_ns"] >= t_ns]
     needed = int(0.9 * rate_hz * span_s)
     for first, last in zip(shown, shown[needed:], strict=False):
@@ -181,7 +181,7 @@ def test_a_sleep_of_the_machine_is_noticed_once() -> None:
 
 
 def test_no_process_of_a_session_reads_the_wall_clock_after_its_start() -> None:
-    """So that a step of it changes nothing: it appears where files are named and dated, and nowhere else."""
+    """So a step of the clock has no effect: only names and dates of files use it."""
     wall = {"time", "time_ns", "now", "utcnow", "today", "gmtime", "localtime"}
     root = Path(lfpipe.__file__).parent
     found = []

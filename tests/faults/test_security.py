@@ -1,4 +1,4 @@
-"""Nobody but the user who started a session gets at it, or those whose keys they know."""
+"""Only the user who started a session can access it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ QUEUES = {"Queue", "SimpleQueue", "JoinableQueue", "Manager", "Pipe", "Lock", "E
 
 
 def test_no_module_unpickles_or_shares_a_lock() -> None:
-    """Pickle runs what it is sent; a queue or lock of multiprocessing is lost with a process that is killed holding it."""
+    """Pickle executes its input; a killed process takes a multiprocessing queue or lock with it."""
     root = Path(rundir.__file__).parents[1]
     for path in root.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -87,7 +87,7 @@ def test_a_run_directory_of_another_user_is_refused_and_left_alone(world: World,
     theirs = world.run_dir / f"{PREFIX}{world.name}"
     theirs.mkdir(mode=0o777)
     lock = (theirs / "lock").open("w")
-    fcntl.flock(lock, fcntl.LOCK_EX)  # it looks like a session that runs
+    fcntl.flock(lock, fcntl.LOCK_EX)  # it looks like a running session
     os.chown(theirs, 65534, 65534)
     done = world.run("up", scene, "--camera", "demo", "--display", "none", "--session", world.name)
     assert done.returncode == 2 and "is not a directory of yours" in done.stderr and "Traceback" not in done.stderr

@@ -1,4 +1,4 @@
-"""The ends of sessions that nobody asked for, and sessions side by side."""
+"""Unexpected ends of sessions, and sessions side by side."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def test_stages_do_not_outlive_a_killed_supervisor(world: World, monkeypatch: py
 
 @pytest.mark.parametrize("stopped", [1, 3])
 def test_a_stage_that_is_stopped_does_not_outlive_its_supervisor_either(world: World, scene: Path, stopped: int) -> None:
-    """A stopped process takes no SIGTERM, and it is what the kernel sends when the supervisor dies. Whoever sweeps wakes it: the
-    first stage to end, or where all are stopped the next session."""
+    """A stopped process does not handle the SIGTERM that the kernel sends when the supervisor dies. A sweep resumes it: by the
+    first stage to end, or, if all are stopped, by the next session."""
     process = world.up(scene, *SMALL, start_new_session=True)
     world.pictures(5)
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
@@ -92,7 +92,7 @@ for _ in range(12):
 
 
 def test_sessions_that_begin_and_end_at_once_do_not_sweep_each_other(world: World) -> None:
-    """A directory that is made and not locked yet looks like a dead session's to who sweeps in that moment. Half of them have the
+    """A directory that is created but not yet locked looks like a dead session's to a concurrent sweep. Half of them have the
     names of the others, under another runtime directory."""
     other = world.root / "other"
     other.mkdir()
@@ -166,7 +166,7 @@ def test_ten_sessions_of_different_names_do_not_meet(
         assert control.request(Session(name).run_dir, {"cmd": "hello"}, 30)["config"] == before["config"], "another's command"
     assert control.request(Session(names[0]).run_dir, {"cmd": "stop"}, 30)["ok"]
     started[0].communicate(timeout=60)
-    started[1].kill()  # and one that dies does not take another along
+    started[1].kill()  # and the death of one does not affect another
     started[1].communicate()
     assert started[0].returncode == 0
     counts = {name: _pictures(name) for name in names[2:]}
@@ -180,7 +180,7 @@ def test_ten_sessions_of_different_names_do_not_meet(
 
 
 def _pictures(name: str) -> int:
-    """How many a session has shown; 0 before it has begun."""
+    """Number of pictures that a session has shown; 0 before its start."""
     try:
         table = status.Table(Session(name).segment("status"))
     except (FileNotFoundError, ValueError):  # not made, or made and still empty

@@ -1,4 +1,4 @@
-"""A terminal that goes away, and output that leads nowhere: sessions end in order, or go on where nobody asked them to end."""
+"""A vanished terminal and lost output: sessions end cleanly, or continue if they should."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Terminal:
         os.close(inner)
 
     def close(self) -> None:
-        """What closing the window does: everybody in it hears SIGHUP, and nothing can be written any more."""
+        """Acts like closing the window: all its processes get SIGHUP, and writing fails."""
         os.close(self._fd)
 
 
@@ -86,7 +86,7 @@ def test_a_signal_from_the_terminal_to_all_its_processes_ends_a_recording_in_ord
 
 @pytest.fixture(params=["terminal", "pipe", "closed"])
 def deaf(request: pytest.FixtureRequest, world: World, scene: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """A session that nobody can hear any more and that was told not to mind the end of its terminal."""
+    """A session without output that ignores the end of its terminal."""
     wish = ("--camera", "demo", "--display", "none", "--trace", world.trace, "--session", world.name)
     command = lfpipe("up", scene, *wish, *SMALL)
     if request.param == "terminal":
@@ -115,10 +115,10 @@ def test_a_session_without_ears_goes_on_says_what_it_has_to_say_and_ends_when_as
     deaf: subprocess.Popen[bytes], world: World
 ) -> None:
     killed = world.monitor()["stages"]["track"]["pid"]
-    os.kill(killed, signal.SIGKILL)  # the supervisor says so, or tries to
+    os.kill(killed, signal.SIGKILL)  # the supervisor reports it, or tries to
     world.wait_for(lambda: world.monitor()["stages"]["track"]["restarts"] == 1, "restart")
     hung = world.monitor()["stages"]["render"]["pid"]
-    os.kill(hung, signal.SIGSTOP)  # its stack is told
+    os.kill(hung, signal.SIGSTOP)  # its stack is reported
     world.wait_for(lambda: world.monitor()["stages"]["render"]["restarts"] == 1, "restart")
     world.pictures(len(world.lines()) + 10)
     assert deaf.poll() is None

@@ -1,4 +1,4 @@
-"""Looks at every frame, eyes record and picture of a session from outside: whole or torn, published or lost, to the last one."""
+"""Checks every frame, eyes record and picture of a session from outside: intact or torn, published or lost, to the last one."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def is_whole(frame: NDArray[np.uint8]) -> bool:
 
 @attrs.frozen
 class Account:
-    """Where every frame of a session went, when nothing is under way.
+    """The account of every frame of a session while none is in flight.
 
     capture_lost: frames that are missing between others; capture_deaths: after each of them it counts from 0 again. `*_drops` is
     what a stage says that it lost or left out.
@@ -64,7 +64,7 @@ class Account:
 
     @property
     def unseen(self) -> int:
-        """Drops of a capture that died before it passed another frame on: counted, but missing between no two frames."""
+        """Drops of a capture stage that died before its next frame: counted, but not visible as a gap between frames."""
         return max(0, self.capture_drops - self.capture_lost) if self.capture_deaths else 0
 
     def errors(self) -> dict[str, int]:
@@ -77,7 +77,7 @@ class Account:
 
 
 class Watcher(threading.Thread):
-    """Attached to a session until `end`. lapped: overwritten while they were looked at, and known to be; torn: not known."""
+    """Attached to a session until `end`. lapped: overwritten during the check and detected; torn: not detected."""
 
     def __init__(self, session: Session, run_dir: Path, trace: Path, plain: bool) -> None:
         super().__init__(daemon=True)
@@ -131,7 +131,7 @@ class Watcher(threading.Thread):
             self._last = (stamp.epoch, stamp.source_seq)
 
     def read_trace(self) -> None:
-        """Takes the lines that are new."""
+        """Reads the new lines."""
         with self._trace.open("rb") as file:
             file.seek(self._offset)
             data = file.read()
@@ -143,7 +143,7 @@ class Watcher(threading.Thread):
             self.newest = json.loads(lines[-1])
 
     def account(self) -> Account:
-        """The books as they are; only exact while capture stands still."""
+        """The current account; exact only while capture is paused."""
         row = {name: int(self.table.rows[name]["drops"] + self.table.rows[name]["left_out"]) for name in STAGES}
         frames = self._frames.published
         return Account(
@@ -158,7 +158,7 @@ class Watcher(threading.Thread):
         )
 
     def settled(self, patience_s: float) -> Account:
-        """The books once nothing has moved for 0.2 s and they close, or as they are when patience is at its end."""
+        """The account once nothing has changed for 0.2 s and it balances, or its state at the timeout."""
         last, since, end = self.account(), time.monotonic(), time.monotonic() + patience_s
         while time.monotonic() < end and (time.monotonic() - since < 0.2 or any(last.errors().values())):
             time.sleep(0.02)
@@ -168,7 +168,7 @@ class Watcher(threading.Thread):
         return last
 
     def end(self) -> None:
-        """Lets go of the session."""
+        """Detaches from the session."""
         self._ended.set()
         self.join()
         if self._pictures is not None:
@@ -180,7 +180,7 @@ class Watcher(threading.Thread):
 
 @attrs.frozen
 class Figures:
-    """What a session holds: processes by name with anonymous memory in MB and descriptors; names of segments and run files."""
+    """Resources of a session: processes by name with anonymous memory in MB and descriptors; names of segments and run files."""
 
     processes: dict[str, tuple[float, int]]
     segments: tuple[str, ...]
@@ -200,7 +200,7 @@ def rss_mb(pid: int, field: str = "RssAnon") -> float:
 
 
 def figures(supervisor_pid: int, session: Session, run_dir: Path) -> Figures:
-    """Of a session in peace."""
+    """The figures of an idle session."""
     pids = [supervisor_pid, *map(int, Path(f"/proc/{supervisor_pid}/task/{supervisor_pid}/children").read_text().split())]
     processes = {}
     for pid in pids:

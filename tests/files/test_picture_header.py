@@ -1,4 +1,4 @@
-"""Headers of pictures: what is read before decoding agrees with what the decoder makes of the file, or the file is refused."""
+"""Headers of pictures: the header read before decoding agrees with the decoded picture, or the file is refused."""
 
 from __future__ import annotations
 

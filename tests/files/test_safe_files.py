@@ -1,4 +1,4 @@
-"""The one way to read and to write a file by a path that somebody gave."""
+"""The only functions that read and write files at paths from users."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values from files: whatever a file holds, the result is a checked value or a UserError."""
+"""Values from files: for any content, the result is a checked value or a UserError."""
 
 from __future__ import annotations
 

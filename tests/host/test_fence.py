@@ -1,4 +1,4 @@
-"""Where the fence comes from on machines that need one."""
+"""The source of the fence on machines that need one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The host that needs nothing of Linux's own, `LFPIPE_HOST=portable`: a session, its token, its locks, its wake-ups, its end."""
+"""The host without Linux's own features, `LFPIPE_HOST=portable`: a session, its token, its locks, its wake-ups, its end."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROOT = HOST.parents[1]
 
 @pytest.fixture(scope="module")
 def portable(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[World]:
-    """A portable session that runs, with a registry of its own."""
+    """A running portable session with its own registry."""
     made = World(tmp_path_factory.mktemp("portable"))
     made.env |= {"LFPIPE_HOST": "portable", "TMPDIR": str(made.root)}
     made.up(scene, "--set=render.method=nearest", "--set=render.alpha_px=12")
@@ -169,7 +169,7 @@ for each in pkgutil.walk_packages(lfpipe.__path__, "lfpipe."):
 
 
 def test_everything_can_be_imported_without_what_windows_lacks(portable: World) -> None:
-    """But for Video4Linux. Packages that look for these themselves, as Dask does, come first."""
+    """Except Video4Linux. Packages that check for these themselves, such as Dask, come first."""
     done = run(portable, WITHOUT)
     assert done.returncode == 0, done.stderr
     video4linux = {"camera", "camera_controls", "camera_list", "pixel_formats", "v4l2_device", "v4l2_stream"}

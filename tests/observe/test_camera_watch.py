@@ -1,4 +1,4 @@
-"""What a calibration reads of a camera beside its window."""
+"""The camera reader of a calibration, beside its window."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The checks of `lfpipe doctor`, on this machine and on made-up troubles."""
+"""The checks of `lfpipe doctor`, on this machine and on simulated faults."""
 
 import importlib.metadata
 import re

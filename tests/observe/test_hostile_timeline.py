@@ -1,4 +1,4 @@
-"""Traces that were damaged by chance or on purpose, and places where no timeline can be written."""
+"""Traces damaged by chance or on purpose, and places where no timeline can be written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The delay of the loop, from made cameras before made screens. Many more: `python -m profiling.photon`."""
+"""The delay of the loop, from simulated cameras and screens. Many more: `python -m profiling.photon`."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class Terminal:
         self.raw = ""
 
     def until(self, pattern: str, timeout_s: float = 20) -> str:
-        """The text since the last match, up to and with what matches."""
+        """The text since the last match, up to and including the match."""
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
             if found := re.search(pattern, ESCAPES.sub("", self.raw)):
@@ -121,7 +121,7 @@ def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None
         for _ in range(20):
             with Watch(find(world.name)) as watch:
                 assert watch.living() and watch.meter.read().stages
-    for signum in (signal.SIGKILL, signal.SIGINT):  # whole processes, ended roughly and kindly
+    for signum in (signal.SIGKILL, signal.SIGINT):  # whole processes, killed and ended cleanly
         viewer = world.start("monitor", "--session", world.name, "--json")
         assert viewer.stdout is not None and json.loads(viewer.stdout.readline())["session"] == world.name
         viewer.send_signal(signum)

@@ -26,8 +26,8 @@ def line(source_seq: int, sensor: int, steps: tuple[int, int, int, int, int], co
 
 
 def check(made: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """What "Trace Event Format" asks: known phases, slices that do not overlap on a track, arrows that start, end and are
-    bound to a slice. Returns the slices by track."""
+    """Checks "Trace Event Format": known phases, slices that do not overlap on a track, arrows that start, end and are bound to a
+    slice. Returns the slices by track."""
     tracks = {e["tid"]: e["args"]["name"] for e in made if e["ph"] == "M" and e["name"] == "thread_name"}
     assert tuple(tracks.values()) == TRACKS
     slices: dict[str, list[dict[str, Any]]] = defaultdict(list)

@@ -1,4 +1,4 @@
-"""What cannot work is said before any process starts: the thing, the value, the remedy, exit code 2, no traceback."""
+"""Errors are reported before any process starts: the thing, the value, the remedy, exit code 2, no traceback."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def good(*args: str | Path) -> Callable[[Path], list[str | Path]]:
     return lambda root: ["up", write_scene(root / "good"), *args]
 
 
-# everything is wrong, and all of it is said
+# everything is wrong, and all errors are reported
 EVERYTHING = ["up", "nowhere", "--camera", "file:nofile.mp4", "--display", "windw", "--trace", "/proc/x/t.jsonl"]
 CASES: dict[str, tuple[Callable[[Path], list[str | Path]], tuple[str, ...]]] = {
     "missing scene": (lambda root: ["up", root / "nowhere", "--camera", "demo"], ("nowhere",)),

@@ -20,7 +20,7 @@ from tests.xvfb_screen import Screen
 
 
 def write_scenes(folder: Path) -> Path:
-    """Three light fields of 2, 3 and 4 rows, and what is none."""
+    """Three light fields of 2, 3 and 4 rows, and a folder that is none."""
     for rows, name in enumerate(("amber", "birch", "cedar"), 2):
         write_scene(folder / name, rows, 3)
     (folder / "notes.txt").write_text("nothing to see")
@@ -54,7 +54,7 @@ def test_a_folder_of_scenes_is_a_list_and_a_scene_stays_one(tmp_path: Path) -> N
     assert playlist([folder], settings) == names
     assert playlist([names[1], folder, names[0]], settings) == [names[1], *names, names[0]]
     for other in (tmp_path / "nowhere", folder / "empty", folder / "notes.txt"):
-        assert playlist([other], settings) == [other]  # for whoever opens it to say what is wrong
+        assert playlist([other], settings) == [other]  # opening it reports the error
 
 
 def test_the_next_and_the_previous_scene_come_by_command(listed: World) -> None:

@@ -1,4 +1,4 @@
-"""Scenes that a warp fails on: fine dither, noise, wires thinner than a pixel, highlights that move their own way, repetition.
+"""Scenes on which a warp fails: fine dither, noise, wires thinner than a pixel, moving highlights, repetition.
 
 A scene is layers of texture, each at a disparity, seen by a grid of cameras; every view between is known as well.
 """

@@ -1,4 +1,4 @@
-"""A small light field drawn from formulas, so that every view, between the stored ones too, and every depth is known.
+"""A small light field drawn from formulas, so that every depth and every view, also between the stored ones, is known.
 
 A textured wall at disparity FAR and before it a textured square at NEAR (px per grid step), on a grid of any size.
 """
@@ -85,7 +85,7 @@ def field(
 
 
 def noise(rows: int, cols: int, height: int, width: int, extent_px: float, seed: int, channels: int = 3) -> LightField:
-    """Views and disparities of pure noise, up to +-extent_px: nothing about it is consistent."""
+    """Views and disparities of pure noise, up to +-extent_px, without any consistency."""
     rng = np.random.default_rng(seed)
     low = ((height + 1) // 2, (width + 1) // 2)
     return LightField(

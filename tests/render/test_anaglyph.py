@@ -1,4 +1,4 @@
-"""Anaglyph methods against their published matrices, worked out in floating point without any of the shortcuts."""
+"""Anaglyph methods compared with their published matrices in floating point, without shortcuts."""
 
 from __future__ import annotations
 

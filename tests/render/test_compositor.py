@@ -1,4 +1,4 @@
-"""From eyes to pixels: which way things move, what a key promises, every output, every nonsense."""
+"""From eyes to pixels: directions of motion, promises of a key, every output, nonsense input."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def test_auto_is_the_scenes_method_and_without_depth_nothing_is_warped() -> None
     [
         ("blend", "warp", "blend"),  # below the scene's own method, which is no warp
         ("blend", "warp2", "warp2"),  # dearer, but no worse
-        ("warp2", "warp", "warp"),  # the scene deserves a warp: whoever asks for a cheaper one has it
+        ("warp2", "warp", "warp"),  # a warp is better here, but a cheaper method that was requested stays
         ("nearest", "warp", "warp"),
         ("blend", "nearest", "nearest"),
     ],
@@ -170,7 +170,7 @@ def test_the_rounding_of_a_key_shows_nowhere() -> None:
         subject = Compositor(field, render(method=method, anaglyph="colour"))
         step = subject._quantum
         assert step <= 1 / 64
-        off = step * 0.49  # the furthest a viewpoint can be from what is drawn for it
+        off = step * 0.49  # largest distance between a viewpoint and the one drawn for it
         drawn = subject.compose((2 + off, 1.25 + off), (2 + off, 2.25 + off)).copy()
         subject._quantum = 2.0**-20
         true = subject.compose((2 + off, 1.25 + off), (2 + off, 2.25 + off))

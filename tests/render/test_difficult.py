@@ -1,4 +1,4 @@
-"""A warp is drawn where it serves: where disparity explains nothing, the views are cross-faded instead."""
+"""Views are warped where disparity explains them, and cross-faded elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far apart the eyes stand on the grid: the known cases worked out by hand, and whatever else may be configured."""
+"""The distance of the eyes on the grid: known cases computed by hand, and arbitrary configurations."""
 
 from __future__ import annotations
 

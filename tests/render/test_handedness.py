@@ -1,5 +1,5 @@
 """From pixels to pixels: a scene with known depth, photographed from known places, written in every layout, packed, and seen
-through the glasses. What is near must stand to the right for the left eye, and a viewer who moves must see it from there."""
+through the glasses. Near objects must appear further right for the left eye, and a viewer who moves must see them from there."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EYES_PX, STEP_PX = 60.0, 30.0  # between the eyes, and per view: they look from 
 
 
 def depth_mm(disparity_px: float) -> float:
-    """Where a thing stands that moves so many px to the left when the camera moves a baseline to the right."""
+    """Distance of an object that moves by disparity_px to the left when the camera moves a baseline to the right."""
     return 1 / (disparity_px / (BASELINE_MM * FOCAL_PX) + 1 / FOCUS_MM)
 
 

@@ -1,4 +1,4 @@
-"""When the measured delay of the loop is not to be trusted, in words."""
+"""Reasons to distrust the measured delay of the loop, in words."""
 
 from __future__ import annotations
 

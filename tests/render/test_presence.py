@@ -15,7 +15,7 @@ ALLOWED = {N: {N, A}, A: {A, SE, L, E}, SE: {SE, L, E}, L: {L, N, A, SE, E}, E: 
 
 
 class Watched(RuleBasedStateMachine):
-    """Every transition is one of the table's, and a rest is measured where the table says so and nowhere else."""
+    """Checks that every transition is in the table, and that rests are measured exactly at the table's transitions."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -91,7 +91,7 @@ TestPresence = Watched.TestCase
 
 
 def test_a_viewer_found_again_is_the_one_who_was_lost() -> None:
-    """Somebody seated stays seated after a hand before the face; after a long absence somebody arrives."""
+    """A seated viewer stays seated after a hand before the face; after a long absence a viewer arrives."""
     subject, t_ns = Presence(), 0
     for _ in range(60):
         t_ns += FRAME_NS

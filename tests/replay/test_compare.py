@@ -1,4 +1,4 @@
-"""A run against a reference of other versions: what another rounding may do passes and is told, what it cannot do is caught.
+"""A run against a reference of other versions: differences by rounding pass with a note, others are detected.
 
 The reference in git stands for both; what another version would have made of it is written into a copy. Real runs with OpenCV
 4.11, 4.12 and 5.0 against each other are in docs/replay.md.

@@ -1,4 +1,4 @@
-"""JPEGs of a source go to disk as they are: what is recorded is byte for byte what the camera or the file gave."""
+"""JPEGs of a source go to disk unchanged: the recording equals the camera's or file's data byte for byte."""
 
 from __future__ import annotations
 

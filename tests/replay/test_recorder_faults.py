@@ -1,4 +1,4 @@
-"""Disks that are slow, full or gone, and ends that nobody planned: the session continues, and what was recorded can be read."""
+"""Slow, full or missing disks, and unplanned ends: the session continues, and the recording is readable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A replay in steps against a reference in git, and everything that must be caught by it."""
+"""A replay in steps against a reference in git, and the changes that it must detect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes made to do harm, as a person meets them: `lfpipe scene` ends with code 2, a message and little memory."""
+"""Malicious scenes on the command line: `lfpipe scene` ends with code 2, a message and little memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a scene is said clearly, and nothing is left half-written. The importers are fuzzed."""
+"""Errors of a scene are reported clearly, and nothing stays half-written. The importers are fuzzed."""
 
 from __future__ import annotations
 

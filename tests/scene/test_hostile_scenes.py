@@ -1,4 +1,4 @@
-"""Whatever is wrong with the files of a scene: a message or a scene, never a traceback, a hang or much memory."""
+"""Any damage to the files of a scene gives a message or a scene, never a traceback, a hang or high memory use."""
 
 from __future__ import annotations
 

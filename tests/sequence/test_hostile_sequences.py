@@ -1,4 +1,4 @@
-"""Recorded sequences that were damaged by chance or on purpose: read to the last frame, or refused by file, field and value."""
+"""Recorded sequences damaged by chance or on purpose: read to the last frame, or refused by file, field and value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Receivers that were not written with lfpipe: python-osc's server, liblsl's inlets, and opentrack's documented layout."""
+"""Independent receivers: python-osc's server, liblsl's inlets, and opentrack's documented layout."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ level = -3
 
 
 def free_port() -> int:
-    """A UDP port of 127.0.0.1 that nobody has."""
+    """A free UDP port of 127.0.0.1."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -49,7 +49,7 @@ class OpentrackReceiver:
         self._socket.settimeout(20)
 
     def poses(self, count: int) -> list[tuple[float, ...]]:
-        """The next so many poses, each from one datagram of exactly 48 bytes."""
+        """The next count poses, each from one datagram of exactly 48 bytes."""
         found = []
         for _ in range(count):
             data, _ = self._socket.recvfrom(1 << 16)
@@ -58,7 +58,7 @@ class OpentrackReceiver:
         return found
 
     def times(self, count: int) -> list[float]:
-        """When the next so many datagrams came."""
+        """Arrival times of the next count datagrams."""
         return [(self._socket.recvfrom(1 << 16), time.monotonic())[1] for _ in range(count)]
 
     def silent(self, seconds: float) -> bool:

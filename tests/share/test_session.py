@@ -1,4 +1,4 @@
-"""A session that shares its eyes, received by programs that were not written with it."""
+"""A session that shares its eyes with independent programs."""
 
 from __future__ import annotations
 

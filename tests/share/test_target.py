@@ -1,4 +1,4 @@
-"""Targets as a person types them: taken, or refused by name before anything starts, and nothing is sent on the way."""
+"""Targets on the command line: accepted, or refused by name before anything starts, without sending anything."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The control sockets of a real session: whatever is sent there, the session continues."""
+"""The control sockets of a real session: it survives any message."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_a_load_of_a_fifo_among_the_views_is_answered_and_the_next_load_too(
 
 
 def hold_connections(run_dir: Path, count: int) -> subprocess.Popen[str]:
-    """A process with so many connections that say nothing."""
+    """A process with count silent connections."""
     program = """
         import pathlib, resource, socket, sys, time
         from tests.world import raw_address

@@ -1,4 +1,4 @@
-"""The child that looks at files may do what it likes: the supervisor gets a result or a refusal, and nothing is left."""
+"""The child that checks files may misbehave: the supervisor gets a result or a refusal, and nothing is left."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def test_a_child_that_reports_progress_may_take_its_time(child, monkeypatch: pyt
 
 
 def test_a_child_outlives_nobody() -> None:
-    """A supervisor that was killed leaves no child that goes on packing."""
+    """A killed supervisor leaves no child that continues packing."""
     program = (
         "import os, sys, time\n"
         "from lfpipe.config import Config\n"

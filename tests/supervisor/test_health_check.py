@@ -1,4 +1,4 @@
-"""Which stages count as hung: real processes that compute, sleep, starve, stand still or wait for a file."""
+"""Which stages count as hung: real processes that compute, sleep, starve, stop or wait for a file."""
 
 from __future__ import annotations
 
@@ -270,7 +270,7 @@ def test_a_machine_that_gives_no_cpu_at_all_hangs_nobody(monkeypatch: pytest.Mon
 
 
 def test_a_feeder_keeps_a_reader_alive(bench: Bench) -> None:
-    """A byte a second is slow, and no hang."""
+    """A byte a second is slow, but not hung."""
     process = bench.start("waits for a file")
     assert bench.until(lambda: busy_words(process.row) == "reading a slow file") == ""
     done = threading.Event()

@@ -1,4 +1,4 @@
-"""The memory of sessions: its names follow the run directory; nothing is unlinked that is not lfpipe's, or lives."""
+"""The memory of sessions: names follow the run directory; only dead segments of lfpipe are unlinked."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ KINDS = ["directory", "link", "pipe", "file", "empty file", "zeros"] + (["file o
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_not_ours_is_left_alone_in_shared_memory(base: Path, name: str, kind: str) -> None:
-    """In the way of no ring it disturbs nobody; in the way of one, the message names it and the remedy works."""
+    """It is harmless unless a ring needs its name; then the message names it and the remedy works."""
     beside, within = (SHM_DIR / Session(name).segment(part) for part in ("x", "frames"))
     squat(beside, kind)
     try:

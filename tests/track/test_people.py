@@ -1,4 +1,4 @@
-"""What people do before a camera, in whole sessions: composed videos of real portraits."""
+"""Behaviour of people before a camera, in whole sessions: composed videos of real portraits."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_a_viewer_is_found_from_1_to_3_m(world: World, scene: Path, name: str, a
 
 
 def passing(who: str, apart_px: float, step_px: float) -> Iterator[Picture]:
-    """The viewer sits; somebody walks through the picture, hides the viewer for a moment, and stays at the side for 4 s."""
+    """The viewer sits; a passer-by crosses the picture, hides the viewer for a moment, and stays at the side for 4 s."""
     x = 700.0
     for k in range(150 + int(600 / step_px)):
         frame = placed(backdrop(), VIEWER, 260, 220, 55)

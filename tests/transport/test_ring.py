@@ -1,4 +1,4 @@
-"""The ring under real processes: nothing torn, drops counted to the last, a killed writer harms nobody."""
+"""The ring with real processes: nothing torn, every drop counted, a killed writer does no harm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Segments say whose they are and whether their session lives, whatever lies in shared memory beside them."""
+"""Segments identify their owner and whether its session lives, whatever else is in shared memory."""
 
 from __future__ import annotations
 

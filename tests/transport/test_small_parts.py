@@ -1,4 +1,4 @@
-"""Clock, histogram, status, wake and control: each against what it promises."""
+"""Clock, histogram, status, wake and control, each against its contract."""
 
 from __future__ import annotations
 

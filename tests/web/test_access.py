@@ -1,4 +1,4 @@
-"""Who gets in: requests without the token, with a wrong one, from other pages and under other names."""
+"""Access: requests without the token, with a wrong one, from other pages and under other names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that no page sends: whatever the bytes, the answer is JSON that says why, and the session and the page continue."""
+"""Invalid commands: for any bytes the answer is JSON with the reason, and the session and the page continue."""
 
 from __future__ import annotations
 

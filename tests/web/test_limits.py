@@ -1,4 +1,4 @@
-"""What clients can take of the server: half requests, large ones, many of them, and answers that nobody reads."""
+"""Limits on clients: partial, large and many requests, and unread answers."""
 
 from __future__ import annotations
 
