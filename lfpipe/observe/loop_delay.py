@@ -27,6 +27,7 @@ OFF_BEAT, OFF_BEAT_SHARE = 0.25, 0.1  # of a period, and of all frames
 LEAST_R, AREA_R, LEAST_R2 = 0.25, 0.5, 0.5  # correlation of a pixel, as a share of the best pixel, and of the fit
 LEAST_PIXELS = 4
 BANDS = 6
+SHORT_STEP = 0.1  # quantile of the steps from frame to frame that is of one period still
 SHORT_HOLD = 0.1  # quantile: a busy machine may cut a single hold short
 WIDEST_MS = 3.0  # half of the widest acceptable interval
 MODEL_MS = 0.35  # error of the delay from a non-exponential pixel response, in simulated recordings
@@ -142,18 +143,29 @@ def _times_ms(recording: Recording) -> tuple[Float, Float]:
     return (recording.t_frame_ns - zero) / 1e6, (recording.t_flip_ns - zero) / 1e6
 
 
+def _period_ms(steps: Float) -> float:
+    """The period of a camera from the steps between its frames, even if it loses most of them."""
+    forward = steps[steps > 0]
+    if not len(forward):
+        return float("nan")
+    shortest = np.quantile(forward, SHORT_STEP)
+    return float(np.median(forward / np.maximum(np.round(forward / shortest), 1)))
+
+
 def _checked(recording: Recording) -> Recording:
     """The part of the recording that the pattern covers. Raises UserError if stamps or flips are unusable."""
     if not recording.stamped:
         raise UserError("the frames have no stamps of the camera's driver", "another camera: nothing can be timed without")
-    if len(recording.t_flip_ns) < LEAST_FLIPS or (np.diff(recording.t_flip_ns) <= 0).any():
+    shown = np.append(np.diff(recording.t_flip_ns) > 0, True)  # of two flips at one blank, the first was never seen
+    recording = attrs.evolve(recording, t_flip_ns=recording.t_flip_ns[shown], bright=recording.bright[shown])
+    if len(recording.t_flip_ns) < LEAST_FLIPS:
         raise UserError("the pattern was not presented", "keep the window in sight, and close what keeps the machine busy")
     times, flips = _times_ms(recording)
     kept = (times > DELAYS_MS[1]) & (times < flips[-1])
     if kept.sum() < LEAST_FRAMES:
         raise UserError(f"{kept.sum()} frames came of the camera while it should watch", "check the camera, and try again")
     steps = np.diff(times[kept])
-    beats = steps / np.median(steps)
+    beats = steps / _period_ms(steps)
     off = (steps <= 0) | (np.abs(beats - np.round(beats)) > OFF_BEAT)
     if off.mean() > OFF_BEAT_SHARE:
         raise UserError(

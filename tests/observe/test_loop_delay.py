@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import attrs
 import numpy as np
 import pytest
 
@@ -37,3 +38,15 @@ def test_the_guide_says_where_to_aim() -> None:
     for off, said in ((-0.3, "high"), (0.0, ""), (0.3, "low")):
         area = find_area(recording(Loop(off=off, size=0.4, duration_s=4.0)))[0] > 0.4
         assert said in advice(area) and bool(said) == bool(advice(area))
+
+
+def test_a_busy_machine_that_loses_frames_and_shows_two_flips_at_one_blank_is_no_reason_to_refuse() -> None:
+    loop = Loop(camera_hz=59.7, exposure_ms=8.0, duration_s=8.0)
+    made, rng = recording(loop), np.random.default_rng(3)
+    kept = rng.random(len(made.t_frame_ns)) > 0.6  # most steps are of two or three frames
+    t_flip_ns = made.t_flip_ns.copy()
+    t_flip_ns[20] = t_flip_ns[21]  # the compositor stood still: the level before was never seen
+    found = estimate(
+        attrs.evolve(made, t_frame_ns=made.t_frame_ns[kept], pictures=made.pictures[kept], t_flip_ns=t_flip_ns)
+    )
+    assert found.low_ms - 1 < loop.delay_ms < found.high_ms + 1
