@@ -59,4 +59,4 @@ def _starved_ns(then: Thread, now: Thread, dt_ns: int) -> int:
     """The part of dt_ns in which a thread waited for a CPU. The kernel counts a wait only at its end, so a lasting wait shows no
     change."""
     queued_ns = now.queued_ns - then.queued_ns
-    return dt_ns if now.state == "R" and not queued_ns and now.cpu_ns == then.cpu_ns else min(queued_ns, dt_ns)
+    return dt_ns if now.state == "R" and not queued_ns and now.cpu_ns == then.cpu_ns else min(max(0, queued_ns), dt_ns)
