@@ -7,6 +7,8 @@ import re
 import tomllib
 from pathlib import Path
 
+import pytest
+
 from tests.display.screen_camera import Optics, stamp_offset_ms
 from tests.world import World
 from tests.xvfb_screen import Screen
@@ -23,6 +25,7 @@ def calibrated(world: World, screen: Screen, node: Path, **optics: object) -> tu
     return process.returncode, out, err
 
 
+@pytest.mark.native("Video4Linux")
 def test_a_made_delay_is_found_through_the_real_window(world: World, screen: Screen, tmp_path: Path) -> None:
     node = tmp_path / "video0"
     optics = {"screen_ms": 25.0, "camera_ms": 30.0, "exposure_ms": 12.0}
