@@ -11,6 +11,7 @@ import logging
 import queue
 import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
 from typing import Any
 
 import attrs
@@ -86,7 +87,14 @@ class Sweep:
 
     def run(self, jobs: Iterable[Job]) -> None:
         """Shared cells first, then timed ones. Raises UserError if the scheduler or all workers are gone."""
-        every = list(jobs)
+        try:
+            self._run(list(jobs))
+        except (OSError, CancelledError):  # a connection lost in the middle of a call
+            if self._reachable():
+                raise
+            raise self._gone() from None
+
+    def _run(self, every: list[Job]) -> None:
         timed = [job for job in every if job.cell.timed]
         self._phase(job for job in every if not job.cell.timed)
         if timed and not any(QUIET in worker.get("resources", {}) for worker in self._workers().values()):
