@@ -136,9 +136,27 @@ class Synthesiser:
         if mean is not None:
             mean.planes(drawn)
         if not warper.known_around(frame, position):
-            every = view_weights("blend", position, self._rows, self._cols)
-            faded = warper.unknown(frame, every)
-            self._cross = self._cross or [np.empty_like(part) for part in self._parts]
-            for out, plain in zip(drawn, self._faded(every, zero_plane_px, sources, self._cross), strict=True):
-                cv2.blendLinear(plain, out, faded, 1 - faded, out)
+            self._fade_unknown(warper, position, frame, zero_plane_px, sources, drawn)
         return drawn
+
+    def _fade_unknown(
+        self,
+        warper: Warper,
+        position: Position,
+        frame: int,
+        zero_plane_px: float,
+        sources: Sequence[Source],
+        drawn: list[NDArray[np.uint8]],
+    ) -> None:
+        """Replaces what was warped along no known disparity by the cross-fade."""
+        every = view_weights("blend", position, self._rows, self._cols)
+        found = warper.unknown(frame, every)
+        if found is None:
+            return
+        box, share = found
+        cut = np.s_[:, :] if zero_plane_px else box
+        parts = [lambda row, col, source=source: source(row, col)[cut] for source in sources]
+        self._cross = self._cross or [np.empty_like(part) for part in self._parts]
+        plain = self._faded(every, zero_plane_px, parts, [part[cut] for part in self._cross])
+        for out, part in zip(drawn, plain, strict=True):
+            cv2.blendLinear(part[box] if zero_plane_px else part, out[box], share, 1 - share, out[box])

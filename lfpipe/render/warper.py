@@ -20,6 +20,7 @@ CAREFUL_PX = 1.0  # separation of near and far above which hidden parts are hand
 UNSEEN, UNSEEN_PX = 0.35, 1.5
 SOFT = 5  # values of disparity over which a cross-fade ramps up
 OUTSIDE = 16  # a view's weight is divided by this if the point lies outside it
+Box = tuple[slice, slice]  # rows, columns of a picture
 
 
 class Band:
@@ -149,13 +150,23 @@ class Warper:
             known = self._known_cells[cell] = all(self._map(frame, ViewWeight(*at, 1.0))[1] for at in corners)
         return known
 
-    def unknown(self, frame: int, views: Sequence[ViewWeight]) -> NDArray[np.float32]:
-        """Share of the cross-fade at each pixel, because disparity is unknown: float32 (height, width), 0 to 1."""
-        maps = [(view, self._map(frame, view)[0]) for view in views]
-        faded = sum((view.weight * (stored == UNKNOWN) for view, stored in maps), np.zeros(1))
-        most = np.clip(2 * np.asarray(faded, np.float32) - 1, 0, 1)  # other views know it
+    def unknown(self, frame: int, views: Sequence[ViewWeight]) -> tuple[Box, NDArray[np.float32]] | None:
+        """Where views are cross-faded because disparity is unknown: a box of the picture, and the share of the cross-fade at
+        each pixel in it, float32, 0 to 1. None if it is 0 everywhere."""
+        faded = np.zeros_like(self._low)
+        for view in views:
+            faded += np.float32(view.weight) * (self._map(frame, view)[0] == UNKNOWN)
+        most = np.clip(2 * faded - 1, 0, 1)  # other views know it
         soft = cv2.blur(most, (SOFT, SOFT))
-        return np.asarray(cv2.resize(soft, self._size, interpolation=cv2.INTER_LINEAR), np.float32)
+        x, y, width, height = cv2.boundingRect((soft > 0).astype(np.uint8))
+        if not width:
+            return None
+        if self._step != (2.0, 2.0):
+            return np.s_[:, :], np.asarray(cv2.resize(soft, self._size, interpolation=cv2.INTER_LINEAR), np.float32)
+        rows, cols = slice(max(y - 1, 0), y + height + 1), slice(max(x - 1, 0), x + width + 1)
+        part = soft[rows, cols]
+        box = slice(2 * rows.start, 2 * rows.stop), slice(2 * cols.start, 2 * cols.stop)
+        return box, np.asarray(cv2.resize(part, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), np.float32)
 
     def weights(self, band: Band, share: float, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.uint8]:
         """Weight of the view at each block of a band, uint8 (rows, columns), at most 255 * share, less if it does not see the

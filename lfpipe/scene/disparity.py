@@ -29,10 +29,13 @@ OUTLIER = 6.0  # grey levels above which a pixel counts less
 LARGEST_STEP_PX = 0.5
 MEDIAN_PX = 5  # side of the last filter
 SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still count
-# Disparity must explain a tenth of the squared difference, over windows of WINDOW_PX, between a view and one of its neighbours.
+# Where disparity serves, over windows of WINDOW_PX: it explains a tenth of the squared difference between a view and one of its
+# neighbours, and a picture midway between them differs less between the two warps than the cross-fade differs from their mean.
 # Smaller areas than LEAST_AREA_PX on a side are left alone, gaps between areas up to GAP_PX count with them.
 LEAST_EXPLAINED, WINDOW_PX, LEAST_AREA_PX, GAP_PX = 0.1, 9, 15, 25
 EXPLAINED_ALL = 4.0  # squared grey levels: a smaller difference needs no explanation
+DISAGREEMENT = 1.5  # squared error of a warp per squared difference between two; see docs/quality.md
+UNSEEN_ERROR = 16.0  # squared grey levels: a warp with a smaller error needs no replacement
 OUTSIDE = 64.0  # grey levels of a match outside the neighbour's picture
 _BOX = (5, 5)
 _here = threading.local()  # flow objects own buffers, so each serves one thread
@@ -135,28 +138,52 @@ def refined(here: Grey, neighbours: list[tuple[Grey, float, float]], disparity_p
 
 
 def unexplained(here: Grey, neighbours: list[tuple[Grey, float, float]], disparity_px: FloatMap) -> NDArray[np.bool_]:
-    """The pixels, bool (h, w), at which a view differs from each neighbour as much along its disparity as at the same place.
+    """The pixels, bool (h, w), at which views are better cross-faded than warped along the disparity, whichever the neighbour.
 
-    Causes: the raster of a sensor or a dither, which does not move, and wrong disparity.
+    A view differs from each neighbour as much along its disparity as at the same place: the raster of a sensor or a dither, which
+    does not move, or wrong disparity. Or a picture midway to each neighbour does not get better: warps from either side differ
+    more from each other, or are blurred more by sampling, than the cross-fade differs from both. Causes: two surfaces at one
+    place (glass, highlights), texture at the limit of sampling.
     """
     height, width = here.shape
     xx, yy = grid_xy(height, width)
     own = here.astype(np.float32)
+    worse: list[NDArray[np.bool_]] = []
     along: list[FloatMap] = []
     still: list[FloatMap] = []
     for there, d_row, d_col in neighbours:
-        mx, my = xx - disparity_px * float(d_col), yy - disparity_px * float(d_row)
         other = there.astype(np.float32)
+
+        def seen(picture: FloatMap, steps: float, how: int, d_row: float = d_row, d_col: float = d_col) -> FloatMap:
+            """picture as seen steps of the way to the neighbour; NaN outside it."""
+            mx, my = xx - disparity_px * (steps * d_col), yy - disparity_px * (steps * d_row)
+            found = cv2.remap(picture, mx, my, how, borderMode=cv2.BORDER_REPLICATE)
+            found[(mx < 0) | (mx > width - 1) | (my < 0) | (my > height - 1)] = np.nan
+            return np.asarray(found, np.float32)
+
         same = np.square(other - own)
-        moved = np.square(cv2.remap(other, mx, my, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) - own)
-        outside = (mx < 0) | (mx > width - 1) | (my < 0) | (my > height - 1)
-        moved[outside] = np.minimum(moved, same)[outside]
-        along.append(np.asarray(cv2.blur(moved, (WINDOW_PX, WINDOW_PX)), np.float32))
-        still.append(np.asarray(cv2.blur(same, (WINDOW_PX, WINDOW_PX)), np.float32))
-    worse = np.min(along, axis=0) > (1 - LEAST_EXPLAINED) * np.min(still, axis=0) + EXPLAINED_ALL
+        moved = np.square(seen(other, 1.0, cv2.INTER_LINEAR) - own)
+        along.append(_windows(np.where(np.isnan(moved), same, moved)))
+        still.append(_windows(same))
+        sharp = seen(own, -0.5, cv2.INTER_CUBIC), seen(other, 0.5, cv2.INTER_CUBIC)
+        mean = (sharp[0] + sharp[1]) / 2
+        blur = (seen(own, -0.5, cv2.INTER_LINEAR) + seen(other, 0.5, cv2.INTER_LINEAR)) / 2 - mean
+        warped = DISAGREEMENT * np.square(sharp[0] - sharp[1]) + np.square(blur)
+        faded = np.square((own + other) / 2 - mean)
+        worse.append(_windows(np.nan_to_num(warped)) > _windows(np.nan_to_num(faded)) + UNSEEN_ERROR)
+    unmoved = np.min(along, axis=0) > (1 - LEAST_EXPLAINED) * np.min(still, axis=0) + EXPLAINED_ALL
+    return _areas(unmoved) | _areas(np.all(worse, axis=0))
+
+
+def _areas(places: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """places without small ones, and with the gaps between the others."""
     window, gap = (np.ones((side, side), np.uint8) for side in (LEAST_AREA_PX, GAP_PX))
-    areas = cv2.morphologyEx(worse.astype(np.uint8), cv2.MORPH_OPEN, window)
-    return np.asarray(cv2.morphologyEx(areas, cv2.MORPH_CLOSE, gap), bool) if areas.any() else worse & False
+    opened = cv2.morphologyEx(places.astype(np.uint8), cv2.MORPH_OPEN, window)
+    return np.asarray(cv2.morphologyEx(opened, cv2.MORPH_CLOSE, gap), bool)
+
+
+def _windows(squares: FloatMap) -> FloatMap:
+    return np.asarray(cv2.blur(squares, (WINDOW_PX, WINDOW_PX)), np.float32)
 
 
 def halved(disparity_px: FloatMap) -> FloatMap:
