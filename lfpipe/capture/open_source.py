@@ -89,6 +89,13 @@ class CheckedSource:
     rate_hz: float
     jpeg_px: tuple[int, int] | None = None
 
+    @property
+    def options(self) -> config.SessionOptions:
+        """Options of a session on this source; text "" for none."""
+        spec = parse_source(self.text) if self.text else None
+        lossless = isinstance(spec, FileSpec) and spec.pace == "max"
+        return config.SessionOptions(source=self.text, source_hz=self.rate_hz, jpeg_px=self.jpeg_px, lossless=lossless)
+
 
 def _tried(text: str, camera: config.Camera) -> SourceInfo:
     """Opens the source, reads the first frame of a recording, closes it. A camera is configured, but not started."""

@@ -92,6 +92,17 @@ def _file(text: str) -> FileSpec:
     return spec
 
 
+def playing_once(text: str) -> str:
+    """text with loop=0 if it names a file and its parameters do not name loop. Raises UserError as `parse_source` does."""
+    if not isinstance(parse_source(text), FileSpec):
+        return text
+    path, mark, query = text.rpartition("?")
+    if not mark:
+        return f"{text}?loop=0"
+    items = query.split("&") if query else []
+    return text if any(item.startswith("loop=") for item in items) else f"{path}?{'&'.join([*items, 'loop=0'])}"
+
+
 def parse_source(text: str) -> Spec:
     """Parses text, without touching any file.
 

@@ -125,14 +125,7 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
     camera, share = _checked(arguments, config, "none")
     config = _with_measured_focal(config, camera)
     config = _with_engine(config)
-    options = SessionOptions(
-        source=camera.text,
-        source_hz=camera.rate_hz,
-        jpeg_px=camera.jpeg_px,
-        show=False,
-        share=share,
-        lossless="pace=max" in camera.text,
-    )
+    options = attrs.evolve(camera.options, show=False, share=share)
     say(f"camera  {camera.text}; eyes by {config.track.engine}, filter {config.track.filter}; no picture")
     for line in sharing_lines(share):
         say(line)
@@ -176,11 +169,9 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         remember_scene(arguments.scene)
     plan = make_plan(field, config)
     still = out / "demo.png" if no_screen else None
-    options = SessionOptions(
+    options = attrs.evolve(
+        camera.options,
         scene=scene,
-        source=camera.text,
-        source_hz=camera.rate_hz,
-        jpeg_px=camera.jpeg_px,
         tracking=scene.needs_tracking,
         display=display,
         kiosk=arguments.kiosk or "",
@@ -190,7 +181,6 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
         still=str(still.resolve()) if still else "",
         share=share,
-        lossless="pace=max" in camera.text,
     )
     loop = loop_lines(config, camera.text, display)
     for line in (*startup_lines(config, field, plan, camera.text, display), *loop, *sharing_lines(share)):
@@ -261,11 +251,9 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[Chec
 
 def _once(camera: str, display: str) -> str:
     """The source. If pictures go to a file, a source file without ?loop= plays once and then ends the session."""
-    from lfpipe.capture.spec import FileSpec, parse_source
+    from lfpipe.capture.spec import playing_once
 
-    if not display.startswith("file:") or not camera or not isinstance(parse_source(camera), FileSpec) or "loop=" in camera:
-        return camera
-    return f"{camera}{'&' if '?' in camera else '?'}loop=0"
+    return playing_once(camera) if camera and display.startswith("file:") else camera
 
 
 def _with_measured_focal(config: Config, camera: CheckedSource) -> Config:

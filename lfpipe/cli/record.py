@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import attrs
 import click
 
 from lfpipe.cli.options import with_camera, with_config
@@ -23,7 +24,6 @@ def record(
     from lfpipe import config as config_module
     from lfpipe.capture.open_source import camera_name, check_source
     from lfpipe.cli.launch import exit_code, say
-    from lfpipe.config import SessionOptions
     from lfpipe.config.camera_file import with_measured_focal
     from lfpipe.sequence.folder import check_out
     from lfpipe.supervisor.supervisor import Supervisor
@@ -33,15 +33,6 @@ def record(
     source = check_source(camera or config.camera.source, config.camera)
     config = with_measured_focal(config, camera_name(source.text))
     check_out(out)
-    options = SessionOptions(
-        source=source.text,
-        source_hz=source.rate_hz,
-        jpeg_px=source.jpeg_px,
-        tracking=with_eyes,
-        show=False,
-        record=str(out.resolve()),
-        record_eyes=with_eyes,
-        lossless="pace=max" in source.text,
-    )
+    options = attrs.evolve(source.options, tracking=with_eyes, show=False, record=str(out.resolve()), record_eyes=with_eyes)
     outcome = Supervisor(Session(f"record.{os.getpid()}"), config, options, say).run(duration_s)
     return exit_code(outcome)

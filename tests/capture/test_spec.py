@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, parse_source
+from lfpipe.capture.open_source import CheckedSource
+from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, parse_source, playing_once
 from lfpipe.errors import UserError
 
 
@@ -55,6 +56,32 @@ def test_says_what_is_wrong(text: str, says: str) -> None:
         parse_source(text)
     assert says in str(told.value)
     assert told.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("text", "once"),
+    [
+        ("demo", "demo"),
+        ("camera:0", "camera:0"),
+        ("file:a.mp4", "file:a.mp4?loop=0"),
+        ("file:a.mp4?pace=30", "file:a.mp4?pace=30&loop=0"),
+        ("file:a.mp4?loop=1", "file:a.mp4?loop=1"),
+        ("file:my_loop=2.mp4", "file:my_loop=2.mp4?loop=0"),
+        ("file:what?.mp4?", "file:what?.mp4?loop=0"),
+    ],
+)
+def test_a_file_plays_once_unless_its_parameters_name_loop(text: str, once: str) -> None:
+    assert playing_once(text) == once
+    parse_source(once)
+
+
+@pytest.mark.parametrize(
+    ("text", "lossless"),
+    [("file:a?pace=max", True), ("file:pace=max.mp4", False), ("file:a", False), ("demo", False), ("", False)],
+)
+def test_a_session_loses_no_frame_at_full_pace_whatever_the_name_of_the_file(text: str, lossless: bool) -> None:
+    options = CheckedSource(text, 30.0, (64, 48)).options
+    assert (options.source, options.source_hz, options.jpeg_px, options.lossless) == (text, 30.0, (64, 48), lossless)
 
 
 @given(st.text(max_size=40), st.sampled_from(["", "camera:", "file:", "file:a?", "demo"]))
