@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
+import hypothesis
 import numpy as np
 import pytest
 
@@ -21,6 +22,11 @@ from tests.xvfb_screen import Screen, x_server
 # These tests start hundreds of processes: without stored bytecode each compiles everything again, which takes minutes.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+# The same examples in every run: a change fails for what it does. `pytest --hypothesis-profile=explore` looks for others. No test
+# has a deadline: how long an example takes depends on what else the machine does.
+hypothesis.settings.register_profile("explore", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
+hypothesis.settings.register_profile("same", hypothesis.settings.get_profile("explore"), derandomize=True, database=None)
+hypothesis.settings.load_profile("same")
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a runner in the background has it ignored, and hands that down
 
 

@@ -22,7 +22,7 @@ from tests.bench.inputs import wall
 from tests.world import World, write_scene
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.integers(56, 90), st.integers(56, 90), st.floats(0.1, 60), st.integers(0, 22))
 def test_figures_are_those_of_scikit_image(seed: int, height: int, width: int, noise: float, border_px: int) -> None:
     rng = np.random.default_rng(seed)

@@ -41,7 +41,7 @@ def usable(made: Config) -> None:
     commented(made).encode()
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @example(sets={"render": {}}, live=True)
 @example(sets={"render": {"alpha_px": 3}}, live=True)
 @example(sets={"": 1}, live=True)
@@ -71,7 +71,7 @@ def test_every_key_refuses_every_wrong_value_by_name(key: str) -> None:
             assert len(error.message) < 400 and error.remedy
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(tree=SHAPES | st.dictionaries(st.sampled_from(SECTIONS), st.dictionaries(NAMES, SHAPES, max_size=4)))
 def test_a_tree_of_any_shape_is_taken_or_refused(tree: Any) -> None:
     try:
@@ -91,7 +91,7 @@ def test_any_text_on_the_command_line_is_taken_or_refused(text: str) -> None:
             assert len(str(error)) <= 2000
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(text=st.text() | st.text(alphabet=st.characters(), max_size=30).map(lambda text: f"camera.source={text}"))
 def test_any_word_is_taken_or_refused(text: str) -> None:
     try:

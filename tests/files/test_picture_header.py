@@ -79,7 +79,7 @@ def test_other_formats_are_refused_whatever_opencv_can_do(tmp_path: Path, end: s
         read_picture(tmp_path / "p.png")
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 @given(encoder=st.sampled_from(ENCODERS), seed=st.integers(0, 1 << 32), times=st.integers(1, 3), near_start=st.booleans())
 def test_a_damaged_picture_never_decodes_to_what_its_header_did_not_claim(
     encoder: tuple[str, str, list[int]], seed: int, times: int, near_start: bool

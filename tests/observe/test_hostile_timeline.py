@@ -30,7 +30,7 @@ def written(path: Path, lines: int = 6) -> Path:
     return path
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(seed=st.integers(0, 2**32))
 def test_a_damaged_trace_is_converted_or_refused(seed: int) -> None:
     with tempfile.TemporaryDirectory() as folder:

@@ -42,7 +42,7 @@ def test_where_nothing_moves_the_plane_comes_back(size: tuple[int, int]) -> None
     np.testing.assert_array_equal(through(plane, still, still), plane)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(SIZES), st.integers(0, 1000), st.sampled_from([0.0, 0.6, 3.0, 100.0]))
 def test_blocks_sample_as_pixels_do_even_beyond_the_border(size: tuple[int, int], seed: int, reach_px: float) -> None:
     height, width = size

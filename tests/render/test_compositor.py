@@ -151,7 +151,7 @@ def test_video_frames_are_told_apart_and_wrap_round() -> None:
     np.testing.assert_array_equal(subject.compose((0, 0), (0, 1), 2), first)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.floats(-1, 4), st.floats(-1, 4), st.floats(-1, 4), st.sampled_from(METHODS), st.floats(-0.004, 0.004))
 def test_equal_keys_mean_equal_pictures(row: float, left: float, right: float, method: str, nudge: float) -> None:
     field = rendered.field(4, 4, 32, 32)
@@ -195,7 +195,7 @@ def test_settings_are_part_of_the_key() -> None:
     assert len(set(keys)) == len(keys)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     shape=st.tuples(st.integers(1, 3), st.integers(1, 3), st.integers(1, 6), st.integers(1, 6)),
     extent_px=st.sampled_from([0.0, 3.0, 100.0]),

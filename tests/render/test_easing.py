@@ -39,7 +39,7 @@ def test_found_held_gone_and_found_again() -> None:
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(1, 40), st.floats(-8, 8)), min_size=1, max_size=12))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_never_a_jump_whatever_the_faces_do(spans: list[tuple[bool, int, float]]) -> None:
     """Faces come and go anywhere within 8 views; from refresh to refresh the picture moves by a part of that only."""
     glide, at, shown = EyeEasing(), 0, []

@@ -158,7 +158,7 @@ def test_focal_length() -> None:
         focal_px_from(0.0, 63.0, 600.0)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     alpha=st.one_of(st.just("auto"), st.floats(1e-9, 1e9)),
     eyes_px=st.one_of(st.none(), st.floats(allow_nan=True, allow_infinity=True)),

@@ -115,7 +115,6 @@ def record(x: float, y: float, apart: float) -> NDArray[np.void]:
     return made  # type: ignore[return-value]
 
 
-@settings(deadline=None)
 @given(scenes(), configs)
 def test_method_and_tracking_are_those_of_the_stages(scene: LightField, how: Config) -> None:
     plan = make_plan(scene, how)
@@ -126,7 +125,6 @@ def test_method_and_tracking_are_those_of_the_stages(scene: LightField, how: Con
     json.dumps(attrs.asdict(plan))
 
 
-@settings(deadline=None)
 @given(scenes(), configs)
 def test_rows_are_needed_where_eyes_that_move_up_change_the_picture(scene: LightField, how: Config) -> None:
     compositor = Compositor(scene, how.render)
@@ -146,7 +144,6 @@ class Untouchable:
         raise AssertionError("disparity was read")
 
 
-@settings(deadline=None)
 @given(scenes(), configs)
 def test_disparity_is_read_where_the_plan_warps(scene: LightField, how: Config) -> None:
     plan = make_plan(scene, how)
@@ -160,7 +157,7 @@ def test_disparity_is_read_where_the_plan_warps(scene: LightField, how: Config) 
         assert plan.needs_warp, error
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(configs)
 def test_distance_is_needed_where_a_viewer_who_comes_nearer_changes_the_views(how: Config) -> None:
     scene = attrs.evolve(rendered.noise(9, 9, 8, 8, 1.0, seed=1), disparity_source="none")
@@ -180,7 +177,6 @@ def test_distance_is_needed_where_a_viewer_who_comes_nearer_changes_the_views(ho
 corner = st.tuples(st.floats(0, 640), st.floats(0, 480))
 
 
-@settings(deadline=None)
 @given(scenes(), configs, st.lists(corner, min_size=1, max_size=4), corner)
 def test_no_view_outside_the_reach_is_read(
     scene: LightField, how: Config, eyes: list[tuple[float, float]], centre: tuple[float, float]

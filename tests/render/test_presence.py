@@ -86,7 +86,7 @@ class Watched(RuleBasedStateMachine):
         assert self.subject.state.word in ("nobody", "arriving", "seated", "lost", "exchanged")
 
 
-Watched.TestCase.settings = settings(max_examples=60, stateful_step_count=20, deadline=None)
+Watched.TestCase.settings = settings(max_examples=60, stateful_step_count=20)
 TestPresence = Watched.TestCase
 
 

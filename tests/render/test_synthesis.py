@@ -148,7 +148,7 @@ def test_shifted_repeats_the_border(dy: int, dx: int) -> None:
     np.testing.assert_array_equal(shifted(plane, dy, dx, np.empty_like(plane)), wanted)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     rows=st.integers(1, 3), cols=st.integers(1, 4), height=st.integers(1, 9), width=st.integers(1, 9),
     extent_px=st.sampled_from([0.0, 1e-6, 1.0, 100.0]), zero=st.sampled_from([0.0, 0.5, -100.0, 1000.0]),

@@ -14,7 +14,7 @@ from lfpipe.render.thumbnails import STEPS, Thumbnails
 KEYS = st.lists(st.sampled_from([*STEPS, "next", "previous"]), max_size=30)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(1, 40), st.tuples(st.integers(120, 1400), st.integers(120, 900)), KEYS, st.booleans())
 def test_the_selected_scene_is_on_the_page_and_its_cell_gives_it_back(
     count: int, room_px: tuple[int, int], keys: list[str], camera: bool

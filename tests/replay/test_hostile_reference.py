@@ -61,7 +61,7 @@ def damage(rng: random.Random, folder: Path) -> str:
     return kind
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(seed=st.integers(0, 2**32), moved=st.booleans())
 def test_a_damaged_reference_is_compared_or_refused(run: Path, seed: int, moved: bool) -> None:
     rng = random.Random(seed)
@@ -99,7 +99,7 @@ def test_a_reference_with_thousands_of_other_settings_is_told_in_a_few_lines(run
 BUDGET = '[[budget]]\nfigure = "rate_hz"\nleast = {least}\nmachine = "any"\n[[budget]]\nfigure = "a"\nover = "b"\nmost = 2\n'
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(seed=st.integers(0, 2**32))
 def test_damaged_budgets_are_read_or_refused(seed: int) -> None:
     rng = random.Random(seed)

@@ -42,7 +42,7 @@ def test_a_packet_without_loss_gives_its_picture_back(tmp_path: Path) -> None:
             decoded(packet, data, 31, 24, tmp_path)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(sizes=st.lists(st.integers(0, 40), min_size=1, max_size=8), data=st.data())
 def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
     tmp_path_factory: pytest.TempPathFactory, sizes: list[int], data: st.DataObject

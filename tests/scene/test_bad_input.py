@@ -278,7 +278,7 @@ def test_a_grid_that_does_not_fit_is_told(tmp_path: Path) -> None:
         layouts.describe(tmp_path, config.Scene(grid="2x3"))
 
 
-FUZZ = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+FUZZ = settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 NAMES = [
     "v_00_00.png",
     "input_Cam000.png",

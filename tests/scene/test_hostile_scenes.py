@@ -18,7 +18,7 @@ from lfpipe.scene.pack import open_scene
 from tests.hostile_files import PEAK_MB, ended
 from tests.scene.hostile_scenes import SCENES, damage, scene_path
 
-FUZZ = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
+FUZZ = settings(max_examples=8, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
 CHECKOUT = Path(__file__).parents[2]
 
 

@@ -53,7 +53,7 @@ def schemes(draw: st.DrawFn) -> tuple[dict[str, tuple[int, int]], list[str]]:
     return names, draw(st.sampled_from([[], ["thumbs.png"], ["all views 12.jpg", "depth.png"]]))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(schemes())
 def test_row_and_column_are_found_in_any_scheme(scheme: tuple[dict[str, tuple[int, int]], list[str]]) -> None:
     names, others = scheme
@@ -65,7 +65,7 @@ def test_row_and_column_are_found_in_any_scheme(scheme: tuple[dict[str, tuple[in
     assert placed == names or placed == {name: index[::-1] for name, index in names.items()}
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(TEXTS, SEPARATORS, st.integers(1, 6), st.integers(0, 2000), st.integers(3, 130), st.sampled_from(["", "_GT", "_2"]))
 def test_a_running_number_is_no_grid(text: str, mark: str, width: int, start: int, count: int, end: str) -> None:
     names = [f"{text}{mark}{number:0{width}d}{end}.jpg" for number in range(start, start + count)]

@@ -301,7 +301,7 @@ def test_an_altered_pack_is_never_shown(folder: Path, scene_config: config.Scene
     assert np.array_equal(pack.open_scene(folder, scene_config).views[0].transpose(0, 1, 3, 4, 2), made.views(3, 3))
 
 
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.floats(0, 1))
 def test_a_check_of_the_whole_finds_what_keeps_its_time(
     tmp_path_factory: pytest.TempPathFactory, folder: Path, scene_config: config.Scene, place: float
@@ -330,7 +330,7 @@ def test_a_copy_is_read_whole_once(folder: Path, scene_config: config.Scene, mon
     assert open_pack(found).rows == 3
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(seed=st.integers(0, 1 << 32), sealed=st.booleans())
 def test_a_damaged_manifest_is_refused_or_right(folder: Path, scene_config: config.Scene, seed: int, sealed: bool) -> None:
     """sealed: by somebody who knows how."""

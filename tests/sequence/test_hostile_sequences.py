@@ -93,7 +93,7 @@ USES: dict[str, Callable[[Path, Path], None]] = {
 }
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(seed=st.integers(0, 2**32))
 def test_a_damaged_sequence_is_read_or_refused(whole: Path, seed: int) -> None:
     with tempfile.TemporaryDirectory() as parent:

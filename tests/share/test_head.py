@@ -59,7 +59,7 @@ def head_in(config: Config, record: np.ndarray) -> Head:
     return found
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.tuples(st.floats(-150, 150), st.floats(-120, 120), st.floats(400, 1200)),
     st.tuples(st.floats(-35, 35), st.floats(-25, 25), st.floats(-30, 30)),

@@ -62,7 +62,7 @@ def ask(socket: zmq.Socket[bytes], message: dict[str, Any]) -> dict[str, Any]:
 def test_every_shape_of_request_is_answered_and_the_session_goes_on(client: zmq.Socket[bytes], tmp_path: Path) -> None:
     before = ask(client, {"v": 1, "cmd": "hello"})
 
-    @settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=300, suppress_health_check=list(HealthCheck))
     @given(messages)
     def attack(message: dict[str, Any]) -> None:
         if message["cmd"] not in ("stop", "load", "record", "trace"):  # what these may do to a session is tested elsewhere

@@ -25,7 +25,7 @@ def reply_to(state: SessionState, message: dict[str, Any]) -> Reply | str:
         return f"{error.message} ({error.remedy})"
 
 
-@settings(max_examples=800, deadline=None)
+@settings(max_examples=800)
 @given(messages)
 def test_every_shape_of_request_is_answered_or_refused(message: dict[str, Any]) -> None:
     state = made_state(record="/running")

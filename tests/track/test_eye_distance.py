@@ -40,7 +40,7 @@ def learn(subject: EyeDistance, faces: list[Face], start_ns: int = 0) -> list[fl
     return [subject.update(start_ns + k * FRAME_NS, each) for k, each in enumerate(faces)]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.floats(50, 75), st.floats(300, 1500))
 def test_learnt_within_seconds_whatever_the_distance(apart_mm: float, away_mm: float) -> None:
     rng = np.random.default_rng(0)
@@ -91,7 +91,7 @@ def test_kept_while_nobody_is_there_and_learnt_anew_of_somebody_else() -> None:
     assert told[-1] == pytest.approx(67.0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.integers(-(2**60), 2**60), st.floats(), st.floats()), max_size=80))
 def test_nonsense_gives_nothing_or_a_plausible_distance(seen: list[tuple[int, float, float]]) -> None:
     subject = EyeDistance()

@@ -31,7 +31,7 @@ def turned(yaw_deg: float, pitch_deg: float, roll_deg: float) -> np.ndarray:
     return axes @ about_y @ about_x @ about_z @ axes
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(yaws, pitches, rolls, st.floats(0.1, 40), st.floats(-500, 500))
 def test_the_model_turned_is_measured_as_it_was_turned(yaw: float, pitch: float, roll: float, scale: float, shift: float) -> None:
     points = scale * MODEL @ turned(yaw, pitch, roll).T + shift
@@ -46,7 +46,7 @@ def test_the_signs_are_those_that_are_documented() -> None:
     assert tilted[0] < MODEL[1][0] - 1  # the forehead moves to the right shoulder
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.floats(-1e6, 1e6), min_size=30, max_size=30))
 def test_whatever_the_points_the_angles_are_numbers(values: list[float]) -> None:
     assert all(math.isfinite(value) for value in head_turn(np.array(values).reshape(10, 3)))

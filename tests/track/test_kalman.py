@@ -42,7 +42,7 @@ def test_the_stiff_grid_keeps_its_digits_and_stays_positive() -> None:
 @given(
     st.lists(st.tuples(st.floats(1e-9, 1e6), st.floats(1e-12, 1e12), st.floats(1e-12, 1e12)), min_size=1, max_size=40),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_any_mix_of_steps_stays_positive_semi_definite(steps: list[tuple[float, float, float]]) -> None:
     p = Covariance(1.0, 0.0, 1e6, 1e6)
     for dt_s, q, r in steps:

@@ -37,7 +37,7 @@ def settled(kind: str, frames: int = 40, start_ns: int = 0) -> EyeFilter:
 
 @pytest.mark.parametrize("make_one", SMOOTHING)
 @given(track=st.lists(st.tuples(steps, st.tuples(pixels, pixels, pixels, pixels)), min_size=1, max_size=30))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_smoothing_stays_within_what_was_measured(
     make_one: Callable[[], EyeFilter], track: list[tuple[int, tuple[float, ...]]]
 ) -> None:
@@ -54,7 +54,7 @@ def test_smoothing_stays_within_what_was_measured(
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(track=st.lists(st.tuples(steps, st.tuples(pixels, pixels, pixels, pixels)), min_size=1, max_size=30))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_whatever_comes_the_output_is_finite_and_bounded(kind: str, track: list[tuple[int, tuple[float, ...]]]) -> None:
     filter_, t_ns = make(kind), 0
     for step_ns, values in track:

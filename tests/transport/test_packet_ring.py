@@ -52,7 +52,7 @@ def opened(session: Session, part: str = "packets.1") -> PacketOutput:
     return output
 
 
-@settings(max_examples=MANY, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=MANY, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(st.tuples(st.sampled_from(KINDS), st.integers(0, 2)), max_size=30),
     st.integers(1, SLOTS - 2),

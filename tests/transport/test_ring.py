@@ -119,7 +119,7 @@ def test_kills_at_random_moments_leave_only_whole_slots(made: str) -> None:
     reader.close()
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(steps=st.lists(st.integers(0, 9), min_size=1, max_size=30), slots=st.integers(3, 6))
 def test_every_slot_is_either_read_or_counted(steps: list[int], slots: int) -> None:
     name = f"lfpipe-test-{os.getpid()}-{time.monotonic_ns()}"
@@ -145,7 +145,7 @@ def test_every_slot_is_either_read_or_counted(steps: list[int], slots: int) -> N
     memory.unlink()
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(steps=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30), slots=st.integers(3, 6))
 @pytest.mark.parametrize("lent", [False, True])
 def test_in_order_every_slot_comes_once_or_is_counted_and_all_that_are_still_there_come(

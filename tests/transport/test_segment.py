@@ -37,7 +37,7 @@ def page(path: bytes, length: int | None = None, magic: bytes = getattr(shared_m
 
 
 @pytest.mark.native("a segment that names its owner itself")
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     last=st.one_of(
         st.binary(max_size=64),

@@ -49,7 +49,7 @@ def refuse_constant(text: str) -> Any:
     raise AssertionError(f"{text} is no JSON")
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(BODIES)
 def test_a_hostile_command_is_answered(live_server: Server, body: bytes) -> None:
     status, data = live_server.ask("POST", "/ctl", body)
