@@ -394,7 +394,7 @@ def test_cameras_off_the_grid_are_divided_by_their_true_distance() -> None:
     told, blind = estimate_disparity(views, offsets), estimate_disparity(views)
     assert told is not None and blind is not None
     assert np.abs(told - 5).mean() < 0.1
-    assert np.abs(blind - 5).mean() > 1
+    assert np.nanmean(np.abs(blind - 5)) > 1, "if it is not marked as unknown"
 
 
 def test_plane_file_in_pieces(tmp_path: Path) -> None:
