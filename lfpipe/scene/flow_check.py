@@ -26,7 +26,7 @@ _ENOUGH_PX = 3.0  # spread of the flow that separates surfaces
 _OVERLAP_PX = 1.5  # two surfaces meet if one splat lands on another this much nearer
 _DIFFERENT, _SAME, _WRONG = 10, 3, 6  # grey levels
 _RETURN_PX, _RETURN_SHARE = 0.5, 0.1  # tolerance of flow followed back: px, and share of the way
-_CLEAR_VOTES, _CLEAR_SHARE = 1000, 0.9  # of the middle view: enough to skip the others
+_CLEAR = 500.0  # square of the majority over all votes: enough to skip the other views
 _FEWEST = 200  # fewer reliable pixels mean nothing
 
 
@@ -101,10 +101,14 @@ def _votes(here: Grey, disparity_px: FloatMap, reliable: Mask, there: Grey, step
     front = _splat(near_last, disparity_px, steps, sideways)
     back = _splat(near_last[::-1], disparity_px, steps, sideways)
     colour, depth, known = here.ravel().astype(np.float32), disparity_px.ravel(), reliable.ravel()
+    seen = there.ravel().astype(np.float32)
+    sure = (front >= 0) & known[front] & (colour[front] > _DIFFERENT)
+    # Exposure may differ from view to view by more than surfaces do.
+    gain = float(np.median(colour[front[sure]] / np.maximum(seen[sure], 1))) if sure.any() else 1.0
     meet = (front >= 0) & ((depth[front] - depth[back]) * abs(steps) > _OVERLAP_PX)
     meet &= (np.abs(colour[front] - colour[back]) > _DIFFERENT) & known[front] & known[back]
     around = np.ones((3, 3), np.uint8)  # one px of tolerance: the splat rounds
-    low, high = (edge(there, around).ravel().astype(np.float32)[meet] for edge in (cv2.erode, cv2.dilate))
+    low, high = (gain * edge(there, around).ravel().astype(np.float32)[meet] for edge in (cv2.erode, cv2.dilate))
     front_off, back_off = (
         np.maximum(np.maximum(low - colour[pixel[meet]], colour[pixel[meet]] - high), 0) for pixel in (front, back)
     )
@@ -123,7 +127,7 @@ def examine_axis(grey: GreyAt, count: int) -> Axis | None:
     right = wrong = 0
     bases = [count // 2] if count < 5 else [count // 2, max(1, count // 6), min(count - 2, count - 1 - count // 6)]
     for base in bases:
-        if max(right, wrong) > _CLEAR_SHARE * (right + wrong) and right + wrong > _CLEAR_VOTES:
+        if (right - wrong) ** 2 > _CLEAR * (right + wrong):
             break
         here, room = grey(base), max(1, min(base, count - 1 - base))
         detail = textured(here)
@@ -150,14 +154,16 @@ def examine_axis(grey: GreyAt, count: int) -> Axis | None:
         toward = (0.0, 1.0) if sideways else (1.0, 0.0)
         found = view_disparity(here, [(grey(base + s), toward[0] * s, toward[1] * s) for s in sides])
         found = np.asarray(cv2.medianBlur(found, 5), np.float32)
-        sharp = _sharpened(found, here)
-        for far in {0, base // 2, (base + count - 1) // 2, count - 1}:
-            if abs(far - base) * _spread(found) > 2:
-                more = _votes(here, sharp, reliable, grey(far), far - base, sideways)
-                right, wrong = right + more[0], wrong + more[1]
+        fars = [far for far in {0, base // 2, (base + count - 1) // 2, count - 1} if abs(far - base) * _spread(found) > 2]
+        sharp = _sharpened(found, here) if fars else found
+        for far in fars:
+            more = _votes(here, sharp, reliable, grey(far), far - base, sideways)
+            right, wrong = right + more[0], wrong + more[1]
         if middle is None:
             along, across = spans if sideways else spans[::-1]
             middle = Axis(sideways, found, reliable & detail, along / step, across / step, 0, 0)
+        if not fars:  # no surface lies before another, in no view
+            break
     return attrs.evolve(middle, right=right, wrong=wrong) if middle else None
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from itertools import product
+from statistics import NormalDist
 
 import attrs
 import numpy as np
@@ -13,14 +15,13 @@ from lfpipe.scene.flow_check import Axis, examine_axis, lower_is_nearer, same_wa
 from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
 from lfpipe.scene.source import SceneSource, Turn
 
-_FLOW_WINS = 0.89  # certainty above which flow overrides the convention of a layout
 _FLAT_PX = 0.05  # per step: smaller flow is noise
 _ALONG = 2.0  # motion along an axis over motion across it
 _ALIKE = 0.4  # correlation of rows and columns of a grid in order
-_FEW_VOTES, _VOTES_SHARE = 100, 0.71  # pixels with evidence of occlusion, and the majority among them
-_MANY_VOTES, _UNEVEN = 120, 0.4  # less certain: fewer pixels, and motion across over motion along, as of a hand-held camera
-_LOWER = 0.5  # correlation above which lower parts count as nearer
-_LOWER_SURE = (0.5, 0.75), (0.82, 0.9)  # how often that is right, by correlation
+_TOGETHER = 60  # pixels with evidence of occlusion that count as one vote
+_UNEVEN, _UNEVEN_SURE = 0.25, 0.75  # motion across over motion along, as of a hand-held camera, and the certainty it allows
+_LOWER, _LOWER_SHARE = 0.35, 0.4  # correlation above which lower parts count as nearer, and its weight
+_SURE, _GUESS = 0.9, 0.6  # below these: undecided, with the likelier order shown; undecided, with the order of the files
 _HELP = "scene.flip=rows, cols or both and scene.transpose=yes turn it"
 
 
@@ -67,37 +68,45 @@ def _by_flow(source: SceneSource) -> Orientation:
         said = "the views move across the line as much as along it"
         return Orientation(Turn(), "nothing", 0.2, said, f"the whole order; {_HELP}")
     sign, sure, why = _half_turn([(axis, 1)])
-    # after the turn, the line of views runs sideways (columns) or up and down (rows)
+    still = "" if by_row is None or by_col is None else "whether the grid is one: along one side of it the views hardly differ"
+    # The line of views runs sideways (columns) or up and down (rows) once it is turned.
     turn = Turn(sign < 0 and not axis.sideways, sign < 0 and axis.sideways, axis.sideways != (axis is by_col))
     said = f"one line of views, {'side by side' if axis.sideways else 'above one another'}; {why}"
-    undecided = "" if sure > 0.5 else f"its direction (near and far exchanged); {_HELP}"
+    undecided = "; ".join(filter(None, (still, _open("its direction", sure))))
+    sure = min(sure, 0.5) if still else sure
     return Orientation(turn, "flow", sure, said, undecided, disparity_px=_range_px(axis, sign * grown))
 
 
+def _open(what: str, sure: float) -> str:
+    """What is undecided where the half-turn is not sure; "" where it is."""
+    likely = "; what is shown is the likelier one" if sure > 0.5 else ""
+    return "" if sure >= _SURE else f"{what} (near and far exchanged){likely}; {_HELP}"
+
+
 def _half_turn(axes: list[tuple[Axis, int]]) -> tuple[int, float, str]:
-    """(1 or -1 for the first axis, certainty, reason) of axes with their relative signs: by occlusion; if that is weak, by
-    height, because lower parts are usually nearer."""
+    """(1 or -1 for the first axis, certainty, reason) of axes with their relative signs: by occlusion, and by height, because
+    lower parts are usually nearer.
+
+    Pixels at one edge agree with each other, so _TOGETHER of them count as one vote (normal approximation of a majority). The
+    two odds multiply, because the two kinds of evidence are independent.
+    """
     votes = [(a.right, a.wrong) if sign > 0 else (a.wrong, a.right) for a, sign in axes]
     right, wrong = (sum(side) for side in zip(*votes, strict=True))
-    share = max(right, wrong) / max(1, right + wrong)
-    hidden = 0 if right + wrong < _FEW_VOTES else 1 if right > wrong else -1
-    uneven = max(axis.across_px / max(axis.along_px, 1e-6) for axis, _ in axes)
-    most = 0.75 if uneven > _UNEVEN else 0.85 if right + wrong < _MANY_VOTES else 1.0
-    if hidden and share > _VOTES_SHARE:
-        said = f"near surfaces hide far ones so in {share:.0%} of {right + wrong} pixels"
-        return hidden, min(most, _vote_certainty(share)), said
+    hidden = NormalDist().cdf((right - wrong) / math.sqrt(_TOGETHER * max(1, right + wrong)))
     lower = lower_is_nearer(axes)
-    if abs(lower) > _LOWER and hidden * lower >= 0:
-        sign = 1 if lower > 0 else -1
-        sure = min(most, float(np.interp(abs(lower), *_LOWER_SURE)))
-        return sign, sure, f"what stands lower in the pictures is usually nearer, and is so (correlation {abs(lower):.2f})"
-    return 1, 0.5, "nothing decides the half-turn, which exchanges near and far (`lfpipe scene sheet` shows both)"
-
-
-def _vote_certainty(share: float) -> float:
-    """Probability that the majority is right, from the share of pixels that agree with it: 0.97 overall, measured on degraded
-    parts of real scenes."""
-    return 0.9 + 0.3 * (share - _VOTES_SHARE)
+    lower = 0.5 + _LOWER_SHARE * lower if abs(lower) > _LOWER else 0.5
+    ahead = hidden * lower / max(1e-9, hidden * lower + (1 - hidden) * (1 - lower))
+    uneven = max(axis.across_px / max(axis.along_px, 1e-6) for axis, _ in axes)
+    sure = min(max(ahead, 1 - ahead), _UNEVEN_SURE if uneven > _UNEVEN else 1.0)
+    if sure < _GUESS:
+        return 1, 0.5, "nothing decides the half-turn, which exchanges near and far (`lfpipe scene sheet` shows both)"
+    sign = 1 if ahead > 0.5 else -1
+    said = []
+    if sign * (right - wrong) > 0:
+        said.append(f"near surfaces hide far ones so in {max(right, wrong) / (right + wrong):.0%} of {right + wrong} pixels")
+    if sign * (lower - 0.5) > 0:
+        said.append("what stands lower in the pictures is nearer so, as it usually is")
+    return sign, sure, "; ".join(said)
 
 
 def _range_px(axis: Axis, grown: float) -> tuple[float, float]:
@@ -119,9 +128,8 @@ def _two_axes(by_row: Axis, by_col: Axis, grown: float) -> Orientation:
     sign, half_sure, why = _half_turn([(across, 1), (down, relative)])
     turn = Turn(rows=sign * relative < 0, cols=sign < 0, transpose=transpose)
     said = f"motion along rows and columns agrees with correlation {alike:+.2f}; {why}"
-    undecided = "" if half_sure > 0.5 else f"the half-turn (near and far exchanged); {_HELP}"
     sure = min(half_sure, 0.5 + abs(alike) / 2)
-    return Orientation(turn, "flow", sure, said, undecided, disparity_px=_range_px(across, sign * grown))
+    return Orientation(turn, "flow", sure, said, _open("the half-turn", sure), disparity_px=_range_px(across, sign * grown))
 
 
 def _by_truth(source: SceneSource) -> tuple[Turn, float] | None:
@@ -171,8 +179,8 @@ def _found(source: SceneSource) -> Orientation:
     if source.turn is not None and not source.turn_firm and truth is None:
         flow = _by_flow(source)
         if flow.turn == source.turn:
-            return Orientation(flow.turn, "layout", max(0.9, flow.sure), f"{source.turn_by}; {flow.said}")
-        if flow.sure > _FLOW_WINS:
+            return Orientation(flow.turn, "layout", max(_SURE, flow.sure), f"{source.turn_by}; {flow.said}")
+        if flow.sure >= _SURE:
             return attrs.evolve(flow, said=f"{source.turn_by}, but this one is turned: {flow.said}")
         return Orientation(source.turn, "layout", 0.7, f"{source.turn_by}; {flow.said}", flow.undecided)
     if source.turn is not None:

@@ -89,29 +89,27 @@ def _require_readable(listing: Listing) -> None:
 
 
 def _described(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> SceneSource:
-    given = listing.path
-    if (inner := inner_listing(listing)) is not None and not _marks(known, listing):
-        listing = inner
+    given, tries = listing.path, list(known.values()) if scene.layout == "auto" else [known[scene.layout]]
+    marks = _marks(tries, listing)
+    if not marks and (inner := inner_listing(listing)) is not None:
+        listing, marks = inner, _marks(tries, inner)
     _require_readable(listing)
-    source = _chosen(known, listing, scene)
+    source = known[scene.layout].describe(listing, scene) if scene.layout != "auto" else _chosen(known, marks, listing, scene)
     if listing.path != given:
         note = f"the pictures are those of {listing.path.relative_to(given)}"
         source = attrs.evolve(source, path=given, notes=(*source.notes, note))
     return source
 
 
-def _marks(known: dict[str, Layout], listing: Listing) -> list[tuple[int, Layout]]:
-    return [(mark, layout) for layout in known.values() if (mark := layout.detect(listing)) is not None]
+def _marks(tries: list[Layout], listing: Listing) -> list[tuple[int, Layout]]:
+    return [(mark, layout) for layout in tries if (mark := layout.detect(listing)) is not None]
 
 
-def _chosen(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> SceneSource:
-    """The scene by the layout that was named, else by the most specific that matches. Raises UserError."""
-    if scene.layout != "auto":
-        return known[scene.layout].describe(listing, scene)
-    marks = _marks(known, listing)
+def _chosen(known: dict[str, Layout], marks: list[tuple[int, Layout]], listing: Listing, scene: config.Scene) -> SceneSource:
+    """The scene by the most specific layout that matches. Raises UserError."""
     if not marks:
         some = ", ".join(listing.names[:3] or listing.folders[:3])
-        remedy = "give the folder of the views, or the file that holds them; unpack an archive first"
+        remedy = "give the folder of the views, or one file that holds them all by its own path"
         if listing.pictures():
             remedy = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
         raise UserError(f"{listing.path}: no layout of a light field recognised ({some}, ...)", remedy)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+from pathlib import Path
 
 import attrs
 
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, list_scene
+from lfpipe.scene.files import Listing, list_scene, picture_header
 from lfpipe.scene.layouts._names import MAPS, read_names
 
 _DEEPEST = 3
@@ -29,16 +30,40 @@ def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
         only = next(iter(inner.values()))
         deeper = inner_listing(only, deepest - 1)
         return deeper or (only if only.names else None)
-    rows = {name: one.pictures() for name, one in inner.items() if one.pictures()}
-    names = tuple(f"{row}/{name}" for row, pictures in rows.items() for name in pictures)
+    rows = _views(listing, {name: one for name, one in inner.items() if one.pictures()})
+    if len(rows) == 1 and len(inner) > 1:
+        return next(iter(rows.values()))
+    names = tuple(f"{row}/{name}" for row, one in rows.items() for name in one.pictures())
     if not names:
         return None
-    if len(rows) < len(inner) or len(rows) == 1 or not _numbered(tuple(rows)):
+    if len(rows) < len(inner) or len(rows) == 1 or not (_numbered(tuple(rows)) or _sides(tuple(rows))):
+        most = max(rows, key=lambda name: len(rows[name].pictures()))
         raise UserError(
             f"{listing.path}: pictures stand in {len(rows)} folders: {', '.join(list(rows)[:4])}",
-            f"give one of them, {listing.path / next(iter(rows))}; folders that are rows of one scene are named row_01, row_02",
+            f"give one of them, {listing.path / most}; folders that are rows of one scene are named row_01, row_02",
         )
     return attrs.evolve(listing, names=names, folders=())
+
+
+def _views(listing: Listing, folders: dict[str, Listing]) -> dict[str, Listing]:
+    """Of folders whose pictures have the same names, as results lie beside views: the one whose pictures are coloured, or else
+    the largest; all of them where that leaves more than one."""
+    if len({tuple(Path(name).stem for name in one.pictures()) for one in folders.values()}) > 1 or _numbered(tuple(folders)):
+        return folders
+    for kind in (lambda header: not header.grey, lambda header: header.width_px):
+        marks: dict[str, int] = {}
+        for name, one in folders.items():
+            with contextlib.suppress(UserError):
+                marks[name] = kind(picture_header(one.file(one.pictures()[0])))
+        best = [name for name, mark in marks.items() if mark == max(marks.values())]
+        if len(best) == 1:
+            return {best[0]: folders[best[0]]}
+    return folders
+
+
+def _sides(folders: tuple[str, ...]) -> bool:
+    """Whether two folders are named as the two eyes' pictures are."""
+    return sorted(name.lower() for name in folders) in (["left", "right"], ["l", "r"], ["links", "rechts"])
 
 
 def _numbered(folders: tuple[str, ...]) -> bool:

@@ -69,7 +69,7 @@ def named_grid(pairs: Mapping[ViewIndex, str], listing: Listing) -> tuple[dict[V
     if counts[0] * counts[1] > 16 * len(pairs) + 64:
         raise UserError(
             f"{listing.path}: the names span {counts[0]}x{counts[1]} views, {len(pairs)} files are there",
-            "are the last two numbers of the names row and column? Name another layout with --set scene.layout=NAME",
+            "give a folder with the views of only one scene",
         )
     files = {((r - lows[0]) // steps[0], (c - lows[1]) // steps[1]): listing.file(name) for (r, c), name in pairs.items()}
     return files, counts[0], counts[1]

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.scene.layouts._grid import MAX_SIDE
+from lfpipe.scene.layouts._stems import stems_of
 from lfpipe.scene.source import ViewIndex
 
 _SIGNED = r"(?<=[^0-9A-Za-z])[+-][0-9]{1,18}"
@@ -35,24 +36,18 @@ _READINGS = tuple(
     )
 )
 _HALVES = len(_READINGS) - 1  # the reading in which a number is row and column without a separator: 0307
-_TIMES = (  # of day, as phones and messengers write them: behind a date, or with separators
-    re.compile(r"(?<=\d{8}[-_])([01]\d|2[0-3])([0-5]\d)([0-5]\d)(?=\d{3}(?!\d)|\D|$)"),
-    re.compile(r"(?<=[ _T])([01]\d|2[0-3])[.:_-]([0-5]\d)[.:_-]([0-5]\d)(?!\d)"),
-)
-_SUM = re.compile(r"[-_. ](?=[0-9a-f]*[a-f])(?=[0-9a-f]*[0-9])[0-9a-f]{6,40}$", re.IGNORECASE)
-_SUM_OR_NUMBER = re.compile(r"[-_. ][0-9a-f]{6,40}$", re.IGNORECASE)
-_COPY = re.compile(r"(.*?)([-_ ]?\(|[-_ ])(\d{1,5})(\)?)")
-_SAME_KIND = {"jpeg": "jpg", "jpe": "jpg", "tiff": "tif"}
-_FRAME_WORDS = ("f", "fr", "frame", "frames", "time")
+_FRAME_WORDS = ("f", "fr", "frame", "frames", "time", "ev", "exp", "exposure", "iso", "take")  # numbers that count no views
 _ROW_WORDS, _COL_WORDS = ("row", "rows", "r", "y", "v", "t"), ("col", "cols", "column", "c", "x", "u", "s")
-MAPS = re.compile(r"depth|disp|mask|label|seg|normal|flow|conf|thumb|error|diff|gt", re.IGNORECASE)
+MAPS = re.compile(
+    r"depth|disp|mask|matte|alpha|label|seg|normal|flow(?!er)|conf(?!e)|thumb|error|diff|(?<![a-z])gt", re.IGNORECASE
+)
 _MIN_COVERAGE = 0.15  # of a lattice by files: less is no grid. A cross in a 13x13 grid has 0.148
 _MAX_FIELDS = 12
 
 
 @attrs.frozen
 class Lattice:
-    """Equally spaced values: low, low + step, ... (count of them)."""
+    """Equally spaced values: low, low + step, ... (count of them). step 0: values in any distance, by their order."""
 
     low: Fraction
     step: Fraction
@@ -65,7 +60,8 @@ class Lattice:
 @attrs.frozen
 class NumberedNames:
     """A family of names by what their numbers say. views: names by (row, column) from (0, 0); or by (0, position) where one
-    number runs (`runs`). clashes: pairs of names for one place. others: pictures that belong to another family."""
+    number runs (`runs`). clashes: pairs of names for one place. others: pictures that belong to another family. doubt: what the
+    names leave open, "" for nothing."""
 
     views: dict[ViewIndex, str]
     rows: int
@@ -73,6 +69,7 @@ class NumberedNames:
     runs: bool
     clashes: tuple[tuple[str, str], ...]
     others: tuple[str, ...]
+    doubt: str = ""
 
 
 def lattice(values: Collection[Fraction]) -> Lattice:
@@ -94,11 +91,13 @@ def _value(text: str) -> Fraction:
 
 @attrs.frozen(eq=False)
 class _Family:
-    """Names with the same texts. numbers: by field, the values that occur, ascending, and which of them each name has."""
+    """Names with the same texts. numbers: by field, the values that occur, ascending, and which of them each name has; digits:
+    how many the shortest one is written with."""
 
     texts: tuple[str, ...]
     names: list[str]
     numbers: list[tuple[list[Fraction], NDArray[np.int64]]]
+    digits: list[int]
 
     @classmethod
     def of(cls, texts: tuple[str, ...], names: dict[str, tuple[str, ...]]) -> _Family:
@@ -110,7 +109,7 @@ class _Family:
             rank = {value: position for position, value in enumerate(values)}
             code = {text: rank[value] for text, value in by_text.items()}
             numbers.append((values, np.array([code[text] for text in column], np.int64)))
-        return cls(texts, list(names), numbers)
+        return cls(texts, list(names), numbers, [min(map(len, column)) for column in zip(*names.values(), strict=True)])
 
     def distinct(self, *fields: int) -> int:
         """How many combinations of the values of these fields occur."""
@@ -120,36 +119,8 @@ class _Family:
         return len(np.unique(codes))
 
 
-def _seconds(time: re.Match[str]) -> str:
-    hours, minutes, seconds = map(int, time.groups())
-    return f"{3600 * hours + 60 * minutes + seconds:05d}"
-
-
-def _stems(names: tuple[str, ...]) -> dict[str, tuple[str, str]]:
-    """The part of each name that is read, and its kind (jpg for .jpeg, too).
-
-    Times of day are in seconds, sums at the end are left out, and the first of copies gets the number that it lacks: photo.jpg,
-    photo (1).jpg, ... and shot.png, shot 2.png, ...
-    """
-    stems = {name: name.rpartition(".")[0] for name in names}
-    for time in _TIMES:
-        stems = {name: time.sub(_seconds, stem) for name, stem in stems.items()}
-    if 2 * sum(_SUM.search(stem) is not None for stem in stems.values()) > len(names):
-        stems = {name: _SUM_OR_NUMBER.sub("", stem) for name, stem in stems.items()}
-    copies: defaultdict[str, list[tuple[int, str]]] = defaultdict(list)
-    for stem in stems.values():
-        if found := _COPY.fullmatch(stem):
-            copies[found[1]].append((int(found[3]), stem))
-    for name, stem in stems.items():
-        first = min(copies.get(stem, [(0, "")]))
-        if len(copies.get(stem, [])) > 1 and first[0] in (1, 2):
-            stems[name] = _COPY.sub(rf"\g<1>\g<2>{first[0] - 1}\g<4>", first[1])
-    suffixes = {name: name.rpartition(".")[2].lower() for name in names}
-    return {name: (stem, _SAME_KIND.get(suffixes[name], suffixes[name])) for name, stem in stems.items()}
-
-
 def _families(stems: dict[str, tuple[str, str]], rank: int) -> list[tuple[tuple[str, ...], dict[str, tuple[str, ...]]]]:
-    """The texts of names, and the numbers of each name that has them. stems: as `_stems` gives them."""
+    """The texts of names, and the numbers of each name that has them. stems: as `stems_of` gives them."""
     reading = _READINGS[rank]
     families: defaultdict[tuple[str, ...], dict[str, tuple[str, ...]]] = defaultdict(dict)
     for name, (stem, suffix) in stems.items():
@@ -160,7 +131,34 @@ def _families(stems: dict[str, tuple[str, str]], rank: int) -> list[tuple[tuple[
         if 0 < len(numbers) <= _MAX_FIELDS:
             texts = (*reading.split(stem.lower()), suffix, "0" * digits)
             families[texts][name] = tuple(numbers)
+    return _joined(families)
+
+
+def _joined(
+    families: dict[tuple[str, ...], dict[str, tuple[str, ...]]],
+) -> list[tuple[tuple[str, ...], dict[str, tuple[str, ...]]]]:
+    """The families; a few names of one that differ from those of a large one in a word too many, as of a burst's cover or an
+    edited picture, fill the gaps of that: IMG_E1234 among IMG_1233, IMG_1235, ..."""
+    for texts in sorted(families, key=lambda texts: len(families[texts])):
+        family = families[texts]
+        for others, large in families.items():
+            taken = set(large.values())
+            if 8 * len(family) <= len(large) and _with_a_word(texts, others) and taken.isdisjoint(family.values()):
+                families[others] = {**large, **family}
+                del families[texts]
+                break
     return list(families.items())
+
+
+def _with_a_word(texts: tuple[str, ...], others: tuple[str, ...]) -> bool:
+    """Whether texts are the others but for letters put into one of them."""
+    pairs = [(text, other) for text, other in zip(texts, others, strict=False) if text != other]
+    if len(texts) != len(others) or len(pairs) != 1 or pairs[0][0] == texts[-2]:
+        return False
+    long, short = pairs[0]
+    start = next((k for k, (a, b) in enumerate(zip(long, short, strict=False)) if a != b), min(len(long), len(short)))
+    word = long[start : start + len(long) - len(short)]
+    return word.strip("_- ").isalpha() and long[:start] + long[start + len(word) :] == short and not MAPS.search(word)
 
 
 def _word(text: str) -> str:
@@ -175,16 +173,20 @@ def _read(family: _Family) -> tuple[tuple[float, ...], NumberedNames] | None:
     values = [field_values for field_values, _ in family.numbers]
     varying = [field for field in range(len(values)) if len(values[field]) > 1]
     keys = [field for field in varying if len(values[field]) == count]
-    if not keys and (frame := _one_frame(family, varying)):
-        return _read(frame)
+    if not keys and (frame := _one_frame(family, varying)) and (read := _read(frame[0])):
+        return (float(count), 1.0, read[0][2]), attrs.evolve(read[1], doubt=frame[1])
     lattices = {field: lattice(values[field]) for field in varying}
     best: tuple[tuple[float, float, int, int], int, int] | None = None
     for first, second in combinations([field for field in varying if field not in keys], 2):
+        pairs = family.distinct(first, second)
+        if pairs == count == len(values[first]) * len(values[second]):  # a whole grid: of steps that are uneven, order counts
+            for field in (first, second):
+                if lattices[field].count > 2 * len(values[field]):
+                    lattices[field] = Lattice(Fraction(-1), Fraction(0), len(values[field]))
         down, across = lattices[first], lattices[second]
         cells = down.count * across.count
         if max(down.count, across.count) > MAX_SIDE or count < _MIN_COVERAGE * cells:
             continue
-        pairs = family.distinct(first, second)
         plain = sum(lat.step == 1 and lat.low in (0, 1) for lat in (down, across))
         rank = (pairs / count, pairs / cells, plain, -first - second)
         if pairs >= _MIN_COVERAGE * cells and (best is None or rank > best[0]):
@@ -213,7 +215,7 @@ def _placed(
 
     def indices(lat: Lattice | None, field: int) -> list[int]:
         values, codes = family.numbers[field]
-        at = np.array([lat.index(value) for value in values] if lat else range(len(values)))
+        at = np.array([lat.index(value) for value in values] if lat and lat.step else range(len(values)))
         return list(at[codes].tolist())
 
     rows = indices(*down) if down else [0] * len(family.names)
@@ -229,16 +231,32 @@ def _placed(
     return (len(views), *rank), numbered
 
 
-def _one_frame(family: _Family, varying: list[int]) -> _Family | None:
-    """The names of the first frame where three numbers count frames, rows and columns; else None."""
-    for fields in combinations(varying, 3):
-        if math.prod(len(family.numbers[field][0]) for field in fields) == len(family.names) == family.distinct(*fields):
-            frame = next((field for field in fields if _word(family.texts[field]) in _FRAME_WORDS), fields[0])
-            first = np.flatnonzero(family.numbers[frame][1] == 0)
+def _one_frame(family: _Family, varying: list[int]) -> tuple[_Family, str] | None:
+    """The names of the first frame where one number counts frames and the others are those of views, and what that leaves open;
+    else None. Which one: by the word before it; of three, the one that is written unlike the other two."""
+
+    def unlike(frame: int, fields: tuple[int, ...]) -> int:
+        first, second = (field for field in fields if field != frame)
+        low, digits = (family.numbers[first][0][0], family.numbers[second][0][0]), family.digits
+        return (low[0] == low[1]) + (digits[first] == digits[second]) + (second == first + 1)
+
+    for fields in [*combinations(varying, 3), *combinations(varying, 2)]:
+        whole = math.prod(len(family.numbers[field][0]) for field in fields)
+        if not whole == len(family.names) == family.distinct(*fields):
+            continue
+        named, doubt = [field for field in fields if _word(family.texts[field]) in _FRAME_WORDS], ""
+        if len(fields) == 3 and not named:
+            order = sorted(fields, key=lambda field: -unlike(field, fields))
+            named = order[:1]
+            if unlike(order[0], fields) == unlike(order[1], fields):
+                doubt = "which of three numbers in the names counts frames"
+        if named:
+            first = np.flatnonzero(family.numbers[named[0]][1] == 0)
             numbers = [
-                (values if field != frame else values[:1], codes[first]) for field, (values, codes) in enumerate(family.numbers)
+                (values if field != named[0] else values[:1], codes[first])
+                for field, (values, codes) in enumerate(family.numbers)
             ]
-            return _Family(family.texts, [family.names[k] for k in first], numbers)
+            return _Family(family.texts, [family.names[k] for k in first], numbers, family.digits), doubt
     return None
 
 
@@ -264,7 +282,7 @@ def _by_folder(names: tuple[str, ...]) -> NumberedNames | None:
 def read_names(names: tuple[str, ...]) -> NumberedNames | None:
     """What the numbers of most of these names say; None where no two names differ in numbers alone."""
     found: list[tuple[tuple[float, ...], NumberedNames]] = []
-    stems = _stems(names)
+    stems = stems_of(names)
     for rank in range(len(_READINGS)):
         families = _families(stems, rank)
         most = max((len(family) for _, family in families), default=0)
@@ -275,12 +293,14 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
                     continue
                 views = not any(MAPS.search(text) for text in texts)
                 if key[:3] == (len(names), 1.0, 1.0):
-                    return numbered
+                    return _with_others(numbered, names)
                 found.append(((key[0] * (1.0 if views else 0.5), *key[1:], views, -rank), numbered))
     best = max(found, key=lambda pair: pair[0])[1] if found else None
     if (best is None or best.runs or best.clashes) and (rows := _by_folder(names)) is not None:
         return rows
-    if best is None:
-        return None
-    used = {*best.views.values(), *(name for clash in best.clashes for name in clash)}
-    return attrs.evolve(best, others=tuple(name for name in names if name not in used))
+    return None if best is None else _with_others(best, names)
+
+
+def _with_others(numbered: NumberedNames, names: tuple[str, ...]) -> NumberedNames:
+    used = {*numbered.views.values(), *(name for clash in numbered.clashes for name in clash)}
+    return attrs.evolve(numbered, others=tuple(name for name in names if name not in used))

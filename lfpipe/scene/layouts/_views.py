@@ -67,7 +67,7 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         raise UserError(f"{listing.path}: the names contain one running number, not row and column", "use --layout numbered")
     for first, second in numbered.clashes:
         raise UserError(f"{listing.path}: {first} and {second} are the same view", f"move {second} away")
-    grid, doubt, notes = parse_grid(scene.grid), "", []
+    grid, doubt, notes = parse_grid(scene.grid), numbered.doubt, []
     if runs:
         views, rows, cols, doubt, note = _arranged(listing, paths, headers, numbered, grid)
         notes.append(note)

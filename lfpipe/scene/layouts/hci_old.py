@@ -43,10 +43,10 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     shape = data.shape("LF")
     if shape is None:
         there = ", ".join(data.keys()[:8]) or "none"
-        raise UserError(f"{path}: no data set LF (found: {there})", "check that it is from the first HCI data set")
+        raise UserError(f"{path}: no data set LF (found: {there})", "save the light field as LF")
     grey = shape[4:] == (1,) or (len(shape) == 4 and max(shape[:2]) <= min(shape[2:]))  # else an axis is missing
     if not grey and (len(shape) != 5 or shape[4] != 3 or 0 in shape):
-        raise UserError(f"{path}: LF has shape {shape}, expected (rows, columns, y, x, 3)", "export it again")
+        raise UserError(f"{path}: LF has shape {shape}, expected (rows, columns, y, x, 3)", "save it with these axes")
     rows, cols, height, width = shape[:4]
     require_grid(rows, cols, f"{path}: LF")
     require_view(height, width, data.type("LF").itemsize, f"{path}: LF")

@@ -45,7 +45,7 @@ def attributes(text: str) -> dict[str, float]:
 def require_plausible(known: Mapping[str, float], path: Path) -> None:
     """Raises UserError where one of the attributes that are used here is not finite or out of range."""
     for name in _USED:
-        in_range(known.get(name, 0.0), -_MOST, _MOST, f"{path}: {name}", "fetch the scene again")
+        in_range(known.get(name, 0.0), -_MOST, _MOST, f"{path}: {name}", "fetch the scene again, or correct the value")
 
 
 def disparity_of_depth(depth: NDArray[np.float32], d_h: float, focal: float, shift: float) -> NDArray[np.float32]:

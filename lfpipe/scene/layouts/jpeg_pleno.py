@@ -28,7 +28,7 @@ def detect(listing: Listing) -> int | None:
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     pairs = {(int(found[1]), int(found[2])): name for name in listing.names if (found := _VIEW.fullmatch(name))}
     if not pairs:
-        raise UserError(f"{listing.path}: no ROW_COLUMN.ppm with three digits each", "give the folder of the views")
+        raise UserError(f"{listing.path}: no ROW_COLUMN.ppm with three digits each", "leave out --layout, or give their folder")
     files, rows, cols = named_grid(pairs, listing)
 
     def read(row: int, col: int) -> NDArray[Any] | None:

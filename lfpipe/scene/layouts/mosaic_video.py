@@ -14,6 +14,7 @@ from lfpipe.errors import UserError
 from lfpipe.scene.files import VIDEOS, Listing, picture_header, read_picture
 from lfpipe.scene.layouts._grid import parse_grid
 from lfpipe.scene.layouts._mosaic import LastPictures, find_tiles, picture_loader, tiling
+from lfpipe.scene.layouts._views import named_views
 from lfpipe.scene.source import SceneSource, Turn
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
 
@@ -28,8 +29,8 @@ def detect(listing: Listing) -> int | None:
     if _is_video(listing):
         return 60
     pictures = listing.pictures()
-    if listing.is_file or len(pictures) < 2:
-        return None
+    if listing.is_file or len(pictures) < 2 or ((named := named_views(listing)) is not None and not named.runs):
+        return None  # names with row and column count more than a look at a picture
     try:
         first, _ = read_picture(listing.file(pictures[0]))
     except UserError:

@@ -28,8 +28,8 @@ from lfpipe.scene.layouts._views import some
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "stereo"
-_SIDES = re.compile(r"(?<![a-z])(left|right|l|r|links|rechts)(?![a-z])")
-_LEFT = ("left", "l", "links")
+_LEFT, _RIGHT = ("left", "l", "links"), ("right", "r", "rechts")
+_SIDES = re.compile(rf"(?<![a-z])({'|'.join(_LEFT + _RIGHT)})(?![a-z])")
 _NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}  # Middlebury's pairs, the left one first
 _BESIDE = re.compile(r"(?<![a-z])(h?sbs|half[-_ ]?sbs|side[-_ ]?by[-_ ]?side|parallel)(?![a-z])")
 _CROSSED = re.compile(r"cross[-_ ]?ey|(?<![a-z])(xeye|rl)(?![a-z])")
@@ -46,9 +46,12 @@ def _pair(listing: Listing) -> tuple[str, str] | None:
     if listing.is_file:
         return None
     pictures = listing.pictures()
-    by_stem = {Path(name).stem.lower(): name for name in pictures}
+    by_stem = {name.rpartition(".")[0].lower(): name for name in pictures}  # with the folder, where one is part of the name
     for left, right in _NUMBERED.items():
-        if left in by_stem and right in by_stem:
+        text = left.rstrip("0123456789")
+        line = [int(stem[len(text) :]) for stem in by_stem if re.fullmatch(text + r"\d{1,4}", stem)]
+        runs = len(line) > 2 and max(line) - min(line) < len(line)  # all views of such a set, not two of them
+        if left in by_stem and right in by_stem and not runs:
             return by_stem[left], by_stem[right]
     sides: dict[str, dict[bool, str]] = {}
     for stem, name in by_stem.items():
@@ -57,7 +60,7 @@ def _pair(listing: Listing) -> tuple[str, str] | None:
             rest = stem[: words[-1].start()] + "*" + stem[words[-1].end() :]
             sides.setdefault(rest, {})[words[-1][1] in _LEFT] = name
     pairs = [(both[True], both[False]) for both in sides.values() if len(both) == 2]
-    return pairs[0] if len(pairs) == 1 else None
+    return pairs[0] if len(pairs) == 1 or (pairs and "/" in pairs[0][0]) else None  # of folders left and right, the first
 
 
 def _alone(listing: Listing) -> Path | None:
@@ -113,7 +116,7 @@ def _arrangement(path: Path) -> tuple[bool, bool, bool] | None:
 def detect(listing: Listing) -> int | None:
     if (pair := _pair(listing)) is not None:
         others = [name for name in listing.pictures() if name not in pair and not MAPS.search(name)]
-        return 85 if not others or Path(pair[0]).stem.lower() in _NUMBERED else 45
+        return 85 if not others or Path(pair[0]).stem.lower() in _NUMBERED or "/" in pair[0] else 45
     path = _alone(listing)
     if path is None:
         return None
