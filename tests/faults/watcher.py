@@ -202,10 +202,13 @@ def rss_mb(pid: int, field: str = "RssAnon") -> float:
 def figures(supervisor_pid: int, session: Session, run_dir: Path) -> Figures:
     """The figures of an idle session."""
     pids = [supervisor_pid, *map(int, Path(f"/proc/{supervisor_pid}/task/{supervisor_pid}/children").read_text().split())]
+    table = status.Table(session.segment("status"))
+    names = {int(row["pid"]): name for name, row in table.rows.items()} | {supervisor_pid: "supervisor"}
+    table.close()
     processes = {}
     for pid in pids:
         with contextlib.suppress(FileNotFoundError):
-            name = "supervisor" if pid == supervisor_pid else Path(f"/proc/{pid}/comm").read_text().strip()
+            name = names.get(pid) or Path(f"/proc/{pid}/comm").read_text().strip()  # of a helper of multiprocessing
             processes[name] = (rss_mb(pid), len(list(Path(f"/proc/{pid}/fd").iterdir())))
     segments = sorted(path.name for path in Path("/dev/shm").glob(f"{session.segment('')}*"))
     files = sorted(path.name for path in run_dir.iterdir() if not path.name.startswith(("error.", "stack.")))
