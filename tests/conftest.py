@@ -28,7 +28,11 @@ sys.dont_write_bytecode = False
 hypothesis.settings.register_profile("explore", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
 hypothesis.settings.register_profile("same", hypothesis.settings.get_profile("explore"), derandomize=True, database=None)
 hypothesis.settings.load_profile("same")
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a runner in the background has it ignored, and hands that down
+# A runner in the background, or under nohup, has these ignored and hands that down.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+for _name in ("SIGHUP", "SIGQUIT"):
+    if hasattr(signal, _name):
+        signal.signal(getattr(signal, _name), signal.SIG_DFL)
 
 settings.register_profile("any machine", deadline=None)  # no test fails because a machine is slow
 settings.load_profile("any machine")

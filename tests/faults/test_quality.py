@@ -157,11 +157,12 @@ def test_frames_left_out_by_tracking_are_not_counted_as_lost_and_no_eyes_are_mad
     sets = ("camera.rate_hz=120", "render.method=nearest", "render.rate_hz=30", where)
     world.up(scene, *(f"--set={word}" for word in sets))
     world.pictures(60)
-    assert world.monitor()["stages"]["track"]["left_out"] == 0
+    before = world.monitor()["stages"]["track"]["left_out"]  # a busy machine may have lowered the quality already
     hogs.start(last)
     world.wait_for(lambda: _level(world) == 1, "lower level")
     hogs.end()
-    state = world.wait_for(lambda: now if (now := world.monitor())["stages"]["track"]["left_out"] > 60 else None, "left out")
+    world.wait_for(lambda: world.monitor()["stages"]["track"]["left_out"] > before + 60, "frames left out")
+    state = world.monitor()
     assert state["lowest_level"] == 1 and "every 2nd frame" in state["level_words"]
     assert abs(state["stages"]["capture"]["count"] - _used(state)) <= 8, "every frame is used, lost or left out"
     lowered = [line for line in world.lines() if line["level"] == 1]
