@@ -223,3 +223,40 @@ def test_a_folder_of_many_is_never_one_view(tmp_path: Path) -> None:
         made.write(tmp_path / name, made.texture(48, 64, k))
     with pytest.raises(UserError, match=re.escape("beach.png")):
         layouts.describe(tmp_path, AUTO)
+
+
+HABITS: dict[str, tuple[list[str], tuple[int, int, int]]] = {  # names, and rows, columns and views of them
+    "a burst's cover": ([f"IMG_BURST{n:03d}{'_COVER' * (n == 3)}.jpg" for n in range(9)], (1, 9, 9)),
+    "an edited picture": ([f"IMG_{'E' * (n == 3)}{1234 + n}.JPG" for n in range(25)], (1, 25, 25)),
+    "uneven steps": ([f"pos {100 * c // 8}% {100 * r // 8}%.png" for r in range(5) for c in range(5)], (5, 5, 25)),
+    "frames behind": ([f"cam_{r}_{c}_{f:04d}.png" for r in range(3) for c in range(4) for f in (1, 2)], (3, 4, 12)),
+    "frames of a line": ([f"cam{c}_frame{f:03d}.png" for c in range(7) for f in range(3)], (1, 7, 7)),
+    "exposures": ([f"{r}_{c}_ev{e}.png" for r in range(3) for c in range(4) for e in (0, 1)], (3, 4, 12)),
+    "a copy is no cover": ([f"v_{n}.png" for n in range(9)] + ["v_copy_3.png"], (1, 9, 9)),
+}
+
+
+@pytest.mark.parametrize("habit", HABITS)
+def test_numbers_that_count_no_views_are_told_apart(habit: str) -> None:
+    names, expected = HABITS[habit]
+    found = read_names(tuple(names))
+    assert found is not None
+    assert (found.rows, found.cols, len(found.views)) == expected
+    assert not found.clashes and not found.doubt
+
+
+def test_three_numbers_alike_leave_a_doubt() -> None:
+    found = read_names(tuple(f"{r}_{c}_{f}.png" for r in range(3) for c in range(4) for f in range(2)))
+    assert found is not None and "frames" in found.doubt
+
+
+def test_folders_of_two_eyes_and_of_results(tmp_path: Path) -> None:
+    for side, view in (("left", GRID[0, 0]), ("right", GRID[0, 1])):
+        made.write(tmp_path / "eyes" / side / "1.png", view)
+    source = layouts.describe(tmp_path / "eyes", AUTO)
+    assert (source.layout, source.rows, source.cols) == ("stereo", 1, 2)
+    made.write_grid(tmp_path / "scene" / "rgb", GRID)
+    made.write_grid(tmp_path / "scene" / "out", GRID[..., 1])
+    source = layouts.describe(tmp_path / "scene", AUTO)
+    assert (source.rows, source.cols) == (3, 4)
+    assert "the pictures are those of rgb" in source.notes
