@@ -82,7 +82,7 @@ class Sweep:
     def __init__(self, client: Client, address: str, done: Done, work: Callable[..., tuple[Outcome, bytes]] = do_cell) -> None:
         self._client, self._address, self._done, self._work = client, address, done, work
         self._answers: queue.SimpleQueue[Future] = queue.SimpleQueue()
-        self._open: dict[str, tuple[Job, Future, int]] = {}
+        self._open: dict[str, tuple[Job, Future, int, str]] = {}  # with tries and, of a timed cell, its host
         self._parcels: dict[str, Any] = {}
 
     def run(self, jobs: Iterable[Job]) -> None:
@@ -102,16 +102,25 @@ class Sweep:
                 why = f"no worker has the resource {QUIET}: start one per host with --resources {QUIET}=1"
                 self._done(outcome(job.cell, FAILED, why), b"")
             return
-        self._phase(iter(timed))
+        self._phase(iter(timed), alone=True)
 
     def _workers(self) -> dict[str, Any]:
         return dict(self._client.scheduler_info(n_workers=-1)["workers"])
 
-    def _phase(self, jobs: Iterator[Job]) -> None:
+    def _quiet_hosts(self) -> dict[str, list[str]]:
+        """Host -> addresses of its workers that take timed cells."""
+        hosts: dict[str, list[str]] = {}
+        for address, worker in self._workers().items():
+            if QUIET in worker.get("resources", {}):
+                hosts.setdefault(worker["host"], []).append(address)
+        return hosts
+
+    def _phase(self, jobs: Iterator[Job], alone: bool = False) -> None:
+        """Sends jobs as there is room. alone: one per host, or the scheduler would queue all on the host that answers first."""
         more = True
         room = IN_FLIGHT * max(1, len(self._workers()))
         while more or self._open:
-            while more and len(self._open) < room:
+            while more and len(self._open) < (max(1, len(self._quiet_hosts())) if alone else room):
                 job = next(jobs, None)
                 more = job is not None
                 if job is not None:
@@ -137,11 +146,14 @@ class Sweep:
         cell = job.cell
         sequence = self._parcel(cell.sequence, sequence_id(cell.sequence) if self._address else "")
         scene = self._parcel(cell.scene, scene_id(cell.scene, cell.sets) if self._address else "")
+        hosts = self._quiet_hosts() if cell.timed else {}
+        busy = [host for *_, host in self._open.values()]
+        host = min(hosts, key=busy.count, default="")
         future = self._client.submit(
             self._work, cell, sequence, scene, job.reference(), job.update, key=f"{cell.key}-{tries}", pure=False,
-            resources={QUIET: 1} if cell.timed else None,
+            resources={QUIET: 1} if cell.timed else None, workers=hosts.get(host), allow_other_workers=bool(host),
         )  # fmt: skip
-        self._open[future.key] = job, future, tries
+        self._open[future.key] = job, future, tries, host
         future.add_done_callback(self._answers.put)
 
     def _take(self) -> None:
@@ -156,7 +168,7 @@ class Sweep:
                     raise self._gone() from None
                 if time.monotonic() - began > WORKER_WAIT_S and self._client.status == "running" and not self._workers():
                     raise UserError("all workers are gone; finished cells are kept", AGAIN) from None
-        job, _, tries = self._open.pop(future.key)
+        job, _, tries, _ = self._open.pop(future.key)
         if future.status == "finished":
             found, new = future.result()
             self._done(found, new)
