@@ -13,7 +13,6 @@ import cv2
 import hypothesis
 import numpy as np
 import pytest
-from hypothesis import settings
 
 from lfpipe.host import PORTABLE, shared_memory
 from lfpipe.track import models
@@ -33,9 +32,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 for _name in ("SIGHUP", "SIGQUIT"):
     if hasattr(signal, _name):
         signal.signal(getattr(signal, _name), signal.SIG_DFL)
-
-settings.register_profile("any machine", deadline=None)  # no test fails because a machine is slow
-settings.load_profile("any machine")
 
 
 REAL_TIME = {"world", "live", "screen", "xvfb"}  # fixtures of whole sessions and real windows
