@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-NO_SCRIPTS = ("arguments", "package_page", "people_litter", "people_scenes", "photon_simulation")  # shared code, a build hook
+SHARED = ("arguments", "people_habits", "people_litter", "people_scenes", "photon_simulation", "room_tests")
+NO_SCRIPTS = (*SHARED, "package_page")  # the last is a build hook
 SCRIPTS = sorted(
     path for folder in ("profiling", "tools") for path in (ROOT / folder).glob("*.py") if path.stem not in NO_SCRIPTS
 )
