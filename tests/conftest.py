@@ -35,12 +35,14 @@ for _name in ("SIGHUP", "SIGQUIT"):
 
 
 REAL_TIME = {"world", "live", "screen", "xvfb"}  # fixtures of whole sessions and real windows
+LONGEST_ROOMS = {"attack", "sweep"}  # first: at the end two workers would wait for the third
 REAL_TIME_ROOMS = {"display", "faults", "pipeline", "share", "sweep", "web"}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
     """A real-time test shares the machine with other programs: if it fails, it runs once more, and the summary names it. A defect
     fails twice. Tests that only compute run once."""
+    items.sort(key=lambda item: item.path.parent.name not in LONGEST_ROOMS)
     for item in items:
         if REAL_TIME & set(item.fixturenames) or item.path.parent.name in REAL_TIME_ROOMS:
             item.add_marker(pytest.mark.flaky(reruns=1))
