@@ -87,12 +87,15 @@ def _half_turn(axes: list[tuple[Axis, int]]) -> tuple[int, float, str]:
     """(1 or -1 for the first axis, certainty, reason) of axes with their relative signs: by occlusion, and by height, because
     lower parts are usually nearer.
 
-    Pixels at one edge agree with each other, so _TOGETHER of them count as one vote (normal approximation of a majority). The
-    two odds multiply, because the two kinds of evidence are independent.
+    Pixels at one edge agree with each other, so _TOGETHER of them count as one vote (normal approximation of a majority). No
+    majority is surer than its share: glow, blur and repetition mislead whole scenes, however many their pixels. The two odds
+    multiply, because the two kinds of evidence are independent.
     """
     votes = [(a.right, a.wrong) if sign > 0 else (a.wrong, a.right) for a, sign in axes]
     right, wrong = (sum(side) for side in zip(*votes, strict=True))
     hidden = NormalDist().cdf((right - wrong) / math.sqrt(_TOGETHER * max(1, right + wrong)))
+    share = right / max(1, right + wrong)
+    hidden = min(hidden, max(share, 0.5)) if right > wrong else max(hidden, min(share, 0.5))
     lower = lower_is_nearer(axes)
     lower = 0.5 + _LOWER_SHARE * lower if abs(lower) > _LOWER else 0.5
     ahead = hidden * lower / max(1e-9, hidden * lower + (1 - hidden) * (1 - lower))

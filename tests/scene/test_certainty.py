@@ -84,7 +84,7 @@ def test_certainty_on_made_scenes() -> None:
     scenes = [made.views(5, 5, 96, 128, near, far)[..., 1] for near, far in depths] + [
         made.views(1, 7, 96, 128, 3.0, 0.5)[..., 1]
     ]
-    require_calibrated(judged(scenes, 5), 0.5)
+    require_calibrated(judged(scenes, 5), 0.15)  # of most, 80 to 90 % of the pixels agree, and no more is reported
 
 
 def test_certainty_on_sample_scenes() -> None:
