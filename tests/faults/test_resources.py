@@ -170,11 +170,13 @@ def test_a_run_directory_of_another_user_is_refused_and_never_spoken_to(world: W
 
 @mounts
 def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, packed: Path) -> None:
-    place = world.root / "small"
-    place.mkdir()
-    command = ("up", packed, "--camera", "demo", "--display", f"file:{place}/v.mkv", "--duration", "1.5", "--session", world.name)
-    after = f"cat {place}/t.jsonl"
-    done = in_mounts(world, (*command, "--trace", place / "t.jsonl"), (place, "size=24k"), after=after)
+    videos, traces = world.root / "videos", world.root / "traces"  # apart: whichever is first would fill the other's disk
+    for place in (videos, traces):
+        place.mkdir()
+    shown = "--display", f"file:{videos}/v.mkv", "--duration", "1.5"
+    command = ("up", packed, "--camera", "demo", *shown, "--session", world.name)
+    full = (videos, "size=24k"), (traces, "size=12k")
+    done = in_mounts(world, (*command, "--trace", traces / "t.jsonl"), *full, after=f"cat {traces}/t.jsonl")
     assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
     assert done.stderr.count("t.jsonl: No space left on device; it ends here") == 1
     assert done.stderr.count("v.mkv: the video ends here") == 1
