@@ -32,12 +32,13 @@ mount -t 9p -o $share,ro,cache=loose root /low
 mount -t tmpfs -o size=2g top /top; mkdir /top/upper /top/work
 mount -t overlay -o lowerdir=/low,upperdir=/top/upper,workdir=/top/work root /new
 for each in proc sys dev; do mount --move /$each /new/$each; done
-mkdir -p /new/dev/shm /new/run /new/guest; for each in dev/shm run tmp; do mount -t tmpfs tmpfs /new/$each; done
+mkdir -p /new/dev/shm /new/run /new/guest; for each in dev/shm run; do mount -t tmpfs tmpfs /new/$each; done
 mkdir -p /new/run/modules; cp /modules/* /new/run/modules/
 mount -t 9p -o $share out /new/guest
 exec switch_root /new /bin/sh /guest/start
 """
 START = """export PATH={path} HOME=/root LFPIPE_GUEST=1 PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=
+case {checkout} in /tmp/*) ;; *) mount -t tmpfs tmpfs /tmp ;; esac
 cd {checkout}
 ip link set lo up 2>/dev/null || busybox ip link set lo up
 ( {command} ) > /guest/output 2>&1
