@@ -134,7 +134,7 @@ open_camera = OpenCVCamera
 
 
 def check_camera(path: Path, camera: config.Camera) -> SourceInfo:
-    """The format that the camera delivers; must start it to find out. Raises UserError as `OpenCVCamera` does."""
+    """Detects the format that the camera delivers, which starts it. Raises UserError as `OpenCVCamera` does."""
     opened = OpenCVCamera(path, camera)
     opened.close()
     return opened.info

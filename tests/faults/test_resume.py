@@ -97,7 +97,7 @@ def test_stopped_and_continued_each_process_and_all_are_back_at_rate(
     after = _rows(world)
     assert {name: (row["pid"], row["restarts"]) for name, row in after.items()} == {
         name: (row["pid"], 0) for name, row in before.items()
-    }, "nobody was taken for hung"
+    }, "no stage counted as hung"
     world.run("ctl", "--session", world.name, "stop")
     supervisor.wait(60)
 

@@ -10,11 +10,9 @@ import pytest
 import scipy.io
 
 from lfpipe import config
-from lfpipe.errors import UserError
-from lfpipe.scene import layouts
 from lfpipe.scene.truth import without_implausible_truth
 from tests.scene import made
-from tests.scene.test_remedies import AUTO, Cure, Make, Refused, again, both, grid, inside, without
+from tests.scene.test_remedies import AUTO, Cure, Make, Refused, again, both, grid, inside, require_cured, without
 
 GRID = made.views(3, 4, 24, 32)
 PLENO, TEXT = "{r:03d}_{c:03d}.png", "scene/lf/{r:02d}_{c:02d}.png"
@@ -126,18 +124,6 @@ REFUSALS = {
 }  # fmt: skip
 
 
-def opened(path: Path, scene: config.Scene) -> None:
-    source = without_implausible_truth(layouts.describe(path, scene))
-    for row, col in {(0, 0), (source.rows - 1, source.cols - 1)} - source.missing:
-        assert source.read(0, row, col).size
-
-
 @pytest.mark.parametrize("kind", REFUSALS)
 def test_the_remedy_opens_the_scene(tmp_path: Path, kind: str) -> None:
-    refused, folder = REFUSALS[kind], tmp_path / "scene"
-    folder.mkdir()
-    path = refused.make(folder)
-    with pytest.raises(UserError) as caught:
-        opened(path, refused.given)
-    assert refused.remedy in caught.value.remedy
-    opened(*refused.cure(path))
+    require_cured(tmp_path / "scene", REFUSALS[kind], lambda source, _: without_implausible_truth(source))

@@ -98,7 +98,7 @@ def test_a_render_that_is_broken_off_leaves_nothing(tmp_path: Path) -> None:
     assert list((tmp_path / "demo").iterdir()) == []
 
 
-def test_a_cache_that_cannot_be_written_is_the_users_to_mend(tmp_path: Path) -> None:
+def test_a_cache_that_cannot_be_written_is_the_users_to_fix(tmp_path: Path) -> None:
     (tmp_path / "demo").write_text("in the way")
     with pytest.raises(UserError, match="demo scene") as told:
         demo_scene(tmp_path, quiet, grid=3, size_px=64)

@@ -14,6 +14,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.plausibility import plausible
+from lfpipe.scene.source import SceneSource
 from tests.scene import made, test_embedded, test_plausibility, test_stereo
 
 AUTO = config.Scene()
@@ -173,15 +174,22 @@ def write_film(path: Path) -> None:
     writer.release()
 
 
-@pytest.mark.parametrize("kind", REFUSALS)
-def test_the_remedy_opens_the_scene(tmp_path: Path, kind: str) -> None:
-    refused, folder = REFUSALS[kind], tmp_path / "scene"
+def require_cured(folder: Path, refused: Refused, check: Callable[[SceneSource, bool], SceneSource]) -> None:
+    """What refused makes is refused with its remedy, and the remedy opens it. check: the checks behind the layout's own."""
+
+    def opened(path: Path, scene: config.Scene) -> None:
+        source = check(layouts.describe(path, scene), scene.force)
+        for row, col in {(0, 0), (source.rows - 1, source.cols - 1)} - source.missing:
+            assert source.read(0, row, col).size
+
     folder.mkdir()
     path = refused.make(folder)
     with pytest.raises(UserError) as caught:
-        plausible(layouts.describe(path, refused.given), refused.given.force)
+        opened(path, refused.given)
     assert refused.remedy in caught.value.remedy
-    path, scene = refused.cure(path)
-    source = plausible(layouts.describe(path, scene), scene.force)
-    for row, col in {(0, 0), (source.rows - 1, source.cols - 1)} - source.missing:
-        assert source.read(0, row, col).size
+    opened(*refused.cure(path))
+
+
+@pytest.mark.parametrize("kind", REFUSALS)
+def test_the_remedy_opens_the_scene(tmp_path: Path, kind: str) -> None:
+    require_cured(tmp_path / "scene", REFUSALS[kind], plausible)

@@ -74,7 +74,7 @@ def test_a_face_is_the_same_where_it_was_and_of_its_size() -> None:
 
 @pytest.mark.parametrize("roi", [Roi(51.3, 40.2, 60.0, 0.1), Roi(5.0, 3.0, 40.0, -0.4), Roi(90.0, 70.0, 31.0, 3.0)])
 def test_the_portable_warp_differs_by_a_rounding_only(roi: Roi) -> None:
-    """Places of 1/32 px: half of one off, along and down, in a picture that changes by so much a pixel at the most."""
+    """Places of 1/32 px: half of one off, along and down, in a picture whose pixels change by at most that much."""
     y, x = np.mgrid[0:80, 0:100]
     image = np.stack([2 * x, 3 * y, x + y], axis=2).astype(np.uint8)
     exact, rounded = (roi.crop(image, 64, cv2.BORDER_REPLICATE, way).astype(int) for way in (warp, portable_warp))

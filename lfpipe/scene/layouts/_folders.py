@@ -9,7 +9,8 @@ import attrs
 
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, list_scene, picture_header
-from lfpipe.scene.layouts._names import MAPS, read_names
+from lfpipe.scene.layouts._families import MAPS
+from lfpipe.scene.layouts._names import read_names
 
 _DEEPEST = 3
 _BESIDE = ("__macosx", "raw", "thumbs", "thumbnails", "original", "originals", "backup")

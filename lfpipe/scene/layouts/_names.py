@@ -16,33 +16,15 @@ from itertools import combinations
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
 
+from lfpipe.scene.layouts._families import HALVES, MAPS, READINGS, Family, families_of
 from lfpipe.scene.layouts._grid import MAX_SIDE
 from lfpipe.scene.layouts._stems import stems_of
 from lfpipe.scene.source import ViewIndex
 
-_SIGNED = r"(?<=[^0-9A-Za-z])[+-][0-9]{1,18}"
-_DECIMAL = r"(?:\.[0-9]{1,9})?(?![0-9]*\.[0-9])"
-# Ways to read numbers, the likeliest first: signs after a separator and decimals; signs anywhere; digits alone; letters count.
-_READINGS = tuple(
-    re.compile(pattern)
-    for pattern in (
-        rf"(?:{_SIGNED}|[0-9]{{1,18}}){_DECIMAL}",
-        rf"[+-]?[0-9]{{1,18}}{_DECIMAL}",
-        r"[0-9]{1,18}",
-        r"[0-9]{1,18}|(?<![A-Za-z])[A-Za-z](?![A-Za-z])",
-        r"[0-9]{1,18}",
-    )
-)
-_HALVES = len(_READINGS) - 1  # the reading in which a number is row and column without a separator: 0307
 _FRAME_WORDS = ("f", "fr", "frame", "frames", "time", "ev", "exp", "exposure", "iso", "take")  # numbers that count no views
 _ROW_WORDS, _COL_WORDS = ("row", "rows", "r", "y", "v", "t"), ("col", "cols", "column", "c", "x", "u", "s")
-MAPS = re.compile(
-    r"depth|disp|mask|matte|alpha|label|seg|normal|flow(?!er)|conf(?!e)|thumb|error|diff|(?<![a-z])gt", re.IGNORECASE
-)
 _MIN_COVERAGE = 0.15  # of a lattice by files: less is no grid. A cross in a 13x13 grid has 0.148
-_MAX_FIELDS = 12
 
 
 @attrs.frozen
@@ -80,94 +62,13 @@ def lattice(values: Collection[Fraction]) -> Lattice:
     return Lattice(low, Fraction(step, scale), int((max(values) - low) * scale) // step + 1)
 
 
-def _halves(number: str) -> list[str]:
-    middle = len(number) // 2
-    return [number] if len(number) % 2 else [number[:middle], number[middle:]]
-
-
-def _value(text: str) -> Fraction:
-    return Fraction(ord(text.lower()) - ord("a")) if text.isalpha() else Fraction(text)
-
-
-@attrs.frozen(eq=False)
-class _Family:
-    """Names with the same texts. numbers: by field, the values that occur, ascending, and which of them each name has; digits:
-    how many the shortest one is written with."""
-
-    texts: tuple[str, ...]
-    names: list[str]
-    numbers: list[tuple[list[Fraction], NDArray[np.int64]]]
-    digits: list[int]
-
-    @classmethod
-    def of(cls, texts: tuple[str, ...], names: dict[str, tuple[str, ...]]) -> _Family:
-        numbers = []
-        for column in zip(*names.values(), strict=True):
-            separator = all(text.startswith("-") for text in column)  # and no sign, where every number has it
-            by_text = {text: _value(text[separator:]) for text in set(column)}
-            values = sorted(set(by_text.values()))
-            rank = {value: position for position, value in enumerate(values)}
-            code = {text: rank[value] for text, value in by_text.items()}
-            numbers.append((values, np.array([code[text] for text in column], np.int64)))
-        return cls(texts, list(names), numbers, [min(map(len, column)) for column in zip(*names.values(), strict=True)])
-
-    def distinct(self, *fields: int) -> int:
-        """How many combinations of the values of these fields occur."""
-        codes = np.zeros(len(self.names), np.int64)
-        for field in fields:
-            codes = codes * len(self.numbers[field][0]) + self.numbers[field][1]
-        return len(np.unique(codes))
-
-
-def _families(stems: dict[str, tuple[str, str]], rank: int) -> list[tuple[tuple[str, ...], dict[str, tuple[str, ...]]]]:
-    """The texts of names, and the numbers of each name that has them. stems: as `stems_of` gives them."""
-    reading = _READINGS[rank]
-    families: defaultdict[tuple[str, ...], dict[str, tuple[str, ...]]] = defaultdict(dict)
-    for name, (stem, suffix) in stems.items():
-        numbers, digits = reading.findall(stem), 0
-        if rank == _HALVES and numbers:
-            digits = len(numbers[-1])
-            numbers = [*numbers[:-1], *_halves(numbers[-1])]
-        if 0 < len(numbers) <= _MAX_FIELDS:
-            texts = (*reading.split(stem.lower()), suffix, "0" * digits)
-            families[texts][name] = tuple(numbers)
-    return _joined(families)
-
-
-def _joined(
-    families: dict[tuple[str, ...], dict[str, tuple[str, ...]]],
-) -> list[tuple[tuple[str, ...], dict[str, tuple[str, ...]]]]:
-    """The families; a few names of one that differ from those of a large one in a word too many, as of a burst's cover or an
-    edited picture, fill the gaps of that: IMG_E1234 among IMG_1233, IMG_1235, ..."""
-    for texts in sorted(families, key=lambda texts: len(families[texts])):
-        family = families[texts]
-        for others, large in families.items():
-            taken = set(large.values())
-            if 8 * len(family) <= len(large) and _with_a_word(texts, others) and taken.isdisjoint(family.values()):
-                families[others] = {**large, **family}
-                del families[texts]
-                break
-    return list(families.items())
-
-
-def _with_a_word(texts: tuple[str, ...], others: tuple[str, ...]) -> bool:
-    """Whether texts are the others but for letters put into one of them."""
-    pairs = [(text, other) for text, other in zip(texts, others, strict=False) if text != other]
-    if len(texts) != len(others) or len(pairs) != 1 or pairs[0][0] == texts[-2]:
-        return False
-    long, short = pairs[0]
-    start = next((k for k, (a, b) in enumerate(zip(long, short, strict=False)) if a != b), min(len(long), len(short)))
-    word = long[start : start + len(long) - len(short)]
-    return word.strip("_- ").isalpha() and long[:start] + long[start + len(word) :] == short and not MAPS.search(word)
-
-
 def _word(text: str) -> str:
     """The word that a text ends in: "t" of "im_t"."""
     found = re.search(r"([a-z]+)[^a-z]*$", text)
     return found[1] if found else ""
 
 
-def _read(family: _Family) -> tuple[tuple[float, ...], NumberedNames] | None:
+def _read(family: Family) -> tuple[tuple[float, ...], NumberedNames] | None:
     """How well the numbers of a family make a grid or a run, and which; None where they do neither."""
     count, texts = len(family.names), family.texts
     values = [field_values for field_values, _ in family.numbers]
@@ -208,7 +109,7 @@ def _read(family: _Family) -> tuple[tuple[float, ...], NumberedNames] | None:
 
 
 def _placed(
-    family: _Family, down: tuple[Lattice, int] | None, across: tuple[Lattice | None, int], rank: tuple[float, ...]
+    family: Family, down: tuple[Lattice, int] | None, across: tuple[Lattice | None, int], rank: tuple[float, ...]
 ) -> tuple[tuple[float, ...], NumberedNames]:
     """(how many views and `rank`, the names by place): rows by one field, or none; columns by the lattice of another, or
     by the order of its values."""
@@ -231,7 +132,7 @@ def _placed(
     return (len(views), *rank), numbered
 
 
-def _one_frame(family: _Family, varying: list[int]) -> tuple[_Family, str] | None:
+def _one_frame(family: Family, varying: list[int]) -> tuple[Family, str] | None:
     """The names of the first frame where one number counts frames and the others are those of views, and what that leaves open;
     else None. Which one: by the word before it; of three, the one that is written unlike the other two."""
 
@@ -256,7 +157,7 @@ def _one_frame(family: _Family, varying: list[int]) -> tuple[_Family, str] | Non
                 (values if field != named[0] else values[:1], codes[first])
                 for field, (values, codes) in enumerate(family.numbers)
             ]
-            return _Family(family.texts, [family.names[k] for k in first], numbers, family.digits), doubt
+            return Family(family.texts, [family.names[k] for k in first], numbers, family.digits), doubt
     return None
 
 
@@ -283,13 +184,13 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
     """What the numbers of most of these names say; None where no two names differ in numbers alone."""
     found: list[tuple[tuple[float, ...], NumberedNames]] = []
     stems = stems_of(names)
-    for rank in range(len(_READINGS)):
-        families = _families(stems, rank)
+    for rank in range(len(READINGS)):
+        families = families_of(stems, rank)
         most = max((len(family) for _, family in families), default=0)
         for texts, family in families:
-            if len(family) > 1 and 2 * len(family) >= most and (read := _read(_Family.of(texts, family))):
+            if len(family) > 1 and 2 * len(family) >= most and (read := _read(Family.of(texts, family))):
                 key, numbered = read
-                if rank == _HALVES and (numbered.runs or key[2] < 1 or _contiguous(numbered)):
+                if rank == HALVES and (numbered.runs or key[2] < 1 or _contiguous(numbered)):
                     continue
                 views = not any(MAPS.search(text) for text in texts)
                 if key[:3] == (len(names), 1.0, 1.0):

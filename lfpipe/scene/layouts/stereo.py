@@ -21,9 +21,9 @@ from lfpipe.files.picture_header import header_of
 from lfpipe.scene.disparity import flow
 from lfpipe.scene.files import Listing, read_bytes, read_picture
 from lfpipe.scene.flow_check import confirmed, textured
+from lfpipe.scene.layouts._families import MAPS
 from lfpipe.scene.layouts._grid import files_source
 from lfpipe.scene.layouts._mosaic import single_picture
-from lfpipe.scene.layouts._names import MAPS
 from lfpipe.scene.layouts._views import some
 from lfpipe.scene.source import SceneSource, Turn
 
