@@ -162,7 +162,8 @@ def test_thousands_of_unknown_keys_make_a_short_message(tmp_path: Path) -> None:
     path.write_text("[render]\n" + "".join(f"alpha_px{n} = 1\n" for n in range(3626)))
     with pytest.raises(UserError) as caught:
         config.load(path)
-    assert "and 3621 more" in str(caught.value) and len(str(caught.value)) < 1000
+    said = str(caught.value)
+    assert "and 3621 more" in said and len(said.replace(str(path), "mine.toml")) < 1000
     everything = {key: "\x1b" * 100 for key in KEYS} | {f"render.alpha_pix{n}": 1 for n in range(100)}
     with pytest.raises(UserError) as caught:
         config.updated(Config(), everything)
