@@ -27,7 +27,8 @@ from tests.scene import made
 GRID = made.views(3, 3, 48, 64)
 
 
-def hci(folder: Path) -> Path:
+def hci(folder: Path, cfg: str = "[extrinsics]\nnum_cams_x = 3\nnum_cams_y = 3\n") -> Path:
+    (folder / "parameters.cfg").write_text(cfg)
     return made.write_grid(folder, GRID, "input_Cam{n:03d}.png")
 
 

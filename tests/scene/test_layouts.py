@@ -15,8 +15,8 @@ import scipy.io
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.scene.layouts import _mosaic
 from lfpipe.scene.layouts._running import Running
+from lfpipe.scene.layouts._tiling import Tiling
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import SceneSource
 from tests.scene import made
@@ -36,6 +36,17 @@ def found(path: Path, layout: str, scene: config.Scene = AUTO) -> SceneSource:
     source = layouts.describe(path, scene)
     assert source.layout == layout
     return source
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(1, 9), (3, 5), (4, 4), (9, 1)])
+def test_names_of_the_hci_benchmark_on_any_grid(rows: int, cols: int, tmp_path: Path) -> None:
+    grid = made.views(rows, cols)
+    made.write_grid(tmp_path, grid, "input_Cam{n:03d}.png")
+    source = found(tmp_path, "hci")
+    told = orient(source, AUTO)
+    assert told.turn.grid(source.rows, source.cols) == (rows, cols)
+    order = [[source.read(0, *told.turn.file_index(r, c, rows, cols)) for c in range(cols)] for r in range(rows)]
+    assert np.array_equal(order, grid)
 
 
 def test_hci_with_geometry_and_truth_of_two_views(tmp_path: Path) -> None:
@@ -198,6 +209,34 @@ def test_mosaic_is_found_by_its_period(tmp_path: Path, suffix: str) -> None:
     assert np.abs(source.read(0, 1, 3).astype(int) - grid[1, 3]).mean() < (0.01 if suffix == ".png" else 6)
 
 
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+@pytest.mark.parametrize(("line_px", "edge_px"), [(1, 0), (2, 2), (7, 7), (3, 40)])
+@pytest.mark.parametrize(("rows", "cols", "level"), [(3, 4, 255), (5, 2, 0), (1, 5, 128)])
+def test_lines_between_tiles_are_cut_away(
+    rows: int, cols: int, level: int, line_px: int, edge_px: int, suffix: str, tmp_path: Path
+) -> None:
+    grid = made.views(rows, cols, 90, 131)
+    height, width = ((count - 1) * (size + line_px) + size + 2 * edge_px for count, size in ((rows, 90), (cols, 131)))
+    sheet = np.full((height, width, 3), level, np.uint8)
+    for r, c in np.ndindex(rows, cols):
+        top, left = edge_px + r * (90 + line_px), edge_px + c * (131 + line_px)
+        sheet[top : top + 90, left : left + 131] = grid[r, c]
+    made.write(tmp_path / f"sheet.{suffix}", sheet)
+    source = found(tmp_path / f"sheet.{suffix}", "mosaic")
+    assert (source.rows, source.cols) == (rows, cols)
+    assert abs(source.height_px - 90) + abs(source.width_px - 131) <= (0 if suffix == "png" else 8)
+    if suffix == "png":
+        assert all(np.array_equal(source.read(0, r, c), grid[r, c]) for r, c in np.ndindex(rows, cols))
+
+
+def test_tiles_with_a_plain_background_are_not_cropped(tmp_path: Path) -> None:
+    grid = made.views(4, 6, 90, 120).copy()
+    grid[:, :, :12], grid[:, :, -9:], grid[:, :, :, :15], grid[:, :, :, -15:] = 0, 0, 0, 0
+    made.write(tmp_path / "sheet.png", made.mosaic(grid))
+    source = found(tmp_path / "sheet.png", "mosaic")
+    assert (source.rows, source.cols, source.height_px, source.width_px) == (4, 6, 90, 120)
+
+
 def test_an_ordinary_picture_is_no_mosaic(tmp_path: Path) -> None:
     made.write(tmp_path / "photo.png", made.texture(360, 480, 5))
     source = found(tmp_path, "picture")
@@ -319,7 +358,7 @@ def test_tiling_covers_every_tile_once(counts: tuple[int, int]) -> None:
     rows, cols = counts
     picture = np.arange(rows * 4 * cols * 5).reshape(rows * 4, cols * 5)
     for quilt in (False, True):
-        cut = _mosaic.Tiling(rows, cols, quilt)
+        cut = Tiling.even(picture, rows, cols, quilt)
         tiles = [cut.cut(picture, r, c) for r in range(cut.grid[0]) for c in range(cut.grid[1])]
         assert np.array_equal(np.sort(np.concatenate([t.ravel() for t in tiles])), picture.ravel())
         assert json.dumps(attrs.asdict(cut))

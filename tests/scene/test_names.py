@@ -53,6 +53,24 @@ def schemes(draw: st.DrawFn) -> tuple[dict[str, tuple[int, int]], list[str]]:
     return names, draw(st.sampled_from([[], ["thumbs.png"], ["all views 12.jpg", "depth.png"]]))
 
 
+@given(
+    st.integers(2, 9), st.integers(2, 9), st.integers(-200, 200), st.integers(-200, 200),
+    st.sampled_from([0.25, 0.5, 1.25, 2.5, 5, 10]), st.sampled_from([0.25, 0.5, 1.25, 2.5, 5, 10]),
+    st.sampled_from(["view_{y:.2f}_{x:.2f}", "eye {y:.2f} {x:.2f} mm", "cam_y{y:.2f}_x{x:.2f}", "p_{y:+.2f}_{x:+.2f}"]),
+)  # fmt: skip
+def test_coordinates_of_any_sign_are_rows_and_columns(
+    rows: int, cols: int, y0: int, x0: int, dy: float, dx: float, text: str
+) -> None:
+    index = {text.format(y=y0 / 4 + dy * r, x=x0 / 4 + dx * c) + ".png": (r, c) for r in range(rows) for c in range(cols)}
+    found = read_names(tuple(sorted(index)))
+    assert found is not None
+    assert (found.rows, found.cols, found.runs, found.others) == (rows, cols, False, ())
+    turns = [lambda r, c, down=down, across=across: (down(r), across(c))
+             for down in (lambda r: r, lambda r: rows - 1 - r) for across in (lambda c: c, lambda c: cols - 1 - c)]  # fmt: skip
+    # A sign before every number may be a separator, so the order is that of the files or its reverse.
+    assert any(all(turn(*index[name]) == place for place, name in found.views.items()) for turn in turns)
+
+
 @settings(max_examples=300)
 @given(schemes())
 def test_row_and_column_are_found_in_any_scheme(scheme: tuple[dict[str, tuple[int, int]], list[str]]) -> None:
@@ -248,6 +266,12 @@ def test_numbers_that_count_no_views_are_told_apart(habit: str) -> None:
 def test_three_numbers_alike_leave_a_doubt() -> None:
     found = read_names(tuple(f"{r}_{c}_{f}.png" for r in range(3) for c in range(4) for f in range(2)))
     assert found is not None and "frames" in found.doubt
+
+
+def test_a_folder_per_camera_is_a_running_number() -> None:
+    found = read_names(tuple(f"cam{n:02d}/frame.jpg" for n in range(16)))
+    assert found is not None
+    assert (found.rows, found.cols, found.runs) == (1, 16, True)
 
 
 def test_folders_of_two_eyes_and_of_results(tmp_path: Path) -> None:

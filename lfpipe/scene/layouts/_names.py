@@ -168,12 +168,12 @@ def _contiguous(numbered: NumberedNames) -> bool:
 
 
 def _by_folder(names: tuple[str, ...]) -> NumberedNames | None:
-    """Rows by folder, columns by the order of names in each, where all folders hold equally many; else None."""
+    """Rows by folder, columns by the order of names in each, where all folders hold equally many, two or more; else None."""
     folders: defaultdict[str, list[str]] = defaultdict(list)
     for name in names:
         folders[name.rpartition("/")[0]].append(name)
     counts = {len(inside) for inside in folders.values()}
-    if len(folders) < 2 or len(counts) > 1:
+    if len(folders) < 2 or len(counts) > 1 or counts == {1}:
         return None
     views = {(row, col): name for row, inside in enumerate(folders.values()) for col, name in enumerate(inside)}
     return NumberedNames(views, len(folders), counts.pop(), False, (), ())

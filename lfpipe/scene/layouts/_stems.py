@@ -7,7 +7,7 @@ from collections import defaultdict
 
 _TIMES = (  # of day, as phones and messengers write them: behind a date, or with separators
     re.compile(r"(?<=\d{8}[-_])([01]\d|2[0-3])([0-5]\d)([0-5]\d)(?=\d{3}(?!\d)|\D|$)"),
-    re.compile(r"(?<=[ _T])([01]\d|2[0-3])[.:_-]([0-5]\d)[.:_-]([0-5]\d)(?!\d)"),
+    re.compile(r"(?<=[ _T])([01]\d|2[0-3])(?P<between>[.:_-])([0-5]\d)(?P=between)([0-5]\d)(?!\d)"),
 )
 _SUM = re.compile(r"[-_. ](?=[0-9a-f]*[a-f])(?=[0-9a-f]*[0-9])[0-9a-f]{6,40}$", re.IGNORECASE)
 _SUM_OR_NUMBER = re.compile(r"[-_. ][0-9a-f]{6,40}$", re.IGNORECASE)
@@ -16,7 +16,7 @@ _SAME_KIND = {"jpeg": "jpg", "jpe": "jpg", "tiff": "tif"}
 
 
 def _seconds(time: re.Match[str]) -> str:
-    hours, minutes, seconds = map(int, time.groups())
+    hours, minutes, seconds = (int(group) for group in time.groups() if group.isdigit())
     return f"{3600 * hours + 60 * minutes + seconds:05d}"
 
 
@@ -28,7 +28,8 @@ def stems_of(names: tuple[str, ...]) -> dict[str, tuple[str, str]]:
     """
     stems = {name: name.rpartition(".")[0] for name in names}
     for time in _TIMES:
-        stems = {name: time.sub(_seconds, stem) for name, stem in stems.items()}
+        if 2 * sum(time.search(stem) is not None for stem in stems.values()) > len(names):
+            stems = {name: time.sub(_seconds, stem) for name, stem in stems.items()}
     if 2 * sum(_SUM.search(stem) is not None for stem in stems.values()) > len(names):
         stems = {name: _SUM_OR_NUMBER.sub("", stem) for name, stem in stems.items()}
     copies: defaultdict[str, list[tuple[int, str]]] = defaultdict(list)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +21,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.untrusted import in_range
 from lfpipe.scene.files import Listing, read_bytes, read_pfm
 from lfpipe.scene.layouts._grid import MAX_SIDE, files_source, parse_grid, require_whole
+from lfpipe.scene.layouts._views import describe_views
 from lfpipe.scene.lightfield import Geometry
 from lfpipe.scene.source import SceneSource, Turn
 
@@ -27,6 +29,7 @@ NAME = "hci"
 _VIEW = re.compile(r"input_Cam(\d{3,5})\.(?:png|jpe?g|ppm)", re.IGNORECASE)
 _TRUTH = re.compile(r"gt_disp_lowres(?:_Cam(\d{3,5}))?\.pfm", re.IGNORECASE)
 
+_CONVENTION = "the HCI layout is row by row from the top left camera"
 _NOT_NEEDED = "correct it or move the file away, it is not needed"
 
 
@@ -80,25 +83,28 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         said = _number(cfg, table, "num_cams_y", 1, MAX_SIDE), _number(cfg, table, "num_cams_x", 1, MAX_SIDE)
         if grid is None and said[0] and said[1]:
             grid = int(said[0]), int(said[1])
-    if grid is None:
-        side = math.isqrt(max(views) + 1)
-        grid = (side, side) if side * side == max(views) + 1 else (math.isqrt(max(views)) + 1,) * 2
-    rows, cols = grid
+    maps = {name: found for name in sorted(listing.names, key=len) if (found := _TRUTH.fullmatch(name))}
+    if grid is None and not maps:
+        return _by_names(listing, scene)
+    rows, cols = grid or (math.isqrt(max(views)) + 1,) * 2
     if max(views) >= rows * cols:
         last = views[max(views)]
         raise UserError(f"{listing.path}: {last} is outside of the grid of {rows}x{cols}", "use --set scene.grid=ROWSxCOLS")
     files = {divmod(index, cols): listing.file(name) for index, name in views.items()}
     require_whole(listing, files, rows, cols, views[min(views)], grouped=False)
     truth: dict[tuple[int, int], Callable[[], NDArray[np.float32]]] = {}
-    maps: list[Path] = []
-    for name in sorted(listing.names, key=len):  # a map that names its view is last and wins
-        if found := _TRUTH.fullmatch(name):
-            index = int(found[1]) if found[1] else (rows // 2) * cols + cols // 2
-            if index < rows * cols:
-                maps.append(listing.file(name))
-                truth[divmod(index, cols)] = partial(read_pfm, maps[-1])
+    for name, found in maps.items():  # a map that names its view is last and wins
+        index = int(found[1]) if found[1] else (rows // 2) * cols + cols // 2
+        if index < rows * cols:
+            truth[divmod(index, cols)] = partial(read_pfm, listing.file(name))
     return files_source(
-        NAME, listing, files, rows, cols,
-        turn=Turn(), turn_by="the HCI layout is row by row from the top left camera",
-        truth=truth, geometry=geometry, extra_files=(*maps, *([cfg] if cfg else [])),
+        NAME, listing, files, rows, cols, turn=Turn(), turn_by=_CONVENTION, truth=truth, geometry=geometry,
+        extra_files=(*(listing.file(name) for name in maps), *([cfg] if cfg else [])),
     )  # fmt: skip
+
+
+def _by_names(listing: Listing, scene: config.Scene) -> SceneSource:
+    """The scene where only the names are of the benchmark: the pictures decide the grid, and may contradict the order."""
+    source = describe_views(NAME, listing, scene, runs=True)
+    usual = source.rows == source.cols and not source.doubt
+    return attrs.evolve(source, turn=Turn(), turn_firm=False, turn_by=_CONVENTION) if usual else source

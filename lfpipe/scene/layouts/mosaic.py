@@ -1,11 +1,12 @@
-"""One picture of R x C tiles, one view each (an atlas); also a Looking Glass quilt without its usual name."""
+"""One picture of R x C tiles, one view each (an atlas, a contact sheet); also a Looking Glass quilt without its usual name."""
 
 from __future__ import annotations
 
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, read_picture
-from lfpipe.scene.layouts._mosaic import find_tiles, picture_loader, single_picture, tiling
+from lfpipe.scene.layouts._mosaic import picture_loader, single_picture, tiling
+from lfpipe.scene.layouts._tile_detection import find_tiles
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "mosaic"
@@ -28,11 +29,10 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         raise UserError(f"{listing.path}: contains {len(listing.pictures())} pictures; a mosaic is one", "give one picture")
     picture, full = read_picture(path)
     cut = tiling(picture, path, scene)
-    view = cut.cut(picture, 0, 0)
     load = picture_loader([path])
     return SceneSource(
         certain=False, layout=NAME, path=listing.path, files=(path,), rows=cut.grid[0], cols=cut.grid[1],
         read=lambda frame, row, col: cut.cut(load(frame), row, col),
-        height_px=view.shape[0], width_px=view.shape[1], max_value=full,
+        height_px=cut.height_px, width_px=cut.width_px, max_value=full,
         turn=Turn() if cut.quilt else None, turn_firm=False, turn_by="a quilt runs from the leftmost camera" if cut.quilt else "",
     )  # fmt: skip

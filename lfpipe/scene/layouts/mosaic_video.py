@@ -13,7 +13,8 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import VIDEOS, Listing, picture_header, read_picture
 from lfpipe.scene.layouts._grid import parse_grid
-from lfpipe.scene.layouts._mosaic import LastPictures, find_tiles, picture_loader, tiling
+from lfpipe.scene.layouts._mosaic import LastPictures, picture_loader, tiling
+from lfpipe.scene.layouts._tile_detection import find_tiles
 from lfpipe.scene.layouts._views import named_views
 from lfpipe.scene.source import SceneSource, Turn
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
@@ -74,11 +75,10 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         remedy = "give the tiles with --grid ROWSxCOLS; from a camera slid sideways, `lfpipe scene make` makes views"
         raise UserError(f"{paths[0]}: its first frame is not a mosaic of views", remedy)
     cut = tiling(first, paths[0], scene)
-    view = cut.cut(first, 0, 0)
     return SceneSource(
         certain=False, layout=NAME, path=listing.path, files=tuple(paths), rows=cut.grid[0], cols=cut.grid[1],
         read=lambda frame, row, col: cut.cut(load(frame), row, col),
-        height_px=view.shape[0], width_px=view.shape[1], max_value=full, frames=frames, frame_rate_hz=rate,
+        height_px=cut.height_px, width_px=cut.width_px, max_value=full, frames=frames, frame_rate_hz=rate,
         turn=Turn() if cut.quilt else None, turn_firm=False,
         turn_by="a quilt runs from the leftmost camera" if cut.quilt else "", notes=notes,
     )  # fmt: skip

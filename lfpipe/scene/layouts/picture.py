@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.disparity import flow
 from lfpipe.scene.files import PICTURES, Listing, read_picture
-from lfpipe.scene.flow_check import confirmed, textured
 from lfpipe.scene.layouts._grid import files_source
 from lfpipe.scene.layouts._mosaic import single_picture
+from lfpipe.scene.optical_flow import confirmed, flow, textured
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "picture"

@@ -11,7 +11,8 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, read_picture
 from lfpipe.scene.layouts._grid import parse_grid
-from lfpipe.scene.layouts._mosaic import UNEVEN, Tiling, picture_loader, single_picture
+from lfpipe.scene.layouts._mosaic import picture_loader, single_picture
+from lfpipe.scene.layouts._tiling import UNEVEN, Tiling
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "quilt"
@@ -40,10 +41,10 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             f"{path}: {width}x{height} px do not divide into {cols} columns and {rows} rows of tiles",
             "the name says _qsCOLSxROWS; give the tiles that were rendered with --set scene.grid=ROWSxCOLS",
         )
-    cut, load = Tiling(rows, cols, quilt=True), picture_loader([path])
+    cut, load = Tiling.even(picture, rows, cols, quilt=True), picture_loader([path])
     return SceneSource(
         layout=NAME, path=listing.path, files=(path,), rows=1, cols=rows * cols,
         read=lambda frame, row, col: cut.cut(load(frame), row, col),
-        height_px=height // rows, width_px=width // cols, max_value=full,
+        height_px=cut.height_px, width_px=cut.width_px, max_value=full,
         turn=Turn(), turn_by="a quilt runs from the leftmost camera at the bottom left",
     )  # fmt: skip

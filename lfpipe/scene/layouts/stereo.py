@@ -18,13 +18,12 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
 from lfpipe.files.picture_header import header_of
-from lfpipe.scene.disparity import flow
 from lfpipe.scene.files import Listing, read_bytes, read_picture
-from lfpipe.scene.flow_check import confirmed, textured
 from lfpipe.scene.layouts._families import MAPS
 from lfpipe.scene.layouts._grid import files_source
 from lfpipe.scene.layouts._mosaic import single_picture
 from lfpipe.scene.layouts._views import some
+from lfpipe.scene.optical_flow import confirmed, flow, textured
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "stereo"
@@ -81,10 +80,10 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
     scale = min(1.0, _GLANCE_PX / max(a.shape[:2]))
     greys = []
     for picture in (a, b):
-        plane = np.ascontiguousarray(picture if picture.ndim == 2 else picture[..., 1])
-        if plane.dtype != np.uint8:
-            plane = np.asarray(cv2.convertScaleAbs(plane, alpha=1 / 256), np.uint8)
-        greys.append(np.asarray(cv2.resize(plane, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8))
+        small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)  # first: a large one is not copied
+        plane = small if small.ndim == 2 else small[..., 1]
+        plane = plane if plane.dtype == np.uint8 else cv2.convertScaleAbs(np.ascontiguousarray(plane), alpha=1 / 256)
+        greys.append(np.ascontiguousarray(plane, np.uint8))
     if min(greys[0].shape) < 24 or min(float(grey.std()) for grey in greys) < 2:
         return False
     a_soft, b_soft = (np.asarray(cv2.GaussianBlur(grey, (0, 0), 4), np.float64).ravel() for grey in greys)
