@@ -139,9 +139,11 @@ def main() -> None:
     total = ", ".join(f"{word}: {count}" for word, count in sorted(counts.items()))
     most = f"Most memory of a refusal: {memory:.0f} MB; most processor time of an opened one: {seconds:.1f} s."
     first = "The first run, before anything was changed for it: right 93, undecided 61, refused 17 light fields, WRONG 9;"
-    head = ["# Folders as people keep them", "", "`uv run python -m profiling.people_folders`", ""]
+    seed = f" --seed {chosen.seed}" if chosen.seed else ""
+    head = ["# Folders as people keep them", "", f"`uv run python -m profiling.people_folders{seed}`", ""]
     head += [f"{total}. Of {len(sure)} reported as 90 % sure or more, {sum(sure)} are right. {most}", ""]
-    head += [f"{first} of 76 reported as 90 % sure or more, 70 were right.", ""]
+    if not chosen.seed:
+        head += [f"{first} of 76 reported as 90 % sure or more, 70 were right.", ""]
     head += ["| group | kind | result | what it opened as, or why not | undecided, or the remedy |", "|---|---|---|---|---|"]
     chosen.out.write_text("\n".join([*head, *rows]) + "\n")
     print(head[4])

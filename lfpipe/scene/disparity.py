@@ -1,12 +1,7 @@
-"""Disparity of every view from its neighbours in the grid, by dense inverse search (DIS) flow.
-
-Sign and unit as in LightField: px per grid step, positive is nearer. Flow: Kroeger, Timofte, Dai, Van Gool, "Fast Optical Flow
-using Dense Inverse Search", ECCV 2016, as implemented in OpenCV.
-"""
+"""Disparity of every view from its neighbours in the grid, as in LightField: px per grid step, positive is nearer."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from functools import partial
 
@@ -16,12 +11,11 @@ from numpy.typing import NDArray
 
 from lfpipe.host.addition import add
 from lfpipe.scene.lightfield import UNKNOWN
+from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, flow, grid_xy
 
-FloatMap = NDArray[np.float32]
-Grey = NDArray[np.uint8]
+Neighbours = list[tuple[Grey, float, float]]  # (picture, rows away, columns away), fractions allowed
 
-SMALLEST_PX = 24  # the flow needs a few of its 8x8 patches per side
-FINEST_SCALE, PATCH_STRIDE_PX, SMOOTHINGS = 0, 4, 2  # of the flow; see docs/quality.md
+
 ROUNDS = 2  # of refinement by all neighbours jointly
 REFINED_OVER_PX = 2.0  # sigma of the window of the refinement
 STEADY = 4.0  # squared grey levels per px: with less contrast in the neighbours a value stays
@@ -38,31 +32,6 @@ DISAGREEMENT = 1.5  # squared error of a warp per squared difference between two
 UNSEEN_ERROR = 16.0  # squared grey levels: a warp with a smaller error needs no replacement
 OUTSIDE = 64.0  # grey levels of a match outside the neighbour's picture
 _BOX = (5, 5)
-_here = threading.local()  # flow objects own buffers, so each serves one thread
-
-
-def flow(a: Grey, b: Grey, fine: bool = False) -> FloatMap:
-    """Dense flow from a to b, float32 (h, w, 2) in px (x, y): the point at x in a is at x + flow in b.
-
-    fine: down to single pixels, takes 1.8 times as long.
-    """
-    engines: dict[bool, cv2.DISOpticalFlow] = _here.__dict__.setdefault("engines", {})
-    if fine not in engines:
-        engine = engines[fine] = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        if fine:
-            engine.setFinestScale(FINEST_SCALE)
-            engine.setPatchStride(PATCH_STRIDE_PX)
-            engine.setVariationalRefinementIterations(SMOOTHINGS)
-    return np.asarray(engines[fine].calc(a, b, np.zeros((*a.shape, 2), np.float32)), np.float32)
-
-
-def grid_xy(height: int, width: int) -> tuple[FloatMap, FloatMap]:
-    """x and y of every pixel, float32 (h, w) each; cached per thread, read-only."""
-    if getattr(_here, "size", None) != (height, width):
-        yy, xx = np.mgrid[:height, :width].astype(np.float32)
-        _here.size, _here.grid = (height, width), (xx, yy)
-    grid: tuple[FloatMap, FloatMap] = _here.grid
-    return grid
 
 
 def mismatch(a: Grey, b: Grey, disparity_px: FloatMap, d_row: float, d_col: float) -> FloatMap:
@@ -75,8 +44,8 @@ def mismatch(a: Grey, b: Grey, disparity_px: FloatMap, d_row: float, d_col: floa
     return np.asarray(cv2.blur(wrong, _BOX), np.float32)
 
 
-def view_disparity(here: Grey, neighbours: list[tuple[Grey, float, float]]) -> FloatMap:
-    """Disparity of one view, float32 (h, w), from neighbours as (picture, rows away, columns away), fractions allowed.
+def view_disparity(here: Grey, neighbours: Neighbours) -> FloatMap:
+    """Disparity of one view, float32 (h, w), from its neighbours, one or more.
 
     Each neighbour gives one map; where it is blind (occlusion, border), it matches badly and loses its weight.
     """
@@ -105,7 +74,7 @@ def _shares(errors: list[FloatMap]) -> list[FloatMap]:
     return [np.exp((best - error) * np.float32(1 / SOFTNESS)) for error in errors]
 
 
-def refined(here: Grey, neighbours: list[tuple[Grey, float, float]], disparity_px: FloatMap) -> FloatMap:
+def refined(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> FloatMap:
     """One Gauss-Newton step of disparity_px, float32 (h, w), by all neighbours jointly.
 
     Minimises, over a Gaussian window around each pixel, the squared difference between `here` and the neighbours sampled through
@@ -137,7 +106,7 @@ def refined(here: Grey, neighbours: list[tuple[Grey, float, float]], disparity_p
     return np.asarray(disparity_px - np.clip(step, -LARGEST_STEP_PX, LARGEST_STEP_PX), np.float32)
 
 
-def unexplained(here: Grey, neighbours: list[tuple[Grey, float, float]], disparity_px: FloatMap) -> NDArray[np.bool_]:
+def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> NDArray[np.bool_]:
     """The pixels, bool (h, w), at which views are better cross-faded than warped along the disparity, whichever the neighbour.
 
     A view differs from each neighbour as much along its disparity as at the same place: the raster of a sensor or a dither, which
@@ -204,11 +173,11 @@ def neighbour_indices(row: int, col: int, rows: int, cols: int) -> list[tuple[in
     return straight if len(straight) == 4 else straight + inside(corners)
 
 
-def _neighbours(
+def neighbours_of(
     grey: Callable[[int, int], Grey], row: int, col: int, present: NDArray[np.bool_], offsets: NDArray[np.float32]
-) -> list[tuple[Grey, float, float]]:
-    """Present neighbours of a place as (picture, rows away, columns away)."""
-    neighbours: list[tuple[Grey, float, float]] = []
+) -> Neighbours:
+    """The present neighbours of a view. grey(row, col): a view, uint8 (h, w); present and offsets as in LightField."""
+    neighbours: Neighbours = []
     for r, c in neighbour_indices(row, col, *present.shape):
         if present[r, c]:
             d_row, d_col = (float(v) for v in (offsets[r, c] - offsets[row, col]) + np.array([r - row, c - col], np.float32))
@@ -217,45 +186,10 @@ def _neighbours(
     return neighbours
 
 
-def disparity_at(
-    grey: Callable[[int, int], Grey], row: int, col: int, present: NDArray[np.bool_], offsets: NDArray[np.float32]
-) -> FloatMap | None:
-    """Disparity of the view at (row, col), float32 (h, w); None if it has no neighbour.
-
-    grey(row, col) gives a view as uint8 (h, w); present and offsets as in LightField.
-    """
-    neighbours = _neighbours(grey, row, col, present, offsets)
-    return view_disparity(grey(row, col), neighbours) if neighbours else None
-
-
-def landing(
-    grey: Callable[[int, int], Grey],
-    row: int,
-    col: int,
-    disparity_px: FloatMap,
-    present: NDArray[np.bool_],
-    offsets: NDArray[np.float32],
-) -> float:
-    """Mismatch of a view warped by a map with its neighbours: mean square in grey levels over pixels and neighbours."""
-    found = [
-        float(np.square(mismatch(grey(row, col), there, disparity_px, d_row, d_col)).mean())
-        for there, d_row, d_col in _neighbours(grey, row, col, present, offsets)
-    ]
+def mean_square_mismatch(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> float:
+    """Mean square, in grey levels, of `mismatch` of a view over pixels and neighbours."""
+    found = [float(np.square(mismatch(here, there, disparity_px, down, across)).mean()) for there, down, across in neighbours]
     return add(found) / max(1, len(found))
-
-
-def unexplained_at(
-    grey: Callable[[int, int], Grey],
-    row: int,
-    col: int,
-    disparity_px: FloatMap,
-    present: NDArray[np.bool_],
-    offsets: NDArray[np.float32],
-) -> NDArray[np.bool_]:
-    """`unexplained` of the view at (row, col) at half resolution, as in `halved`. Arguments as for `landing`."""
-    neighbours = _neighbours(grey, row, col, present, offsets)
-    found = unexplained(grey(row, col), neighbours, disparity_px) if neighbours else np.zeros(disparity_px.shape, bool)
-    return found[::2, ::2]
 
 
 def luma(planes: NDArray[np.uint8]) -> Grey:
@@ -278,11 +212,11 @@ def estimate_disparity(views: NDArray[np.uint8], offsets: NDArray[np.float32] | 
     out = np.zeros((rows, cols, (height + 1) // 2, (width + 1) // 2), np.float32)
     for r in range(rows):
         for c in range(cols):
-            around = np.ones((rows, cols), bool), moved
-            found = disparity_at(lambda i, j: grid[i][j], r, c, *around)
-            if found is not None:
+            around = neighbours_of(lambda i, j: grid[i][j], r, c, np.ones((rows, cols), bool), moved)
+            if around:
+                found = view_disparity(grid[r][c], around)
                 out[r, c] = halved(found)
-                out[r, c][unexplained_at(lambda i, j: grid[i][j], r, c, found, *around)] = np.nan
+                out[r, c][unexplained(grid[r][c], around, found)[::2, ::2]] = np.nan
     return out
 
 

@@ -8,9 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.scene.disparity import SMALLEST_PX, disparity_at, halved, landing, luma, quantised, scale_for, unexplained_at
+from lfpipe.scene.disparity import (
+    halved,
+    luma,
+    mean_square_mismatch,
+    neighbours_of,
+    quantised,
+    scale_for,
+    unexplained,
+    view_disparity,
+)
 from lfpipe.scene.grid_geometry import truth_sign
 from lfpipe.scene.missing_views import fill_missing
+from lfpipe.scene.optical_flow import SMALLEST_PX
 from lfpipe.scene.pack_files import PlaneFile
 from lfpipe.scene.view_writer import FrameIndex, PackJob, run_parallel
 
@@ -66,8 +76,8 @@ def _estimate(job: PackJob, views: PlaneFile, interim: PlaneFile) -> dict[str, A
 
     def one(place: FrameIndex) -> None:
         frame, row, col = place
-        at = partial(grey, frame)
-        use = disparity_at(at, row, col, job.present, job.offsets)
+        here, around = grey(*place), neighbours_of(partial(grey, frame), row, col, job.present, job.offsets)
+        use = view_disparity(here, around) if around else None
         true = _truth(job, place)
         if true is not None:
             true_ranges.append((float(true.min()), float(true.max())))
@@ -75,16 +85,15 @@ def _estimate(job: PackJob, views: PlaneFile, interim: PlaneFile) -> dict[str, A
                 errors.append(float(np.median(np.abs(true - use))))
             # Truth is sharp at edges, where a view warped by it doubles hidden parts; flow bends around them. The better match
             # with the neighbouring views wins: flow, in all scenes tried (HCI antinous 47.7 dB, truth 41.9).
-            if use is None or landing(at, row, col, true, job.present, job.offsets) < landing(
-                at, row, col, use, job.present, job.offsets
-            ):
+            if use is None or mean_square_mismatch(here, around, true) < mean_square_mismatch(here, around, use):
                 use = true
                 kept.append(place)
         if use is None:
             use = np.zeros((source.height_px, source.width_px), np.float32)
         ranges[place] = np.percentile(use[::2, ::2], (0.1, 99.9))
         steps = np.clip(halved(use), -_NO_LIMIT_PX, _NO_LIMIT_PX) * np.float32(1 / _INTERIM_PX)
-        steps[unexplained_at(at, row, col, use, job.present, job.offsets)] = _UNKNOWN
+        if around:
+            steps[unexplained(here, around, use)[::2, ::2]] = _UNKNOWN
         interim.write(place, np.rint(steps).astype(np.int16))
 
     there = [place for place in job.view_indices() if job.present[place[1:]]]

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.scene.disparity import Grey
+from lfpipe.scene.optical_flow import Grey
 from lfpipe.scene.source import SceneSource, ViewIndex
 
 _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)

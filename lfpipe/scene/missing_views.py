@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.scene.disparity import grid_xy
 from lfpipe.scene.grid_geometry import nearest_present
 from lfpipe.scene.lightfield import UNKNOWN
+from lfpipe.scene.optical_flow import grid_xy
 from lfpipe.scene.pack_files import PlaneFile
 
 FloatMap = NDArray[np.float32]

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.scene.disparity import SMALLEST_PX, Grey, flow, grid_xy
-from lfpipe.scene.flow_check import confirmed, textured
 from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
+from lfpipe.scene.optical_flow import SMALLEST_PX, Grey, confirmed, flow, grid_xy, textured
 from lfpipe.scene.source import SceneSource
 
 _POOR_DB = 20.0  # of views between two others: lower ones do not fit
@@ -29,22 +28,27 @@ _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # tolerance of the flow
 _STILL_PX, _STILL_FAR_PX = 0.3, 1.0  # flow between neighbours of a focal stack, and between its middle and its ends
 _REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
 _BLOCKS = 8
+_SHORTEST_CIRCLE, _FEWEST_PX = 8, 200  # views; pixels that move between them
 
 
 @attrs.frozen
 class Evidence:
     """held_out_db: PSNR of views predicted from two neighbours, median. explained: share of textured pixels whose flow one
-    disparity explains. refocused: ratio of sharpness within blocks over the views, if nothing moves; 1 otherwise."""
+    disparity explains. refocused: ratio of sharpness within blocks over the views, if nothing moves; 1 otherwise. circle: whether
+    a line of views ends where it began."""
 
     held_out_db: float
     explained: float
     refocused: float = 1.0
+    circle: bool = False
 
     @property
     def reason(self) -> str:
         """Why the pictures are no light field; "" if they may be one."""
         if self.refocused > _REFOCUSED:
             return f"their focus differs (sharpness by a factor of {self.refocused:.0f}), their viewpoint does not: a focal stack"
+        if self.circle:
+            return "the last picture follows the first one: a turntable, or a walk around something"
         poor_db = _POOR_DB + 20 * max(0.0, _UNEXPLAINED - self.explained)
         if self.held_out_db < poor_db and self.explained < _EXPLAINED:
             return (
@@ -67,6 +71,12 @@ def _psnr(a: NDArray[Any], b: NDArray[Any]) -> float:
     return float(10 * np.log10(255**2 / max(0.01, float(np.mean(np.square(a - b))))))
 
 
+def _unsteady(x: NDArray[np.intp], y: NDArray[np.intp], motion_px: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Motion of pixels, float32 (n,), without that of a hand: its least-squares fit by a shift, a turn and a zoom."""
+    places = np.stack((np.ones(len(x)), x, y), axis=1).astype(np.float32)
+    return np.asarray(motion_px - places @ np.linalg.lstsq(places, motion_px, rcond=None)[0], np.float32)
+
+
 def _triple(before: Grey, middle: Grey, after: Grey) -> tuple[float, float, float]:
     """(PSNR of the middle view predicted from the others, share of its detail that one disparity explains, motion in px)."""
     height, width = middle.shape
@@ -82,13 +92,16 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> tuple[float, float, floa
         predicted += seen.astype(np.float32) / 2
     edge = max(1, min(height, width) // 20)
     inner = slice(edge, -edge), slice(edge, -edge)
-    to_before, to_after = flow(middle, before), flow(middle, after)
-    off = np.hypot(*np.moveaxis(to_before + to_after, 2, 0))
-    along, beside = (to_after[..., k] for k in ((0, 1) if sideways else (1, 0)))
+    detail = textured(middle)
+    if not detail.any():
+        return _psnr(predicted[inner], middle[inner].astype(np.float32)), 1.0, 0.0
+    to_before, to_after = (flow(middle, other)[detail] for other in (before, after))
+    y, x = np.nonzero(detail)
+    along, beside = (to_after[:, k] for k in ((0, 1) if sideways else (1, 0)))
+    off = np.hypot(*(_unsteady(x, y, (to_before + to_after)[:, k]) for k in (0, 1)))
     loose = _LOOSE_PX + _LOOSE_SHARE * np.abs(along)
-    good, detail = (off < loose) & (np.abs(beside) < loose), textured(middle)
-    explained = float(good[detail].mean()) if detail.any() else 1.0
-    motion = float(np.median(np.abs(along[detail]))) if detail.any() else 0.0
+    explained = float(((off < loose) & (np.abs(_unsteady(x, y, beside)) < loose)).mean())
+    motion = float(np.median(np.abs(along)))
     return _psnr(predicted[inner], middle[inner].astype(np.float32)), explained, motion
 
 
@@ -117,6 +130,17 @@ def _refocused(views: list[Grey]) -> float:
     return float(np.median(ratio)) if len(np.unique(best)) > 1 and np.bincount(best).max() < 0.8 * len(best) else 1.0
 
 
+def _is_circle(last: Grey, first: Grey, second: Grey) -> bool:
+    """Whether what moves from the first view of a line to the second one comes from the last view by the same motion."""
+    detail = textured(first)
+    back, ahead = flow(first, last)[detail], flow(first, second)[detail]
+    moving = np.hypot(*ahead.T) > _LOOSE_PX
+    if np.count_nonzero(moving) < _FEWEST_PX:
+        return False
+    off = np.hypot(*(back + ahead)[moving].T)
+    return float((off < _LOOSE_PX + _LOOSE_SHARE * np.hypot(*ahead[moving].T)).mean()) > _EXPLAINED
+
+
 def examine(source: SceneSource) -> Evidence | None:
     """Evidence from a few small views; None if there are too few, or they are too small."""
     if min(source.height_px, source.width_px) < 2 * SMALLEST_PX:
@@ -125,7 +149,8 @@ def examine(source: SceneSource) -> Evidence | None:
     lines = [line for line in present_lines(source) if len(line) >= 3]
     if not lines:
         pairs = [_pair(grey(*line[0]), grey(*line[1])) for line in present_lines(source) if len(line) == 2]
-        return Evidence(*(float(np.median(values)) for values in list(zip(*pairs, strict=True))[:2])) if pairs else None
+        held_out, explained, _ = (float(np.median(values)) for values in zip(*pairs or [(0.0, 0.0, 0.0)], strict=True))
+        return Evidence(held_out, explained) if pairs else None
     found = [_triple(*(grey(*line[k + len(line) // 2]) for k in (-1, 0, 1))) for line in lines]
     if any(held_out < _FINE_DB or explained < _FINE_SHARE for held_out, explained, _ in found):
         for line in lines:
@@ -136,7 +161,8 @@ def examine(source: SceneSource) -> Evidence | None:
     spread = sorted({round(p) for p in np.linspace(0, len(every) - 1, 9)})
     some = [grey(*every[k]) for k in spread] if motion < _STILL_PX else []
     refocused = _refocused(some) if some and _stand_still(some) else 1.0
-    return Evidence(held_out, explained, refocused)
+    circle = len(lines) == 1 and len(lines[0]) >= _SHORTEST_CIRCLE and _is_circle(*(grey(*lines[0][k]) for k in (-1, 0, 1)))
+    return Evidence(held_out, explained, refocused, circle)
 
 
 def plausible(source: SceneSource, force: bool) -> SceneSource:

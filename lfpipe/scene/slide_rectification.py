@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.scene.disparity import Grey
+from lfpipe.scene.optical_flow import Grey
 
 Points = NDArray[np.float64]  # (n, 2) as (x, y)
 Corners = NDArray[np.float32]  # (n, 1, 2) as (x, y), OpenCV's form

@@ -422,7 +422,6 @@ def test_libraries_that_give_up_are_a_message(tmp_path: Path, error: Exception, 
     def fail(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("lfpipe.scene.orientation.flow", fail, raising=False)
-    monkeypatch.setattr("lfpipe.scene.flow_check.flow", fail)
+    monkeypatch.setattr("lfpipe.scene.axis_evidence.flow", fail)
     with pytest.raises(UserError, match=r"not enough memory|OpenCV cannot read it"):
         open_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache")))

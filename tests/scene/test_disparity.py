@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfpipe.scene.disparity import Grey, estimate_disparity, luma, neighbour_indices, refined
+from lfpipe.scene.disparity import estimate_disparity, luma, neighbour_indices, refined
+from lfpipe.scene.optical_flow import Grey
 from tests.bench.inputs import wall
 
 

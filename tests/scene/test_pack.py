@@ -22,8 +22,9 @@ from hypothesis import strategies as st
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import cache, manifest, pack
-from lfpipe.scene.disparity import SMALLEST_PX, estimate_disparity, quantised, scale_for
+from lfpipe.scene.disparity import estimate_disparity, quantised, scale_for
 from lfpipe.scene.manifest import DamagedPackError
+from lfpipe.scene.optical_flow import SMALLEST_PX
 from lfpipe.scene.pack_files import PlaneFile, check_pack, open_pack
 from tests.hostile_files import NO_FILES, damaged_json
 from tests.scene import made

@@ -72,6 +72,8 @@ NO_LIGHT_FIELDS = {
     "unrelated, 2x2": UNRELATED[:4].reshape(2, 2, 120, 160),
     "unrelated, grid": UNRELATED.reshape(4, 4, 120, 160),
     "turntable": turntable(8, 30),
+    "turntable, small steps": turntable(36, 10),
+    "turntable of a few steps": turntable(12, 30),
     "focal stack": focal_stack(9),
     "focal stack as a grid": focal_stack(9).reshape(3, 3, 160, 220),
     "one picture cut up": made.texture(480, 640, 3)[..., 1].reshape(4, 120, 4, 160).swapaxes(1, 2),
@@ -94,7 +96,20 @@ def noisy(grid: np.ndarray, sigma: float) -> np.ndarray:
     return np.clip(grid + np.random.default_rng(0).normal(0, sigma, grid.shape), 0, 255).astype(np.uint8)
 
 
+def held_by_hand(grid: np.ndarray) -> np.ndarray:
+    """Views that are shifted by some px and turned by about a degree each."""
+    rng, (height, width) = np.random.default_rng(0), grid.shape[2:4]
+    out = grid.copy()
+    for r, c in np.ndindex(grid.shape[:2]):
+        move = cv2.getRotationMatrix2D((width / 2, height / 2), rng.normal(0, 1.0), 1)
+        move[:, 2] += rng.normal(0, 1.5, 2)
+        out[r, c] = cv2.warpAffine(grid[r, c], move, (width, height), borderMode=cv2.BORDER_REFLECT)
+    return out
+
+
 LIGHT_FIELDS = {
+    "held by hand": held_by_hand(made.views(3, 5, 144, 192)),
+    "held by hand, a line": held_by_hand(made.views(1, 9, 144, 192)),
     "plain": made.views(5, 5),
     "line": made.views(1, 9),
     "line of small steps": made.views(1, 45, 150, 200, 0.5, -0.3),
@@ -113,6 +128,13 @@ LIGHT_FIELDS = {
 @pytest.mark.parametrize("kind", LIGHT_FIELDS)
 def test_no_light_field_is_refused(kind: str) -> None:
     assert not reason(as_source(LIGHT_FIELDS[kind]))
+
+
+@pytest.mark.parametrize("grid", [(3, 5), (1, 9)], ids=str)
+def test_motion_of_the_hand_is_explained(grid: tuple[int, int]) -> None:
+    evidence = examine(as_source(held_by_hand(made.views(*grid, 144, 192))))
+    assert evidence is not None
+    assert evidence.explained > 0.4
 
 
 @pytest.mark.parametrize("stride", [1, 4])
