@@ -46,7 +46,8 @@ class Evidence:
     def reason(self) -> str:
         """Why the pictures are no light field; "" if they may be one."""
         if self.refocused > _REFOCUSED:
-            return f"their focus differs (sharpness by a factor of {self.refocused:.0f}), their viewpoint does not: a focal stack"
+            by = f"sharpness by a factor of {self.refocused:.0f}"
+            return f"their focus or exposure differs ({by}), their viewpoint does not: a focal stack or a bracket"
         if self.circle:
             return "the last picture follows the first one: a turntable, or a walk around something"
         poor_db = _POOR_DB + 20 * max(0.0, _UNEXPLAINED - self.explained)

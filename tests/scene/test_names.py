@@ -283,4 +283,32 @@ def test_folders_of_two_eyes_and_of_results(tmp_path: Path) -> None:
     made.write_grid(tmp_path / "scene" / "out", GRID[..., 1])
     source = layouts.describe(tmp_path / "scene", AUTO)
     assert (source.rows, source.cols) == (3, 4)
-    assert "the pictures are those of rgb" in source.notes
+    assert "the pictures are those of rgb; not used: out/" in source.notes
+
+
+@pytest.mark.parametrize("folders", [("images", "images_4", "images_8"), ("full", "half"), ("scale1", "scale2")])
+def test_a_picture_beside_folders_of_one_scene_in_several_sizes(folders: tuple[str, ...], tmp_path: Path) -> None:
+    for size, folder in enumerate(folders):
+        for n, (r, c) in enumerate(np.ndindex(3, 4)):
+            view = np.ascontiguousarray(made.views(3, 4, 96, 128)[r, c, :: 2**size, :: 2**size])
+            made.write(tmp_path / folder / (f"image{n:03d}.png" if size else f"IMG_{4026 + n}.png"), view)
+    (tmp_path / "sparse").mkdir()
+    made.write(tmp_path / "trimesh.png", made.texture(60, 80, 1))
+    source = layouts.describe(tmp_path, AUTO)
+    assert (source.rows, source.cols, source.width_px) == (3, 4, 128)
+    others = ", ".join(["trimesh.png", *(f"{folder}/" for folder in folders[1:])])
+    assert f"the pictures are those of {folders[0]}; not used: {others}" in source.notes
+
+
+def test_folders_of_two_scenes_with_the_same_names_and_other_sizes(tmp_path: Path) -> None:
+    made.write_grid(tmp_path / "knights", made.views(3, 4, 96, 128))
+    made.write_grid(tmp_path / "flowers", made.views(3, 4, 120, 160)[:, :, ::-1])
+    with pytest.raises(UserError, match="2 folders: flowers, knights"):
+        layouts.describe(tmp_path, AUTO)
+
+
+def test_a_picture_with_a_smaller_copy_below_it(tmp_path: Path) -> None:
+    made.write(tmp_path / "photo.jpg", made.texture(96, 128, 1))
+    made.write(tmp_path / "thumbs" / "photo.jpg", made.texture(24, 32, 1))
+    made.write(tmp_path / "edited" / "photo.jpg", made.texture(96, 128, 2))
+    assert layouts.describe(tmp_path, AUTO).layout == "picture"

@@ -76,6 +76,7 @@ NO_LIGHT_FIELDS = {
     "turntable of a few steps": turntable(12, 30),
     "focal stack": focal_stack(9),
     "focal stack as a grid": focal_stack(9).reshape(3, 3, 160, 220),
+    "bracket": np.stack([np.clip(UNRELATED[0] * gain, 0, 255).astype(np.uint8) for gain in (0.3, 0.5, 1, 2, 3)])[None],
     "one picture cut up": made.texture(480, 640, 3)[..., 1].reshape(4, 120, 4, 160).swapaxes(1, 2),
     "quilts": np.stack([quilt_row(seed) for seed in range(0, 60, 10)])[None],
 }

@@ -13,10 +13,12 @@ import attrs
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, library_errors, list_scene, read_picture
-from lfpipe.scene.layouts._folders import inner_listing
+from lfpipe.scene.layouts._folders import inner_listing, note_of
 from lfpipe.scene.layouts._mosaic import single_picture
 from lfpipe.scene.layouts._plenoptic import is_honeycomb
 from lfpipe.scene.source import SceneSource
+
+_LAST_RESORT = 10  # a mark that pictures below the folder outweigh
 
 
 class Layout(Protocol):
@@ -89,15 +91,16 @@ def _require_readable(listing: Listing) -> None:
 
 
 def _described(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> SceneSource:
-    given, tries = listing.path, list(known.values()) if scene.layout == "auto" else [known[scene.layout]]
+    given, tries = listing, list(known.values()) if scene.layout == "auto" else [known[scene.layout]]
     marks = _marks(tries, listing)
-    if not marks and (inner := inner_listing(listing)) is not None:
+    found = max((mark for mark, _ in marks), default=0)
+    inner = inner_listing(listing) if found <= _LAST_RESORT else None
+    if inner is not None:
         listing, marks = inner, _marks(tries, inner)
     _require_readable(listing)
     source = known[scene.layout].describe(listing, scene) if scene.layout != "auto" else _chosen(known, marks, listing, scene)
-    if listing.path != given:
-        note = f"the pictures are those of {listing.path.relative_to(given)}"
-        source = attrs.evolve(source, path=given, notes=(*source.notes, note))
+    if listing.path != given.path:
+        source = attrs.evolve(source, path=given.path, notes=(*source.notes, note_of(given, listing)))
     return source
 
 

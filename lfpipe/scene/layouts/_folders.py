@@ -6,38 +6,41 @@ import contextlib
 from pathlib import Path
 
 import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, list_scene, picture_header
+from lfpipe.files.picture_header import Header
+from lfpipe.scene.files import Listing, list_scene, picture_header, small_grey
 from lfpipe.scene.layouts._families import MAPS
 from lfpipe.scene.layouts._names import read_names
+from lfpipe.scene.layouts._views import some
 
 _DEEPEST = 3
+_LOOK_PX, _COPY = 32, 0.9  # side of a reduced picture, and correlation of two of one picture
 _BESIDE = ("__macosx", "raw", "thumbs", "thumbnails", "original", "originals", "backup")
 
 
 def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
-    """The pictures below a folder without any of its own, as names with a slash or as the only inner folder; None where there
-    are none. Raises UserError where folders hold scenes of their own."""
-    if listing.is_file or listing.pictures():
+    """The pictures below a folder, as names with a slash or as the only inner folder; None if there are none, or no more than in
+    the folder itself. Raises UserError if folders hold scenes of their own."""
+    if listing.is_file:
         return None
-    inner: dict[str, Listing] = {}
-    for name in listing.folders:
-        with contextlib.suppress(UserError):
-            inner[name] = list_scene(listing.file(name))
-    if len(inner) > 1:
+    own, inner = len(listing.pictures()), {name: _listed(listing, name) for name in listing.folders}
+    if own or len(inner) > 1:
         inner = {name: one for name, one in inner.items() if not MAPS.search(name) and name.lower() not in _BESIDE}
     if len(inner) == 1 and deepest > 1:
         only = next(iter(inner.values()))
-        deeper = inner_listing(only, deepest - 1)
-        return deeper or (only if only.names else None)
-    rows = _views(listing, {name: one for name, one in inner.items() if one.pictures()})
-    if len(rows) == 1 and len(inner) > 1:
+        return inner_listing(only, deepest - 1) or (only if len(only.pictures()) > own or (only.names and not own) else None)
+    every = {name: one for name, one in inner.items() if one.pictures()}
+    rows = _views(every)
+    if len(rows) == 1 and len(inner) > 1 and len(next(iter(rows.values())).pictures()) > own:
         return next(iter(rows.values()))
     names = tuple(f"{row}/{name}" for row, one in rows.items() for name in one.pictures())
-    if not names:
+    if len(names) <= own:
         return None
-    if len(rows) < len(inner) or len(rows) == 1 or not (_numbered(tuple(rows)) or _sides(tuple(rows))):
+    if own or len(rows) < len(inner) or len(rows) == 1 or not (_numbered(tuple(rows)) or _sides(tuple(rows))):
         most = max(rows, key=lambda name: len(rows[name].pictures()))
         raise UserError(
             f"{listing.path}: pictures stand in {len(rows)} folders: {', '.join(list(rows)[:4])}",
@@ -46,20 +49,55 @@ def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
     return attrs.evolve(listing, names=names, folders=())
 
 
-def _views(listing: Listing, folders: dict[str, Listing]) -> dict[str, Listing]:
-    """Of folders whose pictures have the same names, as results lie beside views: the one whose pictures are coloured, or else
-    the largest; all of them where that leaves more than one."""
-    if len({tuple(Path(name).stem for name in one.pictures()) for one in folders.values()}) > 1 or _numbered(tuple(folders)):
+def _listed(listing: Listing, name: str) -> Listing:
+    """A subfolder; as an empty one if it cannot be read."""
+    with contextlib.suppress(UserError):
+        return list_scene(listing.file(name))
+    return attrs.evolve(listing, path=listing.path / name, folder=listing.path / name, names=(), folders=())
+
+
+def note_of(given: Listing, inner: Listing) -> str:
+    """Which pictures below a folder were taken, and which were not."""
+    others: list[str] = []
+    at = given
+    for part in inner.path.relative_to(given.path).parts:
+        others += [at.file(name).relative_to(given.path).as_posix() for name in at.pictures()]
+        others += [f"{name}/" for name in at.folders if name != part and _listed(at, name).pictures()]
+        at = _listed(at, part)
+    unused = f"; not used: {some(others)}" if others else ""
+    return f"the pictures are those of {inner.path.relative_to(given.path)}{unused}"
+
+
+def _views(folders: dict[str, Listing]) -> dict[str, Listing]:
+    """Of folders with results beside the views (the same names, one of them in colour), or with one set of pictures in several
+    sizes: that of the views, in their full size. All of them if they hold something else."""
+    headers: dict[str, list[Header]] = {}
+    for name, one in folders.items():
+        with contextlib.suppress(UserError):
+            headers[name] = [picture_header(one.file(one.pictures()[k])) for k in (0, -1)]
+    sizes = {(first.width_px, first.height_px) for first, _ in headers.values()}
+    if len(headers) < len(folders) or len({len(one.pictures()) for one in folders.values()}) != 1:
         return folders
-    for kind in (lambda header: not header.grey, lambda header: header.width_px):
-        marks: dict[str, int] = {}
-        for name, one in folders.items():
-            with contextlib.suppress(UserError):
-                marks[name] = kind(picture_header(one.file(one.pictures()[0])))
-        best = [name for name, mark in marks.items() if mark == max(marks.values())]
-        if len(best) == 1:
-            return {best[0]: folders[best[0]]}
-    return folders
+    if _numbered(tuple(folders)) and len(sizes) < len(folders):  # rows of one scene
+        return folders
+    coloured = [name for name, (first, _) in headers.items() if not first.grey]
+    if len(coloured) == 1 and len({tuple(Path(name).stem for name in one.pictures()) for one in folders.values()}) == 1:
+        return {coloured[0]: folders[coloured[0]]}
+    large = max(folders, key=lambda name: headers[name][0].width_px)
+    if len(sizes) < len(folders):
+        return folders
+    looks = {name: [_look(one, k, headers[name][k]) for k in (0, -1)] for name, one in folders.items()}
+    alike = all(np.corrcoef(a, b)[0, 1] > _COPY for look in looks.values() for a, b in zip(look, looks[large], strict=True))
+    return {large: folders[large]} if alike else folders
+
+
+def _look(listing: Listing, number: int, header: Header) -> NDArray[np.float64]:
+    """A picture of a folder as few grey values, float64 (n,); none of them if it cannot be read."""
+    try:
+        grey = small_grey(listing.file(listing.pictures()[number]), header, _LOOK_PX**2)
+    except UserError:
+        return np.zeros(_LOOK_PX**2)
+    return np.asarray(cv2.resize(grey, (_LOOK_PX, _LOOK_PX), interpolation=cv2.INTER_AREA), np.float64).ravel()
 
 
 def _sides(folders: tuple[str, ...]) -> bool:
