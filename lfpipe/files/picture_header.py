@@ -6,13 +6,14 @@ looser: anything it does not understand is refused.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import struct
 from collections.abc import Callable
 
 import attrs
 
-MAX_DECODING_BYTES = 240_000_000  # 8192x8192 px of 8-bit colour; less than 300 MB together with the program
+MAX_DECODING_BYTES = 240_000_000  # 8192x8192 px of 8-bit colour, 7574x5264 px (lenslets of a Lytro Illum) of 16-bit colour
 Read = Callable[[int, int], bytes]  # (offset, count) -> bytes, fewer at the end of the file
 
 _MAX_BESIDE_BYTES = 64 << 20  # of everything else in the file: profiles, thumbnails
@@ -26,9 +27,10 @@ _PNM = re.compile(rb"P([1-6])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})(?:" 
 
 @attrs.frozen
 class Header:
-    """The claims of a picture's header. grey: one sample per pixel, neither colour nor alpha. max_value: the full-scale value,
-    above 255 for samples of two bytes. extra_bytes: measured maximum of the decoder's memory besides the picture it returns.
-    least_bytes: minimum size of a whole file of this format and size."""
+    """The claims of a picture's header. width_px, height_px: upright. grey: one sample per pixel, neither colour nor alpha.
+    max_value: the full-scale value, above 255 for samples of two bytes. extra_bytes: measured maximum of the decoder's memory
+    besides the picture it returns. least_bytes: minimum size of a whole file of this format and size. orientation: of the stored
+    picture, 1 (upright) to 8, as EXIF counts."""
 
     format: str
     width_px: int
@@ -37,6 +39,12 @@ class Header:
     max_value: int = 255
     extra_bytes: int = 0
     least_bytes: int = 0
+    orientation: int = 1
+
+    @property
+    def stored_px(self) -> tuple[int, int]:
+        """Height and width of the stored picture; a quarter turn exchanges them."""
+        return (self.width_px, self.height_px) if self.orientation >= 5 else (self.height_px, self.width_px)
 
     @property
     def decoded_bytes(self) -> int:
@@ -102,7 +110,7 @@ def _png_is_whole(read: Read) -> bool:
 
 def _jpeg(_: bytes, read: Read) -> Header | None:
     """Finds the frame header and the first scan: the decoder of a multi-scan picture stores all coefficients, 2 bytes each."""
-    at, frame = 2, b""
+    at, frame, orientation = 2, b"", 0
     for _segment in range(_MAX_SEGMENTS):
         part = read(at, 64)
         while part[:2] == b"\xff\xff":  # fill bytes
@@ -114,11 +122,37 @@ def _jpeg(_: bytes, read: Read) -> Header | None:
             if frame:
                 return None
             frame = part[1:2] + read(at + 4, size - 2)
+        if marker == 0xE1 and not orientation:
+            orientation = _exif_orientation(read(at + 4, size - 2))
         if marker == 0xDA:
             header = _jpeg_frame(frame, part[4]) if frame else None
-            return None if header is None or (header.extra_bytes and _scans(read, at) > _MAX_SCANS) else header
+            if header is None or (header.extra_bytes and _scans(read, at) > _MAX_SCANS):
+                return None
+            return _turned(header, orientation) if orientation > 1 else header
         at += 2 + size
     return None
+
+
+def _exif_orientation(segment: bytes) -> int:
+    """The orientation, 1 to 8, in a segment of a JPEG (CIPA DC-008, tag 0x0112 of the first directory); 0 if there is none."""
+    order = {b"II": "<", b"MM": ">"}.get(segment[6:8])
+    if segment[:6] != b"Exif\0\0" or order is None:
+        return 0
+    with contextlib.suppress(struct.error):  # damaged: the picture is shown as stored
+        at = 6 + int(struct.unpack_from(order + "I", segment, 10)[0])
+        for number in range(struct.unpack_from(order + "H", segment, at)[0]):
+            tag, kind, _, value = struct.unpack_from(order + "HHIH", segment, at + 2 + 12 * number)
+            if tag == 0x0112:
+                return int(value) if kind == 3 and 1 <= value <= 8 else 0
+    return 0
+
+
+def _turned(header: Header, orientation: int) -> Header:
+    """Header of a picture that is turned after decoding; a quarter turn needs memory for both."""
+    if orientation < 5:
+        return attrs.evolve(header, orientation=orientation)
+    width, height, extra = header.height_px, header.width_px, header.extra_bytes + header.decoded_bytes
+    return attrs.evolve(header, width_px=width, height_px=height, extra_bytes=extra, orientation=orientation)
 
 
 def _scans(read: Read, at: int) -> int:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, shown
+from lfpipe.files.decoding import upright
 from lfpipe.files.picture_header import Header, Read, read_header
 from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host import opencv_log
@@ -222,7 +223,7 @@ def _decode(file: BinaryIO, out: NDArray[Any], colour: int) -> bool:
 
 
 def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], int]:
-    """A picture's own values and the full value: ((h, w) or (h, w, 3) RGB, uint8 or uint16, max_value).
+    """A picture's own values, upright, and the full value: ((h, w) or (h, w, 3) RGB, uint8 or uint16, max_value).
 
     Keeps the file's bit depth (a 10-bit PPM holds 0..1023; OpenCV's default would shift it to 0..3). Drops an alpha plane. like:
     the result of `picture_header` for the path. Raises UserError if the file is truncated, no picture, too large, or has changed
@@ -232,15 +233,15 @@ def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], 
         header = _examined(path, file)
         if like is not None and header != like:
             raise UserError(f"{path}: changed while it was read", "try again once the files are complete")
-        shape = (header.height_px, header.width_px) if header.grey else (header.height_px, header.width_px, 3)
+        shape = header.stored_px if header.grey else (*header.stored_px, 3)
         pixels = np.empty(shape, np.uint16 if header.max_value > 255 else np.uint8)
         if not _decode(file, pixels, cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR):
             raise _unreadable(path, "truncated, damaged or not what its header claims")
     if not header.grey:  # OpenCV's IMREAD_COLOR_RGB does not convert 16-bit TIFF files
-        for top in range(0, header.height_px, _STRIP_ROWS):
+        for top in range(0, len(pixels), _STRIP_ROWS):
             strip = pixels[top : top + _STRIP_ROWS]
             cv2.cvtColor(strip, cv2.COLOR_BGR2RGB, dst=strip)
-    return pixels, header.max_value
+    return upright(pixels, header.orientation), header.max_value
 
 
 def small_grey(path: Path, like: Header, most_px: float) -> NDArray[np.uint8]:
@@ -260,7 +261,7 @@ def small_grey(path: Path, like: Header, most_px: float) -> NDArray[np.uint8]:
         found = cv2.imread(descriptor_path(file), flags | cv2.IMREAD_IGNORE_ORIENTATION)
     if found is None:
         raise _unreadable(path, "truncated, damaged or not what its header claims")
-    return np.asarray(found, np.uint8)
+    return np.asarray(upright(found, like.orientation), np.uint8)
 
 
 _PFM = re.compile(rb"Pf\s+(\d{1,6})\s+(\d{1,6})\s+(-?[\d.eE+-]{1,20})\s")

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
 from lfpipe.files.picture_header import MAX_DECODING_BYTES, header_of
-from lfpipe.scene.files import picture_header, read_picture
+from lfpipe.scene.files import picture_header, read_picture, small_grey
 from tests.hostile_files import damaged_bytes, jpeg_claiming, png_chunk, png_of
 
 JPEG = {"baseline": [], "progressive": [cv2.IMWRITE_JPEG_PROGRESSIVE, 1], "restarts": [cv2.IMWRITE_JPEG_RST_INTERVAL, 1],
@@ -103,6 +103,51 @@ def test_a_damaged_picture_never_decodes_to_what_its_header_did_not_claim(
         return
     assert found is None or found.shape[:2] == (header.height_px, header.width_px)
     assert found is None or (found.dtype == np.uint16) <= (header.max_value > 255)
+
+
+def with_exif(data: bytes, orientation: int, order: str = "<", before: int = 1, segment: bytes | None = None) -> bytes:
+    """A JPEG with EXIF's orientation. before: how many other entries its directory has; segment: this one instead."""
+    entries = [(0x010F + k, 2, 3, 0) for k in range(before)] + [(0x0112, 3, 1, orientation)]
+    table = b"".join(struct.pack(order + "HHIHxx", *entry) for entry in entries)
+    tiff = struct.pack(order + "2sHIH", b"II" if order == "<" else b"MM", 42, 8, len(entries)) + table + bytes(4)
+    body = b"Exif\0\0" + tiff if segment is None else segment
+    return data[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + data[2:]
+
+
+@pytest.mark.parametrize("planes", [1, 3])
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_photograph_is_turned_upright(tmp_path: Path, orientation: int, order: str, planes: int) -> None:
+    stored = cv2.resize(picture(9, 7, planes, False), (384, 256), interpolation=cv2.INTER_CUBIC)
+    data = with_exif(encoded(".jpg", [], stored), orientation, order, before=orientation % 3)
+    (tmp_path / "p.jpg").write_bytes(data)
+    wanted = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR if planes == 3 else cv2.IMREAD_GRAYSCALE)
+    pixels, _ = read_picture(tmp_path / "p.jpg")
+    assert np.array_equal(pixels, wanted[..., ::-1] if planes == 3 else wanted)
+    header = picture_header(tmp_path / "p.jpg")
+    assert (header.height_px, header.width_px) == wanted.shape[:2] == ((384, 256) if orientation > 4 else (256, 384))
+    small = small_grey(tmp_path / "p.jpg", header, 192 * 128)
+    half = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_2)
+    assert small.shape == ((192, 128) if orientation > 4 else (128, 192)) and np.array_equal(small, half)
+
+
+@settings(max_examples=200)
+@given(cut=st.integers(0, 60), flips=st.lists(st.tuples(st.integers(0, 59), st.integers(0, 255)), max_size=4))
+def test_damaged_exif_costs_no_picture(cut: int, flips: list[tuple[int, int]]) -> None:
+    plain = encoded(".jpg", [], picture(16, 8, 3, False))
+    body = bytearray(with_exif(plain, 6, before=2)[6 : -len(plain) + 2])
+    for at, value in flips:
+        body[at % len(body)] = value
+    header = header_of(with_exif(plain, 6, segment=bytes(body[:cut])))
+    assert header is not None
+    assert (header.width_px, header.height_px) == ((8, 16) if header.orientation >= 5 else (16, 8))
+
+
+def test_a_quarter_turn_needs_memory_for_both_pictures() -> None:
+    data = jpeg_claiming(encoded(".jpg", [], picture(16, 8, 3, False)), 8000, 6000)
+    for orientation, problem in ((3, False), (6, True)):
+        header = header_of(with_exif(data, orientation))
+        assert header is not None and ("decoding needs 288 MB" in header.problem(5_000_000)) == problem
 
 
 def bmp_claiming(width: int, height: int) -> bytes:

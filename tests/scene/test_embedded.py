@@ -18,6 +18,7 @@ from lfpipe.scene.layouts._embedded_depth import embedded_depth
 from lfpipe.scene.layouts._plenoptic import is_honeycomb
 from lfpipe.scene.layouts.gif import count_frames
 from lfpipe.scene.orientation import orient
+from tests.files.test_picture_header import with_exif
 from tests.scene import made
 
 AUTO = config.Scene()
@@ -71,6 +72,16 @@ def test_a_portrait_with_depth_becomes_views(tmp_path: Path, kind: str) -> None:
     assert (source.layout, source.rows, source.cols) == ("rgbd", 5, 9)
     assert np.abs(source.read(0, 2, 4).astype(int) - PICTURE).mean() < 3
     assert np.corrcoef(source.truth[2, 4]().ravel(), DISPARITY.ravel())[0, 1] > 0.95
+
+
+def test_a_photograph_and_its_depth_are_turned_upright_together(tmp_path: Path) -> None:
+    relief = []
+    for orientation in (1, 6):
+        (tmp_path / f"{orientation}.jpg").write_bytes(with_exif(gdepth(), orientation))
+        source = layouts.describe(tmp_path / f"{orientation}.jpg", AUTO)
+        relief.append(source.truth[source.rows // 2, source.cols // 2]() / source.width_px)
+    assert np.allclose(relief[1], np.rot90(relief[0], -1), atol=1e-4)
+
 
 
 @pytest.mark.parametrize("at", [30, 300, 900, 4000, 6500])

@@ -6,6 +6,7 @@ import re
 from itertools import product
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -18,6 +19,7 @@ from lfpipe.scene.layouts._names import read_names
 from lfpipe.scene.layouts._running import find_columns
 from lfpipe.scene.layouts._views import whole_part
 from lfpipe.scene.pack import open_scene
+from tests.files.test_picture_header import with_exif
 from tests.scene import made
 
 AUTO = config.Scene()
@@ -312,3 +314,15 @@ def test_a_picture_with_a_smaller_copy_below_it(tmp_path: Path) -> None:
     made.write(tmp_path / "thumbs" / "photo.jpg", made.texture(24, 32, 1))
     made.write(tmp_path / "edited" / "photo.jpg", made.texture(96, 128, 2))
     assert layouts.describe(tmp_path, AUTO).layout == "picture"
+
+
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_photographs_of_a_phone_held_upright(orientation: int, tmp_path: Path) -> None:
+    grid = made.views(1, 7, 128, 96)
+    lying = {3: cv2.ROTATE_180, 6: cv2.ROTATE_90_COUNTERCLOCKWISE, 8: cv2.ROTATE_90_CLOCKWISE}[orientation]
+    for n, view in enumerate(grid[0]):
+        stored = cv2.imencode(".jpg", cv2.rotate(view[..., ::-1], lying), [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+        (tmp_path / f"IMG_{4026 + n}.JPG").write_bytes(with_exif(stored, orientation))
+    source = layouts.describe(tmp_path, AUTO)
+    assert (source.rows, source.cols, source.height_px, source.width_px) == (1, 7, 128, 96)
+    assert all(np.abs(source.read(0, 0, c).astype(int) - grid[0, c]).mean() < 4 for c in range(7))

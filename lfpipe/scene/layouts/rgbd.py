@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, read_picture
+from lfpipe.files.decoding import upright
+from lfpipe.scene.files import Listing, picture_header, read_picture
 from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
 from lfpipe.scene.layouts._grid import parse_grid, require_grid
 from lfpipe.scene.layouts._mosaic import single_picture
@@ -28,6 +29,7 @@ NAME = "rgbd"
 _NAMED = re.compile(r"rgb-?[dz](?![a-z])")
 _DEPTH = re.compile(r"[-_. ]*(depth|depthmap|disparity|dpt)$")
 _GRID = (5, 9)
+_SAME_SHAPE = 1.2  # most ratio of the aspects of a picture and its depth map
 _RANGE_SHARE = 0.008  # of the width: disparity between the nearest and the farthest, per view
 _GREY, _COLOURED = 2.0, 6.0  # levels between channels: at most for a depth map, at least for a picture
 
@@ -86,7 +88,7 @@ def _read(listing: Listing) -> tuple[tuple[Path, ...], NDArray[Any], NDArray[Any
         raise UserError(f"{listing.path}: no picture with a depth map", "name them x.png and x_depth.png, alone in a folder")
     picture, full = read_picture(path)
     if has_depth(path):
-        return (path,), picture, 255 * embedded_depth(path), full
+        return (path,), picture, upright(255 * embedded_depth(path), picture_header(path).orientation), full
     found = _beside(picture)
     if found is None:
         raise UserError(
@@ -102,6 +104,9 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     rows, cols = parse_grid(scene.grid) or _GRID
     require_grid(rows, cols, str(listing.path))
     plane = np.asarray(depth if depth.ndim == 2 else depth[..., 1], np.float32)
+    if not 1 / _SAME_SHAPE < (plane.shape[1] / plane.shape[0]) / (width / height) < _SAME_SHAPE:
+        what = f"{paths[-1]}: a depth map of {plane.shape[1]}x{plane.shape[0]} px for a picture of {width}x{height}"
+        raise UserError(what, "turn or crop one of them to the shape of the other")
     plane = np.asarray(cv2.resize(plane, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
     low, high = (float(v) for v in np.percentile(plane, (1, 99)))
     if high - low < 1:
