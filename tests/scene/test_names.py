@@ -276,6 +276,16 @@ def test_a_folder_per_camera_is_a_running_number() -> None:
     assert (found.rows, found.cols, found.runs) == (1, 16, True)
 
 
+def test_roman_numerals_are_no_single_letters() -> None:
+    names = ["I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX"]
+    assert read_names(tuple(f"view {name}.png" for name in names)) is None
+
+
+def test_of_a_view_in_two_formats_the_lossless_one_is_used() -> None:
+    found = read_names(tuple(f"view_{r}_{c}.{end}" for r in range(3) for c in range(4) for end in ("jpg", "png")))
+    assert found is not None and set(found.views.values()) == {f"view_{r}_{c}.png" for r in range(3) for c in range(4)}
+
+
 def test_folders_of_two_eyes_and_of_results(tmp_path: Path) -> None:
     for side, view in (("left", GRID[0, 0]), ("right", GRID[0, 1])):
         made.write(tmp_path / "eyes" / side / "1.png", view)

@@ -19,6 +19,7 @@ from tests.scene import made, test_embedded, test_plausibility, test_stereo
 
 AUTO = config.Scene()
 GRID = made.views(3, 4, 48, 64)
+FRAME, EYES = made.texture(96, 128, 3), made.views(1, 2, 192, 256, 8.0, -4.0)[0]
 Make = Callable[[Path], Path]
 Cure = Callable[[Path], tuple[Path, config.Scene]]
 
@@ -153,6 +154,9 @@ REFUSALS = {
     "depth that is promised only": Refused(bytes_of("x.jpg", NOT_THERE), "x.png and x_depth.png", depth_beside),
     "GIF that is damaged": Refused(bytes_of("a.gif", b"GIF89a"), "export it again", converted),
     "no film of mosaics": Refused(lambda f: [write_film(f / "a.avi"), f / "a.avi"][1], "--grid ROWSxCOLS", again(grid="2x2")),
+    "film of two eyes": Refused(
+        lambda f: [write_film(f / "a.avi", np.hstack((EYES[0], EYES[1]))), f / "a.avi"][1], "--grid 1x2", again(grid="1x2")
+    ),
     **{
         name: Refused(bytes_of(name), remedy, converted)
         for name, remedy in {
@@ -167,10 +171,10 @@ REFUSALS = {
 }
 
 
-def write_film(path: Path) -> None:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (128, 96))
+def write_film(path: Path, frame: np.ndarray = FRAME) -> None:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, frame.shape[1::-1])
     for _ in range(3):
-        writer.write(made.texture(96, 128, 3))
+        writer.write(frame)
     writer.release()
 
 

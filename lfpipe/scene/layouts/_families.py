@@ -26,6 +26,7 @@ READINGS = tuple(
         r"[0-9]{1,18}",
     )
 )
+LETTERS = len(READINGS) - 2  # the reading in which a letter alone is a number
 HALVES = len(READINGS) - 1  # the reading in which a number is row and column without a separator: 0307
 MAPS = re.compile(
     r"depth|disp|mask|matte|alpha|label|seg|normal|flow(?!er)|conf(?!e)|thumb|error|diff|(?<![a-z])gt", re.IGNORECASE

@@ -17,7 +17,7 @@ from itertools import combinations
 import attrs
 import numpy as np
 
-from lfpipe.scene.layouts._families import HALVES, MAPS, READINGS, Family, families_of
+from lfpipe.scene.layouts._families import HALVES, LETTERS, MAPS, READINGS, Family, families_of
 from lfpipe.scene.layouts._grid import MAX_SIDE
 from lfpipe.scene.layouts._stems import stems_of
 from lfpipe.scene.source import ViewIndex
@@ -192,10 +192,12 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
                 key, numbered = read
                 if rank == HALVES and (numbered.runs or key[2] < 1 or _contiguous(numbered)):
                     continue
-                views = not any(MAPS.search(text) for text in texts)
+                if rank == LETTERS and 2 * len(family) < len(names):  # Roman numerals, initials
+                    continue
+                views, lossless = not any(MAPS.search(text) for text in texts), texts[-2] != "jpg"
                 if key[:3] == (len(names), 1.0, 1.0):
                     return _with_others(numbered, names)
-                found.append(((key[0] * (1.0 if views else 0.5), *key[1:], views, -rank), numbered))
+                found.append(((key[0] * (1.0 if views else 0.5), *key[1:], views, lossless, -rank), numbered))
     best = max(found, key=lambda pair: pair[0])[1] if found else None
     if (best is None or best.runs or best.clashes) and (rows := _by_folder(names)) is not None:
         return rows

@@ -16,6 +16,7 @@ from lfpipe.scene.layouts._grid import parse_grid
 from lfpipe.scene.layouts._mosaic import LastPictures, picture_loader, tiling
 from lfpipe.scene.layouts._tile_detection import find_tiles
 from lfpipe.scene.layouts._views import named_views
+from lfpipe.scene.layouts.stereo import are_a_pair
 from lfpipe.scene.source import SceneSource, Turn
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
 
@@ -73,6 +74,9 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     first = load(0)
     if not parse_grid(scene.grid) and find_tiles(first, f"{paths[0].parent.name}/{paths[0].stem}") is None:
         remedy = "give the tiles with --grid ROWSxCOLS; from a camera slid sideways, `lfpipe scene make` makes views"
+        half_px = first.shape[1] // 2
+        if are_a_pair(first[:, :half_px], first[:, half_px : 2 * half_px]):
+            remedy = "give --grid 1x2: its halves are a stereo pair"
         raise UserError(f"{paths[0]}: its first frame is not a mosaic of views", remedy)
     cut = tiling(first, paths[0], scene)
     return SceneSource(
