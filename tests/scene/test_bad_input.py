@@ -214,6 +214,17 @@ def two_names_for_a_place(folder: Path) -> Path:
     return folder
 
 
+def two_names_for_every_place(folder: Path) -> Path:
+    made.write_grid(folder, GRID)
+    return made.write_grid(folder, GRID, "view_{r}_{c}.png")
+
+
+def many_numbers_that_are_no_places(folder: Path) -> Path:
+    for numbers in np.random.default_rng(0).integers(0, 3, (60, 12)):
+        made.write(folder / f"{'_'.join(map(str, numbers))}.png", GRID[0, 0])
+    return folder
+
+
 CASES: list[tuple[Callable[[Path], Path], str]] = [
     (no_such, "no such scene"),
     (empty, "empty"),
@@ -246,6 +257,8 @@ CASES: list[tuple[Callable[[Path], Path], str]] = [
     (archive, "an archive"),
     (depth_of_other_size, "100 bytes"),
     (two_names_for_a_place, "are the same view"),
+    (two_names_for_every_place, "are the same view, and so are 8 more pairs"),
+    (many_numbers_that_are_no_places, "51 pictures have the same numbers as another one"),
 ]
 
 

@@ -276,6 +276,14 @@ def test_a_folder_per_camera_is_a_running_number() -> None:
     assert (found.rows, found.cols, found.runs) == (1, 16, True)
 
 
+def test_twenty_thousand_unrelated_names_are_read_at_once() -> None:
+    rng = np.random.default_rng(0)
+    words = ["holiday", "beach", "cat", "dog", "DSC", "IMG", "scan", "photo", "final", "new", "copy"]
+    names = {f"{'_'.join(rng.choice(words, 3, False))}_{rng.integers(10**6)}.{rng.choice(['jpg', 'png'])}" for _ in range(20_000)}
+    found = read_names(tuple(sorted(names)))  # in a second; comparing each family with each other took minutes
+    assert found is not None and len(found.views) < 100
+
+
 def test_roman_numerals_are_no_single_letters() -> None:
     names = ["I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX"]
     assert read_names(tuple(f"view {name}.png" for name in names)) is None

@@ -32,6 +32,7 @@ MAPS = re.compile(
     r"depth|disp|mask|matte|alpha|label|seg|normal|flow(?!er)|conf(?!e)|thumb|error|diff|(?<![a-z])gt", re.IGNORECASE
 )
 _MAX_FIELDS = 12
+_MOST_FAMILIES = 500  # that are compared with each other
 
 
 def _halves(number: str) -> list[str]:
@@ -93,11 +94,13 @@ def _joined(
 ) -> list[tuple[tuple[str, ...], dict[str, tuple[str, ...]]]]:
     """The families; a few names of one that differ from those of a large one in a word too many, as of a burst's cover or an
     edited picture, fill the gaps of that: IMG_E1234 among IMG_1233, IMG_1235, ..."""
+    if len(families) > _MOST_FAMILIES:  # unrelated names
+        return list(families.items())
     for texts in sorted(families, key=lambda texts: len(families[texts])):
         family = families[texts]
         for others, large in families.items():
-            taken = set(large.values())
-            if 8 * len(family) <= len(large) and _with_a_word(texts, others) and taken.isdisjoint(family.values()):
+            fits = 8 * len(family) <= len(large) and _with_a_word(texts, others)
+            if fits and set(large.values()).isdisjoint(family.values()):
                 families[others] = {**large, **family}
                 del families[texts]
                 break

@@ -65,8 +65,8 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         numbered = attrs.evolve(numbered, views=dict(_line(numbered)), rows=1, cols=len(numbered.views), runs=True)
     if not runs and numbered.runs:
         raise UserError(f"{listing.path}: the names contain one running number, not row and column", "use --layout numbered")
-    for first, second in numbered.clashes:
-        raise UserError(f"{listing.path}: {first} and {second} are the same view", f"move {second} away")
+    if numbered.clashes:
+        raise _same_view(listing, numbered)
     grid, doubt, notes = parse_grid(scene.grid), numbered.doubt, []
     if runs:
         views, rows, cols, doubt, note = _arranged(listing, paths, headers, numbered, grid)
@@ -100,6 +100,17 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         certain=False,
         headers={paths[name]: header for name, header in headers.items()},
     )
+
+
+def _same_view(listing: Listing, numbered: NumberedNames) -> UserError:
+    """Why names with the same row and column, or number, are refused."""
+    (first, second), count = numbered.clashes[0], len(numbered.clashes)
+    if count > len(numbered.views):
+        what = f"{count} pictures have the same numbers as another one, for example {first} and {second}"
+        return UserError(f"{listing.path}: {what}", "name the views view_ROW_COLUMN.png, or give one picture by its own path")
+    others = f", and so are {count - 1} more pairs" if count > 1 else ""
+    remedy = f"move {some([name for _, name in numbered.clashes])} away"
+    return UserError(f"{listing.path}: {first} and {second} are the same view{others}", remedy)
 
 
 def _odd_sizes(headers: Mapping[str, Header]) -> dict[str, str]:
