@@ -28,7 +28,7 @@ _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # tolerance of the flow
 _STILL_PX, _STILL_FAR_PX = 0.3, 1.0  # flow between neighbours of a focal stack, and between its middle and its ends
 _REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
 _BLOCKS = 8
-_SHORTEST_CIRCLE, _FEWEST_PX = 8, 200  # views; pixels that move between them
+_SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = 8, 200, 0.5  # views; pixels that move between them; share of these seen half-way round
 
 
 @attrs.frozen
@@ -131,15 +131,18 @@ def _refocused(views: list[Grey]) -> float:
     return float(np.median(ratio)) if len(np.unique(best)) > 1 and np.bincount(best).max() < 0.8 * len(best) else 1.0
 
 
-def _is_circle(last: Grey, first: Grey, second: Grey) -> bool:
-    """Whether what moves from the first view of a line to the second one comes from the last view by the same motion."""
+def _is_circle(first: Grey, second: Grey, middle: Grey, last: Grey) -> bool:
+    """Whether what moves from the first view of a line to the second one comes from the last view by the same motion, and is not
+    in the middle view, where a turntable shows the other side."""
     detail = textured(first)
     back, ahead = flow(first, last)[detail], flow(first, second)[detail]
     moving = np.hypot(*ahead.T) > _LOOSE_PX
     if np.count_nonzero(moving) < _FEWEST_PX:
         return False
     off = np.hypot(*(back + ahead)[moving].T)
-    return float((off < _LOOSE_PX + _LOOSE_SHARE * np.hypot(*ahead[moving].T)).mean()) > _EXPLAINED
+    comes = float((off < _LOOSE_PX + _LOOSE_SHARE * np.hypot(*ahead[moving].T)).mean())
+    stays = float(confirmed(flow(first, middle), flow(middle, first))[detail][moving].mean())
+    return comes > _EXPLAINED and stays < _STAYS
 
 
 def examine(source: SceneSource) -> Evidence | None:
@@ -162,7 +165,9 @@ def examine(source: SceneSource) -> Evidence | None:
     spread = sorted({round(p) for p in np.linspace(0, len(every) - 1, 9)})
     some = [grey(*every[k]) for k in spread] if motion < _STILL_PX else []
     refocused = _refocused(some) if some and _stand_still(some) else 1.0
-    circle = len(lines) == 1 and len(lines[0]) >= _SHORTEST_CIRCLE and _is_circle(*(grey(*lines[0][k]) for k in (-1, 0, 1)))
+    line = lines[0]
+    ends = len(lines) == 1 and len(line) >= _SHORTEST_CIRCLE
+    circle = ends and _is_circle(*(grey(*line[k]) for k in (0, 1, len(line) // 2, -1)))
     return Evidence(held_out, explained, refocused, circle)
 
 

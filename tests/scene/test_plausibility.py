@@ -131,6 +131,14 @@ def test_no_light_field_is_refused(kind: str) -> None:
     assert not reason(as_source(LIGHT_FIELDS[kind]))
 
 
+@pytest.mark.parametrize("shift_px", [0, 1, 2])
+def test_a_line_that_ends_where_it_began_is_no_circle(shift_px: int) -> None:
+    grid = np.array(made.views(1, 9, 144, 192, 0.3, -0.2))
+    grid[0, 0], grid[0, -1] = np.roll(grid[0, 0], -shift_px, 1), np.roll(grid[0, 0], -2 * shift_px, 1)
+    evidence = examine(as_source(grid))
+    assert evidence is not None and not evidence.circle
+
+
 @pytest.mark.parametrize("grid", [(3, 5), (1, 9)], ids=str)
 def test_motion_of_the_hand_is_explained(grid: tuple[int, int]) -> None:
     evidence = examine(as_source(held_by_hand(made.views(*grid, 144, 192))))
