@@ -204,6 +204,11 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
         top, left, height, width = common_area(found.maps)
         # the remaining vertical motion comes from the hand, which also rises and falls: smaller views have less of it
         shrink = min(1.0, _MAX_RESIDUAL_PX / max(found.residual_px, 1e-9))
+        if width < _MIN_VIEW_PX:
+            raise UserError(
+                f"{path}: views of {width}x{height} px remain; they need a width of {_MIN_VIEW_PX}",
+                "give larger pictures, or hold the camera so that all of them show the same things",
+            )
         if shrink * width < _MIN_VIEW_PX or shrink < _MIN_SHRINK:
             raise UserError(
                 f"{path}: views of {width}x{height} px remain, which differ up and down by {found.residual_px:.2f} px (95 %)",

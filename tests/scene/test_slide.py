@@ -105,6 +105,7 @@ CLIPS = {
     "unrelated": ([made.texture(*SIZE, seed) for seed in range(9)], "too little detail"),
     "dark": ([np.zeros_like(BASE)] * 9, "too little detail"),
     "short": ([BASE] * 3, "too few"),
+    "small": ([np.ascontiguousarray(view[:, 100:290]) for view in SLID], "need a width of 200"),
 }
 
 
