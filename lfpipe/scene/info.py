@@ -96,8 +96,6 @@ def lines(facts: dict[str, Any]) -> list[str]:
         out.append(
             f"  method      {facts['method']}" + (f" (quality when predicting held-out views: {scores})" if scores else "")
         )
-    if facts["views_missing"]:
-        out.append(f"  missing     {len(facts['views_missing'])} views: {facts['views_missing'][:8]}")
     out += [f"  note        {note}" for note in facts["notes"]]
     out.append(f"  pack        {facts['pack_bytes'] / 1e6:.1f} MB in {facts['pack']}" if facts["pack"] else
                "  pack        none yet: `lfpipe scene pack` or `up` makes it")  # fmt: skip

@@ -117,7 +117,7 @@ def _half_turn(axes: list[tuple[Axis, int]]) -> tuple[int, float, str]:
     sign = 1 if ahead > 0.5 else -1
     said = []
     if sign * (right - wrong) > 0:
-        said.append(f"near surfaces hide far ones so in {max(right, wrong) / (right + wrong):.0%} of {right + wrong} places")
+        said.append(f"near surfaces hide far ones so in {max(right, wrong)} of {right + wrong} places")
     if sign * (lower - 0.5) > 0:
         said.append("what stands lower in the pictures is nearer so, as it usually is")
     return sign, sure, "; ".join(said)

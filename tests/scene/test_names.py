@@ -193,7 +193,7 @@ def test_a_missing_view_is_made_and_told(tmp_path: Path) -> None:
     made.write_grid(tmp_path / "s", views, "v_{r}_{c}.png")
     (tmp_path / "s" / "v_2_2.png").unlink()
     field = open_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache")))
-    assert any("1 of 5x5 views are missing and made from others: row 2 column 2" in note for note in field.manifest["notes"])
+    assert any("1 of 5x5 views missing, made from others: row 2 column 2" in note for note in field.manifest["notes"])
     assert not field.present[2, 2]
     true, made_view, beside = (
         np.asarray(v, float) for v in (views[2, 2].transpose(2, 0, 1), field.views[0, 2, 2], field.views[0, 2, 3])
@@ -216,7 +216,7 @@ def test_an_incomplete_grid_gives_its_largest_whole_part(shape: str) -> None:
     part = whole_part(views, side, side)
     assert (part.rows, part.cols) == expected
     assert set(part.views) == set(product(range(part.rows), range(part.cols)))
-    assert "views are missing" in part.note
+    assert "views missing" in part.note
     lines = {tuple(map(int, name.split("_"))) for name in part.views.values()}
     assert len(lines) == part.rows * part.cols <= len(views)
 

@@ -156,7 +156,7 @@ def whole_part(views: Mapping[ViewIndex, str], rows: int, cols: int) -> _Part:
     lonely = [hole for hole in holes if not _neighboured(hole, views)]
     if len(holes) <= _MADE_SHARE * rows * cols and not lonely:
         where = some([f"row {row} column {col}" for row, col in holes])
-        return _Part(dict(views), rows, cols, f"{len(holes)} of {rows}x{cols} views are missing and made from others: {where}")
+        return _Part(dict(views), rows, cols, f"{len(holes)} of {rows}x{cols} views missing, made from others: {where}")
     mask = np.zeros((rows, cols), bool)
     for index in views:
         mask[index] = True
@@ -171,7 +171,7 @@ def whole_part(views: Mapping[ViewIndex, str], rows: int, cols: int) -> _Part:
     _, top, left, height, width, stride = best
     inside = {(r, c): views[top + r * stride, left + c * stride] for r in range(height) for c in range(width)}
     every = f", every {stride}. one" if stride > 1 else ""
-    missing = f"{len(holes)} of {rows}x{cols} views are missing"
+    missing = f"{len(holes)} of {rows}x{cols} views missing"
     note = f"{missing}: the whole {height}x{width} views from row {top} column {left}{every} are used"
     return _Part(inside, height, width, note)
 
