@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from profiling.people_scenes import FACES, NAMES, Case, Grid, Make, written
+from tests.files.test_picture_header import with_exif
 from tests.scene import made
 
 
@@ -51,6 +52,30 @@ def grey_map(view: Any) -> Any:
     return cv2.GaussianBlur(view[..., 1], (0, 0), 5)
 
 
+def in_sizes(grid: Grid) -> Make:
+    """As reconstruction programs keep their input: images, images_2, images_4."""
+
+    def make(folder: Path) -> Path:
+        for k, name in ((1, "images"), (2, "images_2"), (4, "images_4")):
+            made.write_grid(folder / name, grid[:, :, ::k, ::k], "IMG_{n:04d}.JPG" if k == 1 else "image{n:03d}.png")
+        made.write(folder / "poster.png", made.texture(150, 200, 4))
+        return folder
+
+    return make
+
+
+def lying(grid: Grid) -> Make:
+    """As a phone held upright stores them: turned by a quarter, which EXIF says."""
+
+    def make(folder: Path) -> Path:
+        for n, (r, c) in enumerate(product(*map(range, grid.shape[:2]))):
+            stored = cv2.imencode(".jpg", np.rot90(grid[r, c])[..., ::-1])[1].tobytes()
+            (folder / f"IMG_{n + 1200}.JPG").write_bytes(with_exif(stored, 6))
+        return folder
+
+    return make
+
+
 def littered(grid: Grid) -> Iterator[Case]:
     """A 5x5 grid with what else lies in people's folders."""
     extras: dict[str, Callable[[Path], None]] = {
@@ -81,6 +106,8 @@ def littered(grid: Grid) -> Iterator[Case]:
     for kind, extra in extras.items():
         yield Case("beside", kind, beside(grid, extra), grid)
     yield Case("beside", "in a subfolder", lambda f: [made.write_grid(f / "images", grid), f][1], grid)
+    yield Case("beside", "a poster, and the views in three sizes", in_sizes(grid), grid)
+    yield Case("beside", "photographs that were stored lying", lying(grid), grid)
     yield Case("beside", "two folders down", lambda f: [made.write_grid(f / "scan" / "png", grid), f][1], grid)
     yield Case(
         "gaps", "two missing", lambda f: written(f, grid, NAMES["uv"], leave_out=lambda r, c: (r, c) in ((0, 1), (3, 3))), grid
@@ -174,6 +201,11 @@ def no_light_fields() -> Iterator[Case]:
     yield Case("none", "icons", lambda f: [[made.write(f / f"icon{k}.png", made.texture(16, 16, k)) for k in range(12)], f][1])
     yield Case(
         "none", "two scenes below", lambda f: [[made.write_grid(f / s, made.views(3, 3)) for s in ("garden", "kitchen")], f][1]
+    )
+    yield Case(
+        "none",
+        "two scenes with the same names, of other sizes",
+        lambda f: [[made.write_grid(f / s, made.views(3, 3, size, size)) for s, size in (("garden", 96), ("kitchen", 128))], f][1],
     )
     for name, start in {
         "a.heic": b"\0\0\0\x18ftypheic",
