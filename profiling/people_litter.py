@@ -205,7 +205,7 @@ def no_light_fields() -> Iterator[Case]:
     yield Case(
         "none",
         "two scenes with the same names, of other sizes",
-        lambda f: [[made.write_grid(f / s, made.views(3, 3, size, size)) for s, size in (("garden", 96), ("kitchen", 128))], f][1],
+        lambda f: [[made.write_grid(f / s, made.views(3, 3, px, px)) for s, px in (("garden", 96), ("kitchen", 128))], f][1],
     )
     for name, start in {
         "a.heic": b"\0\0\0\x18ftypheic",
