@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,6 +13,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.missing_views import warped_disparity, warped_view
+from lfpipe.scene.orientation import orient
 from lfpipe.scene.pack import open_scene
 from tests.scene import made
 
@@ -29,17 +31,23 @@ def one(picture: np.ndarray, name: str = "x_rgbd.png") -> Callable[[Path], Path]
     return make
 
 
-def two(folder: Path) -> Path:
-    made.write(folder / "x.png", PICTURE)
-    made.write(folder / "x_depth.png", DEPTH[..., 0])
-    return folder
+def two(picture: str, depth: str) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        made.write(folder / picture, PICTURE)
+        made.write(folder / depth, DEPTH[..., 0])
+        return folder
+
+    return make
 
 
 FORMS = {
     "beside": one(np.hstack([PICTURE, DEPTH])),
     "depth first": one(np.hstack([DEPTH, PICTURE])),
     "below": one(np.vstack([PICTURE, DEPTH])),
-    "two files": two,
+    "two files": two("x.png", "x_depth.png"),
+    "named by content": two("rgb.png", "depth.png"),
+    "named before": two("photo.png", "depth_photo.png"),
+    "named by a network": two("photo.png", "photo-dpt_beit_large_512.png"),
 }
 
 
@@ -78,3 +86,26 @@ def test_what_is_no_depth_is_refused(tmp_path: Path, picture: np.ndarray) -> Non
     made.write(tmp_path / "x.png", picture)
     with pytest.raises(UserError, match="depth"):
         layouts.describe(tmp_path / "x.png", config.Scene(layout="rgbd"))
+
+
+def test_depth_in_false_colours_is_refused(tmp_path: Path) -> None:
+    made.write(tmp_path / "x.png", PICTURE)
+    made.write(tmp_path / "x_depth.png", cv2.applyColorMap(DEPTH[..., 0], cv2.COLORMAP_INFERNO))
+    with pytest.raises(UserError, match="false colours") as caught:
+        layouts.describe(tmp_path, AUTO)
+    assert "in grey" in caught.value.remedy
+
+
+@pytest.mark.parametrize("far_white", [False, True])
+def test_white_that_stands_high_may_be_far(far_white: bool, tmp_path: Path) -> None:
+    ramp = np.repeat(np.linspace(20, 230, 96).astype(np.uint8)[:, None], 128, axis=1)  # a floor: lower is nearer
+    made.write(tmp_path / "s" / "x.png", PICTURE)
+    made.write(tmp_path / "s" / "x_depth.png", 255 - ramp if far_white else ramp)
+    found = orient(layouts.describe(tmp_path / "s", AUTO), AUTO)
+    assert ("whether white is near" in found.undecided) == far_white and (found.sure > 0.5) != far_white
+    for flip in ("auto", "both"):
+        scene = config.Scene(cache_dir=str(tmp_path / flip), grid="3x3", flip=flip)
+        disparity = open_scene(tmp_path / "s", scene).disparity
+        assert disparity is not None
+        top, bottom = (disparity[0, 1, 1, row].mean() for row in (2, -2))
+        assert (bottom > top) == (far_white == (flip == "both"))

@@ -66,6 +66,7 @@ BESIDE = np.hstack([LEFT, RIGHT])
 FORMS = {
     "left, right": two_files("room_left.png", "room_right.png"),
     "L, R": two_files("L.jpg", "R.jpg"),
+    "gauche, droite": two_files("gauche.jpg", "droite.jpg"),
     "Middlebury": two_files("im2.png", "im6.png", "disp2.png", "disp6.png", "im3.png"),
     "with a map": two_files("a_r_left.png", "a_r_right.png", "a_depth.png"),
     "side by side": one_file("x_sbs.png", BESIDE),
@@ -92,6 +93,16 @@ def test_the_left_eye_comes_first(tmp_path: Path, form: str) -> None:
 def test_files_beside_a_pair_are_named(tmp_path: Path) -> None:
     source = layouts.describe(FORMS["Middlebury"](tmp_path), AUTO)
     assert source.notes == ("2 of 5 files used; the others are disp2.png, disp6.png, im3.png",)
+
+
+def test_of_an_album_of_pairs_the_first_is_shown_and_the_others_are_named(tmp_path: Path) -> None:
+    for number, roll in (("001", 0), ("002", 40), ("010", 80)):
+        made.write(tmp_path / f"{number}_L.png", np.roll(LEFT, roll, 0))
+        made.write(tmp_path / f"{number}_R.png", np.roll(RIGHT, roll, 0))
+    source = layouts.describe(tmp_path, AUTO)
+    assert (source.layout, source.rows, source.cols) == ("stereo", 1, 2)
+    assert np.array_equal(source.read(0, 0, 0), LEFT) and np.array_equal(source.read(0, 0, 1), RIGHT)
+    assert source.notes == ("2 of 6 files used; the others are 002_L.png, 002_R.png, 010_L.png, 010_R.png",)
 
 
 @pytest.mark.parametrize("above", [False, True])

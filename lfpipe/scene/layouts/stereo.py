@@ -27,7 +27,7 @@ from lfpipe.scene.optical_flow import confirmed, flow, textured
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "stereo"
-_LEFT, _RIGHT = ("left", "l", "links"), ("right", "r", "rechts")
+_LEFT, _RIGHT = ("left", "l", "links", "gauche", "izquierda", "sinistra"), ("right", "r", "rechts", "droite", "derecha", "destra")
 _SIDES = re.compile(rf"(?<![a-z])({'|'.join(_LEFT + _RIGHT)})(?![a-z])")
 _NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}  # Middlebury's pairs, the left one first
 _BESIDE = re.compile(r"(?<![a-z])(h?sbs|half[-_ ]?sbs|side[-_ ]?by[-_ ]?side|parallel)(?![a-z])")
@@ -40,26 +40,24 @@ _ALIKE, _AGREED = 0.5, 0.5  # correlation of two halves; share of their detail t
 _MAX_MPO_BYTES, _MAX_MPO_DECODED_BYTES = 40_000_000, 60_000_000  # of the file, and of each picture
 
 
-def _pair(listing: Listing) -> tuple[str, str] | None:
-    """The names of the left and the right picture of a folder; None without such a pair."""
+def _pairs(listing: Listing) -> list[tuple[str, str]]:
+    """The names of left and right pictures of a folder."""
     if listing.is_file:
-        return None
-    pictures = listing.pictures()
-    by_stem = {name.rpartition(".")[0].lower(): name for name in pictures}  # with the folder, where one is part of the name
+        return []
+    by_stem = {name.rpartition(".")[0].lower(): name for name in listing.pictures()}  # with the folder, if it is part of the name
     for left, right in _NUMBERED.items():
         text = left.rstrip("0123456789")
         line = [int(stem[len(text) :]) for stem in by_stem if re.fullmatch(text + r"\d{1,4}", stem)]
         runs = len(line) > 2 and max(line) - min(line) < len(line)  # all views of such a set, not two of them
         if left in by_stem and right in by_stem and not runs:
-            return by_stem[left], by_stem[right]
+            return [(by_stem[left], by_stem[right])]
     sides: dict[str, dict[bool, str]] = {}
     for stem, name in by_stem.items():
         words = list(_SIDES.finditer(stem.replace("_", " ")))
         if words:
             rest = stem[: words[-1].start()] + "*" + stem[words[-1].end() :]
             sides.setdefault(rest, {})[words[-1][1] in _LEFT] = name
-    pairs = [(both[True], both[False]) for both in sides.values() if len(both) == 2]
-    return pairs[0] if len(pairs) == 1 or (pairs and "/" in pairs[0][0]) else None  # of folders left and right, the first
+    return [(both[True], both[False]) for both in sides.values() if len(both) == 2]
 
 
 def _alone(listing: Listing) -> Path | None:
@@ -113,9 +111,13 @@ def _arrangement(path: Path) -> tuple[bool, bool, bool] | None:
 
 
 def detect(listing: Listing) -> int | None:
-    if (pair := _pair(listing)) is not None:
-        others = [name for name in listing.pictures() if name not in pair and not MAPS.search(name)]
-        return 85 if not others or Path(pair[0]).stem.lower() in _NUMBERED or "/" in pair[0] else 45
+    if pairs := _pairs(listing):
+        paired = {name for pair in pairs for name in pair}
+        others = [name for name in listing.pictures() if name not in paired and not MAPS.search(name)]
+        if not others or Path(pairs[0][0]).stem.lower() in _NUMBERED or "/" in pairs[0][0]:
+            return 85
+        if len(pairs) == 1:
+            return 45
     path = _alone(listing)
     if path is None:
         return None
@@ -130,11 +132,10 @@ def detect(listing: Listing) -> int | None:
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
-    pair = _pair(listing)
-    if pair is not None:
-        others = [name for name in listing.pictures() if name not in pair]
+    if pairs := _pairs(listing):
+        others = [name for name in listing.pictures() if name not in pairs[0]]
         notes = (f"2 of {len(others) + 2} files used; the others are {some(others)}",) if others else ()
-        files = {(0, col): listing.file(name) for col, name in enumerate(pair)}
+        files = {(0, col): listing.file(name) for col, name in enumerate(pairs[0])}
         return files_source(NAME, listing, files, 1, 2, turn=Turn(), turn_by="the names say left and right", notes=notes)
     path = _alone(listing)
     if path is None:
