@@ -180,6 +180,6 @@ def plausible(source: SceneSource, force: bool) -> SceneSource:
     if not force:
         raise UserError(
             f"{source.path}: as {source.rows}x{source.cols} views of layout {source.layout}, {why}",
-            "give the folder of one scene; `lfpipe scene pack --force` opens it all the same",
+            "give the folder of one scene, or one of the pictures; `lfpipe scene pack --force` opens it all the same",
         )
     return attrs.evolve(source, doubt="; ".join(filter(None, (source.doubt, why))))
