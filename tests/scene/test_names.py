@@ -327,6 +327,21 @@ def test_folders_of_two_scenes_with_the_same_names_and_other_sizes(tmp_path: Pat
         layouts.describe(tmp_path, AUTO)
 
 
+def test_a_picture_beside_folders_of_rows(tmp_path: Path) -> None:
+    made.write_grid(tmp_path, GRID, "row_{r}/{c}.png")
+    made.write(tmp_path / "preview.png", GRID[1, 1])
+    source = layouts.describe(tmp_path, AUTO)
+    assert (source.rows, source.cols) == (3, 4) and "not used: preview.png" in source.notes
+
+
+@pytest.mark.parametrize("below", ["old/edited/photo 2.jpg", "old/photo 2.jpg"])
+def test_a_picture_beside_no_more_than_one_below_it(below: str, tmp_path: Path) -> None:
+    made.write(tmp_path / "photo.jpg", made.texture(96, 128, 1))
+    made.write(tmp_path / below, made.texture(96, 128, 2))
+    source = layouts.describe(tmp_path, AUTO)
+    assert (source.layout, source.files, source.notes) == ("picture", (tmp_path / "photo.jpg",), ())
+
+
 def test_a_picture_with_a_smaller_copy_below_it(tmp_path: Path) -> None:
     made.write(tmp_path / "photo.jpg", made.texture(96, 128, 1))
     made.write(tmp_path / "thumbs" / "photo.jpg", made.texture(24, 32, 1))

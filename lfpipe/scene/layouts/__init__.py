@@ -99,8 +99,8 @@ def _described(known: dict[str, Layout], listing: Listing, scene: config.Scene) 
         listing, marks = inner, _marks(tries, inner)
     _require_readable(listing)
     source = known[scene.layout].describe(listing, scene) if scene.layout != "auto" else _chosen(known, marks, listing, scene)
-    if listing.path != given.path:
-        source = attrs.evolve(source, path=given.path, notes=(*source.notes, note_of(given, listing)))
+    if inner is not None:
+        source = attrs.evolve(source, path=given.path, notes=(*source.notes, *filter(None, [note_of(given, inner)])))
     return source
 
 

@@ -25,22 +25,25 @@ _BESIDE = ("__macosx", "raw", "thumbs", "thumbnails", "original", "originals", "
 def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
     """The pictures below a folder, as names with a slash or as the only inner folder; None if there are none, or no more than in
     the folder itself. Raises UserError if folders hold scenes of their own."""
-    if listing.is_file:
-        return None
-    own, inner = len(listing.pictures()), {name: _listed(listing, name) for name in listing.folders}
-    if own or len(inner) > 1:
+    own, found = len(listing.pictures()), None if listing.is_file else _inner(listing, deepest)
+    more = found is not None and (len(found.pictures()) > own or (found.names and not own))
+    return found if more else None
+
+
+def _inner(listing: Listing, deepest: int) -> Listing | None:
+    inner = {name: _listed(listing, name) for name in listing.folders}
+    if listing.pictures() or len(inner) > 1:
         inner = {name: one for name, one in inner.items() if not MAPS.search(name) and name.lower() not in _BESIDE}
     if len(inner) == 1 and deepest > 1:
         only = next(iter(inner.values()))
-        return inner_listing(only, deepest - 1) or (only if len(only.pictures()) > own or (only.names and not own) else None)
-    every = {name: one for name, one in inner.items() if one.pictures()}
-    rows = _views(every)
-    if len(rows) == 1 and len(inner) > 1 and len(next(iter(rows.values())).pictures()) > own:
+        return inner_listing(only, deepest - 1) or only
+    rows = _views({name: one for name, one in inner.items() if one.pictures()})
+    if len(rows) == 1 and len(inner) > 1:
         return next(iter(rows.values()))
     names = tuple(f"{row}/{name}" for row, one in rows.items() for name in one.pictures())
-    if len(names) <= own:
+    if len(names) <= len(listing.pictures()):
         return None
-    if own or len(rows) < len(inner) or len(rows) == 1 or not (_numbered(tuple(rows)) or _sides(tuple(rows))):
+    if len(rows) < len(inner) or len(rows) == 1 or not (_numbered(tuple(rows)) or _sides(tuple(rows))):
         most = max(rows, key=lambda name: len(rows[name].pictures()))
         raise UserError(
             f"{listing.path}: pictures stand in {len(rows)} folders: {', '.join(list(rows)[:4])}",
@@ -57,15 +60,15 @@ def _listed(listing: Listing, name: str) -> Listing:
 
 
 def note_of(given: Listing, inner: Listing) -> str:
-    """Which pictures below a folder were taken, and which were not."""
-    others: list[str] = []
-    at = given
-    for part in inner.path.relative_to(given.path).parts:
+    """Which pictures below a folder were taken, and which were not; "" for all of them."""
+    parts, at = inner.path.relative_to(given.path).parts, given
+    others = [] if parts else given.pictures()
+    for part in parts:
         others += [at.file(name).relative_to(given.path).as_posix() for name in at.pictures()]
         others += [f"{name}/" for name in at.folders if name != part and _listed(at, name).pictures()]
         at = _listed(at, part)
-    unused = f"; not used: {some(others)}" if others else ""
-    return f"the pictures are those of {inner.path.relative_to(given.path)}{unused}"
+    taken = [f"the pictures are those of {Path(*parts)}"] if parts else []
+    return "; ".join(taken + [f"not used: {some(others)}"] * bool(others))
 
 
 def _views(folders: dict[str, Listing]) -> dict[str, Listing]:
