@@ -90,7 +90,8 @@ def _views(folders: dict[str, Listing]) -> dict[str, Listing]:
     if len(sizes) < len(folders):
         return folders
     looks = {name: [_look(one, k, headers[name][k]) for k in (0, -1)] for name, one in folders.items()}
-    alike = all(np.corrcoef(a, b)[0, 1] > _COPY for look in looks.values() for a, b in zip(look, looks[large], strict=True))
+    pairs = [pair for look in looks.values() for pair in zip(look, looks[large], strict=True)]
+    alike = all(min(a.std(), b.std()) > 0 and np.corrcoef(a, b)[0, 1] > _COPY for a, b in pairs)
     return {large: folders[large]} if alike else folders
 
 
