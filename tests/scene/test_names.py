@@ -320,10 +320,11 @@ def test_a_picture_beside_folders_of_one_scene_in_several_sizes(folders: tuple[s
     assert f"the pictures are those of {folders[0]}; not used: {others}" in source.notes
 
 
-def test_folders_of_two_scenes_with_the_same_names_and_other_sizes(tmp_path: Path) -> None:
-    made.write_grid(tmp_path / "knights", made.views(3, 4, 96, 128))
-    made.write_grid(tmp_path / "flowers", made.views(3, 4, 120, 160)[:, :, ::-1])
-    with pytest.raises(UserError, match="2 folders: flowers, knights"):
+@pytest.mark.parametrize("names", [("flowers", "knights"), ("a", "b"), ("scene 1", "scene 2")])
+def test_folders_of_two_scenes_with_the_same_names_and_other_sizes(names: tuple[str, str], tmp_path: Path) -> None:
+    made.write_grid(tmp_path / names[1], made.views(3, 4, 96, 128))
+    made.write_grid(tmp_path / names[0], made.views(3, 4, 120, 160)[:, :, ::-1])
+    with pytest.raises(UserError, match=f"2 folders: {', '.join(names)}"):
         layouts.describe(tmp_path, AUTO)
 
 

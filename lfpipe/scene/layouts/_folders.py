@@ -43,7 +43,7 @@ def _inner(listing: Listing, deepest: int) -> Listing | None:
     names = tuple(f"{row}/{name}" for row, one in rows.items() for name in one.pictures())
     if len(names) <= len(listing.pictures()):
         return None
-    if len(rows) < len(inner) or len(rows) == 1 or not (_numbered(tuple(rows)) or _sides(tuple(rows))):
+    if len(rows) < len(inner) or len(rows) == 1 or not (_are_rows(rows) or _sides(tuple(rows))):
         most = max(rows, key=lambda name: len(rows[name].pictures()))
         raise UserError(
             f"{listing.path}: pictures stand in {len(rows)} folders: {', '.join(list(rows)[:4])}",
@@ -74,20 +74,14 @@ def note_of(given: Listing, inner: Listing) -> str:
 def _views(folders: dict[str, Listing]) -> dict[str, Listing]:
     """Of folders with results beside the views (the same names, one of them in colour), or with one set of pictures in several
     sizes: that of the views, in their full size. All of them if they hold something else."""
-    headers: dict[str, list[Header]] = {}
-    for name, one in folders.items():
-        with contextlib.suppress(UserError):
-            headers[name] = [picture_header(one.file(one.pictures()[k])) for k in (0, -1)]
-    sizes = {(first.width_px, first.height_px) for first, _ in headers.values()}
-    if len(headers) < len(folders) or len({len(one.pictures()) for one in folders.values()}) != 1:
-        return folders
-    if _numbered(tuple(folders)) and len(sizes) < len(folders):  # rows of one scene
+    headers = _headers(folders)
+    if len(headers) < len(folders) or len({len(one.pictures()) for one in folders.values()}) != 1 or _are_rows(folders):
         return folders
     coloured = [name for name, (first, _) in headers.items() if not first.grey]
     if len(coloured) == 1 and len({tuple(Path(name).stem for name in one.pictures()) for one in folders.values()}) == 1:
         return {coloured[0]: folders[coloured[0]]}
     large = max(folders, key=lambda name: headers[name][0].width_px)
-    if len(sizes) < len(folders):
+    if len({(first.width_px, first.height_px) for first, _ in headers.values()}) < len(folders):
         return folders
     looks = {name: [_look(one, k, headers[name][k]) for k in (0, -1)] for name, one in folders.items()}
     pairs = [pair for look in looks.values() for pair in zip(look, looks[large], strict=True)]
@@ -109,7 +103,19 @@ def _sides(folders: tuple[str, ...]) -> bool:
     return sorted(name.lower() for name in folders) in (["left", "right"], ["l", "r"], ["links", "rechts"])
 
 
-def _numbered(folders: tuple[str, ...]) -> bool:
-    """Whether names of folders differ in one number or letter only."""
+def _are_rows(folders: dict[str, Listing]) -> bool:
+    """Whether names of folders differ in one number or letter only, and not all of their pictures in size."""
     found = read_names(tuple(f"{name}.png" for name in folders))
-    return found is not None and len(found.views) == len(folders) and not found.clashes
+    if found is None or len(found.views) < len(folders) or found.clashes:
+        return False
+    sizes = [(first.width_px, first.height_px) for first, _ in _headers(folders).values()]
+    return len(sizes) < 2 or len(set(sizes)) < len(sizes)
+
+
+def _headers(folders: dict[str, Listing]) -> dict[str, list[Header]]:
+    """Of the first and the last picture of each folder, where these can be read."""
+    found: dict[str, list[Header]] = {}
+    for name, one in folders.items():
+        with contextlib.suppress(UserError):
+            found[name] = [picture_header(one.file(one.pictures()[k])) for k in (0, -1)]
+    return found
