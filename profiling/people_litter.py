@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from profiling.people_scenes import FACES, NAMES, Case, Grid, Make, written
-from tests.files.test_picture_header import with_exif
+from tests.hostile_files import with_exif
 from tests.scene import made
 
 

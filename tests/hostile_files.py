@@ -263,6 +263,15 @@ def jpeg_claiming(jpeg: bytes, width_px: int, height_px: int) -> bytes:
     raise ValueError("no frame header")
 
 
+def with_exif(data: bytes, orientation: int, order: str = "<", before: int = 1, segment: bytes | None = None) -> bytes:
+    """A JPEG with EXIF's orientation. before: how many other entries its directory has; segment: this one instead."""
+    entries = [(0x010F + k, 2, 3, 0) for k in range(before)] + [(0x0112, 3, 1, orientation)]
+    table = b"".join(struct.pack(order + "HHIHxx", *entry) for entry in entries)
+    tiff = struct.pack(order + "2sHIH", b"II" if order == "<" else b"MM", 42, 8, len(entries)) + table + bytes(4)
+    body = b"Exif\0\0" + tiff if segment is None else segment
+    return data[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + data[2:]
+
+
 def ended(args: list[str], timeout_s: float = 60, **more: Any) -> tuple[int, str, str, float]:
     """Runs a command to its end: (exit code, stdout, stderr, peak memory of its largest process in MB)."""
     code = (  # a small process between: what a child inherits from a large one counts as its own peak

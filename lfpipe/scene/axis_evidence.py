@@ -27,6 +27,7 @@ _ENOUGH_PX = 3.0  # spread of the flow that separates surfaces
 _OVERLAP_PX = 1.5  # two surfaces meet if one splat lands on another this much nearer
 _DIFFERENT, _SAME, _WRONG = 10, 3, 6  # grey levels
 _PLACES, _CLEAR = 20, 3  # along the shorter side of a view, with one vote each, because pixels at one edge agree; their majority
+LOWER = 0.35  # correlation of height with disparity
 _FEWEST = 200  # fewer reliable pixels mean nothing
 
 
@@ -146,6 +147,6 @@ def same_way(a: Axis, b: Axis) -> float:
     return alike
 
 
-def lower_is_nearer(axis: Axis) -> float:
-    """Correlation of height in the picture with disparity: positive if lower parts are nearer."""
-    return _correlation(np.nonzero(axis.reliable)[0], axis.disparity[axis.reliable])
+def lower_is_nearer(disparity: FloatMap, use: Mask) -> float:
+    """Correlation of height in the picture with disparity: positive if lower parts are nearer; below LOWER it means little."""
+    return _correlation(np.nonzero(use)[0], disparity[use])

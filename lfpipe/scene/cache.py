@@ -30,7 +30,6 @@ from lfpipe.scene.pack_lock import unused
 from lfpipe.scene.source import SceneSource
 
 _DEEPEST = 3  # levels of folders between the given one and its pictures
-_READING = 2  # of pictures: 2 turns them upright; packs of other ways are made again
 MAX_KEY_BYTES = 256  # of an entry of the index
 
 
@@ -59,7 +58,7 @@ def _unwritten(root: Path, error: OSError) -> UserError:
 def _settings_key(scene: config.Scene) -> str:
     """The settings that a pack depends on, as part of a key."""
     used = {key: value for key, value in attrs.asdict(scene).items() if key not in ("cache_dir", "force")}
-    return json.dumps({"version": VERSION, "reading": _READING, **used}, sort_keys=True)
+    return json.dumps({"version": VERSION, **used}, sort_keys=True)
 
 
 def stamp(path: str | os.PathLike[str], scene: config.Scene) -> str:

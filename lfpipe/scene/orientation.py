@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 
 from lfpipe import config
-from lfpipe.scene.axis_evidence import Axis, examine_axis, lower_is_nearer, same_way
+from lfpipe.scene.axis_evidence import LOWER, Axis, examine_axis, lower_is_nearer, same_way
 from lfpipe.scene.disparity import mismatch
 from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
 from lfpipe.scene.optical_flow import SMALLEST_PX
@@ -21,7 +21,7 @@ _ALONG = 2.0  # motion along an axis over motion across it
 _ALIKE = 0.4  # correlation of rows and columns of a grid in order
 _TOGETHER = 16  # places with evidence of occlusion in a line of views that count as one vote; half as many in a grid
 _UNEVEN = 0.67  # loss of certainty by motion across a line of views over motion along it; half of that in a grid
-_LOWER, _LOWER_SHARE = 0.35, 0.45  # correlation above which lower parts count as nearer, and its weight
+_LOWER_SHARE = 0.45  # weight of the correlation of height with disparity
 _TRUTH_LEADS = 0.2  # share by which true disparity matches better in one order than in all others
 _SURE, _GUESS = 0.9, 0.7  # below these: undecided, with the likelier order shown; undecided, with the order of the files
 _HELP = "scene.flip=rows, cols or both and scene.transpose=yes turn it"
@@ -107,8 +107,8 @@ def _half_turn(axes: list[tuple[Axis, int]]) -> tuple[int, float, str]:
     votes = max(1, right + wrong)
     share, hidden = right / votes, NormalDist().cdf((right - wrong) / math.sqrt(_TOGETHER * votes / len(axes)))
     hidden = min(hidden, max(share, 0.5)) if right > wrong else max(hidden, min(share, 0.5))
-    lower = sum(sign * lower_is_nearer(axis) for axis, sign in axes) / len(axes)
-    lower = 0.5 + _LOWER_SHARE * lower if abs(lower) > _LOWER else 0.5
+    lower = sum(sign * lower_is_nearer(axis.disparity, axis.reliable) for axis, sign in axes) / len(axes)
+    lower = 0.5 + _LOWER_SHARE * lower if abs(lower) > LOWER else 0.5
     ahead = hidden * lower / max(1e-9, hidden * lower + (1 - hidden) * (1 - lower))
     uneven = max(axis.across_px / max(axis.along_px, 1e-6) for axis, _ in axes)
     sure = min(max(ahead, 1 - ahead), 1 - _UNEVEN * uneven / len(axes))

@@ -17,7 +17,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
 from lfpipe.files.picture_header import MAX_DECODING_BYTES, header_of
 from lfpipe.scene.files import picture_header, read_picture, small_grey
-from tests.hostile_files import damaged_bytes, jpeg_claiming, png_chunk, png_of
+from tests.hostile_files import damaged_bytes, jpeg_claiming, png_chunk, png_of, with_exif
 
 JPEG = {"baseline": [], "progressive": [cv2.IMWRITE_JPEG_PROGRESSIVE, 1], "restarts": [cv2.IMWRITE_JPEG_RST_INTERVAL, 1],
         "optimised": [cv2.IMWRITE_JPEG_OPTIMIZE, 1]}  # fmt: skip
@@ -103,15 +103,6 @@ def test_a_damaged_picture_never_decodes_to_what_its_header_did_not_claim(
         return
     assert found is None or found.shape[:2] == (header.height_px, header.width_px)
     assert found is None or (found.dtype == np.uint16) <= (header.max_value > 255)
-
-
-def with_exif(data: bytes, orientation: int, order: str = "<", before: int = 1, segment: bytes | None = None) -> bytes:
-    """A JPEG with EXIF's orientation. before: how many other entries its directory has; segment: this one instead."""
-    entries = [(0x010F + k, 2, 3, 0) for k in range(before)] + [(0x0112, 3, 1, orientation)]
-    table = b"".join(struct.pack(order + "HHIHxx", *entry) for entry in entries)
-    tiff = struct.pack(order + "2sHIH", b"II" if order == "<" else b"MM", 42, 8, len(entries)) + table + bytes(4)
-    body = b"Exif\0\0" + tiff if segment is None else segment
-    return data[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + data[2:]
 
 
 @pytest.mark.parametrize("planes", [1, 3])

@@ -18,7 +18,7 @@ from lfpipe.scene.layouts._embedded_depth import embedded_depth
 from lfpipe.scene.layouts._plenoptic import is_honeycomb
 from lfpipe.scene.layouts.gif import count_frames
 from lfpipe.scene.orientation import orient
-from tests.files.test_picture_header import with_exif
+from tests.hostile_files import with_exif
 from tests.scene import made
 
 AUTO = config.Scene()

@@ -19,7 +19,7 @@ from lfpipe.scene.layouts._names import read_names
 from lfpipe.scene.layouts._running import find_columns
 from lfpipe.scene.layouts._views import whole_part
 from lfpipe.scene.pack import open_scene
-from tests.files.test_picture_header import with_exif
+from tests.hostile_files import with_exif
 from tests.scene import made
 
 AUTO = config.Scene()
@@ -325,6 +325,14 @@ def test_folders_of_two_scenes_with_the_same_names_and_other_sizes(names: tuple[
     made.write_grid(tmp_path / names[1], made.views(3, 4, 96, 128))
     made.write_grid(tmp_path / names[0], made.views(3, 4, 120, 160)[:, :, ::-1])
     with pytest.raises(UserError, match=f"2 folders: {', '.join(names)}"):
+        layouts.describe(tmp_path, AUTO)
+
+
+@pytest.mark.filterwarnings("error")
+def test_folders_of_black_pictures_are_no_copies(tmp_path: Path) -> None:
+    for name, px in (("full", 80), ("half", 40)):
+        made.write_grid(tmp_path / name, np.zeros((1, 3, px, px, 3), np.uint8))
+    with pytest.raises(UserError, match="2 folders: full, half"):
         layouts.describe(tmp_path, AUTO)
 
 

@@ -31,6 +31,8 @@ HALVES = len(READINGS) - 1  # the reading in which a number is row and column wi
 MAPS = re.compile(
     r"depth|disp|mask|matte|alpha|label|seg|normal|flow(?!er)|conf(?!e)|thumb|error|diff|(?<![a-z])gt", re.IGNORECASE
 )
+# Names of the two eyes' pictures, by language.
+LEFT, RIGHT = ("left", "l", "links", "gauche", "izquierda", "sinistra"), ("right", "r", "rechts", "droite", "derecha", "destra")
 _MAX_FIELDS = 12
 _MOST_FAMILIES = 500  # that are compared with each other
 

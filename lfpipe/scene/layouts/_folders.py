@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.picture_header import Header
 from lfpipe.scene.files import Listing, list_scene, picture_header, small_grey
-from lfpipe.scene.layouts._families import MAPS
+from lfpipe.scene.layouts._families import LEFT, MAPS, RIGHT
 from lfpipe.scene.layouts._names import read_names
 from lfpipe.scene.layouts._views import some
 
@@ -37,13 +37,15 @@ def _inner(listing: Listing, deepest: int) -> Listing | None:
     if len(inner) == 1 and deepest > 1:
         only = next(iter(inner.values()))
         return inner_listing(only, deepest - 1) or only
-    rows = _views({name: one for name, one in inner.items() if one.pictures()})
+    rows = {name: one for name, one in inner.items() if one.pictures()}
+    together = _are_rows(rows) or _sides(rows)
+    rows = rows if together else _views(rows)
     if len(rows) == 1 and len(inner) > 1:
         return next(iter(rows.values()))
     names = tuple(f"{row}/{name}" for row, one in rows.items() for name in one.pictures())
     if len(names) <= len(listing.pictures()):
         return None
-    if len(rows) < len(inner) or len(rows) == 1 or not (_are_rows(rows) or _sides(tuple(rows))):
+    if len(rows) < len(inner) or len(rows) == 1 or not together:
         most = max(rows, key=lambda name: len(rows[name].pictures()))
         raise UserError(
             f"{listing.path}: pictures stand in {len(rows)} folders: {', '.join(list(rows)[:4])}",
@@ -75,7 +77,7 @@ def _views(folders: dict[str, Listing]) -> dict[str, Listing]:
     """Of folders with results beside the views (the same names, one of them in colour), or with one set of pictures in several
     sizes: that of the views, in their full size. All of them if they hold something else."""
     headers = _headers(folders)
-    if len(headers) < len(folders) or len({len(one.pictures()) for one in folders.values()}) != 1 or _are_rows(folders):
+    if len(headers) < len(folders) or len({len(one.pictures()) for one in folders.values()}) != 1:
         return folders
     coloured = [name for name, (first, _) in headers.items() if not first.grey]
     if len(coloured) == 1 and len({tuple(Path(name).stem for name in one.pictures()) for one in folders.values()}) == 1:
@@ -98,9 +100,9 @@ def _look(listing: Listing, number: int, header: Header) -> NDArray[np.float64]:
     return np.asarray(cv2.resize(grey, (_LOOK_PX, _LOOK_PX), interpolation=cv2.INTER_AREA), np.float64).ravel()
 
 
-def _sides(folders: tuple[str, ...]) -> bool:
+def _sides(folders: dict[str, Listing]) -> bool:
     """Whether two folders are named as the two eyes' pictures are."""
-    return sorted(name.lower() for name in folders) in (["left", "right"], ["l", "r"], ["links", "rechts"])
+    return sorted(name.lower() for name in folders) in (sorted(pair) for pair in zip(LEFT, RIGHT, strict=True))
 
 
 def _are_rows(folders: dict[str, Listing]) -> bool:

@@ -42,8 +42,8 @@ def single_picture(listing: Listing) -> Path | None:
     return listing.file(pictures[0]) if len(pictures) == 1 else None
 
 
-def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling:
-    """The tiling of the picture at path: from scene.grid, else detected. Raises UserError."""
+def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling | None:
+    """The tiling of the picture at path: from scene.grid, else detected. Raises UserError if scene.grid does not divide it."""
     height, width = picture.shape[:2]
     grid, found = parse_grid(scene.grid), find_tiles(picture, f"{path.parent.name}/{path.stem}")
     if grid is not None and (found is None or found.shape != grid):
@@ -53,9 +53,7 @@ def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling:
                 "give the grid that was rendered with --set scene.grid=ROWSxCOLS",
             )
         return Tiling.even(picture, *grid)
-    if found is None:
-        raise UserError(f"{path}: no tiles recognised in {width}x{height} px", "give them with --set scene.grid=ROWSxCOLS")
-    return detect_quilt(picture, found) if grid is None else found
+    return detect_quilt(picture, found) if grid is None and found is not None else found
 
 
 def picture_loader(paths: list[Path]) -> LastPictures:

@@ -29,6 +29,9 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         raise UserError(f"{listing.path}: contains {len(listing.pictures())} pictures; a mosaic is one", "give one picture")
     picture, full = read_picture(path)
     cut = tiling(picture, path, scene)
+    if cut is None:
+        what = f"{path}: no tiles recognised in {picture.shape[1]}x{picture.shape[0]} px"
+        raise UserError(what, "give them with --set scene.grid=ROWSxCOLS")
     load = picture_loader([path])
     return SceneSource(
         certain=False, layout=NAME, path=listing.path, files=(path,), rows=cut.grid[0], cols=cut.grid[1],

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import VIDEOS, Listing, picture_header, read_picture
-from lfpipe.scene.layouts._grid import parse_grid
 from lfpipe.scene.layouts._mosaic import LastPictures, picture_loader, tiling
 from lfpipe.scene.layouts._tile_detection import find_tiles
 from lfpipe.scene.layouts._views import named_views
@@ -72,13 +71,13 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         frames, rate = len(paths), USUAL_RATE_HZ if len(paths) > 1 else 0.0
         load = picture_loader(paths)
     first = load(0)
-    if not parse_grid(scene.grid) and find_tiles(first, f"{paths[0].parent.name}/{paths[0].stem}") is None:
+    cut = tiling(first, paths[0], scene)
+    if cut is None:
         remedy = "give the tiles with --grid ROWSxCOLS; from a camera slid sideways, `lfpipe scene make` makes views"
         half_px = first.shape[1] // 2
         if are_a_pair(first[:, :half_px], first[:, half_px : 2 * half_px]):
             remedy = "give --grid 1x2: its halves are a stereo pair"
         raise UserError(f"{paths[0]}: its first frame is not a mosaic of views", remedy)
-    cut = tiling(first, paths[0], scene)
     return SceneSource(
         certain=False, layout=NAME, path=listing.path, files=tuple(paths), rows=cut.grid[0], cols=cut.grid[1],
         read=lambda frame, row, col: cut.cut(load(frame), row, col),

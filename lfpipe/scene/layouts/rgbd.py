@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import upright
+from lfpipe.scene.axis_evidence import LOWER, lower_is_nearer
 from lfpipe.scene.files import Listing, picture_header, read_picture
 from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
 from lfpipe.scene.layouts._grid import parse_grid, require_grid
@@ -27,24 +28,22 @@ from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "rgbd"
 _NAMED = re.compile(r"rgb-?[dz](?![a-z])")
-_DEPTH = re.compile(r"[-_. ]*(depth|depthmap|disparity|dpt)$")
-_DEPTH_WORD = re.compile(r"depth|disparity|(?<![a-z])dpt")
+_DEPTH = re.compile(r"depth|disparity|(?<![a-z])dpt")
 _GRID = (5, 9)
 _SAME_SHAPE = 1.2  # most ratio of the aspects of a picture and its depth map
 _RANGE_SHARE = 0.008  # of the width: disparity between the nearest and the farthest, per view
 _GREY, _COLOURED = 2.0, 6.0  # levels between channels: at most for a depth map, at least for a picture
-_LOWER = 0.35  # correlation of height in the picture with depth: above it, what stands lower is nearer
 
 
 def _pair(listing: Listing) -> tuple[str, str] | None:
-    """Names of a picture and of its depth in a folder: two pictures, one of them named depth; x.png and x_depth.png also beside
-    a third one."""
+    """Names of a picture and of its depth: of two pictures in a folder, or of three if its name contains the picture's."""
     stems = {Path(name).stem.lower(): name for name in listing.pictures()} if not listing.is_file else {}
-    named = [name for stem, name in stems.items() if _DEPTH_WORD.search(stem)]
-    if len(stems) == 2 and len(named) == 1:
-        return next(name for name in stems.values() if name != named[0]), named[0]
-    found = [(stems[rest], name) for stem, name in stems.items() if (rest := _DEPTH.sub("", stem)) != stem and rest in stems]
-    return found[0] if len(found) == 1 and len(stems) <= 3 else None
+    depths = [stem for stem in stems if _DEPTH.search(stem)]
+    if len(depths) != 1 or len(stems) > 3:
+        return None
+    others = [stem for stem in stems if stem != depths[0]]
+    pictures = others if len(others) == 1 else [stem for stem in others if stem in depths[0]]
+    return (stems[pictures[0]], stems[depths[0]]) if len(pictures) == 1 else None
 
 
 def _colour(part: NDArray[Any]) -> float:
@@ -119,8 +118,6 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     low, high = (float(v) for v in np.percentile(plane, (1, 99)))
     if high - low < 1:
         raise UserError(f"{paths[-1]}: a depth map of one value", "use one in which near is white and far is black")
-    small = cv2.resize(plane, (64, 64), interpolation=cv2.INTER_AREA)
-    lower = float(np.corrcoef(np.repeat(np.arange(64), 64), small.ravel())[0, 1])
     doubt = "whether white is near: what stands lower is darker; scene.flip=both exchanges near and far"
     disparity = np.asarray((np.clip((plane - low) / (high - low), 0, 1) - 0.5) * (_RANGE_SHARE * width), np.float32)
 
@@ -135,6 +132,6 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     return SceneSource(
         layout=NAME, path=listing.path, files=paths, rows=rows, cols=cols, read=read, height_px=height, width_px=width,
         max_value=full, truth=truth, turn=Turn(), turn_by="the views are made in order, white of the depth map is near",
-        doubt=doubt if lower < -_LOWER else "",
+        doubt=doubt if lower_is_nearer(plane, np.ones(plane.shape, bool)) < -LOWER else "",
         notes=(f"{rows}x{cols} views are made from one picture and its depth; white is near",),
     )  # fmt: skip

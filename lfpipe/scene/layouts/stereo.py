@@ -19,7 +19,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
 from lfpipe.files.picture_header import header_of
 from lfpipe.scene.files import Listing, read_bytes, read_picture
-from lfpipe.scene.layouts._families import MAPS
+from lfpipe.scene.layouts._families import LEFT, MAPS, RIGHT
 from lfpipe.scene.layouts._grid import files_source
 from lfpipe.scene.layouts._mosaic import single_picture
 from lfpipe.scene.layouts._views import some
@@ -27,8 +27,7 @@ from lfpipe.scene.optical_flow import confirmed, flow, textured
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "stereo"
-_LEFT, _RIGHT = ("left", "l", "links", "gauche", "izquierda", "sinistra"), ("right", "r", "rechts", "droite", "derecha", "destra")
-_SIDES = re.compile(rf"(?<![a-z])({'|'.join(_LEFT + _RIGHT)})(?![a-z])")
+_SIDES = re.compile(rf"(?<![a-z])({'|'.join(LEFT + RIGHT)})(?![a-z])")
 _NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}  # Middlebury's pairs, the left one first
 _BESIDE = re.compile(r"(?<![a-z])(h?sbs|half[-_ ]?sbs|side[-_ ]?by[-_ ]?side|parallel)(?![a-z])")
 _CROSSED = re.compile(r"cross[-_ ]?ey|(?<![a-z])(xeye|rl)(?![a-z])")
@@ -56,7 +55,7 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
         words = list(_SIDES.finditer(stem.replace("_", " ")))
         if words:
             rest = stem[: words[-1].start()] + "*" + stem[words[-1].end() :]
-            sides.setdefault(rest, {})[words[-1][1] in _LEFT] = name
+            sides.setdefault(rest, {})[words[-1][1] in LEFT] = name
     return [(both[True], both[False]) for both in sides.values() if len(both) == 2]
 
 
