@@ -1,7 +1,5 @@
 """What a person did that cannot work, phrased so that they can fix it."""
 
-from __future__ import annotations
-
 import reprlib
 
 MESSAGE_CHARS = 1500

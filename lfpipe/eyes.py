@@ -1,7 +1,5 @@
 """The records that travel from tracking to rendering and on, and their one piece of arithmetic."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

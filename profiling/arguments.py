@@ -1,7 +1,5 @@
 """Command lines of the scripts here, and what they share."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess

@@ -8,8 +8,6 @@ misses one.
 whole comparison with its own processes.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import statistics

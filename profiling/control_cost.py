@@ -7,8 +7,6 @@ another client sends as fast as it can. Frames lost are counted for each, and fo
 table with the bounds. What monitors cost: observe_cost.py.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import subprocess

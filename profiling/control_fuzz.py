@@ -7,8 +7,6 @@ handles 1600 per second: 10^5 take a minute. Frames lost meanwhile are compared 
 Prints a Markdown table; exit code 1 if a guarantee was broken.
 """
 
-from __future__ import annotations
-
 import random
 import sys
 import time

@@ -8,8 +8,6 @@ for six. found: share of the portraits. NME: mean error of both eyes over their 
 how far the condition moves the eyes from where the same portrait has them unspoilt, median, in % of their distance.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from pathlib import Path

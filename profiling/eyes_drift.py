@@ -10,8 +10,6 @@ In batch, the filters whose weights do not depend on the measurements (mean, kal
 difference in px at powers of ten.
 """
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -14,8 +14,6 @@ FACES is a folder with videos/*.mp4, fgnet/*.avi, imm/*.jpg, no_face/* and eyes_
 Time per frame: `lfpipe bench tracker`.
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 from collections.abc import Iterable, Iterator

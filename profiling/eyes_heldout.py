@@ -14,8 +14,6 @@ Each row holds error and still jitter of the paper's method (mean of five on cam
 display's clock, with their ratios.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import subprocess

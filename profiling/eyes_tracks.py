@@ -12,8 +12,6 @@ distances/s), still (under 0.1 for 0.2 s), step from picture to picture while st
 the eyes are shown (after it fell from 1.0 to 0.25 distances/s, for 0.2 s), and all. Then, by stretch, the error over all time.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Callable

@@ -8,8 +8,6 @@ because five deaths end a session by design. 500 faults take about 20 minutes. P
 code 1 if a guarantee was broken.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -7,8 +7,6 @@ the whole tree at 30 Hz, in percent of a core. start: from the command to the fi
 --write 1 replaces the last section of profiling/results/hosts.md.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import signal

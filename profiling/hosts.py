@@ -11,8 +11,6 @@ is a line of the table and no failure. The replay compares the digests of eyes, 
 Exit code 1 where something failed.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -6,8 +6,6 @@ Counts the CPU time that render spends in `KeyBindings.serve`, where all of it i
 the whole process. Other checkouts are measured in turn with this one, which comes last. Needs Xvfb. Prints a table.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

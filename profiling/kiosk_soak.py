@@ -8,8 +8,6 @@ the exhibition again 2 s after it ends with another code than 0. Prints progress
 stayed away for LIMIT_S or the code did not end it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random

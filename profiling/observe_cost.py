@@ -8,8 +8,6 @@ so many seconds; then attaches and detaches so many times, every other one by SI
 a core.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import http.client

@@ -6,8 +6,6 @@
 a word. "REFUSED": a light field that should have opened. The scenes: people_scenes, people_litter.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

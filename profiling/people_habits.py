@@ -3,8 +3,6 @@
 Names as phones, gantries, renderers and data sets write them; folders per camera, eye or frame; pairs and maps beside views.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import product

@@ -1,7 +1,5 @@
 """What else lies in people's folders beside a light field, and what is none, for profiling/people_folders.py."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path

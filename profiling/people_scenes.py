@@ -4,8 +4,6 @@ Real light fields of the sample data and drawn ones, with every view in a known 
 orders and shapes, disturbed as real captures are, with other files beside them; and what is no light field at all.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from itertools import product

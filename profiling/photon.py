@@ -3,8 +3,6 @@
 `python -m profiling.photon [--runs N]` prints the table of profiling/results/photon.md.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

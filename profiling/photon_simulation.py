@@ -1,7 +1,5 @@
 """A made camera before a made screen that shows the calibration pattern: a Recording whose delay is known."""
 
-from __future__ import annotations
-
 import attrs
 import cv2
 import numpy as np

@@ -4,8 +4,6 @@
 camera and exposure anew. `--report FILE...` makes the table of what earlier runs printed.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import re

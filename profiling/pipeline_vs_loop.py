@@ -7,8 +7,6 @@ VIDEO and SCENE: the demo's if not given. Latency is t_composed_ns - t_read_ns, 
 with --pace max does the loop decode frames as it runs. Prints a row per run, and the median of the ratios with their range.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 

@@ -7,8 +7,6 @@ refreshes missed, frames lost by capture and tracking, the age of pictures, and 
 loops have ended. Root can run it ahead of the machine's other work.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

@@ -5,8 +5,6 @@
 Prints for both parts the frames that capture, track and the recorder missed and the age of the pictures, then the recording.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import tempfile

@@ -5,8 +5,6 @@
 Prints a line per run, and the number of different digests; exit code 1 if there is more than one.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

@@ -6,8 +6,6 @@ Each kind is written to a folder of its own and opened by a child process. "righ
 near and far. "undecided": the program says that it cannot tell. "refused": with the message. "WRONG": none of these.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

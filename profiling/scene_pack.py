@@ -7,8 +7,6 @@ Bounds: 81 views of 512x512 with disparity in 20 s on two cores; 27x27 views of 
 within 10 % from 3x3 to 27x27.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import statistics

@@ -5,8 +5,6 @@
 The blanks of a build that does not know them are asked for by this build's code: a hook put beside the imports of its window.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -8,8 +8,6 @@ with all three, and with so many LSL receivers at once, which give way to the
 session. Prints Markdown.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import socket

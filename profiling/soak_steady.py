@@ -6,8 +6,6 @@ Frames carry checksums. The hog is a busy loop on the first core, where capture 
 (RssAnon). Prints a row per minute; exit code 1 if a guarantee was broken.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -3,8 +3,6 @@
     uv run python profiling/sweep_cost.py [--cells 40] [--most-empty 10000]
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Fixtures of several rooms: a private world for whole sessions, a clip of a face, a real X server."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -3,8 +3,6 @@
 Plain functions of `random.Random` and of paths, so that tests and attack harnesses share them.
 """
 
-from __future__ import annotations
-
 import copy
 import functools
 import json

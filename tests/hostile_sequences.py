@@ -3,8 +3,6 @@
 Half of the damage is signed: checksums and lengths are adjusted to it, as by an attacker, so that it gets further.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import random

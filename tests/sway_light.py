@@ -1,7 +1,5 @@
 """What a Wayland compositor shows, repaint by repaint: a client of wlr-screencopy on the protocol's own bytes."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import socket

@@ -1,7 +1,5 @@
 """Messages: whatever they quote, they are short, of one encoding, and never an exception themselves."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Names that are not UTF-8, printed and opened by the real program."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Every import between the rooms of the package points down: no room knows those above it, and stages do not know each other."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

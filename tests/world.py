@@ -1,7 +1,5 @@
 """Real sessions in a private world: run directory, cache and settings under tmp_path."""
 
-from __future__ import annotations
-
 import json
 import os
 import secrets

@@ -3,8 +3,6 @@
     uv run python tools/anaglyph_modes.py [OUT.png]
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from pathlib import Path

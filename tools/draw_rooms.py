@@ -5,8 +5,6 @@
 Arrows point from a room to one that it imports, as thick as the number of imports. Red: upwards, or within a circle.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import subprocess

@@ -3,8 +3,6 @@
     uv run python tools/draw_setup.py [--out docs/setup.svg]
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

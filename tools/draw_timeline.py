@@ -3,8 +3,6 @@
 uv run python tools/draw_timeline.py TRACE [--out docs/timeline.svg] [--frames 3] [--loop-ms 45]
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 from pathlib import Path

@@ -6,8 +6,6 @@ Side by side: thumbnails (key Tab), a change and a pause (keys m, p), the glasse
 an older checkout with an environment of its own. Needs xdotool.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

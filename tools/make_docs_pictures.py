@@ -5,8 +5,6 @@
 page.png needs chromium and chromedriver, and is left as it is without them.
 """
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import os

@@ -13,8 +13,6 @@ The path is lfpipe.bench.motion.viewer_path. The landmarks are found once, on a 
 truth is the known map from portrait to picture. Without --portrait: the photograph in matplotlib's sample data.
 """
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import sys

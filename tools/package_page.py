@@ -4,8 +4,6 @@ LFPIPE_URL in the environment is where the repository's files are served, such a
 pictures then lead there. Without it links become plain text, and pictures and the tables of them are left out.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

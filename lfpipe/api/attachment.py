@@ -1,7 +1,5 @@
 """A running session, as seen from another program: its frames and eyes, read from shared memory without affecting the session."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from types import TracebackType

@@ -1,7 +1,5 @@
 """Light fields in a notebook: opens them and renders any view."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from typing import Any

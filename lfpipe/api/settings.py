@@ -1,7 +1,5 @@
 """Settings from a program: dotted keys and values that override the defaults. Reads no file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

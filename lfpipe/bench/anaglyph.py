@@ -1,7 +1,5 @@
 """Subject: anaglyph encodings through simulated glasses. Fused colour, rivalry, ghosts, and time compared with a copy."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 

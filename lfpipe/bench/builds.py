@@ -1,7 +1,5 @@
 """Compares two builds, each in its own processes, in turns, until all differences are settled or the time is up."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

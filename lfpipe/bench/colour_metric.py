@@ -5,8 +5,6 @@ spectra of display and filters (digitised in the public project angler.js, after
 The display's white is D65 with Y = 1. Crosstalk follows Woods (2012): leaking luminance over signal luminance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Differences between two builds or two runs beyond noise: paired ratios, a test against a minimum effect, an interval."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Literal

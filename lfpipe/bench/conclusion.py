@@ -1,7 +1,5 @@
 """The findings of a run, one line per subject: the least error and the shortest time, compared with the paper's method."""
 
-from __future__ import annotations
-
 from lfpipe.bench.diagrams import Point, points, short
 from lfpipe.bench.model import Diagram, Subject
 from lfpipe.bench.results import SubjectResults

@@ -1,7 +1,5 @@
 """The covariance of the Kalman filter in three forms, for stiff settings, compared with rational arithmetic."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

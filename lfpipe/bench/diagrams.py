@@ -1,7 +1,5 @@
 """Diagrams with matplotlib, in a light and a dark theme."""
 
-from __future__ import annotations
-
 import io
 import math
 import re

@@ -1,7 +1,5 @@
 """Subject: filters of eye positions on a known motion. Error at the moment of display, still jitter, time per update."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterator
 from functools import lru_cache, partial

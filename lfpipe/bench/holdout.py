@@ -1,7 +1,5 @@
 """Light fields with views held out, and viewpoints that move among the views."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 

@@ -1,7 +1,5 @@
 """Inputs of the subjects: scenes, a sequence of frames with or without true eyes, and a work folder."""
 
-from __future__ import annotations
-
 import csv
 import os
 from collections.abc import Callable

@@ -4,8 +4,6 @@ The compositor takes what was handed over DEADLINE_MS before a blank. Composing 
 0.1 ms (exponential), a share of them by 5 ms more; blanks are reported to whole ms. All from a fixed seed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

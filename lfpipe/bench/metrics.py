@@ -1,7 +1,5 @@
 """PSNR and SSIM as printed in papers on angular super-resolution: of luma in studio range, without a border."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -4,8 +4,6 @@ Coordinates are the camera's: x right and y down in its picture, z away from it.
 movements (Flash and Hogan 1985).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

@@ -5,8 +5,6 @@ the camera picture -> red of the left view, green and blue of the right. It uses
 numbers.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import sys

@@ -6,8 +6,6 @@ Steady latency: the time shift that explains most of the displayed error while t
 sum(velocity^2): positive if pictures lag, 0 if prediction compensates fully.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import lru_cache, partial
 

@@ -1,7 +1,5 @@
 """Subject: the whole pipeline. Error of the viewpoint on screen against CPU and against latency."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Subject: work that a scene does not need, its saving, and the measured error of omitting it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 

@@ -1,7 +1,5 @@
 """Printed results of angular super-resolution, 2x2 -> 7x7 views. None of these methods was run here."""
 
-from __future__ import annotations
-
 import attrs
 
 HCI_NEW, HCI_OLD, THIRTY = "HCI new", "HCI old", "30scenes"

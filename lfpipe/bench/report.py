@@ -1,7 +1,5 @@
 """The report of a run: a self-contained HTML page, the diagrams as PNG and SVG, and a Markdown summary."""
 
-from __future__ import annotations
-
 import base64
 import html
 import math

@@ -1,7 +1,5 @@
 """results.json: every sample, with the machine, versions, commit and command line."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """Measures subjects: errors once, times in turns, until the interval is narrow or the budget is spent."""
 
-from __future__ import annotations
-
 import math
 import random
 import time

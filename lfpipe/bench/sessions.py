@@ -1,7 +1,5 @@
 """Runs whole sessions, and the paper's loop, in separate processes; returns their traces and CPU time."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

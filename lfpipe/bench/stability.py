@@ -4,8 +4,6 @@ References are exact or in long double: rationals for the covariance, np.longdou
 measurement for filters that receive nonsense, the stored views for pictures.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Iterator

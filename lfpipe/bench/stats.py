@@ -1,7 +1,5 @@
 """Intervals of medians, a signed-rank test, Pareto fronts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """The subjects by name, in the order of the report."""
 
-from __future__ import annotations
-
 from lfpipe.bench import anaglyph, filters, judder, photon, pipeline, plan, stability, synthesis, tracker
 from lfpipe.bench.model import Subject
 

@@ -1,7 +1,5 @@
 """Subject: views between and beyond the stored ones. Error on held-out views, continuity, time per picture."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterator
 from functools import cache, partial

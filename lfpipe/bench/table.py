@@ -4,8 +4,6 @@ PSNR and SSIM of luma are averaged over the synthesised views of a scene. The 7x
 the top left ones (LFASR-geo, ELFR). Smaller grids use the largest square that fits; the table notes it.
 """
 
-from __future__ import annotations
-
 import json
 import time
 import tracemalloc

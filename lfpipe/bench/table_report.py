@@ -1,7 +1,5 @@
 """The table of angular super-resolution as Markdown, a page, and a diagram with the printed results as lines."""
 
-from __future__ import annotations
-
 import base64
 import html
 import math

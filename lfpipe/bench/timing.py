@@ -1,7 +1,5 @@
 """Timing of one turn, and a reference load that is the same in every build."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 

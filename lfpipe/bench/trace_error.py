@@ -1,7 +1,5 @@
 """Error over display time of the eyes that pictures on the screen were made for, from a trace and the true eyes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

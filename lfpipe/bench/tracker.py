@@ -1,7 +1,5 @@
 """Subject: face engines. Error against the true eyes of a sequence, lag, time per camera frame."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from collections.abc import Iterator

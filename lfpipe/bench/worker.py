@@ -10,8 +10,6 @@ different layouts, so this becomes noise between turns and does not look like a 
 The worker runs with its own checkout first on the path. Builds of other versions must understand the requests.
 """
 
-from __future__ import annotations
-
 import gc
 import json
 import os

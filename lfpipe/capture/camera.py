@@ -1,7 +1,5 @@
 """A V4L2 camera as a source: requests a mode, reports the actual one, decodes frames and stamps them with their exposure."""
 
-from __future__ import annotations
-
 import errno
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Exposure, gain, mains frequency and dynamic frame rate of a camera: applied at the start, restored at the end."""
 
-from __future__ import annotations
-
 import contextlib
 from typing import Protocol
 

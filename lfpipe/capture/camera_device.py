@@ -1,7 +1,5 @@
 """A camera as the system lists it, and the modules for cameras on this machine."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from pathlib import Path
 from typing import Any

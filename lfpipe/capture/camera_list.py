@@ -1,7 +1,5 @@
 """Cameras that the kernel lists, and the current device of one of them: device numbers change, name and bus do not."""
 
-from __future__ import annotations
-
 import errno
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The demo's viewer: matplotlib's sample portrait moves on a known smooth path. Needs no camera."""
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import time

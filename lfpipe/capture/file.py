@@ -1,7 +1,5 @@
 """A recording as a source, with due times that never drift."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The protocol that a camera, a file and the demo share."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol

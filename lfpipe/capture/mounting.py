@@ -1,7 +1,5 @@
 """Rotation and mirroring of frames to match the camera's mounting."""
 
-from __future__ import annotations
-
 import attrs
 import cv2
 import numpy as np

@@ -1,7 +1,5 @@
 """Opens a source by its name; imports the decoders of its kind only."""
 
-from __future__ import annotations
-
 import attrs
 import numpy as np
 

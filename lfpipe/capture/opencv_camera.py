@@ -5,8 +5,6 @@ cameras: the package cv2-enumerate-cameras does, if installed; camera:0 needs no
 path /dev/videoN.
 """
 
-from __future__ import annotations
-
 import errno
 import re
 from collections.abc import Callable

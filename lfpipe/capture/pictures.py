@@ -1,7 +1,5 @@
 """Recordings for a file source: a video, or pictures in order of name."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Protocol

@@ -1,7 +1,5 @@
 """Pixel formats of cameras: the supported ones, the choice among them, and the conversion to BGR."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

@@ -4,8 +4,6 @@ Each connection makes all its calls in its own thread, because a dead device may
 a connection ends, the next begins after BACKOFF_S, then after twice as long each time, up to MAX_BACKOFF_S.
 """
 
-from __future__ import annotations
-
 import queue
 import threading
 import time

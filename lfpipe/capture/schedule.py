@@ -1,7 +1,5 @@
 """Due times of a recording's frames: absolute deadlines in whole nanoseconds, so that errors never add up."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 # A container that counts milliseconds rounds each stamp by up to 0.5 ms, the encoder by as much again.

@@ -1,7 +1,5 @@
 """Converts a driver's time stamp to the middle of the exposure."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from lfpipe.transport.stamp_kind import StampKind

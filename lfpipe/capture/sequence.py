@@ -1,7 +1,5 @@
 """A recorded sequence as a source: stored packets, decoded, with the recorded stamps shifted to now."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parses names of frame sources: `camera:N`, `camera:/dev/videoN`, `camera:NAME`, `file:PATH[?...]`, `demo`."""
 
-from __future__ import annotations
-
 import difflib
 from pathlib import Path
 from typing import Literal

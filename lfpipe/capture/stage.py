@@ -7,8 +7,6 @@ Emits: source (what was opened), camera (lost, found), notice (the same for peop
 State: READY, not RUNNING, while no camera delivers frames.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 

@@ -1,7 +1,5 @@
 """A time limit for calls into drivers and decoders that may never return."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time

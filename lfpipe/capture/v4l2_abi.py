@@ -3,8 +3,6 @@
 linuxpy (formerly v4l2py) wraps the whole interface, but its licence, GPL 3 or later, does not suit an Apache-2.0 program.
 """
 
-from __future__ import annotations
-
 import ctypes
 from ctypes import Structure, Union, c_char, c_int32, c_int64, c_long, c_uint8, c_uint32, sizeof
 from typing import Any

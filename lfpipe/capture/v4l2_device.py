@@ -1,7 +1,5 @@
 """One open V4L2 device: its identity, formats, controls and mode. It streams through `v4l2_stream`."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl

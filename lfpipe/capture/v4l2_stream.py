@@ -1,7 +1,5 @@
 """Frames of a V4L2 device through mapped buffers: the newest one, with the driver's stamp, number and flags."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import mmap

@@ -1,7 +1,5 @@
 """Untrusted videos, decoded by OpenCV's FFmpeg: accepted kinds, memory limits, opening."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import BinaryIO

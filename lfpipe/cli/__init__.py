@@ -1,7 +1,5 @@
 """The command line. Each command is a few lines that call a room below; rooms are imported when a command runs."""
 
-from __future__ import annotations
-
 import codecs
 import difflib
 import io

@@ -1,7 +1,5 @@
 """`lfpipe bench`: a report of error against run time, and differences between two builds or two runs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

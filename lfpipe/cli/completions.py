@@ -1,7 +1,5 @@
 """Shell completions for the values of options and arguments; `lfpipe completion SHELL` enables them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable
 from pathlib import Path

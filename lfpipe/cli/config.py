@@ -1,7 +1,5 @@
 """`lfpipe config`: writes, shows and checks the configuration."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

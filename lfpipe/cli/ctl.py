@@ -1,7 +1,5 @@
 """`lfpipe ctl`: queries and controls a running session."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`lfpipe doctor`: checks whether a session would run on this machine."""
 
-from __future__ import annotations
-
 import click
 
 

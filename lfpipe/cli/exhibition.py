@@ -1,7 +1,5 @@
 """`lfpipe up --kiosk`: checks before an exhibition, and restarts without an operator."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

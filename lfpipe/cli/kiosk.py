@@ -1,7 +1,5 @@
 """`lfpipe kiosk`: an exhibition that starts with the desktop."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`lfpipe models`: the face networks on this machine."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`lfpipe monitor`: watches a running session without disturbing it."""
 
-from __future__ import annotations
-
 import click
 
 from lfpipe.cli.options import with_session

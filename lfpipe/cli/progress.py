@@ -1,7 +1,5 @@
 """Output for people: lines that fit the terminal; progress on stderr as a bar, or in a log as a line for what takes long."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 import textwrap

@@ -1,7 +1,5 @@
 """`lfpipe record`: records a camera to disk."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

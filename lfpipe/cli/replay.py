@@ -1,7 +1,5 @@
 """`lfpipe replay`: runs a recorded sequence through the real stages and compares the results with a reference."""
 
-from __future__ import annotations
-
 import contextlib
 import difflib
 import itertools

@@ -1,7 +1,5 @@
 """`lfpipe scene`: packs, lists, inspects and plans light fields."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

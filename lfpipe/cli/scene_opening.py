@@ -1,7 +1,5 @@
 """Opens the scene of a command. Packs it first if necessary, with a progress bar."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`lfpipe sequence`: inspects, cuts, imports and exports recorded sequences."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from functools import partial

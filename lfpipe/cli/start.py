@@ -1,7 +1,5 @@
 """`lfpipe` without arguments on a desktop: a session that begins with thumbnails of the demo and of recent scenes."""
 
-from __future__ import annotations
-
 
 def start() -> int:
     """Runs the session, with the demo's viewer if there is no camera; returns the exit code."""

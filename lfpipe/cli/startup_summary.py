@@ -1,7 +1,5 @@
 """Prints the settings that `lfpipe up` starts with, in five lines."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`lfpipe sweep`: runs many measurements over a corpus, on this machine or on a cluster."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`lfpipe trace`: records a timeline of a running session for Perfetto."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`lfpipe up`: a live session."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """Measured focal lengths, in a file next to the user's settings: `[NAME] focal_px, width_px`, one table per camera."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Values may have any type and depth that TOML, msgpack or a caller can carry. The only exception raised is UserError.
 """
 
-from __future__ import annotations
-
 import difflib
 import functools
 import json

@@ -1,7 +1,5 @@
 """The layers of a configuration: defaults, the user's file, `--config`, `--set`. Later layers win."""
 
-from __future__ import annotations
-
 import difflib
 import math
 import os

@@ -5,8 +5,6 @@ of the display (every second refresh), then tracking (every second frame; the fi
 level is part of the session's options. The configuration itself never changes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The configuration as TOML for people: every key with its default, unit, range and meaning."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any, get_args

@@ -1,7 +1,5 @@
 """Writes single keys to a user's settings; comments and order are kept."""
 
-from __future__ import annotations
-
 from collections.abc import MutableMapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Short videos: MP4 that any player opens, and GIF."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -7,8 +7,6 @@
     sweep    along the middle row from the first column to the last and back
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Decodes pictures into ring slots. JPEGs of every source are decoded here, so that recordings replay to the same bits."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -4,8 +4,6 @@ Colours are BT.709 and tagged as such. The file is written in fragments and conv
 whose writer was killed lacks at most its last two seconds.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib.util
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """A file that grows by whole lines. Neither a full disk nor a killed writer leaves a partial line."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Chunks are not compressed: their pictures are, and an uncompressed chunk cannot 
 every record has a size limit, and every fault raises UserError.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib.util
 import json

@@ -4,8 +4,6 @@ The program decodes only these formats: PNG, JPEG, BMP, PNM, TIFF and WebP. This
 looser: anything it does not understand is refused.
 """
 
-from __future__ import annotations
-
 import contextlib
 import re
 import struct

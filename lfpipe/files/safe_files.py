@@ -1,7 +1,5 @@
 """Files by untrusted paths: read only if they are regular files of limited size, written private to their owner."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -1,7 +1,5 @@
 """The trace: JSON Lines, one object per display refresh or per camera frame, appended by whole lines only."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Iterator

@@ -5,8 +5,6 @@ have in common. They replace Linux's on every other system, and on Linux if LFPI
 `lfpipe.host.wake` is then the module in `portable`. A module without a counterpart there serves all systems.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 

@@ -1,7 +1,5 @@
 """The activity of a process as the kernel counts it: thread states, time on a CPU and in its queue, bytes moved (/proc)."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from pathlib import Path

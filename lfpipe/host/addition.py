@@ -1,7 +1,5 @@
 """Addition with the same bits under every Python: from Python 3.12 on, `sum` compensates rounding errors."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 

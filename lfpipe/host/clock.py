@@ -1,7 +1,5 @@
 """The clock that all processes share, and the time for which the machine has been suspended."""
 
-from __future__ import annotations
-
 import time
 
 now_ns = time.monotonic_ns  # CLOCK_MONOTONIC

@@ -1,7 +1,5 @@
 """Open files: by name for libraries that need one, inherited by child processes, read and written at an offset."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import IO, Any

@@ -1,7 +1,5 @@
 """Endpoints of a session's ZeroMQ sockets: Unix sockets in its run directory, which only its user may enter."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import socket as sockets

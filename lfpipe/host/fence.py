@@ -1,7 +1,5 @@
 """The memory fence: no store or load before it is observed after one that follows it."""
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 import functools

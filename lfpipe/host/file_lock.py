@@ -1,7 +1,5 @@
 """Locks on files and folders; the kernel drops them when their process ends (`flock`)."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

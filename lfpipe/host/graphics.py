@@ -1,7 +1,5 @@
 """The graphics hardware of this machine."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

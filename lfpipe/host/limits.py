@@ -2,8 +2,6 @@
 low. Memory: limited only if the system reports the use of a process.
 """
 
-from __future__ import annotations
-
 import contextlib
 import sys
 from pathlib import Path

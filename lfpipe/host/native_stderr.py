@@ -1,7 +1,5 @@
 """Keeps output of native libraries to file descriptor 2 off the user's terminal."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys

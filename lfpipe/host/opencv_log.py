@@ -1,7 +1,5 @@
 """The log level of OpenCV's own output, past Python, for OpenCV 4 and 5."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any

@@ -1,7 +1,5 @@
 """Reads the output of a child process without waiting."""
 
-from __future__ import annotations
-
 import os
 from multiprocessing import connection
 from typing import IO

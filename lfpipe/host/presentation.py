@@ -1,7 +1,5 @@
 """Reports of a window system about a picture on its screen."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import attrs

@@ -1,7 +1,5 @@
 """Processes: cores, niceness, and settings of a stage's own process."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

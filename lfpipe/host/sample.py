@@ -1,7 +1,5 @@
 """The activity of a process at one moment."""
 
-from __future__ import annotations
-
 import attrs
 
 

@@ -1,7 +1,5 @@
 """Names of shared memory, as entries of a folder: that of the memory itself, or a registry."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

@@ -5,8 +5,6 @@ it for life. From these two facts any process, in any directory or container, ca
 its session lives. Nothing else is ever unlinked by name.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -2,8 +2,6 @@
 between processes. Windows has Ctrl-C and process termination.
 """
 
-from __future__ import annotations
-
 import contextlib
 import faulthandler
 import os

@@ -1,7 +1,5 @@
 """Standard output and standard error that survive a closed terminal, a reader that has ended, a full disk."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys

@@ -4,8 +4,6 @@ The tracker unlinks by name after its process has died, when the next session ma
 unlinks segments that its process only attached (cpython issue 82300).
 """
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from collections.abc import Iterator

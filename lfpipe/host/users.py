@@ -1,7 +1,5 @@
 """Users of this machine."""
 
-from __future__ import annotations
-
 import os
 import pwd
 from pathlib import Path

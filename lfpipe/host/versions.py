@@ -1,7 +1,5 @@
 """Conditions of results besides the code: versions of the packages that compute them, and the machine."""
 
-from __future__ import annotations
-
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path

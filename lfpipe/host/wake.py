@@ -4,8 +4,6 @@ Both ends open it O_RDWR | O_NONBLOCK: no order of opening, no SIGPIPE, it survi
 goes into the same zmq.Poller as sockets and sentinels. A full FIFO means that the reader has enough wakes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import struct

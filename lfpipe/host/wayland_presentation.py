@@ -6,8 +6,6 @@ arrive on a separate queue, so the window library's events stay untouched. Inter
 presentation-time.xml.
 """
 
-from __future__ import annotations
-
 import ctypes
 import time
 from collections.abc import Callable

@@ -4,8 +4,6 @@ Present reports vertical blanks. The first one after the hand-over of a picture 
 identified by its time, because servers without a screen count blanks half a period off (present_fake.c).
 """
 
-from __future__ import annotations
-
 import ctypes
 import time
 

@@ -1,7 +1,5 @@
 """Access control of the page: requests need its token and must come from the page itself. Any local user reaches 127.0.0.1."""
 
-from __future__ import annotations
-
 import functools
 import hmac
 import ipaddress

@@ -1,7 +1,5 @@
 """The page server's attachment to a session: status table, two picture rings, tap. Everything is released without viewers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Measures an object of known size in the camera's picture. A window guides the user if there is a screen."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

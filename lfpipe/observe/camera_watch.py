@@ -1,7 +1,5 @@
 """Reads a camera in parallel with the window: small grey pictures with stamps, and the newest picture for display."""
 
-from __future__ import annotations
-
 import threading
 
 import cv2

@@ -1,7 +1,5 @@
 """Checks whether `lfpipe up SCENE` would run on this machine, each check with its remedy. Starts no camera, opens no window."""
 
-from __future__ import annotations
-
 import errno
 import importlib.metadata
 import importlib.util

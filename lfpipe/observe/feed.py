@@ -1,7 +1,5 @@
 """One sampler for any number of viewers of the page. It works only while the page has viewers."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import json

@@ -1,7 +1,5 @@
 """A session's state as a table for people."""
 
-from __future__ import annotations
-
 import textwrap
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Measures the delay of the loop. A window flips between black and white, the camera watches it, and `loop_delay` compares."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import attrs

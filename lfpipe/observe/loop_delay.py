@@ -10,8 +10,6 @@ light, with an amplitude for each band of rows. The interval comes from the dela
 likelihood is flat: a short exposure in step with the screen sees only black or white, and shows little of the time between.
 """
 
-from __future__ import annotations
-
 import attrs
 import numpy as np
 from numpy.typing import NDArray

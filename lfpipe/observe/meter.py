@@ -1,7 +1,5 @@
 """Rates, times and load of a session over the last seconds, from the status table and the operating system."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import attrs

@@ -1,7 +1,5 @@
 """Metrics of a session in Prometheus' text format, served over HTTP and read from the status table at each scrape."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

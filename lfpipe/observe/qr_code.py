@@ -1,7 +1,5 @@
 """The address of a page as a QR code in the terminal, for phones in the room."""
 
-from __future__ import annotations
-
 import io
 import ipaddress
 import socket

@@ -1,7 +1,5 @@
 """The light of a screen that flips between black and white, seen by a camera: integrals over exposures in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

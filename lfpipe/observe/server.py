@@ -1,7 +1,5 @@
 """An HTTP server that clients cannot exhaust: Tornado, with limits on time, sizes and connections. One thread, no log."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

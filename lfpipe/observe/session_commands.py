@@ -1,7 +1,5 @@
 """Commands of a monitor to a session, over ctl: keys of the terminal, buttons of the page."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Reads a running session: attaches to its status table untracked and read-only, without side effects."""
 
-from __future__ import annotations
-
 import json
 from types import TracebackType
 from typing import Any, Self

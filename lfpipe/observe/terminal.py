@@ -1,7 +1,5 @@
 """The loops of `lfpipe monitor` in a terminal or a pipe."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import json

@@ -5,8 +5,6 @@ display until it is presented. Format: "Trace Event Format" (Google, 2016) with 
 metadata M.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path

@@ -6,8 +6,6 @@
 The time of a message is when its picture was presented, on CLOCK_MONOTONIC.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

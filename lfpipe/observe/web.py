@@ -1,7 +1,5 @@
 """The page of `lfpipe monitor --web`: charts, pictures and controls, for holders of the token."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import aclosing
 from http import HTTPStatus

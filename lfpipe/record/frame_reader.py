@@ -1,7 +1,5 @@
 """Reads the frames of a live session for a recorder: in order, as the source's own JPEGs if it delivers them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -7,8 +7,6 @@ Commands: stop. Asks: record (to end the recording, if writing fails).
 Emits: notice (end of a recording, lost frames).
 """
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Writes a recording to disk in a thread of its own, so that a slow disk does not block reading the ring."""
 
-from __future__ import annotations
-
 import contextlib
 import queue
 import socket

@@ -17,8 +17,6 @@ omits the gamma of 1.5 on red that some copies have. With it, grey differs betwe
 have a rivalry of 12 L* instead of 0.4.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import attrs

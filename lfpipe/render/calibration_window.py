@@ -1,7 +1,5 @@
 """The window of a calibration: live picture, lines of text, clicks in px of the picture, and two keys."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """From two viewpoints to one picture: the only interface that the render stage needs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable
 from functools import partial

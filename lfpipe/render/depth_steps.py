@@ -1,7 +1,5 @@
 """Steps of the depth controls in proportion to the scene: 20 px per view need larger steps than 0.4 px."""
 
-from __future__ import annotations
-
 import math
 
 STEPS = 40  # from the farthest to the nearest of a scene

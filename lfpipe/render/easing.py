@@ -1,7 +1,5 @@
 """The viewpoint while no face is seen, and when one returns: hold, ease to neutral, ease back, never jump."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -2,8 +2,6 @@
 anaglyph; .mp4 is small, plays anywhere and has half the chroma.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import queue

@@ -1,7 +1,5 @@
 """The test of the glasses: a picture with an L for the left eye and an R for the right one, made like every other picture."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

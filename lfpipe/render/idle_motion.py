@@ -1,7 +1,5 @@
 """An exhibition's picture while nobody is there: the viewpoint sways slowly through the grid of views."""
 
-from __future__ import annotations
-
 import math
 
 from lfpipe.render.viewpoint import Position

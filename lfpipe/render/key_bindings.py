@@ -3,8 +3,6 @@
 The picture shows every change for a moment, whoever made it.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import time

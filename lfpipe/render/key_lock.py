@@ -1,7 +1,5 @@
 """Keys of an exhibition: only a code, typed key by key, has an effect."""
 
-from __future__ import annotations
-
 from collections import deque
 
 

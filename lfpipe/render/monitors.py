@@ -1,7 +1,5 @@
 """The monitors that SDL lists: names, positions on the desktop, and pixel sizes."""
 
-from __future__ import annotations
-
 import difflib
 
 import attrs

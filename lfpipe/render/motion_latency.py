@@ -5,8 +5,6 @@ the first picture of that frame, then the loop's delay. Steady: how far pictures
 eyes at the time of the light, compared with the eyes that the picture was made for.
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Short texts in the picture: changes for two seconds, conditions for as long as they last."""
 
-from __future__ import annotations
-
 from lfpipe.transport.clock import SECOND_NS
 
 SHOWN_NS = 2 * SECOND_NS

@@ -1,7 +1,5 @@
 """No display: pictures are dropped. For measurements and for machines without a screen."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

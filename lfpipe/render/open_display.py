@@ -1,7 +1,5 @@
 """Opens the display named by `--display`; imports only the library of that display."""
 
-from __future__ import annotations
-
 import difflib
 import os
 import socket

@@ -3,8 +3,6 @@
 All follow the session's options; without a request there is no ring, no copy, no message.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

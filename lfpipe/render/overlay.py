@@ -1,7 +1,5 @@
 """The overlay of the picture: lines of text and a small picture below them, white on black."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

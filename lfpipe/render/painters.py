@@ -2,8 +2,6 @@
 window's surface.
 """
 
-from __future__ import annotations
-
 from typing import Any, Protocol
 
 import cv2

@@ -1,7 +1,5 @@
 """Two views for 3-D screens, arranged in the screen's own pixels: after scaling, so rows stay rows and halves stay halves."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """One picture as a file, written atomically."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path

@@ -3,8 +3,6 @@
 Only a report: stages do not read it. Each entry comes from the function that the stage itself uses to decide.
 """
 
-from __future__ import annotations
-
 import statistics
 import time
 from collections.abc import Callable, Iterator

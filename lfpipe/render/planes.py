@@ -1,7 +1,5 @@
 """The planes that make up a picture: stored channels without a copy, others built on first use and cached while they fit."""
 
-from __future__ import annotations
-
 from collections import OrderedDict
 
 import numpy as np

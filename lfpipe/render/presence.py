@@ -17,8 +17,6 @@ stood still. The measurement is the mean over the rest of the eyes' position and
 the viewer's distance.
 """
 
-from __future__ import annotations
-
 import enum
 
 import attrs

@@ -4,8 +4,6 @@ If the display's rate is a multiple of the camera's, a picture composed right af
 sooner than one composed just before. The phase therefore creeps there, in steps too small to see.
 """
 
-from __future__ import annotations
-
 from lfpipe.transport.clock import MS_NS, SECOND_NS, Ticker
 
 SLACK = 0.2  # of a period, at most 3 ms: tolerated lateness of eyes

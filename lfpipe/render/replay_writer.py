@@ -4,8 +4,6 @@ Runs in the render stage. Pictures for comparison are packets in folder/pictures
 KEPT_BYTES, then those of every second, fourth, ... frame, so that two runs always have frames in common.
 """
 
-from __future__ import annotations
-
 import zlib
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Scales a picture into an area: keeps the aspect and adds bars."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

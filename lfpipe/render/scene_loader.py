@@ -3,8 +3,6 @@
 The supervisor packs a scene while the old one stays on the screen; a request made meanwhile follows.
 """
 
-from __future__ import annotations
-
 import textwrap
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The best method for a scene: every second view is held out, predicted from the others, and compared."""
 
-from __future__ import annotations
-
 import math
 
 import attrs

@@ -4,8 +4,6 @@ A picture is begun as late as possible for the blank that it is made for. The le
 margin that each late picture widens and each punctual one narrows a little.
 """
 
-from __future__ import annotations
-
 import math
 
 from lfpipe.transport.clock import MS_NS, SECOND_NS

@@ -1,7 +1,5 @@
 """SDL with this program's settings. Import pygame from here: SDL reads its environment when it starts."""
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")

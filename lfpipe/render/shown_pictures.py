@@ -1,7 +1,5 @@
 """Pictures between hand-over and light: each waits for its blank and is reported in order."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 

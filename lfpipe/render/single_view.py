@@ -1,7 +1,5 @@
 """The view of one camera at any position of a light field's grid, in its own colours."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -7,8 +7,6 @@ Asks: set, recentre, load, pause, resume, stop (keys of the window).
 Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost, exchanged), notice (an output was lost).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from lfpipe.config import Config

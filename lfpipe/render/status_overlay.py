@@ -1,7 +1,5 @@
 """The overlay of key o: rates, latency, depth and quality, and the grid of views with the eyes in it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -9,8 +9,6 @@ All methods work on single planes at the light field's resolution, in blocks of 
 resolution.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import cv2

@@ -1,7 +1,5 @@
 """Scenes to choose from: a grid of thumbnails over the picture, with the camera's picture beside them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

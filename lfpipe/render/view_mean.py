@@ -7,8 +7,6 @@ once, of the mean instead of each view, with one f (1 - f) for the whole picture
 fifteenth of its time (docs/quality.md).
 """
 
-from __future__ import annotations
-
 import math
 
 import cv2

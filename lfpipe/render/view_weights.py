@@ -1,7 +1,5 @@
 """The stored views of a picture and their weights."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

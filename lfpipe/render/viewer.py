@@ -1,7 +1,5 @@
 """The viewer before the screen: from the position of the eyes to the two viewpoints and the picture."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable
 

@@ -1,7 +1,5 @@
 """Render's reports about its viewer: presence, the chosen depth, and visits."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from lfpipe.files.safe_files import reason

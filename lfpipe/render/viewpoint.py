@@ -8,8 +8,6 @@ further right. Both eyes share the row of the point midway between them, so nois
 disparity.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

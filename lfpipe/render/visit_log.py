@@ -1,7 +1,5 @@
 """Number of visitors of an exhibition by hour: only counts, no faces and no times of single visits."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

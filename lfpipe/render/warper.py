@@ -1,7 +1,5 @@
 """The position in a stored view of each pixel of a new picture, and whether that view sees it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """The window on the screen: pictures through a painter, keys, text over the picture, and the times of display."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 """Parts of SDL that pygame does not expose: monitors' names, positions and rates, and a window's handles, which give access to
 blanks."""
 
-from __future__ import annotations
-
 import ctypes
 import functools
 

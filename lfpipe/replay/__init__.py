@@ -4,8 +4,6 @@ The package itself can be called: `lfpipe.replay(SEQ)` is `subprocess_run.replay
 would replace the function of the same name.
 """
 
-from __future__ import annotations
-
 import sys
 from types import ModuleType
 from typing import Any

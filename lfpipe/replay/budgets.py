@@ -11,8 +11,6 @@ over = "latency.track.busy.p95_ms"     # ... or a ratio to another figure, nearl
 most = 2.0                             # over = "reference" is the same figure of the reference
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

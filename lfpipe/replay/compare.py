@@ -4,8 +4,6 @@ With the same versions on the same kind of processor, everything must be equal t
 the effect of different rounding (TOLERANCES), and pictures by invisible amounts (LEAST_DB).
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The outcome of a replay as JUnit XML, for CI systems: one test case per part of the comparison, one for budgets."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree

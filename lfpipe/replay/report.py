@@ -1,7 +1,5 @@
 """The results of a replay as plain data: `report.json`."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import struct

@@ -6,8 +6,6 @@ max       as fast as possible; nothing is lost, and the results equal those of s
 recorded, HZ   in real time, on the clocks of a live session; late frames are dropped and counted
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Replay of a recorded sequence from a program, in a process of its own."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

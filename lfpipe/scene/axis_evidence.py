@@ -7,8 +7,6 @@ the picture must agree where two surfaces meet, with the nearer one in front) an
 usually nearer. Only flow confirmed by the way back counts: the rest is guesswork.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

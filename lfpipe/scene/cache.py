@@ -6,8 +6,6 @@
     CACHE/index/STAMP          text: the KEY of a path whose names, sizes and times have this stamp
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

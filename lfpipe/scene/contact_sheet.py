@@ -1,7 +1,5 @@
 """Pictures to inspect a light field: one view, and a contact sheet that makes errors of the order visible."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """The demo's light field: rendered once with exact disparity, cached in the HCI layout."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Callable

@@ -5,8 +5,6 @@ rows below the centre one sees the point (X, Y, d) at (X - d*u, Y - d*v). Rays a
 is one homography per view, and its disparity is linear in the pixels of that view.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import attrs

@@ -4,8 +4,6 @@ Lengths are px of a 512x512 centre view. The table rises to its horizon, where a
 lower, as for a camera that looks down a little.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Disparity of every view from its neighbours in the grid, as in LightField: px per grid step, positive is nearer."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

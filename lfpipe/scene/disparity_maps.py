@@ -1,7 +1,5 @@
 """Writes the disparity of a pack: flow between neighbouring views, or truth if it exists and matches better."""
 
-from __future__ import annotations
-
 from functools import lru_cache, partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Untrusted folders and pictures: bounded in size, confined to the folder, with precise errors."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

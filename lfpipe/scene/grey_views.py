@@ -1,7 +1,5 @@
 """Views of a scene on disk, prepared for optical flow, and the lines of the grid to compare."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Arithmetic on the grid: jitter of the cameras, nearest present view, the sign of truth after a turn."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

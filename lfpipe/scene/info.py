@@ -1,7 +1,5 @@
 """Facts about a scene, for people and programs: from its pack, or from an examination if there is none yet."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import attrs

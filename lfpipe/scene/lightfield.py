@@ -1,7 +1,5 @@
 """An opened light field, as used by all rooms above: in canonical order (row 0 top camera, column 0 left camera)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import attrs

@@ -7,8 +7,6 @@ Opening a pack compares sizes, times and a few blocks of each file, which takes 
 is read completely. `lfpipe scene check` always reads everything.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Fills in missing views from the nearest present one: warped by its disparity, holes filled from behind."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

@@ -4,8 +4,6 @@ Dense inverse search (DIS): Kroeger, Timofte, Dai, Van Gool, "Fast Optical Flow 
 implemented in OpenCV.
 """
 
-from __future__ import annotations
-
 import threading
 
 import cv2

@@ -1,7 +1,5 @@
 """From file order to canonical order (row 0 top camera, column 0 left camera), with the evidence and its certainty."""
 
-from __future__ import annotations
-
 import math
 from itertools import product
 from statistics import NormalDist

@@ -1,7 +1,5 @@
 """Packs a light field in any layout into planar memory maps in canonical order: once; later calls open the pack."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

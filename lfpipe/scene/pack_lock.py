@@ -1,7 +1,5 @@
 """A shared lock on a pack's folder, so that `lfpipe scene clean` keeps packs in use."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ be equal to both neighbours, along the line of cameras). Focal stacks predict ea
 are sharp, without parallax.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The scenes of a playlist: paths of light fields, and folders of light fields."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Recently shown scenes, newest first, in the user's state folder."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Converts a source's values to 8-bit screen values: bit depth, linear light, grey."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

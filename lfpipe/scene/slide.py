@@ -1,7 +1,5 @@
 """A light field of one row from a camera moved sideways: frames of a video, or pictures of a folder."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ pitch, yaw), a scale, and a share of the sideways motion: the slope of the slide
 width.
 """
 
-from __future__ import annotations
-
 import attrs
 import cv2
 import numpy as np

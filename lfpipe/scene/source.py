@@ -1,7 +1,5 @@
 """A scene on disk as its layout describes it, before it is turned or packed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any

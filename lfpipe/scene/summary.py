@@ -1,7 +1,5 @@
 """The summary of a scene for a session, so that only render opens the pack."""
 
-from __future__ import annotations
-
 from lfpipe import config
 from lfpipe.config import SceneSummary
 from lfpipe.scene.cache import cache_dir

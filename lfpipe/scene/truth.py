@@ -1,7 +1,5 @@
 """Plausible true disparity of a scene."""
 
-from __future__ import annotations
-
 import attrs
 import numpy as np
 

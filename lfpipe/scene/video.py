@@ -1,7 +1,5 @@
 """A video file whose frames are pictures of a scene; a child process examines it before this one decodes it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

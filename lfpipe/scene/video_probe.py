@@ -5,8 +5,6 @@ of memory, a crash or a hang does no harm. Prints a line of JSON with width, hei
 end of the video, a line "end".
 """
 
-from __future__ import annotations
-
 import json
 import sys
 

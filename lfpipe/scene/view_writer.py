@@ -1,7 +1,5 @@
 """Writes the views of a pack: decodes them on a few threads, a bounded number at a time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice

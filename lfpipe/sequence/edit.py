@@ -3,8 +3,6 @@
 If anything fails, existing files are unchanged and unfinished new files are removed.
 """
 
-from __future__ import annotations
-
 import csv
 import errno
 import io

@@ -6,8 +6,6 @@ eyes.jsonl     eyes tracked during recording, if requested
 truth.csv      true eyes of a generated sequence: source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import itertools

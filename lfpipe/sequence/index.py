@@ -1,7 +1,5 @@
 """The index of a recording: one line of JSON per stored frame, checked line by line, stored as numbers."""
 
-from __future__ import annotations
-
 import json
 from array import array
 from collections.abc import Sequence

@@ -10,8 +10,6 @@
 The time of a message is wall-clock time, from the manifest's date and the stamps. Messages also contain the stamps themselves.
 """
 
-from __future__ import annotations
-
 import base64
 import binascii
 import datetime

@@ -8,8 +8,6 @@ so all frames but the current one can be read. Nothing calls fsync: a recording 
 power cut.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import zlib

@@ -1,7 +1,5 @@
 """True eyes of a generated sequence, and errors of measurements and pictures against them."""
 
-from __future__ import annotations
-
 import csv
 import os
 from array import array

@@ -5,8 +5,6 @@ viewer. A viewer who looks straight at the screen looks along -z, like the camer
 the distance between the eyes (`CameraPose`); one eye of a turned head is further away than the other.
 """
 
-from __future__ import annotations
-
 import math
 
 import attrs

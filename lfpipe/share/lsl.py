@@ -7,8 +7,6 @@
 All have an irregular rate, so that no reader smooths their stamps; the description holds the camera's rate.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from typing import Any

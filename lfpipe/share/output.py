@@ -1,7 +1,5 @@
 """The protocol of outputs, and the data of each frame and each picture."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import attrs

@@ -6,8 +6,6 @@ Commands: stop; targets by option "share", camera.* by configuration. Asks: shar
 Emits: notice (a target fails, or works again).
 """
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

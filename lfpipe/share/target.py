@@ -1,7 +1,5 @@
 """Targets of a session's eyes: `opentrack:HOST:PORT`, `osc:HOST:PORT` or `lsl[:NAME]`, each with an optional `?rate=HZ`."""
 
-from __future__ import annotations
-
 import difflib
 import importlib.util
 import socket

@@ -1,7 +1,5 @@
 """Eyes as datagrams: opentrack's layout, and OSC bundles. UDP waits for no receiver: an absent one misses them."""
 
-from __future__ import annotations
-
 import socket
 import struct
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Runs before and after the `main` of every stage's process: signals, death with the parent, cores, error reports."""
 
-from __future__ import annotations
-
 import faulthandler
 import importlib
 import os

@@ -1,7 +1,5 @@
 """Rollback: if a stage fails on a change of configuration or scene, the change is undone, and the session continues."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from lfpipe.supervisor.child import EXIT_TERMINATED

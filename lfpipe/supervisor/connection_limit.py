@@ -3,8 +3,6 @@
 Connections beyond the limit are closed at once; ZeroMQ clients retry by themselves until there is room.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 import zmq

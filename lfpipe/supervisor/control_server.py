@@ -3,8 +3,6 @@
 No request or message can end the session: an unexpected exception is answered as an internal error, and its stack is logged.
 """
 
-from __future__ import annotations
-
 import contextlib
 import traceback
 from collections import deque

@@ -5,8 +5,6 @@ step, then one line of JSON, {"ok": true, "result": {...}} or {"ok": false, "err
 input, when the supervisor is gone.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

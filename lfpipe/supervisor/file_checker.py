@@ -1,7 +1,5 @@
 """Runs `file_check` children with limits on output and time; they end with the session."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -5,8 +5,6 @@ works little. Half a second of lag lowers the quality by one level; five seconds
 lost again at once is tried less and less often.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import attrs

@@ -14,8 +14,6 @@ In every phase, a stage that waits for a disk is hung if no byte arrives for STA
 after startup_timeout_s while it sets up, and after hang_timeout_s while it runs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rings that exist only while a client needs them. The state of the session determines which ones."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """How a session ended."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import attrs

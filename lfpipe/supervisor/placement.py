@@ -1,7 +1,5 @@
 """Cores and niceness of stages: parses `governor.affinity` and `governor.nice`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from lfpipe.errors import UserError

@@ -1,7 +1,5 @@
 """The process table: a stage is one row here and one module with `main(context)`. No other module names a stage."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

@@ -1,7 +1,5 @@
 """The quality of a running session: reads the load of its stages from the status table and decides the level."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

@@ -4,8 +4,6 @@ Requests that name files come in two steps: `respond` asks for a check by a chil
 processes its result. A refusal is a BadMessage (not a request at all) or a UserError (with a remedy); either changes nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

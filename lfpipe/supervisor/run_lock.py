@@ -1,7 +1,5 @@
 """The lock file of a run directory: its holder owns the session. The lock ends with its process."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -3,8 +3,6 @@
 A sweep unlinks shared memory only if it belongs to this user and its session is dead (`transport.segment`).
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import shutil

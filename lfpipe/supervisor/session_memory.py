@@ -1,7 +1,5 @@
 """The memory of a session: status table, rings, wake-ups. Only the supervisor creates and removes it."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 

@@ -1,7 +1,5 @@
 """The only place that stores the state of a session and creates its rings."""
 
-from __future__ import annotations
-
 from lfpipe.supervisor.on_demand_rings import OnDemandRings
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control

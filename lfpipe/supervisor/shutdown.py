@@ -1,7 +1,5 @@
 """Ends the processes of a session, with time for stages that still write results."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 import attrs

@@ -1,7 +1,5 @@
 """The state of a session as one plain map, read only from the status table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A row of the process table at run time: its process, failures and restart policy."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import time

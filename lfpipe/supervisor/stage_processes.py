@@ -1,7 +1,5 @@
 """The processes of all stages: started when needed, checked, restarted, and ended in two passes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import attrs

@@ -3,8 +3,6 @@
 One loop in the main thread; it never blocks on a child, and polls sockets and sentinels in one place.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

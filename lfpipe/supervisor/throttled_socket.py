@@ -1,7 +1,5 @@
 """A socket that is read at a limited rate. A flood of messages delays neither frames nor other clients."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import attrs

@@ -1,7 +1,5 @@
 """How a silent process spends its time: computing, moving data, waiting for a CPU or a disk, or idle."""
 
-from __future__ import annotations
-
 import attrs
 
 from lfpipe.host.sample import Sample, Thread

@@ -1,7 +1,5 @@
 """A cell of a sweep: one subject, on one sequence and one scene, with one configuration."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -4,8 +4,6 @@ Timed cells need the resource `quiet` and run after all others, one per host at 
 again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import queue

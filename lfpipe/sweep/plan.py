@@ -13,8 +13,6 @@ crop = ["central", "top-left"]
 border = [22]
 """
 
-from __future__ import annotations
-
 import difflib
 import glob
 import hashlib

@@ -1,7 +1,5 @@
 """Writes the results of a sweep: one line per finished cell, then a table, a page and JUnit XML."""
 
-from __future__ import annotations
-
 import csv
 import html
 import io

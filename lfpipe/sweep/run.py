@@ -1,7 +1,5 @@
 """Runs a sweep, from its plan to its report."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import itertools

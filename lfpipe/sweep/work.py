@@ -1,7 +1,5 @@
 """Measures a cell on a worker. A user's mistake raises nothing here: it becomes the cell's reason."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import math

@@ -6,8 +6,6 @@ that is used is measured: the least-squares factor between what straight lines o
 have added.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 

@@ -1,7 +1,5 @@
 """The camera's focal length from an object of known size at a known distance: the viewer's eyes, or a bank card."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Faces in a whole picture: the face detectors of MediaPipe (BlazeFace, arXiv:1907.05047), with anchors and suppression."""
 
-from __future__ import annotations
-
 import attrs
 import cv2
 import numpy as np

@@ -1,7 +1,5 @@
 """The protocol of the face engines, which find the eyes in a picture."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import attrs

@@ -1,7 +1,5 @@
 """The face engines by their names in the configuration."""
 
-from __future__ import annotations
-
 from lfpipe.config import Track
 from lfpipe.track.engine import Engine
 

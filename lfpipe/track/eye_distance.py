@@ -4,8 +4,6 @@ The visible iris is 11.7 +- 0.5 mm wide, so the result is accurate to 4 %. Peopl
 mm.
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

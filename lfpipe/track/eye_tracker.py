@@ -1,7 +1,5 @@
 """Combines engine, filter and the viewer's eye distance: one call per frame. The stage runs this; it needs no processes."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ profiling/results/eyes.md, and checked on others (`profiling/eyes_tracks.py`, `p
 between the eyes and in seconds, so they are valid for any camera, picture size and viewer distance.
 """
 
-from __future__ import annotations
-
 from lfpipe.config import Track
 from lfpipe.track.kalman import Kalman
 from lfpipe.track.motion_models import Predictive

@@ -4,8 +4,6 @@ The fit (Kabsch, Acta Cryst. A32, 1976) uses points that jaw and mouth do not mo
 angles are relative to the line of sight from the camera to the head, not to the camera's axis.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Position and size of the irises: MediaPipe's iris network on a crop of each eye (arXiv:2006.11341)."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

@@ -3,8 +3,6 @@
 The 468 points, and the 5 + 5 of the iris that follow them when refined, are those of MediaPipe's canonical face model.
 """
 
-from __future__ import annotations
-
 import math
 
 import attrs

@@ -5,8 +5,6 @@ about once a second in addition. FaceMesh takes the face with the highest score;
 If the landmark network rejects a candidate, it tries the next.
 """
 
-from __future__ import annotations
-
 import math
 
 import attrs

@@ -1,7 +1,5 @@
 """Engine "mediapipe": MediaPipe's FaceMesh graph, as the paper uses it."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from typing import Any

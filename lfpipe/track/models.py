@@ -4,8 +4,6 @@ mediapipe has no wheel for some machines and Pythons. There, the files are taken
 which uv or pip fetches by the package's name. All wheels contain the same files.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import os

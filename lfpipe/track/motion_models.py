@@ -9,8 +9,6 @@ The noise is measured while running, from third differences of the half distance
 distances between the eyes, so the constants are valid for any camera and viewing distance.
 """
 
-from __future__ import annotations
-
 import math
 
 import attrs

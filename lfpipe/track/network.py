@@ -1,7 +1,5 @@
 """Networks of the mediapipe wheel, run in this thread through LiteRT; mediapipe itself is never imported."""
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Converts pictures of any common depth and channel count for the engines."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

@@ -3,8 +3,6 @@
 Proportions are those of the face graphs for which the networks were trained (MediaPipe, modules/face_landmark).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

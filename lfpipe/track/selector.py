@@ -3,8 +3,6 @@
 `FaceSelector` counts pictures, not time: an engine has no clock, and a replay must make the same decisions as the session.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -5,8 +5,6 @@ has been up for years. Speeds are in distances between the eyes per second: a ne
 landmarks grows in proportion.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections import deque

@@ -6,8 +6,6 @@ Commands: recentre (chooses the face again), stop; filter settings by configurat
 Emits: engine (name and model), face (found or lost), notice (faces that are not upright).
 """
 
-from __future__ import annotations
-
 import time
 
 from lfpipe.config.quality import tracked_every

@@ -1,7 +1,5 @@
 """One clock for every process: CLOCK_MONOTONIC as int64 nanoseconds. Subtract first, then convert to float seconds."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """The interface of a stage: its configuration, its rings with wake-ups, its status row, and one place to wait."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Iterator, Sequence

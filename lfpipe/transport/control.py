@@ -7,8 +7,6 @@
 State is never sent over tap: `hello` answers with a snapshot. Every message carries the version "v".
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

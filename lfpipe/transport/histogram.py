@@ -5,8 +5,6 @@ of a bucket is at most 1/32 of its value, and the error of its middle at most 1/
 writer. Any process may read it at any time; counts may then be off by one, but never corrupt.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

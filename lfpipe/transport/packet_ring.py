@@ -4,8 +4,6 @@ A slot contains one packet of variable length and the frame's stamps. (epoch, so
 The packet is published before the frame.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

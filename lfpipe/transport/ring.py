@@ -28,8 +28,6 @@ A killed writer has published only whole slots, and the next writer continues fr
 Slots that a slow reader missed are counted.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

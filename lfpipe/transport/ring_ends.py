@@ -3,8 +3,6 @@
 Credit: with `lossless`, a reader reports in its status row how far it has read a ring, and the writer waits for that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 A segment names its owner, and whether that lives can be seen from outside: `lfpipe.host.shared_memory` says how.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

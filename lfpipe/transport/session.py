@@ -1,7 +1,5 @@
 """Names of a session: its run directory, segments, FIFOs and sockets. The supervisor creates what they name."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

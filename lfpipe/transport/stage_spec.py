@@ -1,7 +1,5 @@
 """The data that a stage's process receives at its start."""
 
-from __future__ import annotations
-
 import attrs
 
 from lfpipe.config import Config, SessionOptions

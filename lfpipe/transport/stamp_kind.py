@@ -1,7 +1,5 @@
 """The source of a frame's sensor stamp."""
 
-from __future__ import annotations
-
 import enum
 
 

@@ -7,8 +7,6 @@ A row has one writer at any time: the stage while it lives, otherwise the superv
 `name` to `dead_ns`. Counters and histograms survive a restart of the stage.
 """
 
-from __future__ import annotations
-
 import enum
 import zlib
 from pathlib import Path

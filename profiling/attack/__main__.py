@@ -1,7 +1,5 @@
 """Runs the attack: `uv run python -m profiling.attack [--quick] [--seed N] [--out FILE] [--part NAME]...`."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """What was tried, how often, what held; failures by cause, each with what repeats it."""
 
-from __future__ import annotations
-
 import threading
 from collections import Counter
 from pathlib import Path

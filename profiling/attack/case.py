@@ -1,7 +1,5 @@
 """One hostile input for the command line: the files it needs, the command, and what counts as held."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

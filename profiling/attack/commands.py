@@ -1,7 +1,5 @@
 """A sample of the inputs through the real command line, each a process of its own: exit code, words, and its peak of memory."""
 
-from __future__ import annotations
-
 import os
 import resource
 import shutil

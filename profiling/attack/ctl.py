@@ -1,7 +1,5 @@
 """Hostile messages to one live session: ctl, bus and tap, raw connections, idle ones, and scenes to load."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable

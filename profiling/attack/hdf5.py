@@ -1,7 +1,5 @@
 """HDF5 and MATLAB files with hostile shapes, types, links and attributes."""
 
-from __future__ import annotations
-
 import contextlib
 import random
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pictures and maps in every format whose heads claim a size that their bytes do not hold."""
 
-from __future__ import annotations
-
 import random
 import struct
 import zlib

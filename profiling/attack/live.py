@@ -1,7 +1,5 @@
 """A session under attack: started, asked, and looked at from outside."""
 
-from __future__ import annotations
-
 import resource
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """Messages to ctl and bus by grammar: every shape that msgpack can carry, every command with every field replaced."""
 
-from __future__ import annotations
-
 import random
 import struct
 from typing import Any

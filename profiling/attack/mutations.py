@@ -1,7 +1,5 @@
 """What can be wrong with bytes, with the numbers in a text, with a tree of JSON, and with what stands at a path."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Packs in the cache, altered after they were made; the commands that open and list them."""
 
-from __future__ import annotations
-
 import random
 import shutil
 import struct

@@ -1,7 +1,5 @@
 """Paths that odd people have, given to every command that takes one."""
 
-from __future__ import annotations
-
 import os
 import random
 import shutil

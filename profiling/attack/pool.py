@@ -1,7 +1,5 @@
 """Worker processes that run hostile inputs; what hangs or crashes one is noted, and another takes its place."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Sequences, traces, reports, results, configurations and budgets, damaged; the commands that read them."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import random

@@ -1,7 +1,5 @@
 """The table of a run."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 

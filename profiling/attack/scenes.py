@@ -1,7 +1,5 @@
 """Scenes in every layout, damaged; the commands that read a scene."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random

@@ -1,7 +1,5 @@
 """Small valid inputs of every kind, made once, copied and damaged for each hostile one."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

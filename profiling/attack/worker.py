@@ -4,8 +4,6 @@ Reads {"part", "number", "seed", "folder"} a line from stdin, answers an Outcome
 the entry of the real program. The parent ends a process that hangs; the kernel refuses one too much memory.
 """
 
-from __future__ import annotations
-
 import contextlib
 import faulthandler
 import io

@@ -1,7 +1,5 @@
 """The public interface: promises of docs/python.md that its examples do not show."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The short form of the attack, and its tools; `profiling.attack` has the long form."""
 
-from __future__ import annotations
-
 import random
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Small inputs: a textured wall as a light field, a sequence of the demo's face."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import attrs

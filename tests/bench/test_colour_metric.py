@@ -1,7 +1,5 @@
 """The simulated glasses, checked against known facts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

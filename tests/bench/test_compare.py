@@ -1,7 +1,5 @@
 """Differences beyond noise are always called, others never."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

@@ -1,7 +1,5 @@
 """Known motion, and sequences generated from it."""
 
-from __future__ import annotations
-
 import csv
 import math
 import subprocess

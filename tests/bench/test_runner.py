@@ -1,7 +1,5 @@
 """The runner: turns are interleaved, failures are kept by name, an interrupted run continues."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from collections.abc import Iterator

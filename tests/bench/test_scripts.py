@@ -1,7 +1,5 @@
 """The scripts of profiling/ and tools/ in a fresh clone, without sample data."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

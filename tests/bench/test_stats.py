@@ -1,7 +1,5 @@
 """Intervals, fronts, and the interpolated truth."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path

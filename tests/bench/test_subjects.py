@@ -1,7 +1,5 @@
 """Subjects on small inputs: figures and skipped measurements."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The protocol of angular super-resolution: figures equal to scikit-image's, the views that papers keep, resumed runs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import attrs

@@ -1,7 +1,5 @@
 """`python -m tests.camera_vm`: the tests of this folder in a virtual machine with a real camera driver."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import shlex

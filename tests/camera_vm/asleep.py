@@ -5,8 +5,6 @@ The kernel's suspend test (pm_test = devices) does everything except switch off 
 Everything is mapped and locked before; the result goes to the console.
 """
 
-from __future__ import annotations
-
 import ctypes
 import itertools
 import json

@@ -1,7 +1,5 @@
 """These tests run only in the guest; each begins without a camera."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The guest's drivers: vivid with its injected faults, v4l2loopback with a program that feeds it."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """A virtual machine with a Debian kernel and its camera drivers, over this machine's own files: see README.md."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

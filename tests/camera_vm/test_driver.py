@@ -1,7 +1,5 @@
 """The product's camera on the real driver: formats, rounding, stamps, controls."""
 
-from __future__ import annotations
-
 import contextlib
 import subprocess
 import sys

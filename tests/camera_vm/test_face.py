@@ -1,7 +1,5 @@
 """A face through the real driver. In software emulation the tracker takes minutes to import."""
 
-from __future__ import annotations
-
 import contextlib
 
 import cv2

@@ -1,7 +1,5 @@
 """Each fault of the driver: the picture returns, and its cost is recorded."""
 
-from __future__ import annotations
-
 import subprocess
 import threading
 import time

@@ -1,7 +1,5 @@
 """A whole session in the guest: it opens its camera once, its deadlines hold on a slow machine, faults reach the user."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import re

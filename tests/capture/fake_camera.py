@@ -1,7 +1,5 @@
 """A V4L2 device and its stream in memory; the test defines rounding, failures and stamps. The real driver: tests/camera_vm."""
 
-from __future__ import annotations
-
 import errno
 import time
 from collections.abc import Iterable

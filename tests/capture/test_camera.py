@@ -1,7 +1,5 @@
 """The camera without a camera: negotiation, notes, stamps, counting and real errors. With a real driver: tests/camera_vm."""
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import os

@@ -1,7 +1,5 @@
 """Exposure, gain, mains frequency, dynamic frame rate: applied, limited, reported, restored."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

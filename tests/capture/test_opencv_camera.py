@@ -1,7 +1,5 @@
 """Cameras through OpenCV, with a fake one: the portable host uses them without Video4Linux."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

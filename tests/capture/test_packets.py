@@ -1,7 +1,5 @@
 """Sources of JPEGs pass on each one unchanged, with the frame that it decodes to."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Every pixel format: the same picture comes out of each, whatever the driver's padding."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

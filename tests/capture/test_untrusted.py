@@ -1,7 +1,5 @@
 """Deceptive files given as a camera: too large, broken midway, no files at all, odd names."""
 
-from __future__ import annotations
-
 import os
 import resource
 import socket

@@ -1,7 +1,5 @@
 """Completions on Tab: the real script in a real bash."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Typos and narrow terminals on the command line: each message has a remedy, each table fits."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A file in, a file out: it plays once, its size is reported before and while it grows, and it ends."""
 
-from __future__ import annotations
-
 import os
 import pty
 import re

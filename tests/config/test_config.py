@@ -1,7 +1,5 @@
 """The configuration: every error named at once, every key explained, presets whole."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Settings from files, the command line and messages: any content is accepted completely or refused by name."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

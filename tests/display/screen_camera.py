@@ -5,8 +5,6 @@ on. On Xvfb it shows at each blank what the server's picture held just before, a
 changes its picture 0 to 25 ms before the blank that it reports. Used as `python -m tests.display.screen_camera`.
 """
 
-from __future__ import annotations
-
 import json
 import threading
 import time

@@ -1,7 +1,5 @@
 """An exhibition: only the code has an effect, and the desktop starts it."""
 
-from __future__ import annotations
-
 import itertools
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The closed loop: the real window on an X server, a camera that sees that screen, and the written result."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

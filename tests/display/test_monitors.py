@@ -1,7 +1,5 @@
 """Choice of the monitor, pixel sizes, and windows on an X server with two monitors and on a desktop that scales."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Real windows on real servers: the protocol that reports blanks, their grid, and the trace."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """A whole session in a real window: the picture on the screen comes from the views in the trace."""
 
-from __future__ import annotations
-
 import functools
 import json
 import shutil

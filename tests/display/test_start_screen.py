@@ -1,7 +1,5 @@
 """`lfpipe` without arguments: on a desktop a choice of the demo and recent scenes, elsewhere the help."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Every example of README and docs/ works: code runs, commands parse, files are accepted."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

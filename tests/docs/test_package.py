@@ -1,7 +1,5 @@
 """The package as an installer gets it: built from the project's files, unpacked and read."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The programs of docs/recipes.md run on the data of a session."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

@@ -1,7 +1,5 @@
 """The docs as a site: it has every page, every link works, and its drawing equals the tool's."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Exports of a scene, read by independent programs: FFmpeg's libraries through PyAV, Pillow."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import av

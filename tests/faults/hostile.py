@@ -1,7 +1,5 @@
 """Messages of a stranger to the control socket: no two alike, none valid."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 from typing import Any

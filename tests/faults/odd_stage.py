@@ -1,7 +1,5 @@
 """A stage controlled by option "does": slow in one way, or hung in another."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

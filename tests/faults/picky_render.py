@@ -4,8 +4,6 @@ render.loop_ms = 7: it ends with a UserError after it has confirmed the setting;
 picture.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import attrs

@@ -5,8 +5,6 @@ a second and has nothing) or "hang" (a call does not come back). No file: the ca
 `python -m tests.faults.scripted_camera up ...`.
 """
 
-from __future__ import annotations
-
 import errno
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A live session fed with checksummed frames and watched from outside, for tests and for `profiling/`."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

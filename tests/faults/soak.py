@@ -3,8 +3,6 @@
 `profiling/faults_soak.py` runs hundreds of them, the tests twenty.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random

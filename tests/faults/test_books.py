@@ -1,7 +1,5 @@
 """The account of every frame: drops and skipped frames explain every gap in the trace, also across pauses."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """A camera that stalls, hangs in its driver, is unplugged and comes back: the session survives and reports it."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """Strangers at the control socket: none of their messages changes the session, ends it or costs a frame."""
 
-from __future__ import annotations
-
 import random
 import time
 from collections.abc import Iterator

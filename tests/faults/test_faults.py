@@ -1,7 +1,5 @@
 """One session, fault after fault: pictures return after each, none is torn, every drop is counted, and nothing accumulates."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Which events end a session: failures of a stage, and changes that a stage cannot apply."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Quality on a machine that is too slow: real sessions beside programs that occupy both cores."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import io

@@ -4,8 +4,6 @@ Mounts and dropped privileges are real. Tests of permissions drop root's; withou
 skipped.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import resource

@@ -1,7 +1,5 @@
 """SIGSTOP and SIGCONT of each process and of all of them, as by a suspended machine, a debugger or a starved host."""
 
-from __future__ import annotations
-
 import ast
 import itertools
 import os

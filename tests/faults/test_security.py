@@ -1,7 +1,5 @@
 """Only the user who started a session can access it."""
 
-from __future__ import annotations
-
 import ast
 import fcntl
 import os

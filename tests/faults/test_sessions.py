@@ -1,7 +1,5 @@
 """Unexpected ends of sessions, and sessions side by side."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

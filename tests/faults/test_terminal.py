@@ -1,7 +1,5 @@
 """A vanished terminal and lost output: sessions end cleanly, or continue if they should."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

@@ -1,7 +1,5 @@
 """Checks every frame, eyes record and picture of a session from outside: intact or torn, published or lost, to the last one."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import threading

@@ -1,7 +1,5 @@
 """Headers of pictures: the header read before decoding agrees with the decoded picture, or the file is refused."""
 
-from __future__ import annotations
-
 import itertools
 import random
 import struct

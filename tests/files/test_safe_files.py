@@ -1,7 +1,5 @@
 """The only functions that read and write files at paths from users."""
 
-from __future__ import annotations
-
 import os
 import random
 import stat

@@ -1,7 +1,5 @@
 """Values from files: for any content, the result is a checked value or a UserError."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

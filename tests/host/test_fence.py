@@ -1,7 +1,5 @@
 """The source of the fence on machines that need one."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Iterator
 from types import SimpleNamespace

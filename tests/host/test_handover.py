@@ -1,7 +1,5 @@
 """A descriptor that was kept open reaches the process that is started next, and only that one."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 from pathlib import Path

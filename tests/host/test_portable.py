@@ -1,7 +1,5 @@
 """The host without Linux's own features, `LFPIPE_HOST=portable`: a session, its token, its locks, its wake-ups, its end."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os

@@ -1,7 +1,5 @@
 """Calibration: what is written, and a whole run on the demo's face."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

@@ -1,7 +1,5 @@
 """The camera reader of a calibration, beside its window."""
 
-from __future__ import annotations
-
 import attrs
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Traces damaged by chance or on purpose, and places where no timeline can be written."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """The delay of the loop, from simulated cameras and screens. Many more: `python -m profiling.photon`."""
 
-from __future__ import annotations
-
 import attrs
 import numpy as np
 import pytest

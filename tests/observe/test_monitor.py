@@ -1,7 +1,5 @@
 """The monitor on real sessions: the screen in a pseudo-terminal, streams, Prometheus, coming and going."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import fcntl

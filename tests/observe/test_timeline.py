@@ -1,7 +1,5 @@
 """Timelines: trace-event JSON that a strict reader accepts, from a trace made here and from a real session."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Errors are reported before any process starts: the thing, the value, the remedy, exit code 2, no traceback."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`lfpipe scene clean` beside a session."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

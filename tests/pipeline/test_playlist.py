@@ -1,7 +1,5 @@
 """Several scenes in one session: chosen by command, by the page and by keys, with the old one on the screen meanwhile."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

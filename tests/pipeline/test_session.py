@@ -1,7 +1,5 @@
 """Whole sessions: real processes, real shared memory, real pictures; only the camera is a file."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

@@ -3,8 +3,6 @@
 A scene is layers of texture, each at a disparity, seen by a grid of cameras; every view between is known as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import cv2

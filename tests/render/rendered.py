@@ -3,8 +3,6 @@
 A textured wall at disparity FAR and before it a textured square at NEAR (px per grid step), on a grid of any size.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

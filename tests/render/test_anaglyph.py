@@ -1,7 +1,5 @@
 """Anaglyph methods compared with their published matrices in floating point, without shortcuts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Blocks of 2x2 pixels against the same thing done pixel by pixel."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The camera above the screen: eyes as points before it, and what leaning in does to the row."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """From eyes to pixels: directions of motion, promises of a key, every output, nonsense input."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Views are warped where disparity explains them, and cross-faded elsewhere."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import attrs

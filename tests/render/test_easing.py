@@ -1,7 +1,5 @@
 """Lost and found again: nothing jumps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The distance of the eyes on the grid: known cases computed by hand, and arbitrary configurations."""
 
-from __future__ import annotations
-
 import math
 
 import attrs

@@ -1,8 +1,6 @@
 """From pixels to pixels: a scene with known depth, photographed from known places, written in every layout, packed, and seen
 through the glasses. Near objects must appear further right for the left eye, and a viewer who moves must see them from there."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path

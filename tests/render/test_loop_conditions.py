@@ -1,7 +1,5 @@
 """Reasons to distrust the measured delay of the loop, in words."""
 
-from __future__ import annotations
-
 import attrs
 import pytest
 

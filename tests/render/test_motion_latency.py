@@ -1,7 +1,5 @@
 """Latencies of a motion, as a session measures them, on pictures that are late by a known time."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Words in the picture, steps of depth, and the picture of the glasses test."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

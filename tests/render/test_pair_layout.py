@@ -1,7 +1,5 @@
 """Views of two eyes in a screen's own pixels: whole rows, whole halves, shapes kept."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The plan agrees with what the stages do, and states what leaving out the rest saves."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The display's clock beside a camera's: the phase is found at once, then followed in small steps; what does not fit is left."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """The method that a scene deserves."""
 
-from __future__ import annotations
-
 import attrs
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The screen's blanks and when to begin a picture: a grid from noisy reports, a lead learnt from a simulated compositor."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Pictures on their way to the light are reported once each, in their order, by their blank or by their hand-over."""
 
-from __future__ import annotations
-
 from lfpipe.host.presentation import Presented
 from lfpipe.render.shown_pictures import ANSWER_NS, HANDOVER, REPLACED, ShownPictures
 

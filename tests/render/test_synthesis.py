@@ -1,7 +1,5 @@
 """Views between the stored ones: exact on the grid, continuous off it, right on a scene with known depth, sane on nonsense."""
 
-from __future__ import annotations
-
 import itertools
 
 import attrs

@@ -1,7 +1,5 @@
 """Choosing a scene by its picture: every scene can be reached, by keys and by the place where it is drawn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The viewer before the screen: neutral pose, prediction, distance, and what stays when scene or configuration change."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

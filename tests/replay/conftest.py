@@ -3,8 +3,6 @@
 Both are the same to the last bit in OpenCV 4 and 5, so that one reference holds for all.
 """
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

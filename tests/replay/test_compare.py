@@ -4,8 +4,6 @@ The reference in git stands for both; what another version would have made of it
 4.11, 4.12 and 5.0 against each other are in docs/replay.md.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import zlib

@@ -1,7 +1,5 @@
 """References and budgets that were damaged by chance or on purpose: compared, or refused by file, field and value."""
 
-from __future__ import annotations
-
 import json
 import random
 import shutil

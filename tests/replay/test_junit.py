@@ -1,7 +1,5 @@
 """JUnit says failure or error whenever the exit code is not 0, whichever way a replay ends."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

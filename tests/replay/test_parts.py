@@ -1,7 +1,5 @@
 """Budgets, truth and the kept pictures, called as plain functions."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """JPEGs of a source go to disk unchanged: the recording equals the camera's or file's data byte for byte."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

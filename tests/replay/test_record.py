@@ -1,7 +1,5 @@
 """Recording: beside a live session, alone, cut off by SIGKILL; and played again."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Slow, full or missing disks, and unplanned ends: the session continues, and the recording is readable."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

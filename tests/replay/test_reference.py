@@ -1,7 +1,5 @@
 """A replay in steps against a reference in git, and the changes that it must detect."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

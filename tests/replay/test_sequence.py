@@ -1,7 +1,5 @@
 """Sequences on disk: written, cut off anywhere, damaged in every way, cut, imported and exported."""
 
-from __future__ import annotations
-
 import json
 import resource
 import shutil

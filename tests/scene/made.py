@@ -1,7 +1,5 @@
 """Light fields drawn by the tests, textured layers at known disparities, and the files that layouts keep them in."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Malicious scenes on the command line: `lfpipe scene` ends with code 2, a message and little memory."""
 
-from __future__ import annotations
-
 import os
 import socket
 import struct

@@ -1,7 +1,5 @@
 """Errors of a scene are reported clearly, and nothing stays half-written. The importers are fuzzed."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable

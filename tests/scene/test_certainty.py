@@ -1,7 +1,5 @@
 """Reported certainty is calibrated: of orders reported as 90 % sure or more, at least 90 % are right."""
 
-from __future__ import annotations
-
 from itertools import product
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`lfpipe scene` as a person types it."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

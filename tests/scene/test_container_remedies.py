@@ -1,7 +1,5 @@
 """Each remedy of the layouts that hold all views in one file, or that name them in three digits, opens the scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py

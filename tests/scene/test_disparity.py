@@ -1,7 +1,5 @@
 """Disparity of a view from all that stands around it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Pictures that hold more than one: depth inside a JPEG, wiggles as GIF, raw pictures of lenslets."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Any damage to the files of a scene gives a message or a scene, never a traceback, a hang or high memory use."""
 
-from __future__ import annotations
-
 import random
 import shutil
 import sys

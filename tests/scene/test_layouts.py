@@ -1,7 +1,5 @@
 """Each layout from files that the test writes: found without being named, every view read where it belongs."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

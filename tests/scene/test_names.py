@@ -1,7 +1,5 @@
 """Names of views: whatever people call them, the two numbers that span a grid are found, and no file is dropped in silence."""
 
-from __future__ import annotations
-
 import re
 from itertools import product
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What stands in the cache, or behind the last variable of a .mat file, is no file that lfpipe wrote."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The order of the views is found from flow alone, however the grid was turned; what cannot be told is said."""
 
-from __future__ import annotations
-
 from itertools import product
 from pathlib import Path
 

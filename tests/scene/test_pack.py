@@ -1,7 +1,5 @@
 """The pack: what is in it, that it is made whole or not at all, and that two may make it at once."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Pictures that are no light field are refused before they are packed; no light field is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import attrs

@@ -1,7 +1,5 @@
 """Each remedy of the layouts' messages, carried out on the scene that was refused, opens it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A picture with its depth map becomes views around it: near moves most, and what was hidden is filled from behind."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A light field from a camera slid by hand: rectified, in order, or a reason why the clip does not do."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

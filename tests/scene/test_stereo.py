@@ -1,7 +1,5 @@
 """Stereo pairs in the forms that people have them: left eye first, or undecided and said so."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Names as Windows gives them to copies and to a selection that is renamed at once: `photo (1).JPG`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Recorded sequences damaged by chance or on purpose: read to the last frame, or refused by file, field and value."""
 
-from __future__ import annotations
-
 import functools
 import json
 import os

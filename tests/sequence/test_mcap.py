@@ -1,7 +1,5 @@
 """Sequences and traces as MCAP: read by the library mcap, taken back byte for byte, refused by name where damaged."""
 
-from __future__ import annotations
-
 import base64
 import json
 import random

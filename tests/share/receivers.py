@@ -1,7 +1,5 @@
 """Independent receivers: python-osc's server, liblsl's inlets, and opentrack's documented layout."""
 
-from __future__ import annotations
-
 import socket
 import struct
 import threading

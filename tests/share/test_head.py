@@ -1,7 +1,5 @@
 """Heads before the screen: eyes projected by hand into a camera's picture are found again where they are."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

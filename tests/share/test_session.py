@@ -1,7 +1,5 @@
 """A session that shares its eyes with independent programs."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Targets on the command line: accepted, or refused by name before anything starts, without sending anything."""
 
-from __future__ import annotations
-
 import socket
 import sys
 

@@ -1,7 +1,5 @@
 """A minimal writer of XDF files as LabRecorder writes them (specification at github.com/sccn/xdf, version 1.0)."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from pathlib import Path

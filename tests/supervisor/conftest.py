@@ -1,7 +1,5 @@
 """A runtime directory and the name of a session for one test."""
 
-from __future__ import annotations
-
 import secrets
 from pathlib import Path
 

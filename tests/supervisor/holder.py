@@ -1,7 +1,5 @@
 """A session without stages in a process of its own: holds its run directory and memory until a line comes on stdin."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

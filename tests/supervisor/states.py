@@ -1,7 +1,5 @@
 """States of made sessions, and hypothesis strategies for whatever a message can carry."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from hypothesis import strategies as st

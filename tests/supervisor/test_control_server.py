@@ -1,7 +1,5 @@
 """The control sockets of a real session: it survives any message."""
 
-from __future__ import annotations
-
 import os
 import resource
 import socket

@@ -1,7 +1,5 @@
 """The child that checks files may misbehave: the supervisor gets a result or a refusal, and nothing is left."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

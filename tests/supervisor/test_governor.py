@@ -1,7 +1,5 @@
 """The governor's logic under loads of any shape, and the ladder, cores and niceness it is given."""
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 from typing import Any

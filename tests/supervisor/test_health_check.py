@@ -1,7 +1,5 @@
 """Which stages count as hung: real processes that compute, sleep, starve, stop or wait for a file."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import subprocess

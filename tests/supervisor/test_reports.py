@@ -1,7 +1,5 @@
 """What the supervisor prints of its stages' reports."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Requests as pure functions: each shape that a message can carry gives a reply or a refusal, and never another exception."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Run directories: how they are locked, swept and lost, and what in them or in the environment is refused with a remedy."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The memory of sessions: names follow the run directory; only dead segments of lfpipe are unlinked."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The state of a session: pure changes, rings on demand, quality levels, rollback."""
 
-from __future__ import annotations
-
 import attrs
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """A small corpus: walls as scenes, a recording with truth, one cut short."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A scheduler that dies in the middle of a call."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import CancelledError
 from types import SimpleNamespace

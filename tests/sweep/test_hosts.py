@@ -1,7 +1,5 @@
 """Two hosts as network namespaces, each with two workers: timed cells are alone on their host."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import shutil

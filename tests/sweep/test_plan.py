@@ -1,7 +1,5 @@
 """What a plan becomes: cells, their keys, and refusals that name the key."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Sweeps as a person starts them, with everything that can die on the way."""
 
-from __future__ import annotations
-
 import csv
 import itertools
 import json

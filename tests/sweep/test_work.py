@@ -1,7 +1,5 @@
 """A cell of a sweep by itself."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The one face that is always there: the photograph in matplotlib's sample data, placed where a test wants it."""
 
-from __future__ import annotations
-
 import importlib.util
 from collections.abc import Callable
 from pathlib import Path

@@ -3,8 +3,6 @@
 The portraits are the sample faces beside the checkout; where they are absent, tests that need them are skipped.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable
 from functools import lru_cache

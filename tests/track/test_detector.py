@@ -1,7 +1,5 @@
 """Anchors, overlap and suppression of the face detector."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

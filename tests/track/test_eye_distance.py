@@ -1,7 +1,5 @@
 """The distance between the viewer's eyes from the iris: on made-up faces whose truth is known, and on photographs of people."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """How the head is turned: of the model itself exactly, of portraits whose heads are turned by some 30 degrees roughly."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

@@ -1,7 +1,5 @@
 """The covariance of the constant-velocity filter, against exact arithmetic on the stiff grid."""
 
-from __future__ import annotations
-
 import itertools
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """The landmark network in-thread, on a real face."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """MediaPipe's own graph behind the same protocol."""
 
-from __future__ import annotations
-
 import sys
 import types
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The face networks without the package mediapipe: fetched by a fake installer, taken from wheels good and bad."""
 
-from __future__ import annotations
-
 import hashlib
 import stat
 import subprocess

@@ -1,7 +1,5 @@
 """Behaviour of people before a camera, in whole sessions: composed videos of real portraits."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The filters: hulls, stability, bad stamps and bad measurements."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

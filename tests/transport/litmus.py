@@ -9,8 +9,6 @@ refuses them.
     python -m tests.transport.litmus        # the verdicts, with all fences and without each
 """
 
-from __future__ import annotations
-
 import linecache
 import sys
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """A stage's one place to wait: what wakes it, and what does not."""
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Callable, Iterator
 from pathlib import Path

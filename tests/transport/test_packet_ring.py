@@ -1,7 +1,5 @@
 """JPEGs beside their frames: each comes with the frame it was decoded into, whatever is missing on either side."""
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Iterator
 from multiprocessing.shared_memory import SharedMemory

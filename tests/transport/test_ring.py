@@ -1,7 +1,5 @@
 """The ring with real processes: nothing torn, every drop counted, a killed writer does no harm."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import shutil

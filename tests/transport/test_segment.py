@@ -1,7 +1,5 @@
 """Segments identify their owner and whether its session lives, whatever else is in shared memory."""
 
-from __future__ import annotations
-
 import signal
 import string
 import subprocess

@@ -1,7 +1,5 @@
 """Clock, histogram, status, wake and control, each against its contract."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The page of a session of its own, and of one that all tests of a module share."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

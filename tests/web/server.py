@@ -1,7 +1,5 @@
 """`lfpipe monitor --web` as a process, and requests to it."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import re

@@ -1,7 +1,5 @@
 """Access: requests without the token, with a wrong one, from other pages and under other names."""
 
-from __future__ import annotations
-
 import json
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Invalid commands: for any bytes the answer is JSON with the reason, and the session and the page continue."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

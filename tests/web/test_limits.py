@@ -1,7 +1,5 @@
 """Limits on clients: partial, large and many requests, and unread answers."""
 
-from __future__ import annotations
-
 import http.client
 import signal
 import socket

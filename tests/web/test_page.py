@@ -1,7 +1,5 @@
 """The page of `lfpipe monitor --web`: in a real browser on a real session."""
 
-from __future__ import annotations
-
 import base64
 import json
 from pathlib import Path

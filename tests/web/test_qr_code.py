@@ -1,7 +1,5 @@
 """The QR code of the page, read from the terminal as a phone reads it."""
 
-from __future__ import annotations
-
 import re
 
 import cv2

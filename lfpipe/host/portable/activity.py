@@ -4,8 +4,6 @@ No portable call returns how long a process waited for a CPU. While none of its 
 not at all: most of that time counts as waiting, so that a busy machine makes a stage slow and not hung.
 """
 
-from __future__ import annotations
-
 import time
 
 import psutil

@@ -1,7 +1,5 @@
 """The clock that all processes share; the time for which the machine has been suspended is unknown."""
 
-from __future__ import annotations
-
 import os
 import time
 

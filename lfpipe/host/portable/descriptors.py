@@ -2,8 +2,6 @@
 have taken it before it is opened again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import threading

@@ -5,8 +5,6 @@ That key is never sent: a client proves in the handshake that it has the key; on
 So the file is the token. All messages are encrypted.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import socket as sockets

@@ -4,8 +4,6 @@ A lock is granted if no living process has a conflicting entry. Any process may 
 name is used twice. Two processes that try at the same moment may both fail.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random

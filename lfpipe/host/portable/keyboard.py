@@ -1,7 +1,5 @@
 """Single keys from a terminal, without waiting for Enter and without an echo: on Windows by its console, else by termios."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

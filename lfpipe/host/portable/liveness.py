@@ -1,7 +1,5 @@
 """Whether a process lives, by its number and start time: numbers are reused."""
 
-from __future__ import annotations
-
 import functools
 import os
 

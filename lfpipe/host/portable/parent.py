@@ -1,7 +1,5 @@
 """Ends a process with its parent, however the parent ends."""
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """Reads the output of a child process without waiting: in a thread, because some systems cannot poll a pipe."""
 
-from __future__ import annotations
-
 import os
 import queue
 import threading

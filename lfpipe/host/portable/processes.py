@@ -1,7 +1,5 @@
 """Processes: cores and niceness, if the system has them."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterable

@@ -5,8 +5,6 @@ so an entry of the registry names the creator of each: the run directory, the pr
 while the registry is locked.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

@@ -5,8 +5,6 @@ reads the file before each wake. A reader wakes itself once, for slots published
 one does no harm, because the ring has the truth. A full socket means that the reader has enough wakes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import socket

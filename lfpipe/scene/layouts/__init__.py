@@ -1,7 +1,5 @@
 """The layouts light fields come in, one module each. A new one is one file here with NAME, `detect` and `describe`."""
 
-from __future__ import annotations
-
 import difflib
 import importlib
 import os

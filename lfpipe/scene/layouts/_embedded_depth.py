@@ -4,8 +4,6 @@ GDepth: https://developers.google.com/depthmap-metadata/reference; Dynamic Depth
 picture; XMP Part 3 (Adobe) for its parts in a JPEG. In both, larger values are farther away.
 """
 
-from __future__ import annotations
-
 import base64
 import binascii
 import re

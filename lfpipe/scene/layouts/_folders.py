@@ -1,7 +1,5 @@
 """Scenes whose pictures stand below the folder that was given: one folder per row, or all in the only folder with pictures."""
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A grid of picture files, one per view: what several layouts share."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Untrusted HDF5 files: opened read-only, links to other files refused, claimed sizes checked first."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import threading

@@ -1,7 +1,5 @@
 """Many views in one picture: loads the pictures and divides them as the user says, or as is detected."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from pathlib import Path

@@ -4,8 +4,6 @@ A name is split into texts and numbers; names with the same texts are a family. 
 pair of values occurs once and the pairs fill a lattice; a number that differs in every name runs, or is a counter beside them.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Common properties of plenoptic cameras: raw pictures are a honeycomb of lenslets, the outer views are dark or empty."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -4,8 +4,6 @@ For each candidate grid the likeness of some pairs of views is compared with how
 that explains the likenesses best wins; where another one explains them nearly as well, the result says so.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import combinations

@@ -1,7 +1,5 @@
 """The part of a file name that its numbers are read from: without sums and suffix, times of day in seconds, copies counted."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 

@@ -1,7 +1,5 @@
 """Finds the tiles of a picture of many views: by lines of one colour between them, or because neighbouring tiles are alike."""
 
-from __future__ import annotations
-
 import re
 from itertools import pairwise
 from typing import Any

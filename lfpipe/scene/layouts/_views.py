@@ -1,7 +1,5 @@
 """One picture file per view: from the numbers in the names to a grid of views, with a word on every file that is not used."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path

@@ -3,8 +3,6 @@
 As in LFToolbox's LFReadESLF; a picture that is not a multiple of N is padded at its end.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

@@ -1,7 +1,5 @@
 """A GIF whose frames are views along a line: a wiggle. If it goes there and back, each view counts once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

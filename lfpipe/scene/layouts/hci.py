@@ -3,8 +3,6 @@
 Format: https://lightfield-analysis.uni-konstanz.de (Honauer, Johannsen, Kondermann, Goldluecke, ACCV 2016).
 """
 
-from __future__ import annotations
-
 import configparser
 import math
 import re

@@ -3,8 +3,6 @@
 Wanner, Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

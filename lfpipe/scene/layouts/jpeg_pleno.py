@@ -3,8 +3,6 @@
 The JPEG Pleno common test conditions use the central 13x13; corner views may be absent.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

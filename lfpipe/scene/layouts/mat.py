@@ -3,8 +3,6 @@
 v7.3 files are HDF5 and hold the axes in reverse order; older ones need scipy (`pip install 'lfpipe[scipy]'`).
 """
 
-from __future__ import annotations
-
 import os
 import zlib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """One picture of R x C tiles, one view each (an atlas, a contact sheet); also a Looking Glass quilt without its usual name."""
 
-from __future__ import annotations
-
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, read_picture

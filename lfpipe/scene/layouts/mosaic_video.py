@@ -1,7 +1,5 @@
 """Light-field video: numbered mosaics in a folder (25 a second), or a video file whose every frame is a mosaic."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -3,8 +3,6 @@
 The names do not say which; the pictures decide, because neighbouring views look alike.
 """
 
-from __future__ import annotations
-
 from lfpipe import config
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._views import describe_views, named_views

@@ -1,7 +1,5 @@
 """A single picture: a light field of one view."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

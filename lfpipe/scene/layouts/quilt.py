@@ -3,8 +3,6 @@
 Format: https://docs.lookingglassfactory.com/keyconcepts/quilts.
 """
 
-from __future__ import annotations
-
 import re
 
 from lfpipe import config

@@ -4,8 +4,6 @@ a JPEG as phones write it.
 White is near. Views around the picture are synthesised from it: shifted by depth, holes filled from behind.
 """
 
-from __future__ import annotations
-
 import re
 from functools import lru_cache
 from pathlib import Path

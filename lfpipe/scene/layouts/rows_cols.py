@@ -1,7 +1,5 @@
 """Picture files whose names hold row and column: any two of their numbers that span a grid."""
 
-from __future__ import annotations
-
 from lfpipe import config
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._views import describe_views, named_views

@@ -4,8 +4,6 @@ Coordinates decide, never the index: X grows to the right, Y downwards, and scen
 http://lightfield.stanford.edu; variants of prefix, suffix and further fields occur in copies.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

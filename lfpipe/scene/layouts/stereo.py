@@ -4,8 +4,6 @@ another, .jps, .mpo). Two views, left eye first.
 .jps: side by side, right eye first (VRex's format). .mpo: whole JPEGs one after the other, left eye first; CIPA DC-007.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any
