@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import hypothesis
 import numpy as np
+import psutil
 import pytest
 
 from lfpipe.host import PORTABLE, shared_memory
@@ -32,28 +33,20 @@ for _name in ("SIGHUP", "SIGQUIT"):
         signal.signal(getattr(signal, _name), signal.SIG_DFL)
 
 
-REAL_TIME = {"world", "live", "screen", "xvfb"}  # fixtures of whole sessions and real windows
-LONGEST_ROOMS = {"attack", "sweep"}  # first: at the end two workers would wait for the third
-REAL_TIME_ROOMS = {"display", "faults", "pipeline", "share", "sweep", "web"}
+LONGEST_ROOMS = {"attack", "sweep"}  # first: at the end one worker would wait for the other
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One worker per physical core, and at least two: half of the time a test waits for a process it started."""
+    return max(psutil.cpu_count(logical=False) or 1, 2)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
-    """A real-time test shares the machine with other programs: if it fails, it runs once more, and the summary names it. A defect
-    fails twice. Tests that only compute run once."""
+    """Long rooms first; what only Linux's own host has is skipped on the portable one."""
     items.sort(key=lambda item: item.path.parent.name not in LONGEST_ROOMS)
-    for item in items:
-        if REAL_TIME & set(item.fixturenames) or item.path.parent.name in REAL_TIME_ROOMS:
-            item.add_marker(pytest.mark.flaky(reruns=1))
     for item in items if PORTABLE else ():
         for mark in item.iter_markers("native"):
             item.add_marker(pytest.mark.skip(reason=f"of Linux's own host alone: {mark.args[0]}"))
-
-
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Why a test ran again: the first failure in full."""
-    for report in terminalreporter.getreports("rerun"):
-        terminalreporter.write_sep("=", f"failed once: {report.nodeid}")
-        report.toterminal(terminalreporter._tw)
 
 
 @pytest.fixture(scope="session", autouse=True)
