@@ -5,6 +5,7 @@ import importlib.metadata
 import importlib.util
 import os
 import platform
+import re
 import sys
 from pathlib import Path
 
@@ -47,10 +48,15 @@ def opencv_distributions() -> list[str]:
 
 
 def opencv(distributions: list[str]) -> Check:
-    """Whether cv2 can be imported, which distributions provide it, and its GUI backend."""
+    """Whether cv2 can be imported, which distributions provide it, and its GUI backend.
+
+    MediaPipe requires the windowed distribution, whose files overlap with the headless one's: pip installs both, and the last
+    one wins. The remedy puts the headless files on top, in the oldest version, which fits the installed numpy.
+    """
     names = ", ".join(distributions) or "no distribution"
-    reinstall = "pip uninstall -y " + " ".join(name.split()[0] for name in distributions)
-    reinstall += " && pip install --no-deps opencv-contrib-python-headless"
+    versions = sorted({name.split()[1] for name in distributions}, key=lambda text: [int(n) for n in re.findall(r"\d+", text)])
+    reinstall = "pip install --force-reinstall --no-deps opencv-contrib-python-headless"
+    reinstall += f"=={versions[0]}" if versions else ""
     try:
         import cv2
 
@@ -58,7 +64,7 @@ def opencv(distributions: list[str]) -> Check:
     except (ImportError, AttributeError) as error:
         return Check("opencv", False, f"{names}: cv2 cannot be imported: {error}", reinstall)
     gui = next((line.split(":", 1)[1].strip() for line in build.splitlines() if line.strip().startswith("GUI:")), "?")
-    if len(distributions) > 1:
+    if len(distributions) > 1 and (len(versions) > 1 or gui != "NONE"):
         doubled = f"{names}: {len(distributions)} in one folder, cv2 {cv2.__version__} is in use, GUI {gui}"
         return Check("opencv", False, doubled, reinstall)
     return Check("opencv", True, f"{names}, GUI {gui}")

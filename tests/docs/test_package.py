@@ -3,17 +3,14 @@
 import re
 import subprocess
 import sys
+import sysconfig
 import tarfile
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
-BUILD = """
-import sys
-from hatchling.build import build_sdist
-print(build_sdist(sys.argv[1]))
-"""
+BUILD = "import sys; from hatchling import build; getattr(build, 'build_' + sys.argv[1])(sys.argv[2])"
 
 
 @pytest.fixture(scope="module", params=["", "served.example/lfpipe"])
@@ -22,7 +19,7 @@ def package(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     out = tmp_path_factory.mktemp("dist")
     url = f"https://{request.param}" if request.param else ""
     env = {"PATH": "/usr/bin:/bin", "HOME": str(out), **({"LFPIPE_URL": url} if url else {})}
-    done = subprocess.run([sys.executable, "-c", BUILD, str(out)], cwd=ROOT, capture_output=True, text=True, env=env)
+    done = subprocess.run([sys.executable, "-c", BUILD, "sdist", str(out)], cwd=ROOT, capture_output=True, text=True, env=env)
     assert done.returncode == 0, done.stderr
     with tarfile.open(next(out.glob("*.tar.gz"))) as archive:
         names = [name.partition("/")[2] for name in archive.getnames()]
@@ -52,3 +49,25 @@ def test_its_page_has_no_link_that_leads_nowhere(package: tuple[str, list[str], 
 def test_the_container_runs_commands_that_exist() -> None:
     text = (ROOT / "Containerfile").read_text()
     assert re.search(r"^FROM python:3\.1[1-4]-slim$", text, re.M) and '"lfpipe", "up", "--demo"' in text and "pytest" in text
+
+
+def test_a_wheel_from_the_source_distribution_installs_into_an_empty_environment(tmp_path: Path) -> None:
+    """As an installer without a wheel does: the archive has all that its own build reads."""
+
+    def run(*words: str | Path, cwd: Path = tmp_path, **env: str) -> str:
+        env |= {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+        done = subprocess.run(words, cwd=cwd, capture_output=True, text=True, env=env)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    run(sys.executable, "-c", BUILD, "sdist", tmp_path, cwd=ROOT)
+    with tarfile.open(next(tmp_path.glob("*.tar.gz"))) as archive:
+        archive.extractall(tmp_path, filter="data")
+    run(sys.executable, "-c", BUILD, "wheel", tmp_path, cwd=next(path for path in tmp_path.iterdir() if path.is_dir()))
+    run(sys.executable, "-m", "venv", tmp_path / "empty")
+    python = tmp_path / "empty" / "bin" / "python"
+    run(python, "-m", "pip", "install", "-q", "--no-deps", "--no-index", next(tmp_path.glob("*.whl")))
+    here = sysconfig.get_paths()["purelib"]  # its dependencies; the package itself comes from the empty environment
+    shown = run(python, "-c", "import lfpipe; print(lfpipe.__file__)", PYTHONPATH=here)
+    assert Path(shown.strip()).is_relative_to(tmp_path / "empty")
+    assert "lfpipe, version" in run(tmp_path / "empty" / "bin" / "lfpipe", "--version", PYTHONPATH=here)
