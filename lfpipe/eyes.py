@@ -18,9 +18,13 @@ EYES = np.dtype(
         ("face", "<i4"),
         ("generation", "<i4"),  # counts the tracks of a face: another number means another run of the filter
         ("eyes_mm", "<f8"),  # the viewer's own distance between the eyes, learnt from the iris (track.refine); 0: not known
-        ("turn_deg", "<f8", (3,)),  # of the head against the line of sight, `lfpipe.track.head_pose`; zeros without a face
+        ("head_px", "<f4", (10, 3)),  # HEAD_POINTS in the picture: right, down, away from the camera; zeros: not known
     ]
 )
+
+# Points of MediaPipe's face mesh that jaw and mouth do not move: tip of the nose, top of the forehead, corners of the eyes from
+# the right outer to the left outer one, temples, and in front of the ears.
+HEAD_POINTS = (1, 10, 33, 133, 362, 263, 127, 356, 234, 454)
 
 # A picture shown, for who shares the session; the slot header repeats the stamps of the frame that it was made for.
 SHOWN = np.dtype([("t_presented_ns", "<i8"), ("view", "<f8", (2, 2)), ("composed", "<i4"), ("face", "<i4")])

@@ -3,6 +3,9 @@
 Axes: the origin is the middle of the picture on the screen; x points to the viewer's right, y up, z from the screen to the
 viewer. A viewer who looks straight at the screen looks along -z, like the camera in OpenGL and three.js. The depth follows from
 the distance between the eyes (`CameraPose`); one eye of a turned head is further away than the other.
+
+The rotation fits MediaPipe's canonical face model to the network's points (Kabsch, Acta Cryst. A32, 1976), at points that jaw and
+mouth do not move. The mesh assumes parallel camera rays, so the fit is relative to the line of sight from the camera to the head.
 """
 
 import math
@@ -20,6 +23,22 @@ Point = tuple[float, float, float]
 NEAR_S = 0.1  # time constant of the depth: the distance between the eyes is noisier than their position
 LOST_NS = 500_000_000  # after such a gap the old depth means nothing
 LEAST_PX = 0.5  # eyes closer together than this are not a face's
+
+# The points of `lfpipe.eyes.HEAD_POINTS` in the canonical model, cm: x to the face's left, y up, z out of the face.
+_MODEL_CM = (
+    (0.0, -1.126865, 7.475604),
+    (0.0, 8.261778, 4.481535),
+    (-4.445859, 2.663991, 3.173422),
+    (-1.856432, 2.585245, 3.757904),
+    (1.856432, 2.585245, 3.757904),
+    (4.445859, 2.663991, 3.173422),
+    (-7.743095, 2.364999, -2.005167),
+    (7.743095, 2.364999, -2.005167),
+    (-7.664182, 0.673132, -2.435867),
+    (7.664182, 0.673132, -2.435867),
+)
+MODEL = np.array(_MODEL_CM) * (1.0, -1.0, -1.0)  # on the picture's axes: right, down, away from the camera
+_CENTRED = MODEL - MODEL.mean(axis=0)  # its rows sum to 0, so the points need not be centred
 
 
 @attrs.frozen
@@ -70,14 +89,27 @@ class HeadEstimator:
         camera = self.config.camera
         tilt, focal_px = math.radians(camera.tilt_deg), camera_focal_px(self.config, width_px)
         pose = CameraPose(camera.above_mm, tilt, focal_px, (width_px / 2, height_px / 2), eyes_mm)
-        return _head(pose, eyes_px.tolist(), self._apart_px, record["turn_deg"].tolist())
+        return _head(pose, eyes_px.tolist(), self._apart_px, head_rotation(record["head_px"]))
 
 
-def _head(pose: CameraPose, eyes_px: list[list[float]], apart_px: float, turn_deg: list[float]) -> Head:
+def head_rotation(points: NDArray[np.floating]) -> NDArray[np.float64]:
+    """The rotation (3, 3) of the canonical model on the picture's axes that fits points (10, 3), `HEAD_POINTS` in any unit:
+    right, down, away from the camera. The identity for a face that looks along the line of sight, and for unknown points,
+    which are not finite or all 0."""
+    moved = np.asarray(points, np.float64)
+    if not moved.any() or not np.isfinite(moved).all():
+        return np.eye(3)
+    u, _, vt = np.linalg.svd((moved / np.abs(moved).max()).T @ _CENTRED)
+    if np.linalg.det(u @ vt) < 0:
+        u[:, 2] *= -1  # a reflection would fit better, but is impossible
+    return np.asarray(u @ vt, np.float64)
+
+
+def _head(pose: CameraPose, eyes_px: list[list[float]], apart_px: float, rotation: NDArray[np.float64]) -> Head:
     f, (middle_x, middle_y) = pose.focal_px, pose.middle_px
     rays = [((u - middle_x) / f, (v - middle_y) / f) for u, v in eyes_px]  # x / z, y / z on the camera's axes: right, down, ahead
     between = ((rays[0][0] + rays[1][0]) / 2, (rays[0][1] + rays[1][1]) / 2)
-    turned = _along(between) @ _turn(*turn_deg)  # of the head on the camera's axes
+    turned = _along(between) @ rotation  # of the head on the camera's axes
     depth_mm = f * pose.eyes_mm / apart_px
     aside_mm = float(turned[2, 0]) * pose.eyes_mm / 2  # additional distance of the left eye over the point between them
     left, right = (_on_screen(pose, ray, depth_mm + off) for ray, off in zip(rays, (aside_mm, -aside_mm), strict=True))
@@ -102,20 +134,6 @@ def _on_screen(pose: CameraPose, ray: tuple[float, float], depth_mm: float) -> P
     c, s = math.cos(pose.tilt), math.sin(pose.tilt)
     across, down = ray[0] * depth_mm, ray[1] * depth_mm
     return -across, pose.above_mm - down * c - depth_mm * s, depth_mm * c - down * s
-
-
-def _turn(yaw_deg: float, pitch_deg: float, roll_deg: float) -> NDArray[np.float64]:
-    """The rotation (3, 3) on the picture's axes for which `lfpipe.track.head_pose` returns these angles."""
-    a, b, g = math.radians(-yaw_deg), math.radians(pitch_deg), math.radians(-roll_deg)
-    ca, sa, cb, sb, cg, sg = math.cos(a), math.sin(a), math.cos(b), math.sin(b), math.cos(g), math.sin(g)
-    rotation = np.array(
-        [
-            [ca * cg + sa * sb * sg, -ca * sg + sa * sb * cg, sa * cb],
-            [cb * sg, cb * cg, -sb],
-            [-sa * cg + ca * sb * sg, sa * sg + ca * sb * cg, ca * cb],
-        ]
-    )
-    return np.asarray(_FLIP @ rotation @ _FLIP, np.float64)
 
 
 def _along(ray: tuple[float, float]) -> NDArray[np.float64]:

@@ -13,9 +13,8 @@ import numpy as np
 from lfpipe.eyes import EYES, SHOWN
 from lfpipe.share.head import LOST_NS, HeadEstimator
 from lfpipe.share.lsl import LslOutput
-from lfpipe.share.output import Output, Sample, Shown
+from lfpipe.share.output import Output, Sample, Shown, UdpOutput
 from lfpipe.share.target import Target, parse_target
-from lfpipe.share.udp import UdpOutput
 from lfpipe.transport.clock import Ticker, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
@@ -109,7 +108,8 @@ class Sharer:
 
     def _sample(self, stamp: Stamp, t_ns: int) -> Sample:
         head = self._estimator.head(self._record, t_ns - stamp.t_sensor_ns)
-        return Sample(stamp.source_seq, stamp.t_sensor_ns, t_ns, head)
+        confidence = float(self._record["confidence"]) if head is not None else 0.0
+        return Sample(stamp.source_seq, stamp.t_sensor_ns, t_ns, head, confidence)
 
     def send_predicted(self) -> None:
         """Sends predicted eyes that are due; none while no frames arrive."""

@@ -1,12 +1,15 @@
 """The protocol of the face engines, which find the eyes in a picture."""
 
+import math
 from typing import Protocol
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.track.head_pose import HeadTurn
+LIMIT_PX = 1e6  # beyond every camera's picture
+MIN_APART_PX = 0.5  # between the eyes; a tracked face has at least 4 px
+WIDEST = 1.5  # distance between the eyes over the longer side of the face; 0.3 to 0.5 in faces, 1 in those of a bad fit
 
 
 @attrs.frozen(eq=False)
@@ -15,7 +18,7 @@ class Face:
     confidence 0..1, box_px: (x0, y0, x1, y1). iris_px: diameter of the irises, 0 if unknown or if the face is turned too
     far to compare it with the distance between the eyes. apart_px: distance between the eyes as if the head were not turned, 0 if
     unknown. lean_deg: lean towards the shoulder, clockwise in the picture.
-    turn_deg: see `head_pose.head_turn`."""
+    head_px: float (10, 3), `lfpipe.eyes.HEAD_POINTS` in the picture: right, down, away from the camera; None if unknown."""
 
     eyes_px: NDArray[np.float64]
     confidence: float
@@ -23,7 +26,21 @@ class Face:
     iris_px: float = 0.0
     apart_px: float = 0.0
     lean_deg: float = 0.0
-    turn_deg: HeadTurn = (0.0, 0.0, 0.0)
+    head_px: NDArray[np.float64] | None = None
+
+    @property
+    def plausible(self) -> bool:
+        """Whether all numbers are finite and fit each other; otherwise no face is better than this one."""
+        (lx, ly), (rx, ry) = self.eyes_px.tolist()
+        x0, y0, x1, y1 = self.box_px
+        numbers = (lx, ly, rx, ry, x0, y0, x1, y1, self.apart_px, self.iris_px, self.confidence)
+        if not all(-LIMIT_PX <= value <= LIMIT_PX for value in numbers):  # false for NaN, too
+            return False
+        side_px, apart_px = max(x1 - x0, y1 - y0), math.hypot(lx - rx, ly - ry)
+        widest_px = WIDEST * side_px
+        known = self.apart_px == 0 or MIN_APART_PX <= self.apart_px <= widest_px
+        shares = 0 <= self.confidence <= 1 and 0 <= self.iris_px <= side_px
+        return MIN_APART_PX <= apart_px <= widest_px and known and shares
 
 
 class Engine(Protocol):

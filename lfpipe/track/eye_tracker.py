@@ -1,5 +1,7 @@
 """Combines engine, filter and the viewer's eye distance: one call per frame. The stage runs this; it needs no processes."""
 
+import logging
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,8 @@ from lfpipe.track.eye_distance import EyeDistance
 from lfpipe.track.filters import make_filter
 from lfpipe.track.selector import same_place
 from lfpipe.track.smoothing import MAX_STEP_NS
+
+log = logging.getLogger(__name__)
 
 
 class EyeTracker:
@@ -38,7 +42,13 @@ class EyeTracker:
         self.seen = False
 
     def update(self, face: Face | None, t_sensor_ns: int, epoch: int = 0) -> bool:
-        """Adds the engine's result for a frame. Returns whether a face was found or lost. epoch: a new value means a new run."""
+        """Adds the engine's result for a frame. Returns whether a face was found or lost. epoch: a new value means a new run.
+
+        An implausible face counts as none: whoever averages what follows would never forget it.
+        """
+        if face is not None and not face.plausible:
+            log.debug("implausible face: %s", face)
+            face = None
         self._face = face
         if face is not None:
             away_ns = t_sensor_ns - self._seen_ns
@@ -62,7 +72,7 @@ class EyeTracker:
         record["raw_px"], record["filtered_px"] = self._raw_px, self._position_px
         record["velocity_px_s"] = self._velocity_px_s
         record["apart_px"] = face.apart_px if face is not None else 0.0
-        record["turn_deg"] = face.turn_deg if face is not None else (0.0, 0.0, 0.0)
+        record["head_px"] = face.head_px if face is not None and face.head_px is not None else 0.0
         record["confidence"] = face.confidence if face is not None else 0.0
         record["width_px"], record["height_px"] = image.shape[1], image.shape[0]
         record["face"], record["generation"], record["eyes_mm"] = self.seen, self._generation, self._apart.mm

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.eyes import HEAD_POINTS
 from lfpipe.track.detector import FULL, Detection, Detector
 from lfpipe.track.engine import Face
-from lfpipe.track.head_pose import HEAD_POINTS, head_turn
 from lfpipe.track.iris import Irises
 from lfpipe.track.landmarks import FRONTAL, TURN, eye_points, iris_diameter, turn
 from lfpipe.track.network import Network, model_file
@@ -24,6 +24,7 @@ from lfpipe.track.selector import FaceSelector
 
 SIZE_PX = 192
 POINTS = 468
+_HEAD = np.array(HEAD_POINTS)
 # In distances between the eyes. A gaze moves both irises off the middle of the lids equally, and only as far as the lids allow.
 # If the two irises disagree, glasses or glare hide them, and the lids are the better estimate.
 APART, ASIDE = 0.06, 0.13
@@ -179,10 +180,10 @@ class LitertEngine:
         if not 1.0 <= region.side_px < math.inf or not self._upright(lean_deg):
             return None
         self._roi = region
-        turn_deg = head_turn(np.column_stack((points.T[HEAD_POINTS], mesh[HEAD_POINTS, 2] * scale)))
+        head_px = np.column_stack((points.T[_HEAD], mesh[_HEAD, 2] * scale))
         if self._irises is None:
             eyes = np.add((found.left, found.right), (x, y))
-            return Face(eyes, confidence, edges, apart_px=found.apart, lean_deg=lean_deg, turn_deg=turn_deg)
+            return Face(eyes, confidence, edges, apart_px=found.apart, lean_deg=lean_deg, head_px=head_px)
         mesh_px = points.T + matrix[:, 2]
         irises = self._irises.find(bgr, mesh_px)
         frontal = abs(turn(mesh_px[list(TURN)])) <= FRONTAL
@@ -190,7 +191,7 @@ class LitertEngine:
         off = (irises[:, 0] - lids) / max(found.apart, 1.0)
         seen = float(np.hypot(*(off[0] - off[1]))) <= APART and float(np.abs(off).max()) <= ASIDE
         eyes, iris_px = (irises[:, 0], iris_diameter(irises) if frontal else 0.0) if seen else (lids, 0.0)
-        return Face(eyes, confidence, edges, iris_px, found.apart, lean_deg, turn_deg)
+        return Face(eyes, confidence, edges, iris_px, found.apart, lean_deg, head_px)
 
     def _upright(self, lean_deg: float) -> bool:
         """Whether a head can lean this far, clockwise. Counts faces that lean further, because the picture may be rotated."""

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.eyes import HEAD_POINTS
 from lfpipe.host.native_stderr import quiet_stderr
 from lfpipe.track.engine import Face
-from lfpipe.track.head_pose import HEAD_POINTS, head_turn
 from lfpipe.track.landmarks import (
     EDGES,
     EYE_LINE,
@@ -80,14 +80,13 @@ class MediapipeEngine:
         centres = eyes.mean(axis=1)
         flat = float(np.hypot(*(left - right)[:2]))
         apart_px = float(np.hypot(*(centres[0] - centres[1]))) * float(np.linalg.norm(left - right)) / max(flat, 1e-9)
-        head = [(marks[j].x * width_px, marks[j].y * height_px, marks[j].z * width_px) for j in HEAD_POINTS]
-        turn_deg = head_turn(head)
+        head_px = np.array([(marks[j].x * width_px, marks[j].y * height_px, marks[j].z * width_px) for j in HEAD_POINTS])
         if not self._refine:
-            return Face(centres, 1.0, box(edges[0]), apart_px=apart_px, turn_deg=turn_deg)
+            return Face(centres, 1.0, box(edges[0]), apart_px=apart_px, head_px=head_px)
         ahead = np.array([(marks[j].x * width_px, marks[j].y * height_px) for j in TURN])
         frontal = abs(turn(ahead)) <= FRONTAL
         iris_px = iris_diameter(eyes) if frontal else 0.0
-        return Face(np.ascontiguousarray(eyes[:, 0]), 1.0, box(edges[0]), iris_px, apart_px, turn_deg=turn_deg)
+        return Face(np.ascontiguousarray(eyes[:, 0]), 1.0, box(edges[0]), iris_px, apart_px, head_px=head_px)
 
     def examine(self, image: NDArray[np.uint8]) -> None:
         """Does nothing: the graph keeps following its face."""

@@ -2,6 +2,7 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,8 +10,10 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Config, updated
 from lfpipe.eyes import EYES
-from lfpipe.share.head import Head, HeadEstimator
-from lfpipe.track.head_pose import turn_of
+from lfpipe.share.head import MODEL, Head, HeadEstimator, head_rotation
+from lfpipe.track.litert_engine import LitertEngine
+from lfpipe.track.mediapipe_engine import MediapipeEngine
+from tests.track.people import FACES, needs_faces, needs_mediapipe
 
 SIZE = (640, 480)
 APART_MM = 63.0
@@ -39,12 +42,12 @@ def record_of(config: Config, position_mm: np.ndarray, turned: np.ndarray) -> np
         made["filtered_px"][k] = focal_px * x / z + SIZE[0] / 2, focal_px * y / z + SIZE[1] / 2
     middle = axes @ (position_mm - (0, camera.above_mm, 0))
     made["apart_px"] = focal_px * APART_MM / middle[2]
-    # the network's angles are those against the line of sight
+    # the network's points are turned against the line of sight
     sight = middle / np.linalg.norm(middle)
     axis = np.cross([0, 0, 1.0], sight)
     k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     along = np.eye(3) + k + k @ k / (1 + sight[2])  # Rodrigues
-    made["turn_deg"] = turn_of(along.T @ axes @ turned @ np.diag([-1.0, -1, 1]))
+    made["head_px"] = 8 * MODEL @ (along.T @ axes @ turned @ np.diag([-1.0, -1, 1])).T + 100
     made["width_px"], made["height_px"], made["face"], made["generation"] = *SIZE, 1, 1
     return made
 
@@ -122,3 +125,30 @@ def test_predicted_eyes_are_ahead_by_their_velocity() -> None:
     assert now is not None and later is not None
     focal_px = 320 / math.tan(math.radians(28))
     assert later.position_mm[0] - now.position_mm[0] == pytest.approx(5 * 600 / focal_px, rel=0.01)
+
+
+@settings(max_examples=30)
+@given(st.lists(st.floats(width=32), min_size=30, max_size=30))
+def test_whatever_the_points_the_rotation_is_one(values: list[float]) -> None:
+    found = head_rotation(np.array(values, np.float32).reshape(10, 3))
+    np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-6)
+    assert np.linalg.det(found) == pytest.approx(1)
+
+
+@needs_faces
+@pytest.mark.parametrize("engine", [LitertEngine, pytest.param(MediapipeEngine, marks=needs_mediapipe)])
+def test_portraits_turned_to_either_side(engine: type[LitertEngine]) -> None:
+    tracker, estimator = engine(), HeadEstimator(Config())
+    record = np.zeros((), EYES)
+    for kind, low, high in (("1m", -10, 10), ("3m", 10, 45), ("4m", -45, -10)):  # straight, to their right, to their left
+        picture = cv2.imread(str(next((FACES / "imm").glob(f"02-{kind}.*"))))
+        tracker.reset()
+        face = [tracker.detect(picture) for _ in range(3)][-1]
+        assert face is not None and face.head_px is not None
+        record["face"], record["filtered_px"], record["apart_px"] = 1, face.eyes_px, face.apart_px
+        record["head_px"], record["width_px"], record["height_px"] = face.head_px, *SIZE
+        estimator.update(record, T0_NS)
+        head = estimator.head(record)
+        assert head is not None and low <= head.yaw_deg <= high, (kind, head)
+        assert abs(head.pitch_deg) < 25 and abs(head.roll_deg) < 10
+    tracker.close()

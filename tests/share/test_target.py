@@ -2,11 +2,14 @@
 
 import socket
 import sys
+from pathlib import Path
 
+import attrs
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lfpipe.cli.launch import UpArguments, prepare
 from lfpipe.errors import UserError
 from lfpipe.share import target as module
 from lfpipe.share.target import check_liblsl, check_target, check_targets, parse_target
@@ -101,3 +104,11 @@ def test_a_check_sends_nothing() -> None:
         check_target(f"opentrack:127.0.0.1:{receiver.getsockname()[1]}")
         with pytest.raises(TimeoutError):
             receiver.recv(64)
+
+
+def test_no_picture_goes_with_nothing_that_shows_one() -> None:
+    for more in ({"display": "none"}, {"trace": Path("t.jsonl")}, {"scene": Path()}):
+        nothing = dict.fromkeys(attrs.fields_dict(UpArguments))
+        given = nothing | {"camera": "demo", "no_picture": True, "share": (), "sets": ()} | more
+        with pytest.raises(UserError, match="--no-picture"):
+            prepare(UpArguments(**given))

@@ -1,0 +1,140 @@
+"""What other programs receive, against their own definitions: opentrack's formulas, OSC's time tag, XDF's words for gaze."""
+
+import math
+import os
+import socket
+import struct
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfpipe.share.head import Head
+from lfpipe.share.output import Sample, opentrack_datagram, osc_datagram
+from lfpipe.share.target import Target
+from lfpipe.transport.clock import now_ns
+from tests.share.receivers import lsl_environment
+from tests.share.test_head import rotation
+
+LSL_NAME = f"outputs{os.getpid()}"
+HEAD = Head((-40.0, 5.0, 600.0), (23.0, 4.0, 598.0), (-8.5, 4.5, 599.0), 1.0, 2.0, 3.0)
+# From our axes (x right, y up, z to the viewer) to those of opentrack's neuralnet tracker (x ahead of the viewer, y up, z right)
+OPENTRACK_WORLD = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])
+
+
+def neuralnet(turned: np.ndarray, position_mm: np.ndarray) -> list[float]:
+    """opentrack's pose of a head, by the formulas of NeuralNetTracker::data in tracker-neuralnet/ftnoir_tracker_neuralnet.cpp."""
+    r = OPENTRACK_WORLD @ turned @ OPENTRACK_WORLD.T
+    t = OPENTRACK_WORLD @ position_mm
+    mx, my, mz = r.T
+    yaw = math.atan2(mx[2], mx[0])
+    pitch = -math.atan2(-mx[1], math.hypot(mx[2], mx[0]))
+    roll = math.atan2(mz[1], my[1])
+    return [-t[2] * 0.1, t[1] * 0.1, -t[0] * 0.1, *np.degrees((yaw, pitch, roll)).tolist()]
+
+
+@settings(max_examples=50)
+@given(
+    st.tuples(st.floats(-300, 300), st.floats(-200, 200), st.floats(300, 1500)),
+    st.tuples(st.floats(-60, 60), st.floats(-40, 40), st.floats(-60, 60)),
+)
+def test_opentrack_gets_the_pose_that_its_own_tracker_would_send(
+    position: tuple[float, float, float], turn_deg: tuple[float, float, float]
+) -> None:
+    sent = struct.unpack("<6d", opentrack_datagram(Sample(0, 0, 0, Head(position, position, position, *turn_deg))))
+    np.testing.assert_allclose(sent, neuralnet(rotation(*turn_deg), np.array(position)), atol=1e-9)
+
+
+def test_a_head_to_its_right_and_tilted_right_moves_right_and_tilts_right_in_flightgear() -> None:
+    """proto-flightgear: x = -TX, r = -Roll; FlightGear's x is to the right, its roll to the right shoulder."""
+    x_cm, _, _, _, _, roll = struct.unpack("<6d", opentrack_datagram(Sample(0, 0, 0, Head(*[(86.0, 0.0, 600.0)] * 3, 0, 0, 19))))
+    assert (-x_cm, -roll) == (8.6, 19)
+
+
+def test_without_a_face_opentrack_gets_nothing() -> None:
+    assert opentrack_datagram(Sample(0, 0, 0, None)) == b""
+
+
+def test_a_bundle_has_the_time_of_its_eyes() -> None:
+    from pythonosc.osc_bundle import OscBundle
+
+    for age_ns in (0, 40_000_000, 3_000_000_000):
+        bundle = OscBundle(osc_datagram(Sample(7, 0, now_ns() - age_ns, HEAD)))
+        assert bundle.timestamp == pytest.approx(time.time() - age_ns / 1e9, abs=0.005)
+        assert [message.address for message in bundle] == ["/lfpipe/frame", "/lfpipe/eyes", "/lfpipe/head"]
+
+
+@pytest.fixture
+def lsl(tmp_path: Path) -> Any:
+    """An output with pictures, and inlets of its three streams."""
+    pylsl = pytest.importorskip("pylsl")
+    os.environ |= lsl_environment(tmp_path)
+    from lfpipe.share.lsl import LslOutput, source_id
+
+    output, inlets = LslOutput(Target("lsl", name=LSL_NAME), "unit", 30.0, True), {}
+    for stream in ("eyes", "pictures", "markers"):
+        (info,) = pylsl.resolve_byprop("source_id", source_id("unit", f"{LSL_NAME}-{stream}"), 1, 20)
+        inlets[stream] = pylsl.StreamInlet(info)
+        inlets[stream].open_stream(20)
+    yield output, inlets
+    for inlet in inlets.values():
+        inlet.close_stream()
+    output.close()
+
+
+def test_lsl_describes_its_channels_as_xdf_recommends(lsl: Any) -> None:
+    _, inlets = lsl
+    for inlet in inlets.values():
+        info, rows = inlet.info(5), []
+        channel = info.desc().child("channels").child("channel")
+        for _ in range(info.channel_count()):
+            rows.append({key: channel.child_value(key) for key in ("label", "eye", "type", "unit")})
+            channel = channel.next_sibling("channel")
+        assert all(all(row.values()) and row["eye"] in ("left", "right", "both") for row in rows)
+        if info.type() == "Gaze":
+            assert rows[5] == {"label": "right_z", "eye": "right", "type": "PositionZ", "unit": "mm"}
+            assert rows[6]["type"] == "HeadX" and rows[13]["type"] == "FrameNumber"
+            assert rows[15] == {"label": "confidence", "eye": "both", "type": "Confidence", "unit": "normalized"}
+
+
+def test_streams_of_two_machines_are_two(lsl: Any) -> None:
+    """An inlet that loses its stream goes on with any of the same source_id."""
+    _, inlets = lsl
+    assert socket.gethostname() in inlets["eyes"].info(5).source_id()
+
+
+def test_the_state_is_repeated_every_second_and_the_confidence_is_sent(lsl: Any) -> None:
+    output, inlets = lsl
+    begin_ns = now_ns()
+    for k in range(81):  # 30 Hz: 0.3 s without a face, 2 s with one, 0.4 s without
+        face = 10 <= k < 70
+        output.send(Sample(k, 0, begin_ns + k * 33_400_000, HEAD if face else None, 0.75 if face else 0.0))
+    markers = []
+    while (marker := inlets["markers"].pull_sample(timeout=0.5))[1] is not None:
+        markers.append(marker[0][0])
+    assert markers == ["no face", "face found", "face", "face lost"] or markers == [
+        "no face",
+        "face found",
+        "face",
+        "face",
+        "face lost",
+    ]
+    rows = [inlets["eyes"].pull_sample(timeout=2)[0] for _ in range(81)]
+    assert rows[20][15] == 0.75 and rows[0][15] == 0 and math.isnan(rows[0][0]) and rows[20][:3] == [-40.0, 5.0, 600.0]
+
+
+@pytest.mark.live
+def test_a_receiver_that_never_reads_costs_no_memory(lsl: Any) -> None:
+    output, _ = lsl
+    process = psutil.Process()
+    for seq in range(5000):
+        output.send(Sample(seq, seq, seq, HEAD))
+    before = process.memory_info().rss
+    for seq in range(5000, 100_000):  # an hour at 30 Hz
+        output.send(Sample(seq, seq, seq, HEAD))
+    assert process.memory_info().rss - before < 16 << 20
