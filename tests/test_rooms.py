@@ -112,3 +112,15 @@ def test_only_host_names_an_operating_system() -> None:
         if room(path) != "host" and name not in ALLOWED:
             wrong += [f"{name}: {found}" for found in system_names(path)]
     assert not wrong, "\n".join(wrong)
+
+
+def test_paths_are_examined_without_exceptions() -> None:
+    """`Path.exists` and its like raise up to Python 3.13, for a folder that may not be searched: `host.paths` does not."""
+    wrong = []
+    for path in PACKAGE.rglob("*.py"):
+        if room(path) in ("scene", "files"):
+            continue
+        calls = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call) and not node.args)
+        methods = [call.func.attr for call in calls if isinstance(call.func, ast.Attribute)]
+        wrong += [f"{path.relative_to(PACKAGE)}: {name}" for name in methods if name in ("exists", "is_file", "is_dir")]
+    assert [each for each in wrong if each != "cli/completions.py: is_dir"] == [], wrong  # an entry of os.scandir

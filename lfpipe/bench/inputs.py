@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.bench.eye_path import HEAD, EyePath
 from lfpipe.errors import UserError
+from lfpipe.host.paths import is_file
 from lfpipe.scene.lightfield import LightField
 
 Progress = Callable[[str, int, int], None]
@@ -73,7 +74,7 @@ def read_sequence(path: Path, frames: int) -> FrameSequence:
         read.append(frame)
     recording.close()
     table = path.with_suffix(".csv")
-    truth = EyePath.read(table) if table.is_file() else None
+    truth = EyePath.read(table) if is_file(table) else None
     if truth is not None and len(truth.t_ns) < len(read):
         raise UserError(
             f"{table}: {len(truth.t_ns)} rows for at least {len(read)} frames", "give one row per frame of the sequence"
@@ -87,7 +88,7 @@ def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
     Every frame has its own sensor noise: a still face would otherwise be a constant picture.
     """
     path = folder / f"demo-{moving_s:g}s-{rate_hz:g}hz.avi"
-    if path.is_file() and path.with_suffix(".csv").is_file():
+    if is_file(path) and is_file(path.with_suffix(".csv")):
         return path
     from lfpipe.capture.demo import DemoSource, demo_eyes_px
 

@@ -20,6 +20,7 @@ from lfpipe.bench.stats import MIN_SAMPLES, noise
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_bytes, reason
 from lfpipe.files.untrusted import Fields, json_fields
+from lfpipe.host.paths import is_dir
 from lfpipe.host.processes import usable_cores
 from lfpipe.host.versions import versions
 
@@ -98,7 +99,7 @@ def _rounded(value: Any) -> Any:
 
 def read(folder: Path) -> Results:
     """The results in a folder. Raises UserError if there are none, or they have another format."""
-    path = folder / "results.json" if folder.is_dir() else folder
+    path = folder / "results.json" if is_dir(folder) else folder
     remedy = "give a folder written by `lfpipe bench --out`"
     try:
         content = json_fields(read_bytes(path, MAX_BYTES), str(path), remedy)

@@ -18,6 +18,7 @@ import psutil
 
 from lfpipe.bench.anaglyph import view_bgr
 from lfpipe.bench.paper_loop import Loop
+from lfpipe.host.paths import exists
 from lfpipe.scene.lightfield import LightField
 
 STEADY_S = 1.0  # after the first picture every stage has started and found the face
@@ -64,7 +65,7 @@ def cpu_parts(pids: Sequence[int], seconds: float) -> list[float]:
 
 def read_trace(trace: Path) -> list[dict[str, Any]]:
     """The complete lines of a trace."""
-    text = trace.read_text() if trace.exists() else ""
+    text = trace.read_text() if exists(trace) else ""
     return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
 
@@ -95,7 +96,7 @@ def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str]
         started_ns = time.monotonic_ns()
         process = subprocess.Popen([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         try:
-            while process.poll() is None and not (trace.exists() and trace.stat().st_size):
+            while process.poll() is None and not (exists(trace) and trace.stat().st_size):
                 if time.monotonic_ns() - started_ns > START_S * 1e9:
                     raise RuntimeError(f"no picture within {START_S:g} s")
                 time.sleep(POLL_S)

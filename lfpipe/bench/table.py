@@ -18,6 +18,7 @@ from lfpipe.bench.holdout import ViewRenderer, subsample
 from lfpipe.bench.metrics import psnr_db, shaved, ssim, studio_luma
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
+from lfpipe.host.paths import exists
 from lfpipe.scene.lightfield import LightField
 
 SIDE = 7  # views per side in the printed protocol
@@ -144,7 +145,7 @@ def measure(
     try:
         out.mkdir(parents=True, exist_ok=True)
         file = out / FILE
-        old = [line for line in file.read_text().splitlines() if line.endswith("}")] if file.exists() else []
+        old = [line for line in file.read_text().splitlines() if line.endswith("}")] if exists(file) else []
         known = {key: Line(**line) for key, line in map(_parsed, old)}
         lines: list[Line] = []
         with file.open("a") as target:

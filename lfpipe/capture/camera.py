@@ -20,6 +20,7 @@ from lfpipe.capture.v4l2_device import Mode, V4L2Device
 from lfpipe.capture.v4l2_stream import RawFrame, SourceChangedError, V4L2Stream
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_note
+from lfpipe.host.paths import exists
 
 STALL_S = 0.9  # longest wait for a frame
 START_S = 5.0  # longest wait for the first frame: some cameras need seconds
@@ -230,7 +231,7 @@ def first_camera() -> Path | None:
         try:
             device = opened(node.path)
         except OSError:
-            silent = silent or (node.path if node.path.exists() else None)
+            silent = silent or (node.path if exists(node.path) else None)
             continue
         if device.captures:
             device.keep()

@@ -9,6 +9,7 @@ from lfpipe.capture.camera_device import CameraDevice as CameraDevice
 from lfpipe.capture.time_limit import with_time_limit
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.host import handover
+from lfpipe.host.paths import exists
 
 SYS, DEV = Path("/sys/class/video4linux"), Path("/dev")
 ANSWER_S = 3.0  # drivers answer in microseconds; a stuck one never does
@@ -64,7 +65,7 @@ def describe(path: Path, sys: Path = SYS) -> CameraDevice:
     except OSError:
         name = ""
     device = entry / "device"
-    return CameraDevice(path, name, str(device.resolve()) if device.exists() else "")
+    return CameraDevice(path, name, str(device.resolve()) if exists(device) else "")
 
 
 def cameras(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
@@ -77,7 +78,7 @@ def cameras(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
         except PermissionError:
             pass
         except OSError:
-            if not device.path.exists():
+            if not exists(device.path):
                 continue
         found.append(device)
     return found

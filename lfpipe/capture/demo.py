@@ -13,6 +13,7 @@ from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.schedule import EvenSchedule
 from lfpipe.errors import UserError
+from lfpipe.host.paths import is_file
 
 # Mean of the 16 landmarks around each eye in the portrait, the left eye of the sitter first, as FaceMesh finds them.
 PORTRAIT_EYES_PX = np.array([[308.0, 188.1], [220.2, 193.0]])
@@ -27,7 +28,7 @@ def portrait_path() -> Path:
     if spec is None or spec.origin is None:
         raise UserError("demo: matplotlib, which contains the portrait, is not installed", "install it: pip install matplotlib")
     path = Path(spec.origin).parent / "mpl-data" / "sample_data" / "grace_hopper.jpg"
-    if not path.is_file():
+    if not is_file(path):
         raise UserError(f"demo: {path} is missing", "reinstall matplotlib, or use --camera file:PATH with a recording")
     return path
 

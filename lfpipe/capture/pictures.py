@@ -13,6 +13,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, is_jpeg, picture_of
 from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host import opencv_log
+from lfpipe.host.paths import is_dir
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
 MAX_FILE_BYTES = 1 << 28  # of one picture; larger files are refused
@@ -97,7 +98,7 @@ def open_recording(path: Path) -> Recording:
     Raises UserError if it is missing, unreadable, or a folder without pictures.
     """
     try:
-        if not path.is_dir():
+        if not is_dir(path):
             file = open_regular(path)
             if path.suffix.lower() not in SUFFIXES:
                 return open_video(file, path)

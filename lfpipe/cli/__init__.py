@@ -2,9 +2,12 @@
 
 import codecs
 import difflib
+import errno
 import io
+import logging
 import os
 import sys
+from typing import NoReturn
 
 import click
 
@@ -25,8 +28,10 @@ from lfpipe.cli.sequence import sequence
 from lfpipe.cli.sweep import sweep
 from lfpipe.cli.trace import trace
 from lfpipe.cli.up import up
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, shown
 from lfpipe.host.streams import protect
+
+log = logging.getLogger(__name__)
 
 
 class Suggesting(click.Group):
@@ -110,6 +115,25 @@ def _path_bytes(error: UnicodeError) -> tuple[str | bytes, int]:
         return codecs.backslashreplace_errors(error)
 
 
+def _check_working_folder() -> None:
+    try:
+        os.getcwd()  # noqa: PTH109 - only whether there is one
+    except OSError as error:
+        raise UserError(f"the working directory cannot be used: {error.strerror}", "change to one that exists: `cd`") from None
+
+
+def _drop_output() -> None:
+    """Nothing more goes to stdout, at the interpreter's end neither."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _fail(error: UserError) -> NoReturn:
+    log.debug("the command failed", exc_info=True)
+    _drop_output()
+    click.echo(f"error: {error}", err=True)
+    sys.exit(2)
+
+
 def run() -> None:
     """Runs the command line. A user's mistake prints one message and ends with exit code 2."""
     protect("stderr")
@@ -118,17 +142,25 @@ def run() -> None:
         sys.stdout.reconfigure(errors="path")
     try:
         host.check_choice()
+        _check_working_folder()
         code = cli(prog_name="lfpipe", standalone_mode=False)
         sys.stdout.flush()
     except UserError as error:
-        click.echo(f"error: {error}", err=True)
-        sys.exit(2)
+        _fail(error)
     except click.ClickException as error:
         error.show()
         sys.exit(2)
     except click.Abort:
         sys.exit(130)
     except BrokenPipeError:  # the reader of the output has ended: `lfpipe ... | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         sys.exit(141)
+    except OSError as error:  # of this machine: a full disk, a folder that may not be searched, a drive that has gone
+        where = f"{shown(error.filename)}: " if error.filename else ""
+        remedy = "free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "check that path and its permissions"
+        _fail(UserError(f"{where}{error.strerror or error}", f"{remedy}; -vv shows where it failed"))
+    except (MemoryError, ImportError) as error:
+        if isinstance(error, ImportError) and "failed to map" not in str(error):
+            raise
+        _fail(UserError("not enough memory", "close other programs, or raise the limit (`ulimit -d`, `ulimit -v`)"))
     sys.exit(code if isinstance(code, int) else 0)

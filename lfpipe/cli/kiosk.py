@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from lfpipe.cli import completions
+from lfpipe.host.paths import exists
 
 UNIT = """\
 [Unit]
@@ -46,7 +47,7 @@ def install(scenes: tuple[Path, ...], code: str, user: bool, visits: Path | None
     from lfpipe.files.safe_files import reason, replaced
 
     check_code(code)
-    if missing := [str(path) for path in scenes if not path.exists()]:
+    if missing := [str(path) for path in scenes if not exists(path)]:
         raise UserError(f"{', '.join(missing)}: not found", "name light fields, or a folder of them")
     words = [sys.executable, "-m", "lfpipe", "up", "--session", "kiosk", "--kiosk", code]
     words += ["--visits", str(visits.resolve())] if visits else []

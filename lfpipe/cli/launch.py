@@ -13,6 +13,7 @@ import click
 from lfpipe import config as config_module
 from lfpipe.config import Config, SessionOptions
 from lfpipe.errors import UserError
+from lfpipe.host.paths import exists
 from lfpipe.supervisor import rundir
 from lfpipe.transport.session import Session, default_name
 
@@ -92,7 +93,7 @@ def _run(session: Session, plan: SessionPlan) -> int:
         outcome = Supervisor(session, plan.config, plan.options, say).run(plan.duration_s)
     latency_table(outcome.final)
     for path in plan.files:
-        if path.exists():
+        if exists(path):
             click.echo(f"{path.stat().st_size / 1e6:8.2f} MB  {path}")
     if outcome.failure is None:
         say(outcome.reason)

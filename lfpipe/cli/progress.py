@@ -11,6 +11,8 @@ from pathlib import Path
 
 import click
 
+from lfpipe.host.paths import exists
+
 QUIET_S = 5.0
 Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
 
@@ -69,7 +71,7 @@ def growing_file(path: Path | None) -> Iterator[None]:
     def watch() -> None:
         with Console(stderr=True).status("", refresh_per_second=2) as status:
             while not ended.wait(0.5):
-                size_mb = path.stat().st_size / 1e6 if path.exists() else 0.0
+                size_mb = path.stat().st_size / 1e6 if exists(path) else 0.0
                 status.update(f"{path.name}: {size_mb:.1f} MB after {time.monotonic() - began:.0f} s; Ctrl-C ends it")
 
     watcher = threading.Thread(target=watch, name="growing-file", daemon=True)

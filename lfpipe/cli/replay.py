@@ -17,6 +17,7 @@ from click.shell_completion import CompletionItem
 
 from lfpipe.cli.options import with_config
 from lfpipe.errors import UserError
+from lfpipe.host.paths import is_dir
 
 PATH = click.Path(path_type=Path)
 PACES = ("step", "max", "recorded")
@@ -182,7 +183,7 @@ def _folder(out: Path | None) -> Iterator[Path]:
 
 def _keep_difference(folder: Path) -> None:
     """Without --out, saves the pictures that show a difference in the current directory."""
-    if (folder / "difference").is_dir():
+    if is_dir(folder / "difference"):
         try:
             shutil.copytree(folder / "difference", Path("difference"), dirs_exist_ok=True)
             say("pictures of the difference are in difference/")

@@ -8,6 +8,7 @@ import click
 from lfpipe.cli.options import with_config
 from lfpipe.cli.scene_options import JSON, SCENE, opened, scene_config, with_scene_options, write_picture
 from lfpipe.config.quality import METHODS
+from lfpipe.host.paths import is_dir, is_file
 
 
 @click.group()
@@ -78,7 +79,7 @@ def clean(keys: tuple[str, ...], everything: bool, config_file: str | None, sets
     chosen = [p for p in found if everything or {p[0].name, p[1].get("name"), p[1].get("source")} & set(keys)]
     gone = [pack for pack in chosen if remove(pack[0])]
     for folder, manifest, _ in chosen:
-        if folder.is_dir():
+        if is_dir(folder):
             click.echo(f"in use, kept: {folder.name}  {manifest.get('name', '')}")
     left = sweep(config)
     click.echo(f"removed {len(gone)} packs, {sum(size for _, _, size in gone) / 1e6:.1f} MB, and {left} leftovers")
@@ -94,7 +95,7 @@ def check(path: Path, **options: Any) -> None:
     from lfpipe.scene.manifest import NAME
     from lfpipe.scene.pack_files import check_pack
 
-    pack = path if (path / NAME).is_file() else find_pack(path, scene_config(options).scene)
+    pack = path if is_file(path / NAME) else find_pack(path, scene_config(options).scene)
     if pack is None:
         raise UserError(f"{path}: not packed", "`lfpipe scene pack` packs it")
     click.echo(f"intact: {check_pack(pack) / 1e6:.1f} MB in {pack}")

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from lfpipe.errors import UserError, plain
+from lfpipe.host.paths import exists
 
 MOST_WRONG = 5  # damaged parts listed per sequence, at most
 PATH = click.Path(path_type=Path)
@@ -56,8 +57,8 @@ def _info(path: Path, as_json: bool) -> None:
         "codecs": sorted({packet.codec for packet in found.packets}),
         "bytes": sum(packet.bytes for packet in found.packets),
         "complete": found.complete,
-        "eyes": (path / EYES).exists(),
-        "truth": (path / TRUTH).exists(),
+        "eyes": exists(path / EYES),
+        "truth": exists(path / TRUTH),
         "source": found.manifest.get("source", ""),
         "created": found.manifest.get("created", ""),
         "versions": found.manifest.get("versions", {}),

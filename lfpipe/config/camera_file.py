@@ -10,6 +10,7 @@ from lfpipe.config.tree import Config
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import toml_table
+from lfpipe.host.paths import is_missing
 
 
 def camera_file() -> Path:
@@ -21,7 +22,7 @@ def with_measured_focal(config: Config, camera: str) -> Config:
     """Returns config with the measured focal length of that camera, unless camera.focal_px has a value. Without a
     measurement, config is unchanged. Raises UserError if the file is damaged."""
     path = camera_file()
-    if config.camera.focal_px != "auto" or not path.exists():
+    if config.camera.focal_px != "auto" or is_missing(path):
         return config
     remedy = "remove the file, and run `lfpipe calibrate` again"
     table = toml_table(read_text(path, FILE_BYTES, str(path), remedy), str(path), remedy).get(camera)

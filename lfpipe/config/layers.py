@@ -14,6 +14,7 @@ from lfpipe.config.tree import Config
 from lfpipe.errors import UserError, shown
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import toml_table
+from lfpipe.host.paths import is_missing
 
 PRESETS = Path(__file__).parent / "presets"
 FILE_BYTES = 128 << 10  # ten times the size of a file with every key
@@ -61,11 +62,11 @@ def presets() -> list[str]:
 def _layers(file: str | os.PathLike[str] | None) -> list[tuple[str, Path]]:
     """(name in messages, path) of the files to read; later ones win."""
     own = user_file()
-    found = [(str(own), own)] if os.path.lexists(own) else []
+    found = [(str(own), own)] if not is_missing(own) else []
     if file is None:
         return found
     name = os.fspath(file)
-    preset = name in presets() and not os.path.lexists(name)
+    preset = name in presets() and is_missing(name)
     return [*found, (f"--config {name}", PRESETS / f"{name}.toml" if preset else Path(name))]
 
 

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import tomlkit
 
+from lfpipe.host.paths import exists
+
 
 def write_key(path: Path, section: str, name: str, value: float | bool | str | None) -> None:
     """Sets [section] name = value in the TOML file at path, or removes it if value is None. Keeps everything else. The write is
@@ -12,7 +14,7 @@ def write_key(path: Path, section: str, name: str, value: float | bool | str | N
 
     Raises OSError if it cannot be written, ValueError if it is not TOML or section is not a table.
     """
-    tree = tomlkit.parse(path.read_text() if path.exists() else "")
+    tree = tomlkit.parse(path.read_text() if exists(path) else "")
     table = tree.setdefault(section, tomlkit.table())
     if not isinstance(table, MutableMapping):
         raise ValueError(f"{section} is not a table")

@@ -7,6 +7,8 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from lfpipe.host.paths import is_dir
+
 _SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
@@ -71,7 +73,7 @@ def take(path: Path, shared: bool = False, mode: int = 0o600) -> Lock | None:
     """Locks path without waiting: a folder, or a file, made with that mode if missing. None if another process holds a
     conflicting lock. Raises OSError.
     """
-    if path.is_dir():
+    if is_dir(path):
         fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     else:
         fd = os.open(path, os.O_RDWR | os.O_CREAT | _SAFE, mode)

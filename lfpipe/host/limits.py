@@ -54,7 +54,9 @@ def limit_memory(more_bytes: int) -> None:
     """Limits this process to this much more memory than it uses now; mapped files do not count."""
     used = _used_bytes()
     if resource and used is not None:
-        resource.setrlimit(resource.RLIMIT_DATA, (used + more_bytes, resource.RLIM_INFINITY))
+        hard = resource.getrlimit(resource.RLIMIT_DATA)[1]  # of the user or of a container: it stays
+        most = used + more_bytes if hard < 0 else min(used + more_bytes, hard)
+        resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
 
 
 class MemoryLimit:

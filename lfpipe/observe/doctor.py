@@ -16,6 +16,7 @@ from lfpipe.capture.camera_device import CameraDevice, known
 from lfpipe.capture.open_source import camera_name
 from lfpipe.errors import UserError
 from lfpipe.host import shared_memory as memory
+from lfpipe.host.paths import exists, is_missing
 from lfpipe.host.processes import usable_cores
 from lfpipe.render.open_display import has_display
 from lfpipe.track import models
@@ -151,7 +152,7 @@ def settings() -> Check:
         config.load()
     except UserError as error:
         return Check("settings", False, error.message, error.remedy)
-    return Check("settings", True, str(path) if path.exists() else f"none ({path}): defaults")
+    return Check("settings", True, f"none ({path}): defaults" if is_missing(path) else str(path))
 
 
 def camera_checks(source: str, found: list[CameraDevice]) -> list[Check]:
@@ -185,7 +186,7 @@ def shared_memory(need_bytes: int = SHM_NEED_BYTES) -> Check:
         free, total = memory.room()
     except OSError as error:
         return Check("shm", False, f"{memory.WHERE}: {error.strerror}", remedy)
-    ok = free >= need_bytes and (not memory.SHM_DIR.exists() or os.access(memory.SHM_DIR, os.W_OK))
+    ok = free >= need_bytes and (not exists(memory.SHM_DIR) or os.access(memory.SHM_DIR, os.W_OK))
     return Check("shm", ok, f"{memory.WHERE}: {free / 1e6:.0f} MB free of {total / 1e6:.0f} MB", "" if ok else remedy)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from lfpipe.config import to_dict
 from lfpipe.eyes import EYES as EYES_TYPE
+from lfpipe.host.paths import exists
 from lfpipe.host.versions import versions
 from lfpipe.record.frame_reader import FrameReader
 from lfpipe.record.store import Store
@@ -30,7 +31,7 @@ class Recorder:
     def __init__(self, context: Context, folder: Path) -> None:
         """Raises OSError if nothing can be written."""
         self._context, self._folder = context, folder
-        anew = not (folder / MANIFEST).exists()
+        anew = not exists(folder / MANIFEST)
         self._lost_before = int(context.row["drops"]) if anew else 0
         self._frames, self._eyes = FrameReader(context), context.input("eyes")
         self._record = np.empty((), EYES_TYPE)

@@ -20,6 +20,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area, opencv_name
 from lfpipe.files.h264 import H264Writer, encoder_name
 from lfpipe.host import opencv_log
+from lfpipe.host.paths import exists
 from lfpipe.render.null_display import NullDisplay
 from lfpipe.render.pair_layout import Pair
 from lfpipe.render.scaling import scale_into
@@ -47,7 +48,7 @@ def check_file(path: Path) -> None:
             encoder_name()
         except UserError as error:
             raise UserError(f"--display file:{path}: {error.message}", error.remedy) from None
-    new = not path.exists()
+    new = not exists(path)
     try:
         with path.open("ab"):
             pass

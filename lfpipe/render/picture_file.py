@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.host.paths import is_dir
+
 
 def picture_folder(home: Path, environment: Mapping[str, str]) -> Path:
     """The folder for pictures: the desktop's, or else the working directory.
@@ -23,7 +25,7 @@ def picture_folder(home: Path, environment: Mapping[str, str]) -> Path:
                 found = Path(value.strip().strip('"').replace("$HOME", str(home)))
     except OSError:
         pass
-    usable = found.is_absolute() and found != home and found.is_dir() and os.access(found, os.W_OK)
+    usable = found.is_absolute() and found != home and is_dir(found) and os.access(found, os.W_OK)
     return found if usable else Path.cwd()
 
 

@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 
 from lfpipe.files.safe_files import read_text, replaced
+from lfpipe.host.paths import is_missing
 from lfpipe.render.presence import ViewerState
 
 MAX_BYTES = 4 << 20  # two decades
@@ -16,10 +17,10 @@ class VisitLog:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._counts: dict[str, int] = {}
-        if path.exists():
+        if not is_missing(path):
             text = read_text(path, MAX_BYTES, str(path), "name a file that no other program wrote")
             for hour, _, count in (line.partition(",") for line in text.splitlines()[1:]):
-                self._counts[hour] = int(count) if count.isdigit() else 0
+                self._counts[hour] = int(count) if count.isdecimal() else 0
 
     def follow(self, before: ViewerState, now: ViewerState) -> None:
         """Handles a change of state: somebody who rests before the screen is a visitor. Raises OSError; the count is kept for the

@@ -18,6 +18,7 @@ from lfpipe.config import Config, ReplayOutput, SessionOptions
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import PRIVATE_FOLDER, reason
 from lfpipe.files.trace import check_trace
+from lfpipe.host.paths import is_dir
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.replay.report import REPORT, STEADY, TRACE, make_report, write_report
 from lfpipe.scene.lightfield import LightField
@@ -74,7 +75,7 @@ def clear_out(folder: Path, names: Sequence[str] = RESULTS) -> None:
     try:
         for name in names:
             path = folder / name
-            if path.is_dir() and not path.is_symlink():
+            if is_dir(path) and not path.is_symlink():
                 shutil.rmtree(path)
             else:
                 path.unlink(missing_ok=True)
@@ -92,7 +93,7 @@ def update_reference(reference: Path, folder: Path) -> None:
     try:
         new.mkdir(PRIVATE_FOLDER)
         for path in (folder / name for name in REFERENCE):
-            shutil.copytree(path, new / path.name) if path.is_dir() else shutil.copy(path, new)
+            shutil.copytree(path, new / path.name) if is_dir(path) else shutil.copy(path, new)
     except OSError as error:
         shutil.rmtree(new, ignore_errors=True)
         raise UserError(f"{reference}: cannot be written: {reason(error)}", PLACE) from None

@@ -7,6 +7,7 @@ from pathlib import Path
 import platformdirs
 
 from lfpipe.files.safe_files import read_bytes, replaced
+from lfpipe.host.paths import exists
 
 COUNT, MAX_BYTES = 40, 1 << 18
 
@@ -22,7 +23,7 @@ def recent_scenes() -> list[Path]:
     except (OSError, ValueError):
         return []
     texts = [text for text in paths if isinstance(text, str) and "\0" not in text] if isinstance(paths, list) else []
-    return [path for path in map(Path, texts) if path.exists()]
+    return [path for path in map(Path, texts) if exists(path)]
 
 
 def remember_scene(path: Path) -> None:

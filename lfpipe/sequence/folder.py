@@ -25,6 +25,7 @@ from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import PRIVATE_FOLDER, check_links, open_regular, read_bytes, reason, replaced
 from lfpipe.files.untrusted import Fields, json_fields
 from lfpipe.host.descriptors import read_at
+from lfpipe.host.paths import exists
 from lfpipe.sequence.index import COPY, INDEX, MAX_PIXELS, PACKETS, Packets, read_index
 from lfpipe.sequence.packets import CHANGED, changed, decoded
 
@@ -90,7 +91,7 @@ def end_manifest(path: Path, manifest: dict[str, Any], frames: int, checksums: d
 
     Raises OSError if the disk is full; the old manifest is then kept.
     """
-    sums = checksums | {name: checksum(path / name) for name in FILES if name not in checksums and (path / name).exists()}
+    sums = checksums | {name: checksum(path / name) for name in FILES if name not in checksums and exists(path / name)}
     _write_manifest(path, {**manifest, "complete": True, "frames": frames, "checksums": sums})
 
 

@@ -22,6 +22,7 @@ from lfpipe.files.decoding import picture_of
 from lfpipe.files.picture_header import MAX_DECODING_BYTES, header_of
 from lfpipe.files.safe_files import PRIVATE
 from lfpipe.host.descriptors import CAREFUL
+from lfpipe.host.paths import exists
 from lfpipe.sequence.index import INDEX, PACKETS, Packet, line_of, read_index
 
 SCAN, MAX_SCANS = b"\xff\xda", 100  # of a JPEG: each scan of a dozen bytes can cost one more pass over the whole picture
@@ -85,14 +86,14 @@ class PacketWriter:
     def __init__(self, folder: Path) -> None:
         """Raises OSError if the files cannot be written."""
         self.count, self._offset = 0, 0
-        if (folder / INDEX).exists():
+        if exists(folder / INDEX):
             found = read_index(folder, complete=False)
             self.count, self._offset = len(found), found[-1].offset + found[-1].bytes if found else 0
             os.truncate(folder / INDEX, sum(len(line_of(packet)) for packet in found))
             os.truncate(folder / PACKETS, self._offset)
         self._sums = {name: hashlib.sha256() for name in (PACKETS, INDEX)}
         for name, sum_ in self._sums.items():
-            if (folder / name).exists():
+            if exists(folder / name):
                 with (folder / name).open("rb") as file:
                     while part := file.read(1 << 20):
                         sum_.update(part)

@@ -10,6 +10,7 @@ from pathlib import Path
 from lfpipe.errors import UserError
 from lfpipe.host import file_lock
 from lfpipe.host.file_lock import Lock
+from lfpipe.host.paths import is_dir
 from lfpipe.host.users import user_id
 
 ATTEMPTS = 30  # to take a lock, PAUSE_S apart
@@ -48,7 +49,7 @@ def take(path: Path, make: bool = False) -> Lock | None:
         if make:
             _make_directory(path.parent)
         try:
-            if path.is_dir():
+            if is_dir(path):
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
             lock = file_lock.take(path)
         except FileNotFoundError:

@@ -16,6 +16,7 @@ import zmq
 from lfpipe.errors import UserError
 from lfpipe.host import file_lock, processes, shared_memory
 from lfpipe.host.file_lock import Lock
+from lfpipe.host.paths import is_missing
 from lfpipe.supervisor import run_lock
 from lfpipe.supervisor.outcome import Outcome
 from lfpipe.transport import control, segment, status
@@ -153,21 +154,11 @@ def sweep() -> list[str]:
                 release(session, lock)
                 swept.append(session.name)
     for name, run_dir in segment.abandoned():
-        if run_dir.is_absolute() and _is_gone(run_dir):
+        if run_dir.is_absolute() and is_missing(run_dir):
             _resume_stages(name)
             with contextlib.suppress(OSError):
                 shared_memory.unlink(name)
     return swept
-
-
-def _is_gone(path: Path) -> bool:
-    try:
-        path.lstat()
-    except (FileNotFoundError, NotADirectoryError):
-        return True
-    except OSError:
-        return False
-    return False
 
 
 def running() -> list[str]:

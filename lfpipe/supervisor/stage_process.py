@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host import handover, signals
+from lfpipe.host.paths import exists
 from lfpipe.supervisor import child
 from lfpipe.supervisor.health_check import HealthCheck
 from lfpipe.supervisor.process_table import Stage
@@ -106,7 +107,7 @@ class StageProcess:
     def last_stack(self) -> str:
         """The stack that the process left, on request or when it failed; empty if it was killed."""
         path = child.stack_file(self._session.run_dir, self.stage.name)
-        return path.read_text(errors="replace")[-MAX_STACK:].rstrip() if path.exists() else ""
+        return path.read_text(errors="replace")[-MAX_STACK:].rstrip() if exists(path) else ""
 
     def failed(self) -> bool:
         """Restart policy: counts a failure and sets the time of the next start; True after too many failures."""
@@ -120,7 +121,7 @@ class StageProcess:
     def died_of(self) -> tuple[str, str] | None:
         """(message, remedy) if the stage ended because of a user's mistake."""
         path = child.error_file(self._session.run_dir, self.stage.name)
-        if not path.exists():
+        if not exists(path):
             return None
         message, _, remedy = path.read_text().partition("\n")
         return message, remedy

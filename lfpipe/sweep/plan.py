@@ -29,6 +29,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import parse_toml
+from lfpipe.host.paths import exists
 from lfpipe.scene import layouts
 from lfpipe.scene.cache import content_key, find_pack
 from lfpipe.scene.truth import without_implausible_truth
@@ -167,7 +168,7 @@ def sequence_id(path: str) -> str:
         if not is_sequence(folder):
             state = folder.stat()
             return _hash(folder.name, str(state.st_size), str(state.st_mtime_ns))
-        sizes = [str(file.stat().st_size) if (file := folder / name).exists() else "" for name in FILES]
+        sizes = [str(file.stat().st_size) if exists(file := folder / name) else "" for name in FILES]
         return _hash(folder.name, (folder / MANIFEST).read_bytes().decode(errors="replace"), *sizes)
     except OSError as error:
         raise UserError(f"{path}: {error.strerror}", "check the path") from None

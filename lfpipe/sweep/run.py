@@ -15,6 +15,7 @@ import attrs
 from lfpipe.bench.results import source_digest
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import reason
+from lfpipe.host.paths import is_dir, is_file
 from lfpipe.host.versions import versions
 from lfpipe.sweep.cell import DIFFERS, DONE, FAILED, OK, QUALITY, REPLAY, Cell, Outcome, outcome
 from lfpipe.sweep.engine import Job, Sweep, cluster
@@ -41,7 +42,7 @@ class References:
     def tar(self, cell: Cell) -> bytes:
         """The reference of a replay, b"" if there is none."""
         place = self.of(cell)
-        if cell.subject != REPLAY or self.update or place is None or not place.is_dir():
+        if cell.subject != REPLAY or self.update or place is None or not is_dir(place):
             return b""
         buffer = io.BytesIO()
         with tarfile.open(fileobj=buffer, mode="w") as tar:
@@ -54,7 +55,7 @@ class References:
         place = self.of(cell)
         if place is None:
             return ""
-        files = sorted(path for path in place.rglob("*") if path.is_file()) if place.is_dir() else []
+        files = sorted(path for path in place.rglob("*") if is_file(path)) if is_dir(place) else []
         if self.update:
             return f"update {bool(files)}"
         digest = hashlib.blake2b(digest_size=8)
@@ -90,7 +91,7 @@ class References:
         if self.update:
             self.store(found, tar)
             return found
-        if not place.is_dir():
+        if not is_dir(place):
             return attrs.evolve(found, state=FAILED, reason=f"no reference {place.name}: write it with --update")
         if found.subject == REPLAY:
             return found  # `lfpipe replay` has already compared it

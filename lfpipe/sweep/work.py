@@ -22,6 +22,7 @@ from lfpipe.bench.subjects import SUBJECTS as BENCH_SUBJECTS
 from lfpipe.bench.table import Protocol, measure_scene
 from lfpipe.errors import UserError, plain
 from lfpipe.host import file_lock
+from lfpipe.host.paths import exists, is_file
 from lfpipe.render.scoring import choose_method
 from lfpipe.replay.report import read_report
 from lfpipe.scene.cache import cache_dir
@@ -49,7 +50,7 @@ class Parcel:
 def packed(path: str, digest: str, most_bytes: int = SENT_BYTES) -> Parcel:
     """The parcel of a path, with its contents if they are small. Raises OSError."""
     root = Path(path)
-    files = [root] if root.is_file() else sorted(file for file in root.rglob("*") if file.is_file())
+    files = [root] if is_file(root) else sorted(file for file in root.rglob("*") if is_file(file))
     if not path or sum(file.stat().st_size for file in files) > most_bytes:
         return Parcel(path)
     buffer = io.BytesIO()
@@ -64,7 +65,7 @@ def unpacked(parcel: Parcel) -> str:
         return parcel.path
     place = cache_dir(config.load().scene) / "sent" / parcel.digest
     there = place / Path(parcel.path).name
-    if not there.exists():
+    if not exists(there):
         place.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=place) as new, tarfile.open(fileobj=io.BytesIO(parcel.tar)) as tar:
             tar.extractall(new, filter="data")

@@ -18,6 +18,7 @@ from pathlib import Path
 
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import check_regular, reason, replaced
+from lfpipe.host.paths import exists, is_dir, is_file
 
 VERSION = "0.10.21"  # the last version with these files
 PACKAGE = f"mediapipe=={VERSION}"
@@ -56,10 +57,10 @@ def data_folder() -> Path:
 def find_model(relative: str) -> Path | None:
     """A file of the mediapipe wheel, as "modules/face_landmark/face_landmark.tflite", from the package or the data folder."""
     folder = package_folder()
-    if folder is not None and (folder / relative).is_file():
+    if folder is not None and is_file(folder / relative):
         return folder / relative
     path = data_folder() / Path(relative).name
-    return path if path.is_file() else None
+    return path if is_file(path) else None
 
 
 def remedy(path: Path) -> str:
@@ -101,14 +102,14 @@ def _read(wheel: Path, name: str) -> bytes:
     """One file of a wheel. Raises UserError."""
     wanted = f"use a wheel of {PACKAGE}, for any platform"
     try:
-        if wheel.is_dir():
+        if is_dir(wheel):
             with (wheel / name).open("rb") as file:
                 return file.read(MOST_BYTES)
         check_regular(wheel)
         with zipfile.ZipFile(wheel) as archive, archive.open(name) as file:
             return file.read(MOST_BYTES)
     except (KeyError, FileNotFoundError):
-        if not wheel.exists():
+        if not exists(wheel):
             raise UserError(f"{wheel}: no such file", wanted) from None
         raise UserError(f"{wheel}: has no {name}", wanted) from None
     except OSError as error:

@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from lfpipe.host.paths import is_dir
 from lfpipe.host.portable.liveness import lives, own_mark
 
 PREFIX, SHARED, ALONE = ".held-", "s", "x"
@@ -21,7 +22,7 @@ PAUSE_S = 0.01
 
 def _entries(path: Path) -> Path:
     """The folder of a lock's entries: the locked folder itself, or one beside the locked file."""
-    return path if path.is_dir() else path.with_name(f"{path.name}.d")
+    return path if is_dir(path) else path.with_name(f"{path.name}.d")
 
 
 def _others(folder: Path, own: str = "") -> Iterator[str]:
@@ -67,7 +68,7 @@ class Lock:
         for entry in list(self._path.parent.iterdir()) if self.in_place() else ():
             if entry == self._entry.parent:
                 continue
-            if entry.is_dir() and not entry.is_symlink():
+            if is_dir(entry) and not entry.is_symlink():
                 shutil.rmtree(entry, ignore_errors=True)
             else:
                 with contextlib.suppress(OSError):

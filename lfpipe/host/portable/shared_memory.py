@@ -20,6 +20,7 @@ from typing import Any
 import psutil
 
 from lfpipe.host.file_lock import waited_for
+from lfpipe.host.paths import exists
 from lfpipe.host.portable.liveness import lives, own_mark
 from lfpipe.host.segment_names import names_in
 from lfpipe.host.untracked import untracked
@@ -63,7 +64,7 @@ def create(name: str, size_bytes: int, run_dir: bytes) -> Segment:
     entry, number = SHM_DIR / name, secrets.randbits(62)
     text = json.dumps({"run_dir": os.fsdecode(run_dir), "owner": own_mark(), "number": number})
     with waited_for(SHM_DIR / _LOCK):
-        if entry.exists() or entry.is_symlink():
+        if exists(entry) or entry.is_symlink():
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(entry))
         part = SHM_DIR / ".new"
         part.write_text(text)

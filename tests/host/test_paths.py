@@ -1,0 +1,110 @@
+"""Paths that cannot be examined end no command with a traceback: locked folders, long names, no working directory."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from lfpipe.host import paths
+from tests.as_nobody import as_nobody as as_nobody
+from tests.world import World
+
+LONG = "x" * 300  # longer than any file system allows
+
+
+@pytest.fixture
+def locked(tmp_path: Path) -> Iterator[Path]:
+    folder = tmp_path / "locked"
+    (folder / "lfpipe").mkdir(parents=True)
+    (folder / "lfpipe" / "config.toml").touch()
+    folder.chmod(0)
+    yield folder
+    folder.chmod(0o700)
+
+
+def test_what_cannot_be_examined_is_neither_there_nor_missing(locked: Path, as_nobody: list[str]) -> None:
+    code = (
+        "import sys; from lfpipe.host.paths import *; p = sys.argv[1]; print(exists(p), is_file(p), is_dir(p), is_missing(p))"
+    )
+    done = subprocess.run([*as_nobody, sys.executable, "-c", code, locked / "in"], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False", "False", "False"]
+    assert not paths.exists(LONG) and not paths.is_missing(LONG)
+    assert paths.is_missing(locked.parent / "absent" / "in") and not paths.is_missing(locked)
+
+
+def run(world: World, *command: str | Path, before: str = "", **env: str) -> subprocess.CompletedProcess[str]:
+    words = ["sh", "-c", f'{before} exec "$@"', "sh", *map(str, command)]
+    return subprocess.run(words, capture_output=True, text=True, cwd=world.root, env=world.env | env, timeout=60)
+
+
+LFPIPE = [sys.executable, "-m", "lfpipe"]
+UP = ("--display", "none", "--duration", "0.1")
+COMMANDS: dict[str, tuple[str | Path, ...]] = {
+    "up": ("up", "PATH", *UP),
+    "up, recording": ("up", "--camera", "file:PATH", "SCENE", *UP),
+    "scene info": ("scene", "info", "PATH"),
+    "scene check": ("scene", "check", "PATH"),
+    "scene clean": ("scene", "clean", "PATH"),
+    "kiosk install": ("kiosk", "install", "--user", "--code", "leave2026", "PATH"),
+    "ctl load": ("ctl", "load", "PATH"),
+    "replay": ("replay", "PATH"),
+    "sequence": ("sequence", "info", "PATH"),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_path_that_cannot_be_examined_is_refused(
+    command: str, world: World, scene: Path, locked: Path, as_nobody: list[str]
+) -> None:
+    for path in (locked / "in", Path(LONG)):
+        words = [str(word).replace("PATH", str(path)).replace("SCENE", str(scene)) for word in COMMANDS[command]]
+        done = run(world, *as_nobody, *LFPIPE, *words)
+        assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
+        assert done.stderr.startswith("error: ") and "remedy: " in done.stderr
+
+
+def test_settings_that_cannot_be_examined_are_named(world: World, scene: Path, locked: Path, as_nobody: list[str]) -> None:
+    for command in (("up", scene, *UP), ("doctor",), ("kiosk", "install", "--user", "--code", "leave2026", scene)):
+        done = run(world, *as_nobody, *LFPIPE, *command, XDG_CONFIG_HOME=str(locked))
+        assert done.returncode in (1, 2) and "Traceback" not in done.stderr + done.stdout
+        assert str(locked) in done.stderr + done.stdout
+
+
+def test_a_recent_scene_that_cannot_be_examined_stops_nothing(
+    world: World, scene: Path, locked: Path, as_nobody: list[str]
+) -> None:
+    state = Path(world.env["XDG_STATE_HOME"]) / "lfpipe"
+    state.mkdir(parents=True)
+    (state / "recent_scenes.json").write_text(json.dumps([str(locked / "in"), f"/tmp/{LONG}"]))
+    done = run(world, *as_nobody, *LFPIPE, "up", "--session", world.name, "--camera", "demo", scene, *UP)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_removed_working_directory_and_a_full_disk_are_named(world: World, scene: Path) -> None:
+    gone = "mkdir gone && cd gone && rmdir ../gone &&"
+    for command in (("up", scene, *UP), ("ctl", "load", scene)):
+        done = run(world, *LFPIPE, *command, before=gone)
+        assert done.returncode == 2 and "working directory" in done.stderr and "Traceback" not in done.stderr
+    done = run(world, *LFPIPE, "scene", "info", scene, before="exec > /dev/full;")
+    assert done.returncode == 2 and os.strerror(28) in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_limit_on_memory_is_kept(world: World, scene: Path, as_nobody: list[str]) -> None:
+    """A user's own limit (`ulimit -d`) is below what the packer would set."""
+    done = run(world, *as_nobody, *LFPIPE, "scene", "info", scene, before="ulimit -d 800000;")
+    assert done.returncode == 0, done.stderr
+    done = run(world, *as_nobody, *LFPIPE, "scene", "info", scene, before="ulimit -d 100000;")
+    assert done.returncode == 2 and "memory" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_visits_file_with_odd_digits_is_read(tmp_path: Path) -> None:
+    from lfpipe.render.visit_log import VisitLog
+
+    (tmp_path / "visits.csv").write_text("hour,visits\n2026-11-21 15:00,²\n2026-11-21 16:00,3\n", encoding="utf-8")
+    VisitLog(tmp_path / "visits.csv")
+
+
