@@ -1,6 +1,7 @@
 """The command line. Each command is a few lines that call a room below; rooms are imported when a command runs."""
 
 import codecs
+import contextlib
 import difflib
 import errno
 import io
@@ -123,7 +124,9 @@ def _check_working_folder() -> None:
 
 
 def _drop_output() -> None:
-    """Nothing more goes to stdout, at the interpreter's end neither."""
+    """Writes what stdout still holds, if it can be written; nothing more goes there, at the interpreter's end neither."""
+    with contextlib.suppress(OSError):
+        sys.stdout.flush()
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
