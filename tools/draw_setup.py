@@ -18,10 +18,13 @@ SIDE_MM, ABOVE_VIEW_MM = (-190, 790, -290, 290), (-300, 480, -760, 240)  # left,
 INK, SOFT, RED, CYAN = "#1b1f24", "#57606a", "#d8343b", "#00a5b5"
 
 
-def measure(axes: Axes, start: tuple[float, float], end: tuple[float, float], text: str, side: tuple[float, float]) -> None:
-    """A line with arrows at both ends, and its length beside it."""
+Point = tuple[float, float]
+
+
+def measure(axes: Axes, start: Point, end: Point, text: str, side: Point, ha: str = "center") -> None:
+    """A line with arrows at both ends, and its length next to it."""
     axes.annotate("", end, start, arrowprops={"arrowstyle": "<->", "color": SOFT, "lw": 0.9})
-    axes.text((start[0] + end[0]) / 2 + side[0], (start[1] + end[1]) / 2 + side[1], text, color=SOFT, fontsize=9, ha="center")
+    axes.text((start[0] + end[0]) / 2 + side[0], (start[1] + end[1]) / 2 + side[1], text, color=SOFT, fontsize=9, ha=ha)
 
 
 def from_the_side(axes: Axes) -> None:
@@ -35,10 +38,11 @@ def from_the_side(axes: Axes) -> None:
     for angle_mm in (-190, 190):
         axes.plot([10, DISTANCE_MM], [ABOVE_MM, ABOVE_MM - 130 + angle_mm], color=SOFT, lw=0.7, ls=(0, (4, 3)))
     axes.add_patch(Circle((DISTANCE_MM + 70, 0), 95, color="#f1d4b8"))
-    axes.add_patch(Rectangle((DISTANCE_MM - 30, -16), 8, 32, color=RED))
-    axes.plot([DISTANCE_MM - 26, DISTANCE_MM + 70], [12, 14], color=INK, lw=1.2)
+    axes.add_patch(Rectangle((DISTANCE_MM - 38, -24), 12, 48, color=RED))
+    axes.plot([DISTANCE_MM - 26, DISTANCE_MM + 70], [18, 20], color=INK, lw=2)  # the arm of the glasses
+    axes.text(DISTANCE_MM + 70, 112, "red/cyan glasses", fontsize=9, color=INK, ha="center")
     axes.plot([0, DISTANCE_MM - 30], [0, 0], color=INK, lw=0.8)
-    axes.text(DISTANCE_MM + 70, -150, "eyes level with the\nmiddle of the screen", fontsize=9, color=INK, ha="center")
+    axes.text(DISTANCE_MM + 80, -212, "eyes level with the\nmiddle of the screen", fontsize=9, color=INK, ha="center")
     measure(axes, (0, -half - 90), (DISTANCE_MM - 22, -half - 90), f"{DISTANCE_MM:.0f} mm: an arm's length", (0, 12))
     measure(axes, (-60, 0), (-60, ABOVE_MM), "camera.\nabove_mm", (-66, -14))
     axes.set_title("from the side", loc="left", fontsize=11, color=INK)
@@ -54,12 +58,12 @@ def from_above(axes: Axes) -> None:
     axes.add_patch(Circle((0, -DISTANCE_MM - 60), 85, color="#f1d4b8"))
     for x, colour in ((-EYES_MM / 2, RED), (EYES_MM / 2, CYAN)):
         axes.plot([x, 0], [-DISTANCE_MM, behind], color=colour, lw=1.1)
-        axes.add_patch(Rectangle((x - 22, -DISTANCE_MM), 44, 8, color=colour))
+        axes.add_patch(Rectangle((x - 28, -DISTANCE_MM - 4), 56, 14, color=colour))
     axes.text(-60, -DISTANCE_MM + 18, "left eye: red", fontsize=9, color=RED, ha="right")
     axes.text(60, -DISTANCE_MM + 18, "right eye: cyan", fontsize=9, color=CYAN)
-    measure(axes, (-half, 40), (half, 40), "screen.width_mm", (-140, 10))
-    measure(axes, (half + 20, 0), (half + 20, -DISTANCE_MM), "distance, measured\nfrom the eyes", (95, 0))
-    measure(axes, (-EYES_MM / 2, -DISTANCE_MM - 28), (EYES_MM / 2, -DISTANCE_MM - 28), f"{EYES_MM:.0f} mm", (0, -36))
+    measure(axes, (-half, 40), (half, 40), "screen.width_mm", (-half + 8, 10), "left")
+    measure(axes, (half + 20, 0), (half + 20, -DISTANCE_MM), "distance, measured\nfrom the eyes", (14, 0), "left")
+    measure(axes, (-EYES_MM / 2, -DISTANCE_MM - 34), (EYES_MM / 2, -DISTANCE_MM - 34), f"{EYES_MM:.0f} mm", (0, -46))
     axes.set_title("from above", loc="left", fontsize=11, color=INK)
 
 

@@ -5,16 +5,48 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from tests.web.browser import Browser, missing
+
 ROOT = Path(__file__).parents[2]
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 
 
-def test_the_site_builds_with_strict_links(tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(tmp_path / "site")]
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the built site."""
+    folder = tmp_path_factory.mktemp("docs") / "site"
+    words = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(folder)]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=100)
     assert done.returncode == 0, done.stdout + done.stderr
-    pages = {page.stem for page in (tmp_path / "site").glob("*.html")}
-    assert {page.stem for page in (ROOT / "docs").glob("*.md")} <= pages
+    return folder
+
+
+def test_the_site_has_every_page(site: Path) -> None:
+    assert {page.stem for page in (ROOT / "docs").glob("*.md")} <= {page.stem for page in site.glob("*.html")}
+
+
+def brightness(browser: Browser, name: str) -> int:
+    """Of a colour of the page's body: the sum of red, green and blue."""
+    return sum(int(value) for value in re.findall(r"\d+", browser.ask(f"getComputedStyle(document.body).{name}"))[:3])
+
+
+def test_no_page_is_wider_than_its_screen(site: Path, tmp_path: Path) -> None:
+    """On a desktop and on a phone, light and dark; and the text differs from its background."""
+    if why := missing():
+        pytest.skip(why)
+    with Browser(tmp_path) as browser:
+        for width_px, dark in ((1280, False), (375, True)):
+            browser.show_as(width_px, dark)
+            for page in sorted(site.glob("*.html")):
+                browser.open(page.as_uri())
+                content = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+                assert browser.ask(content) <= 0, f"{page.name} overflows at {width_px} px"
+                cut = "[...document.querySelectorAll('table')].filter(t => t.offsetWidth > t.parentElement.clientWidth + 1)"
+                assert browser.ask(f"{cut}.length") == 0, f"{page.name}: a table is cut off at {width_px} px"
+            ink, paper = (brightness(browser, name) for name in ("color", "backgroundColor"))
+            assert (paper > ink) != dark, (ink, paper)
 
 
 def test_links_within_the_repository_hold() -> None:

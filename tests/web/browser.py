@@ -62,6 +62,13 @@ class Browser:
         found = self._call("POST", f"{self._session}/element", {"using": "css selector", "value": selector})
         self._call("POST", f"{self._session}/element/{found[ELEMENT]}/click", {})
 
+    def show_as(self, width_px: int, dark: bool) -> None:
+        """Shows pages as on a screen of that width, in the reader's light or dark mode."""
+        size = {"width": width_px, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+        for command, values in (("setDeviceMetricsOverride", size), ("setEmulatedMedia", {"features": scheme})):
+            self._call("POST", f"{self._session}/goog/cdp/execute", {"cmd": f"Emulation.{command}", "params": values})
+
     def screenshot(self, path: Path) -> None:
         path.write_bytes(base64.b64decode(self._call("GET", f"{self._session}/screenshot")))
 
