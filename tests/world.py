@@ -106,7 +106,8 @@ class World:
             if process.poll() is None:
                 process.kill()
             process.communicate()
-        self.run("up", "--session", self.name, "nothing")  # sweeps what a killed one left
+        if self.left():
+            self.run("up", "--session", self.name, "nothing")  # sweeps what a killed one left
 
 
 @contextmanager
