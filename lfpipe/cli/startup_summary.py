@@ -5,6 +5,7 @@ from pathlib import Path
 
 from lfpipe.config import Config
 from lfpipe.host.graphics import has_gpu
+from lfpipe.render.compositor import mixed_as
 from lfpipe.render.geometry import parallax
 from lfpipe.render.plan import Plan
 from lfpipe.scene.lightfield import LightField
@@ -24,7 +25,7 @@ def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, di
             f"plan    the view unchanged{left_out}",
             "camera  none: a single view needs no eyes",
             "alpha   none: the scene has one view",
-            f"picture {render.anaglyph} in {render.light} light, to {display}",
+            f"picture {mixed_as(field, plan.method, render).anaglyph}, to {display}",
         ]
     chosen = parallax(config, field, config.camera.frame_px[0], None)
     depth = "" if chosen.compression is None else f", {chosen.compression:.0%} of true depth"

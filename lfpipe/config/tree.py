@@ -154,6 +154,10 @@ class Render:
         0.0
     )
     extrapolate_views: Annotated[float, Opt("how far beyond the grid the viewpoint may go", "views", 0, 16, live=True)] = 2.0
+    keep_depth: Annotated[
+        bool,
+        Opt("at the edge of the grid, keep the distance of the eyes and stop their middle; no: stop each eye, as the paper does", live=True),
+    ] = True
     swap_eyes: Annotated[bool, Opt("swap the eyes, for glasses worn or printed the other way round", live=True)] = False
     loop_ms: Annotated[
         float,

@@ -6,8 +6,9 @@ Every method of the form `M_left @ left + M_right @ right` becomes
     channel = own_gain * own plane + cross_gain * cross plane       (the gains sum to 1: grey in, grey out)
 
 The planes are built once per stored view and can be warped like any picture. Mixing is a function of two bytes, so one table of
-65536 entries holds it: exact for any light (linear or code values) and any ghost compensation. Methods without cross terms need
-no mixing: their picture is one merge of three planes.
+65536 entries holds it, for linear light, code values and any ghost compensation. Planes are clipped and rounded to bytes before:
+against one float64 matrix, saturated random colours deviate by up to 13 (Dubois), 40 (green/magenta) and 41 (amber/blue) levels
+in linear light, photographs by 4 to 6. Methods without cross terms need no mixing: their picture is one merge of three planes.
 
 The cross rows of the red/cyan Dubois matrix are multiples of the other eye's own rows, to 0.004 per coefficient, so three planes
 carry the whole method. Where that does not hold (amber/blue, parts of green/magenta), the cross row is a separate plane.

@@ -4,18 +4,20 @@ import math
 from collections.abc import Hashable
 from functools import partial
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Render
-from lfpipe.config.quality import NO_SCORES, WARPS, drawn_with
+from lfpipe.config.quality import NO_SCORES, drawn_with
 from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, Recipe, recipe
 from lfpipe.render.blocks import near_array
 from lfpipe.render.pair_layout import Pair
 from lfpipe.render.planes import PlaneStore
 from lfpipe.render.synthesis import Synthesiser
 from lfpipe.render.view_weights import Position
+from lfpipe.render.viewpoint import extrapolation_views
 from lfpipe.scene.lightfield import LightField
 
 _RGB = tuple(Plane(0, weights, False) for weights in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
@@ -26,6 +28,12 @@ TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs of each eye's view in
 def method_for(field: LightField, wanted: str) -> str:
     """The method that makes views of field for render.method = wanted; never "auto"."""
     return drawn_with(wanted, field.method, field.disparity is not None, field.manifest.get("scores", NO_SCORES))
+
+
+def mixed_as(field: LightField, method: str, render: Render) -> Render:
+    """render as it applies to a scene: where both eyes see the same view, it is drawn in its own colours."""
+    same = field.cols == 1 and not extrapolation_views(method, render)
+    return attrs.evolve(render, anaglyph="mono") if same and render.anaglyph in MATRICES else render
 
 
 def recipe_for(render: Render) -> Recipe:
@@ -42,14 +50,9 @@ def planes_of_eyes(render: Render) -> tuple[tuple[Plane, ...], tuple[Plane, ...]
     return (left, left) if render.anaglyph in TWO_VIEWS else (left, right)
 
 
-def extrapolation_views(method: str, render: Render) -> float:
-    """Grid steps by which a viewpoint may lie outside the stored views."""
-    return render.extrapolate_views if method in WARPS else 0.0
-
-
 def _quantum(method: str, disparity_px: float) -> float:
-    """Grid step to which coordinates are rounded, a power of two. It moves nothing by more than 1/128 px, which changes an edge
-    of 64 levels per px by half a level, and it changes no cross-fade by more than half a level.
+    """Grid step to which coordinates are rounded, a power of two, at least 1/1024. Up to 16 px per view it moves nothing by more
+    than 1/128 px, and it changes the weights of a cross-fade by at most 1/512.
     """
     finest = 1 / 1024
     if method == "nearest":
@@ -69,6 +72,7 @@ class Compositor:
 
     def __init__(self, field: LightField, render: Render) -> None:
         self.method = method_for(field, render.method)
+        render = mixed_as(field, self.method, render)
         self._field, self._render = field, render
         height, width = field.height_px, field.width_px
         self._recipe = recipe_for(render)

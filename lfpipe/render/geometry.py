@@ -114,7 +114,8 @@ def parallax(
     width_mm = picture_mm(config, shown_mm)
     comfort, why = _comfort_views(config, field, distance_mm, eyes_mm, width_mm)
     true = _true_views(config, field, distance_mm, eyes_mm)
-    room = max(field.cols - 1, 1 if field.cols > 1 else field.rows - 1, 1) / 2
+    count, axis = (field.cols, "columns") if field.cols > 1 else (field.rows, "rows")
+    room = max(count - 1, 1) / 2
     if config.render.alpha_px == "true":
         if true is None:
             raise _unknown_capture(field.name)
@@ -124,7 +125,8 @@ def parallax(
         if config.screen.width_mm == "auto":
             known = f"picture {width_mm:.0f} mm wide, as the monitor reports"
             reasons.append(known if shown_mm else f"assuming a picture {width_mm:.0f} mm wide (monitor size unknown)")
-        limits = [(room, f"half of the {field.cols} columns; the other half is room to move")]
+        half = f"half of the {count} {axis}; the other half is room to move" if count > 1 else "the scene has one view"
+        limits = [(room, half)]
         if comfort is None:
             limits.append((DEFAULT_VIEWS, "disparities unknown"))
         else:

@@ -14,7 +14,7 @@ from lfpipe.config import Config, Render
 from lfpipe.config.camera_pose import EYES_MM, CameraPose
 from lfpipe.config.quality import WARPS
 from lfpipe.config.session_options import needs_tracking
-from lfpipe.render.compositor import extrapolation_views, method_for, planes_of_eyes
+from lfpipe.render.compositor import method_for, mixed_as, planes_of_eyes
 from lfpipe.render.geometry import alpha_is_automatic
 from lfpipe.render.planes import PlaneStore, stored_channels
 from lfpipe.render.synthesis import Synthesiser
@@ -60,11 +60,12 @@ def make_plan(field: LightField, config: Config, measure: bool = False) -> Plan:
     render = config.render
     tracking = needs_tracking(field.rows, field.cols)
     method = method_for(field, render.method)
+    render = mixed_as(field, method, render)
     posed = CameraPose.of(config, config.camera.frame_px, EYES_MM) is not None
     left, right = (sorted({k for plane in eye for k in stored_channels(field, plane)}) for eye in planes_of_eyes(render))
     plan = Plan(
         needs_tracking=tracking,
-        needs_rows=tracking and (field.rows > 1 or extrapolation_views(method, render) > 0),
+        needs_rows=tracking and field.rows > 1,
         needs_warp=tracking and method in WARPS,
         needs_depth=tracking and (alpha_is_automatic(config) or posed),
         planes=(tuple(left), tuple(right)),
@@ -92,7 +93,7 @@ def _reach(field: LightField, config: Config, posed: bool) -> tuple[int, int, in
 
 def _left_out(plan: Plan, field: LightField, config: Config, measure: bool) -> Iterator[LeftOut]:
     views, plane_bytes = field.rows * field.cols, field.height_px * field.width_px
-    render = config.render
+    render = mixed_as(field, plan.method, config.render)
     if not plan.needs_tracking:
         frame = _size(config.camera.width_px * config.camera.height_px * 3)
         yield LeftOut("capture and tracking", "a single view does not depend on the eyes", f"2 processes, {frame} per frame")

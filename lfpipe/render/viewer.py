@@ -83,7 +83,7 @@ class Viewer:
         """Sets a configuration that differs only in render.method and render.rate_hz: geometry stays unchanged."""
         self.config, self.compositor = config, Compositor(self.field, config.render)
         if self._solver is not None:
-            self._solver.snap = self.method == "nearest"
+            self._solver.draw_with(self.method)
 
     def shown_as_wide(self, width_mm: float | None) -> bool:
         """Sets the width of the picture on the screen, as the display reports it; returns whether alpha must be chosen again."""
@@ -225,8 +225,8 @@ class Viewer:
         if self._auto and self._centre_px is None and eyes_px is not None:
             self._centre_px = eyes_px.mean(axis=0)
         centre_px = (self._size_px[0] / 2, self._size_px[1] / 2) if self._centre_px is None else self._centre_px
-        snap = self.method == "nearest"
-        self._solver = ViewSolver(self.field.rows, self.field.cols, self.config.render, self.parallax.alpha_px, centre_px, snap)
+        grid = self.field.rows, self.field.cols
+        self._solver = ViewSolver(*grid, self.config.render, self.parallax.alpha_px, centre_px, self.method)
         return self._solver
 
 

@@ -5,7 +5,7 @@
 (u, v) is an eye in px of the unmirrored camera picture, (cx, cy) the centre of the neutral viewer's eyes, (r0, c0) the middle of
 the grid in canonical order. A viewer who moves right appears further left in the picture (smaller u) and looks from a camera
 further right. Both eyes share the row of the point midway between them, so noise of the landmarks never becomes vertical
-disparity.
+disparity. At the edge of the grid the middle of the eyes stops and their distance stays: parallax ends there, depth does not.
 """
 
 import math
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.config import Render
+from lfpipe.config.quality import WARPS
 
 Position = tuple[float, float]  # (row, col) in grid steps
 
@@ -27,11 +28,36 @@ def soft_clamp(value: float, count: int, extrapolate_views: float) -> float:
 
     Value and slope are continuous: the picture never freezes at the edge, however far the viewer leans out. value must be finite.
     """
-    edge = count - 1.0
-    inside = min(max(value, 0.0), edge)
-    if extrapolate_views <= 0 or value == inside:
+    return _limited(value, 0.0, count - 1.0, extrapolate_views)
+
+
+def _limited(value: float, low: float, high: float, reach: float) -> float:
+    """value between low and high; beyond them compressed towards `reach` further out."""
+    inside = min(max(value, low), high)
+    if reach <= 0 or value == inside:
         return inside
-    return inside + extrapolate_views * math.tanh((value - inside) / extrapolate_views)
+    return inside + reach * math.tanh((value - inside) / reach)
+
+
+def pair_clamped(left: float, right: float, count: int, extrapolate_views: float) -> tuple[float, float]:
+    """The columns of both eyes within a grid of `count` columns and extrapolate_views beyond it: their middle is clamped, and
+    their distance stays unless the grid is narrower.
+
+    Continuous, and the columns themselves while both are inside. left, right must be finite.
+    """
+    if min(left, right) >= 0 and max(left, right) <= count - 1:
+        return left, right
+    edge = (count - 1) / 2
+    half = _limited((right - left) / 2, -edge, edge, extrapolate_views)
+    room = max(edge - abs(half), 0.0)
+    middle = edge + _limited((right + left) / 2 - edge, -room, room, max(edge + extrapolate_views - room - abs(half), 0.0))
+    low, high = -extrapolate_views, count - 1 + extrapolate_views
+    return min(max(middle - half, low), high), min(max(middle + half, low), high)
+
+
+def extrapolation_views(method: str, render: Render) -> float:
+    """Grid steps by which a viewpoint may lie outside the stored views."""
+    return render.extrapolate_views if method in WARPS else 0.0
 
 
 def snapped(value: float, held: float | None) -> float:
@@ -44,26 +70,36 @@ def snapped(value: float, held: float | None) -> float:
 class ViewSolver:
     """The mapping with its state: the neutral pose, and the views held in nearest mode.
 
-    rows, cols: of the grid. render: extrapolate_views and swap_eyes are used. alpha_px: camera px between neighbouring views.
-    centre_px: (cx, cy). snap: give whole views with hysteresis, for the method nearest.
+    rows, cols: of the grid. render: extrapolate_views, keep_depth and swap_eyes are used. alpha_px: camera px between
+    neighbouring views. centre_px: (cx, cy). method: in use; nearest gets whole views with hysteresis.
     """
 
-    def __init__(self, rows: int, cols: int, render: Render, alpha_px: float, centre_px: ArrayLike, snap: bool = False) -> None:
+    def __init__(
+        self, rows: int, cols: int, render: Render, alpha_px: float, centre_px: ArrayLike, method: str = "warp2"
+    ) -> None:
         self.rows, self.cols = rows, cols
         self.alpha_px = alpha_px
         centre = np.asarray(centre_px, dtype=np.float64).reshape(2)
         self.centre_px = (float(centre[0]), float(centre[1]))
-        self._render, self.snap = render, snap
+        self._render = render
+        self.draw_with(method)
         self._held: list[float | None] = [None, None, None]  # row, left col, right col
+
+    def draw_with(self, method: str) -> None:
+        """Sets the method in use: the last views are held in nearest mode, and only warps extrapolate."""
+        self._snap, self._reach = method == "nearest", extrapolation_views(method, self._render)
 
     def neutral(self) -> Position:
         """The middle of the grid, where a viewer is assumed to be until seen."""
         return (self.rows - 1) / 2, (self.cols - 1) / 2
 
+    def _alpha(self) -> float:
+        """alpha_px, positive; infinite where it is not finite."""
+        return abs(self.alpha_px) if math.isfinite(self.alpha_px) else math.inf
+
     def _steps(self, distance_px: float) -> float:
         """distance over alpha, always finite; NaN counts as 0."""
-        alpha = abs(self.alpha_px) if math.isfinite(self.alpha_px) else math.inf
-        steps = distance_px / max(alpha, 1e-300) if math.isfinite(distance_px) else distance_px
+        steps = distance_px / max(self._alpha(), 1e-300) if math.isfinite(distance_px) else distance_px
         return 0.0 if math.isnan(steps) else min(max(steps, -_FAR), _FAR)
 
     def beyond(self, eyes_px: ArrayLike) -> bool:
@@ -78,7 +114,8 @@ class ViewSolver:
         """The neutral position nearest to centre_px, (2,), that puts the eyes, (2, 2) px, within the grid if they fit."""
         eyes = np.asarray(eyes_px, dtype=np.float64).reshape(2, 2)
         half = abs(float(eyes[0, 0] - eyes[1, 0])) / 2
-        room = np.array([max((self.cols - 1) / 2 * self.alpha_px - half, 0.0), (self.rows - 1) / 2 * self.alpha_px])
+        alpha = min(self._alpha(), _FAR)
+        room = np.array([max((self.cols - 1) / 2 * alpha - half, 0.0), (self.rows - 1) / 2 * alpha])
         middle = eyes.mean(axis=0)
         return np.clip(np.asarray(centre_px, np.float64), middle - room, middle + room)
 
@@ -90,21 +127,17 @@ class ViewSolver:
         (left_u, left_v), (right_u, right_v) = np.asarray(eyes_px, dtype=np.float64).reshape(2, 2).tolist()
         r0, c0 = self.neutral()
         cx, cy = self.centre_px
-        reach = self._render.extrapolate_views
         middle_v = left_v / 2 + right_v / 2  # halve first: the sum of two finite numbers may overflow
-        found = [
-            soft_clamp(r0 + self._steps(middle_v - cy), self.rows, reach),
-            soft_clamp(c0 + self._steps(cx - left_u), self.cols, reach),
-            soft_clamp(c0 + self._steps(cx - right_u), self.cols, reach),
-        ]
-        if self.snap:
-            counts = (self.rows, self.cols, self.cols)
-            found = [
-                min(max(snapped(value, held), 0.0), count - 1.0)
-                for value, held, count in zip(found, self._held, counts, strict=True)
-            ]
-            self._held = list(found)
-        row, left, right = found
+        # a single row knows nothing above and below it: its height is left out
+        row = soft_clamp(r0 + self._steps(middle_v - cy), self.rows, self._reach if self.rows > 1 else 0.0)
+        left, right = c0 + self._steps(cx - left_u), c0 + self._steps(cx - right_u)
+        if self._render.keep_depth:
+            left, right = pair_clamped(left, right, self.cols, self._reach)
+        else:
+            left, right = (soft_clamp(col, self.cols, self._reach) for col in (left, right))
+        if self._snap:
+            row, left, right = (snapped(value, held) for value, held in zip((row, left, right), self._held, strict=True))
+            self._held = [row, left, right]
         if self._render.swap_eyes:
             left, right = right, left
         return (row, left), (row, right)

@@ -44,7 +44,7 @@ def centre_of_light(plane: NDArray[np.uint8]) -> tuple[float, float]:
 def seen(eyes_px: NDArray[np.float64], method: str, **settings: Any) -> NDArray[np.uint8]:
     field = rendered.field(9, 9, texture=0.0)
     how = render(method=method, anaglyph="colour", **settings)
-    solver = ViewSolver(9, 9, how, 20.0, (320.0, 240.0), snap=method == "nearest")
+    solver = ViewSolver(9, 9, how, 20.0, (320.0, 240.0), method)
     return Compositor(field, how).compose(*solver.views(eyes_px)).copy()
 
 

@@ -14,6 +14,7 @@ from lfpipe.config import Config, SceneSummary, updated
 from lfpipe.eyes import EYES
 from lfpipe.render.anaglyph import MATRICES, Plane
 from lfpipe.render.compositor import Compositor
+from lfpipe.render.geometry import parallax
 from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.planes import PlaneStore
 from lfpipe.render.viewer import Viewer
@@ -193,8 +194,7 @@ def test_no_view_outside_the_reach_is_read(
         patch.setattr(PlaneStore, "get", spy)
         compositor = Compositor(scene, how.render)
         assert isinstance(how.render.alpha_px, float)
-        snap = compositor.method == "nearest"
-        solver = ViewSolver(scene.rows, scene.cols, how.render, how.render.alpha_px, centre, snap)
+        solver = ViewSolver(scene.rows, scene.cols, how.render, how.render.alpha_px, centre, compositor.method)
         for eye in eyes:
             compositor.compose(*solver.views([eye, eye]))
     first_row, last_row, first_col, last_col = make_plan(scene, how).reach
@@ -204,14 +204,23 @@ def test_no_view_outside_the_reach_is_read(
 def test_one_view_needs_no_eyes() -> None:
     plan = make_plan(field(1, 1), Config())
     assert (plan.needs_tracking, plan.needs_warp, plan.needs_depth, plan.method) == (False, False, False, "nearest")
-    assert what(plan) == ["capture and tracking"]
+    assert what(plan) == ["capture and tracking", "3 of 6 planes per picture"]
 
 
-def test_one_row_needs_no_row_coordinate_unless_warps_extrapolate() -> None:
-    plan = make_plan(field(1, 9), with_keys(render__extrapolate_views=0.0))
+def test_one_view_is_drawn_in_its_own_colours_and_promises_no_room_to_move() -> None:
+    scene = field(1, 1)
+    picture = Compositor(scene, Config().render).compose((0.0, 0.0), (0.0, 0.0))
+    assert np.array_equal(picture, scene.views[0, 0, 0, ::-1].transpose(1, 2, 0)), "in Dubois colours for two equal eyes"
+    assert "room to move" not in str(parallax(Config(), scene, 640, 63.0))
+    pair = Compositor(scene, with_keys(render__anaglyph="side-by-side").render)
+    pair.compose((0.0, 0.0), (0.0, 0.0))
+    assert pair.pair is not None
+
+
+def test_one_row_needs_no_row_coordinate() -> None:
+    plan = make_plan(field(1, 9), Config())
     assert (plan.needs_tracking, plan.needs_rows, plan.needs_warp) == (True, False, True)
     assert "row coordinate" in what(plan)
-    assert make_plan(field(1, 9), Config()).needs_rows
     assert "row coordinate" in what(make_plan(field(1, 9), with_keys(render__method="blend")))
 
 
@@ -240,7 +249,7 @@ def test_reach_ends_where_no_eye_comes() -> None:
 def test_what_is_saved_is_counted_in_bytes_and_planes() -> None:
     """Views of 48 x 64 px, three planes each; frames of 640 x 480."""
     assert saved(make_plan(field(1, 1), Config()), "capture") == "2 processes, 921.6 kB per frame"
-    assert saved(make_plan(field(1, 9), with_keys(render__extrapolate_views=0.0)), "row") == "24.6 kB of maps per view"
+    assert saved(make_plan(field(1, 9), Config()), "row") == "24.6 kB of maps per view"
     assert saved(make_plan(field(3, 3, channels=1), Config()), "colour planes") == "55.3 kB of pack and memory"
     film = attrs.evolve(field(3, 3, channels=1), views=np.zeros((4, 3, 3, 1, 48, 64), np.uint8))
     assert saved(make_plan(film, Config()), "colour planes") == "221.2 kB of pack and memory"
@@ -266,6 +275,5 @@ def test_every_saving_has_a_number_and_measuring_changes_no_decision() -> None:
         assert attrs.evolve(plain, left_out=()) == attrs.evolve(timed, left_out=())
         assert what(plain) == what(timed)
         assert all(any(c.isdigit() for c in item.saves) or "process" in item.saves for item in plain.left_out)
-    rigid = with_keys(render__extrapolate_views=0.0)
-    assert saved(make_plan(field(1, 9), rigid, measure=True), "row").endswith("(measured)")
+    assert saved(make_plan(field(1, 9), Config(), measure=True), "row").endswith("(measured)")
     assert saved(make_plan(field(3, 3), with_keys(render__method="blend"), measure=True), "warping").endswith("(measured)")

@@ -200,7 +200,8 @@ def test_a_viewer_who_rests_beyond_the_grid_gets_it_anew_without_a_jump() -> Non
     subject = four_views()
     watch(subject, 2.0, apart=24.0)
     shown = [watch(subject, 1 / 30, 2.0 + k / 30, x=500.0, apart=24.0) for k in range(240)]
-    assert max(shown[20].left[1], shown[20].right[1]) < 0.0 and middle(shown[-1]) == pytest.approx((4.0, 4.0), abs=0.05)
+    assert shown[20].left[1] < 0.0 and shown[20].right[1] - shown[20].left[1] == pytest.approx(4.0), "at the edge, in depth"
+    assert middle(shown[-1]) == pytest.approx((4.0, 4.0), abs=0.05)
     steps = np.abs(np.diff([middle(found)[1] for found in shown[10:]]))
     assert steps.max() < 1.0
 

@@ -8,15 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Render
-from lfpipe.render.viewpoint import HYSTERESIS_VIEWS, ViewSolver, snapped, soft_clamp
+from lfpipe.render.viewpoint import HYSTERESIS_VIEWS, ViewSolver, pair_clamped, snapped, soft_clamp
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 COUNTS = st.integers(1, 30)
 USUAL = st.floats(-2000, 2000)
+METHODS = st.sampled_from(["nearest", "blend", "warp2"])
 
 
-def solver(rows: int = 9, cols: int = 9, alpha_px: float = 12.0, snap: bool = False, **render: object) -> ViewSolver:
-    return ViewSolver(rows, cols, Render(**render), alpha_px, (320.0, 240.0), snap)  # type: ignore[arg-type]
+def solver(rows: int = 9, cols: int = 9, alpha_px: float = 12.0, method: str = "warp2", **render: object) -> ViewSolver:
+    return ViewSolver(rows, cols, Render(**render), alpha_px, (320.0, 240.0), method)  # type: ignore[arg-type]
 
 
 def test_formula() -> None:
@@ -40,11 +41,12 @@ def test_one_row_for_both_eyes(p: tuple[float, float, float, float]) -> None:
     assert left[0] == right[0]
 
 
-@given(st.tuples(ANY, ANY, ANY, ANY), st.floats(1e-9, 1e9), COUNTS, COUNTS, st.floats(0, 16), st.booleans())
+@given(st.tuples(ANY, ANY, ANY, ANY), st.floats(1e-9, 1e9), COUNTS, COUNTS, st.floats(0, 16), METHODS)
 def test_always_finite_and_within_reach(
-    p: tuple[float, float, float, float], alpha_px: float, rows: int, cols: int, reach: float, snap: bool
+    p: tuple[float, float, float, float], alpha_px: float, rows: int, cols: int, reach: float, method: str
 ) -> None:
-    found = solver(rows, cols, alpha_px, snap, extrapolate_views=reach).views([[p[0], p[1]], [p[2], p[3]]])
+    found = solver(rows, cols, alpha_px, method, extrapolate_views=reach).views([[p[0], p[1]], [p[2], p[3]]])
+    reach = reach if method == "warp2" else 0.0
     for row, col in found:
         assert -reach <= row <= rows - 1 + reach
         assert -reach <= col <= cols - 1 + reach
@@ -91,10 +93,58 @@ def test_hysteresis_holds_a_view_against_noise_and_lets_go_beyond() -> None:
 
 @given(st.lists(st.floats(-0.09, 0.09), min_size=1, max_size=50), st.floats(-3, 3))
 def test_noise_below_the_hysteresis_changes_the_view_at_most_once(noise: list[float], place: float) -> None:
-    snapping = solver(snap=True, extrapolate_views=0.0)
+    snapping = solver(method="nearest", extrapolate_views=0.0)
     cols = [snapping.views([[320 - 12 * (place + n), 240.0]] * 2)[0][1] for n in noise]
     assert all(col == round(col) for col in cols)
     assert sum(a != b for a, b in itertools.pairwise(cols)) <= 1
+
+
+PAIR = st.tuples(st.floats(-30, 30), st.floats(0, 12), COUNTS, st.floats(0, 16))
+
+
+@given(PAIR)
+def test_at_the_edge_the_distance_of_the_eyes_stays_and_what_is_inside_is_exact(pair: tuple[float, float, int, float]) -> None:
+    left, apart, count, reach = pair
+    found = pair_clamped(left, left + apart, count, reach)
+    kept = min(apart, count - 1.0)
+    assert found[1] - found[0] >= kept - 1e-9 and found[1] - found[0] <= apart + 1e-9, "depth stays"
+    assert all(-reach <= col <= count - 1 + reach for col in found)
+    if left >= 0 and left + apart <= count - 1:
+        assert found == (left, left + apart)
+    mirrored = pair_clamped(count - 1 - left - apart, count - 1 - left, count, reach)
+    assert found == pytest.approx((count - 1 - mirrored[1], count - 1 - mirrored[0]), abs=1e-9)
+
+
+@given(PAIR, st.floats(0, 1), st.floats(0, 1))
+def test_a_small_step_of_the_eyes_is_a_small_step_of_the_views(
+    pair: tuple[float, float, int, float], step: float, wider: float
+) -> None:
+    left, apart, count, reach = pair
+    here = pair_clamped(left, left + apart, count, reach)
+    moved = pair_clamped(left + step, left + step + apart, count, reach)
+    assert -1e-9 <= moved[0] - here[0] <= step + 1e-9, "never back, never faster"
+    spread = pair_clamped(left, left + apart + wider, count, reach)
+    assert max(abs(a - b) for a, b in zip(here, spread, strict=True)) <= wider + 1e-9
+
+
+def test_as_printed_in_the_paper_each_eye_stops_by_itself() -> None:
+    eyes = [[250.0, 240.0], [190.0, 240.0]]  # 5 views apart, the middle 8.3 views to the right
+    flat = solver(keep_depth=False, extrapolate_views=0.0).views(eyes)
+    deep = solver(extrapolate_views=0.0).views(eyes)
+    assert [col for _, col in flat] == [8.0, 8.0] and [col for _, col in deep] == pytest.approx([3.0, 8.0])
+
+
+def test_blending_stops_where_there_are_views() -> None:
+    beyond = [[250.0, 240.0], [190.0, 240.0]]
+    assert [col for _, col in solver(method="blend").views(beyond)] == pytest.approx([3.0, 8.0])
+    assert solver(method="warp2").views(beyond)[1][1] > 8.5
+
+
+@given(st.tuples(ANY, ANY), st.one_of(st.floats(1e-9, 1e9), st.just(math.nan), st.just(math.inf), st.just(0.0)))
+def test_a_dragged_neutral_position_is_finite_for_finite_eyes(centre: tuple[float, float], alpha_px: float) -> None:
+    if all(map(math.isfinite, centre)):
+        found = solver(alpha_px=alpha_px).dragged(centre, [[350.0, 200.0], [290.0, 200.0]])
+        assert all(map(math.isfinite, found))
 
 
 def test_swapped_eyes_exchange_their_views() -> None:
