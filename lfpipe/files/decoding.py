@@ -1,7 +1,6 @@
 """Decodes pictures into ring slots. JPEGs of every source are decoded here, so that recordings replay to the same bits."""
 
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -46,14 +45,6 @@ def picture_of(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     except cv2.error:
         return None
     return None if found is None else np.asarray(found, np.uint8)
-
-
-def upright(picture: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """A stored picture as EXIF's orientation (1 to 8) shows it; overwrites it unless that is a quarter turn."""
-    if orientation >= 5:
-        picture = np.asarray(cv2.transpose(picture))
-    code = {2: 1, 3: -1, 4: 0, 6: 1, 7: -1, 8: 0}.get(orientation)
-    return picture if code is None else np.asarray(cv2.flip(picture, code, dst=picture))
 
 
 def fit_area(picture_px: tuple[int, int], area_px: tuple[int, int]) -> tuple[int, int, int, int]:

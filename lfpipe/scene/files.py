@@ -6,7 +6,7 @@ import re
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import attrs
 import cv2
@@ -14,19 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, shown
-from lfpipe.files.decoding import upright
-from lfpipe.files.picture_header import Header, Read, read_header
 from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host import opencv_log
-from lfpipe.host.descriptors import path_of, read_at
+from lfpipe.host.descriptors import path_of
 
 MAX_FILES = 20_000  # a light field of 100x100 views has half of this; a larger folder is something else
 MAX_FILE_BYTES = 1 << 36  # of any file of a scene; an hour of lossless light-field video is smaller
-PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".pnm", ".bmp", ".tif", ".tiff", ".webp")
+PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".pnm", ".bmp", ".tif", ".tiff", ".webp", ".avif")
 MAX_MAP_BYTES = 80_000_000  # of a float32 map, which is in memory twice while it is read
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
-_JPEG_END, _TAIL = b"\xff\xd9", 1 << 16
-_STRIP_ROWS = 256
 _CHECK = "check the file and its permissions"
 
 
@@ -164,102 +160,6 @@ def read_bytes(path: Path, most_bytes: int = 1 << 20) -> bytes:
 def descriptor_path(file: BinaryIO) -> str:
     """A path to an open file for libraries that open files by name: the file that was checked, under a plain ASCII name."""
     return path_of(file)
-
-
-def _reader(file: BinaryIO) -> tuple[Read, int]:
-    """Access to the bytes of an open file, and its size."""
-    fd, size = file.fileno(), os.fstat(file.fileno()).st_size
-    return lambda offset, count: read_at(fd, count, offset) if offset < size else b"", size
-
-
-def picture_header(path: Path) -> Header:
-    """The header of a picture. Raises UserError if it is no picture, too large to decode or certainly truncated."""
-    with open_file(path) as file:
-        return _examined(path, file)
-
-
-def _examined(path: Path, file: BinaryIO) -> Header:
-    try:
-        read, size = _reader(file)
-        header = read_header(read)
-        if header is None and read(4, 4) == b"ftyp":
-            raise UserError(f"{path}: a HEIC or AVIF picture under another name", "export it as JPEG")
-        if header is None:
-            raise _unreadable(path, "truncated, damaged or another format")
-        problem = header.problem(size)
-        if not problem and header.format == "JPEG" and _JPEG_END not in read(max(0, size - _TAIL), _TAIL):
-            problem = "truncated: a JPEG file without its end"
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {reason(error)}", _CHECK) from None
-    if problem:
-        raise _unreadable(path, problem)
-    return header
-
-
-def _unreadable(path: Path, why: str) -> UserError:
-    return UserError(f"{path}: not a readable picture ({why})", "download or export it again")
-
-
-def _decode(file: BinaryIO, out: NDArray[Any], colour: int) -> bool:
-    """Decodes an open picture into out; returns False if it is damaged or differs from out in size or type.
-
-    Without `out`, OpenCV decodes and then copies: twice the memory. With it, an unsupported header leaves out unchanged and looks
-    like success. So a mark is written first, and a different one if the picture may happen to equal it.
-    """
-    start = out.reshape(-1)[:16]
-    for mark in (90, 165):
-        start[:] = mark
-        try:
-            found = cv2.imread(descriptor_path(file), out, colour | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
-        except cv2.error:
-            return False
-        if found is not out:
-            return False
-        if (start != mark).any():
-            return True
-    return False
-
-
-def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], int]:
-    """A picture's own values, upright, and the full value: ((h, w) or (h, w, 3) RGB, uint8 or uint16, max_value).
-
-    Keeps the file's bit depth (a 10-bit PPM holds 0..1023; OpenCV's default would shift it to 0..3). Drops an alpha plane. like:
-    the result of `picture_header` for the path. Raises UserError if the file is truncated, no picture, too large, or has changed
-    since.
-    """
-    with open_file(path) as file:
-        header = _examined(path, file)
-        if like is not None and header != like:
-            raise UserError(f"{path}: changed while it was read", "try again once the files are complete")
-        shape = header.stored_px if header.grey else (*header.stored_px, 3)
-        pixels = np.empty(shape, np.uint16 if header.max_value > 255 else np.uint8)
-        if not _decode(file, pixels, cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR):
-            raise _unreadable(path, "truncated, damaged or not what its header claims")
-    if not header.grey:  # OpenCV's IMREAD_COLOR_RGB does not convert 16-bit TIFF files
-        for top in range(0, len(pixels), _STRIP_ROWS):
-            strip = pixels[top : top + _STRIP_ROWS]
-            cv2.cvtColor(strip, cv2.COLOR_BGR2RGB, dst=strip)
-    return upright(pixels, header.orientation), header.max_value
-
-
-def small_grey(path: Path, like: Header, most_px: float) -> NDArray[np.uint8]:
-    """A picture in grey, uint8 (h, w); a JPEG much larger than most_px is decoded at 1/2, 1/4 or 1/8 of its size, but not far
-    below most_px. like: the result of `picture_header` for the path. Raises UserError.
-    """
-    pixels = like.width_px * like.height_px
-    reduced = [k for k in (2, 4, 8) if like.format == "JPEG" and pixels >= 0.75 * most_px * k * k]
-    if not reduced:
-        picture, full = read_picture(path, like)
-        grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
-        return np.asarray(grey if full == 255 else cv2.convertScaleAbs(grey, alpha=255 / full), np.uint8)
-    flags = getattr(cv2, f"IMREAD_REDUCED_GRAYSCALE_{reduced[-1]}")
-    with open_file(path) as file:
-        if _examined(path, file) != like:
-            raise UserError(f"{path}: changed while it was read", "try again once the files are complete")
-        found = cv2.imread(descriptor_path(file), flags | cv2.IMREAD_IGNORE_ORIENTATION)
-    if found is None:
-        raise _unreadable(path, "truncated, damaged or not what its header claims")
-    return np.asarray(upright(found, like.orientation), np.uint8)
 
 
 _PFM = re.compile(rb"Pf\s+(\d{1,6})\s+(\d{1,6})\s+(-?[\d.eE+-]{1,20})\s")

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.files.pictures import read_picture
 from lfpipe.files.safe_files import reason, replaced
-from lfpipe.scene.files import VIDEOS, library_errors, list_scene, natural, read_picture
+from lfpipe.scene.files import VIDEOS, library_errors, list_scene, natural
 from lfpipe.scene.optical_flow import Grey
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.slide_rectification import common_area, corners, rectify, track

@@ -3,18 +3,14 @@
 import itertools
 import random
 import struct
-from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
 from lfpipe.files.picture_header import MAX_DECODING_BYTES, header_of
-from lfpipe.scene.files import picture_header, read_picture, small_grey
 from tests.hostile_files import damaged_bytes, jpeg_claiming, png_chunk, png_of, with_exif
 
 JPEG = {"baseline": [], "progressive": [cv2.IMWRITE_JPEG_PROGRESSIVE, 1], "restarts": [cv2.IMWRITE_JPEG_RST_INTERVAL, 1],
@@ -53,30 +49,6 @@ KINDS = [
 ]
 
 
-@pytest.mark.parametrize(("end", "options", "planes", "deep"), KINDS)
-def test_a_picture_is_read_as_opencv_alone_reads_it(
-    tmp_path: Path, end: str, options: list[int], planes: int, deep: bool
-) -> None:
-    for width, height in ((1, 1), (7, 5), (64, 33), (300, 2)):
-        data = encoded(end, options, picture(width, height, planes, deep))
-        (tmp_path / "p").write_bytes(data)
-        header = picture_header(tmp_path / "p")
-        assert (header.width_px, header.height_px, header.least_bytes <= len(data)) == (width, height, True)
-        pixels, full = read_picture(tmp_path / "p")
-        wanted = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-        wanted = wanted if wanted.ndim == 2 else cv2.cvtColor(wanted[..., :3], cv2.COLOR_BGR2RGB)
-        assert np.array_equal(pixels if pixels.ndim == wanted.ndim else pixels[..., 0], wanted) and pixels.dtype == wanted.dtype
-        assert full == (65535 if deep else 255)
-
-
-@pytest.mark.parametrize("end", [".jp2", ".gif", ".avif", ".pam", ".hdr", ".pfm", ".ras"])
-def test_other_formats_are_refused_whatever_opencv_can_do(tmp_path: Path, end: str) -> None:
-    pixels = picture(64, 64, 3, False)
-    (tmp_path / "p.png").write_bytes(encoded(end, [], pixels.astype(np.float32) if end in (".hdr", ".pfm") else pixels))
-    with pytest.raises(UserError, match=r"not a readable picture|HEIC or AVIF picture"):
-        read_picture(tmp_path / "p.png")
-
-
 @settings(max_examples=400)
 @given(encoder=st.sampled_from(ENCODERS), seed=st.integers(0, 1 << 32), times=st.integers(1, 3), near_start=st.booleans())
 def test_a_damaged_picture_never_decodes_to_what_its_header_did_not_claim(
@@ -101,23 +73,6 @@ def test_a_damaged_picture_never_decodes_to_what_its_header_did_not_claim(
         return
     assert found is None or found.shape[:2] == (header.height_px, header.width_px)
     assert found is None or (found.dtype == np.uint16) <= (header.max_value > 255)
-
-
-@pytest.mark.parametrize("planes", [1, 3])
-@pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("orientation", range(1, 9))
-def test_a_photograph_is_turned_upright(tmp_path: Path, orientation: int, order: str, planes: int) -> None:
-    stored = cv2.resize(picture(9, 7, planes, False), (384, 256), interpolation=cv2.INTER_CUBIC)
-    data = with_exif(encoded(".jpg", [], stored), orientation, order, before=orientation % 3)
-    (tmp_path / "p.jpg").write_bytes(data)
-    wanted = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR if planes == 3 else cv2.IMREAD_GRAYSCALE)
-    pixels, _ = read_picture(tmp_path / "p.jpg")
-    assert np.array_equal(pixels, wanted[..., ::-1] if planes == 3 else wanted)
-    header = picture_header(tmp_path / "p.jpg")
-    assert (header.height_px, header.width_px) == wanted.shape[:2] == ((384, 256) if orientation > 4 else (256, 384))
-    small = small_grey(tmp_path / "p.jpg", header, 192 * 128)
-    half = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_2)
-    assert small.shape == ((192, 128) if orientation > 4 else (128, 192)) and np.array_equal(small, half)
 
 
 @settings(max_examples=200)
@@ -180,16 +135,6 @@ CLAIMS = {
     "png without an end": png_of(8, 8)[:-12],
     "no width": png_of(0, 5, b"\0" * 400),
 }
-
-
-@pytest.mark.parametrize("claim", CLAIMS)
-def test_a_claim_beyond_memory_is_refused_undecoded(tmp_path: Path, claim: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "p.png").write_bytes(CLAIMS[claim])
-    for name in ("imread", "imdecode"):
-        monkeypatch.setattr(cv2, name, lambda *_: pytest.fail("it was decoded"))
-    with pytest.raises(UserError, match="not a readable picture"):
-        read_picture(tmp_path / "p.png")
-    assert picture_of(np.frombuffer(CLAIMS[claim], np.uint8)) is None
 
 
 def test_what_looking_glass_displays_take_is_allowed() -> None:

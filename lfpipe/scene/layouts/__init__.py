@@ -10,7 +10,8 @@ import attrs
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, library_errors, list_scene, read_picture
+from lfpipe.files.pictures import read_picture
+from lfpipe.scene.files import Listing, library_errors, list_scene
 from lfpipe.scene.layouts._folders import inner_listing, note_of
 from lfpipe.scene.layouts._mosaic import single_picture
 from lfpipe.scene.layouts._plenoptic import is_honeycomb

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.picture_header import header_of
+from lfpipe.files.pictures import header_of
 from lfpipe.scene.files import read_bytes
 
 MAX_BYTES = 60_000_000  # of a photograph with its embedded items
@@ -83,7 +83,7 @@ def embedded_depth(path: Path) -> NDArray[Any]:
     except (binascii.Error, ValueError):
         coded = None
     header = header_of(coded) if coded else None
-    if header is None or coded is None or header.decoded_bytes > _MAX_DEPTH_BYTES or header.problem(len(coded)):
+    if header is None or coded is None or header.decoded_bytes > _MAX_DEPTH_BYTES:
         raise UserError(f"{path}: claims to contain a depth map, but has no readable one", _REMEDY)
     found = cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
     if found is None:

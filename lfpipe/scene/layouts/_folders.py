@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.picture_header import Header
-from lfpipe.scene.files import Listing, list_scene, picture_header, small_grey
+from lfpipe.files.pictures import Header, open_header, small_grey
+from lfpipe.scene.files import Listing, list_scene
 from lfpipe.scene.layouts._families import LEFT, MAPS, RIGHT
 from lfpipe.scene.layouts._names import read_names
 from lfpipe.scene.layouts._views import some
@@ -117,5 +117,5 @@ def _headers(folders: dict[str, Listing]) -> dict[str, list[Header]]:
     found: dict[str, list[Header]] = {}
     for name, one in folders.items():
         with contextlib.suppress(UserError):
-            found[name] = [picture_header(one.file(one.pictures()[k])) for k in (0, -1)]
+            found[name] = [open_header(one.file(one.pictures()[k])) for k in (0, -1)]
     return found

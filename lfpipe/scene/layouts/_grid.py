@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.picture_header import MAX_DECODING_BYTES
-from lfpipe.scene.files import MAX_FILES, Listing, picture_header, read_picture, small_grey
+from lfpipe.files.pictures import MAX_DECODING_BYTES, open_header, read_picture, small_grey
+from lfpipe.scene.files import MAX_FILES, Listing
 from lfpipe.scene.source import SceneSource, ViewIndex
 
 MAX_SIDE = 10_000  # views along one side of a grid
@@ -96,7 +96,7 @@ def files_source(
     files, where they are known."""
     middle = min(files, key=lambda place: (abs(place[0] - rows // 2) + abs(place[1] - cols // 2), place))
     known = more.pop("headers", {})
-    headers = {place: known.get(path) or picture_header(path) for place, path in files.items()}
+    headers = {place: known.get(path) or open_header(path) for place, path in files.items()}
     first = headers[middle]
     for place, header in headers.items():
         for what, here, there in (

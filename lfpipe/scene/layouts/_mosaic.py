@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, picture_header, read_picture
+from lfpipe.files.pictures import open_header, read_picture
+from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import parse_grid
 from lfpipe.scene.layouts._tile_detection import detect_quilt, find_tiles
 from lfpipe.scene.layouts._tiling import UNEVEN, Tiling
@@ -56,7 +57,7 @@ def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling | N
 
 def picture_loader(paths: list[Path]) -> LastPictures:
     """Pictures by frame number. Raises UserError if their sizes differ, and on reading a damaged one."""
-    headers = [picture_header(path) for path in paths]
+    headers = [open_header(path) for path in paths]
     sizes = [f"{header.width_px}x{header.height_px}" for header in headers]
     for path, size in zip(paths, sizes, strict=True):
         if size != sizes[0]:

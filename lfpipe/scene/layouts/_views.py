@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.picture_header import Header
-from lfpipe.scene.files import Listing, picture_header, small_grey
+from lfpipe.files.pictures import Header, open_header, small_grey
+from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source, parse_grid, require_grid
 from lfpipe.scene.layouts._names import NumberedNames, read_names
 from lfpipe.scene.layouts._running import find_columns
@@ -55,7 +55,7 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
             f"{listing.path}: {len(paths)} pictures whose names do not differ in numbers",
             "name the views view_ROW_COLUMN.png, or give one picture of the folder by its own path",
         )
-    headers = {name: picture_header(paths[name]) for name in numbered.views.values()}
+    headers = {name: open_header(paths[name]) for name in numbered.views.values()}
     odd = _odd_sizes(headers)
     if odd:
         numbered = read_names(tuple(name for name in paths if name not in odd)) or numbered

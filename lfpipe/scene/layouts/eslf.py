@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, read_picture
+from lfpipe.files.pictures import read_picture
+from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import parse_grid
 from lfpipe.scene.layouts._mosaic import single_picture
 from lfpipe.scene.layouts._plenoptic import bright_part

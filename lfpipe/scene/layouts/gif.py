@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.picture_header import MAX_DECODING_BYTES
+from lfpipe.files.pictures import MAX_DECODING_BYTES
 from lfpipe.scene.files import Listing, read_bytes
 from lfpipe.scene.source import SceneSource
 

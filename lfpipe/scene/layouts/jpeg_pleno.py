@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, read_picture
+from lfpipe.files.pictures import read_picture
+from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source, named_grid, require_whole
 from lfpipe.scene.layouts._plenoptic import bright_part
 from lfpipe.scene.source import SceneSource, Turn

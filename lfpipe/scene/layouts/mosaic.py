@@ -2,7 +2,8 @@
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, read_picture
+from lfpipe.files.pictures import read_picture
+from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._mosaic import picture_loader, single_picture, tiling
 from lfpipe.scene.layouts._tile_detection import find_tiles
 from lfpipe.scene.source import SceneSource, Turn

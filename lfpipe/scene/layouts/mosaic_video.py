@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import VIDEOS, Listing, picture_header, read_picture
+from lfpipe.files.pictures import open_header, read_picture
+from lfpipe.scene.files import VIDEOS, Listing
 from lfpipe.scene.layouts._mosaic import LastPictures, picture_loader, tiling
 from lfpipe.scene.layouts._tile_detection import find_tiles
 from lfpipe.scene.layouts._views import named_views
@@ -39,7 +40,7 @@ def detect(listing: Listing) -> int | None:
 
 def _alike(a: Path, b: Path) -> bool:
     """Whether two pictures can be frames of one video. Raises UserError."""
-    kinds = {(h.width_px, h.height_px, h.grey) for h in (picture_header(a), picture_header(b))}
+    kinds = {(h.width_px, h.height_px, h.grey) for h in (open_header(a), open_header(b))}
     if len(kinds) > 1:
         return False
     return float(np.corrcoef(_glance(a), _glance(b))[0, 1]) > 0.5
@@ -62,7 +63,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         paths = [listing.file(name) for name in listing.pictures()]
         if not paths:
             raise UserError(f"{listing.path}: no pictures", "give a folder of numbered mosaics, or a video of mosaics")
-        full = picture_header(paths[0]).max_value
+        full = open_header(paths[0]).max_value
         if len(paths) > 1 and not _alike(paths[0], paths[1]):
             notes = (f"{len(paths)} unrelated pictures: showing {paths[0].name}; name another file to see it",)
             paths = paths[:1]

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import PICTURES, Listing, read_picture
+from lfpipe.files.pictures import read_picture
+from lfpipe.scene.files import PICTURES, Listing
 from lfpipe.scene.layouts._grid import files_source
 from lfpipe.scene.layouts._mosaic import single_picture
 from lfpipe.scene.optical_flow import confirmed, flow, textured

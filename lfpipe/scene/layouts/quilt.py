@@ -7,7 +7,8 @@ import re
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.files import Listing, read_picture
+from lfpipe.files.pictures import read_picture
+from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import parse_grid
 from lfpipe.scene.layouts._mosaic import picture_loader, single_picture
 from lfpipe.scene.layouts._tiling import UNEVEN, Tiling

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import upright
+from lfpipe.files.pictures import open_header, read_picture, upright
 from lfpipe.scene.axis_evidence import LOWER, lower_is_nearer
-from lfpipe.scene.files import Listing, picture_header, read_picture
+from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
 from lfpipe.scene.layouts._grid import parse_grid, require_grid
 from lfpipe.scene.layouts._mosaic import single_picture
@@ -91,7 +91,7 @@ def _read(listing: Listing) -> tuple[tuple[Path, ...], NDArray[Any], NDArray[Any
         raise UserError(f"{listing.path}: no picture with a depth map", "name them x.png and x_depth.png, alone in a folder")
     picture, full = read_picture(path)
     if has_depth(path):
-        return (path,), picture, upright(255 * embedded_depth(path), picture_header(path).orientation), full
+        return (path,), picture, upright(255 * embedded_depth(path), open_header(path).orientation), full
     found = _beside(picture)
     if found is None:
         raise UserError(

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
-from lfpipe.files.picture_header import header_of
-from lfpipe.scene.files import Listing, read_bytes, read_picture
+from lfpipe.files.pictures import header_of, read_picture
+from lfpipe.scene.files import Listing, read_bytes
 from lfpipe.scene.layouts._families import LEFT, MAPS, RIGHT
 from lfpipe.scene.layouts._grid import files_source
 from lfpipe.scene.layouts._mosaic import single_picture
