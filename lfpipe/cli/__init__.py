@@ -31,6 +31,7 @@ from lfpipe.cli.trace import trace
 from lfpipe.cli.up import up
 from lfpipe.errors import UserError, shown
 from lfpipe.host.streams import protect
+from lfpipe.log import set_up
 
 log = logging.getLogger(__name__)
 
@@ -56,12 +57,14 @@ class Suggesting(click.Group):
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(__version__, prog_name="lfpipe")
+@click.option("-v", "--verbose", count=True, help="Log what a session decides (-v) and does (-vv) to standard error.")
 @click.pass_context
-def cli(context: click.Context) -> int | None:
+def cli(context: click.Context, verbose: int) -> int | None:
     """Look into a light field: a webcam follows your eyes, and red/cyan glasses show each eye its own view.
 
     Start with: lfpipe up --demo. On a desktop, plain lfpipe offers the demo and recent scenes.
     """
+    set_up(verbose)
     if context.invoked_subcommand is not None:
         return None
     from lfpipe.render.open_display import has_display
@@ -125,6 +128,8 @@ def _check_working_folder() -> None:
 
 def _drop_output() -> None:
     """Writes what stdout still holds, if it can be written; nothing more goes there, at the interpreter's end neither."""
+    if sys.stdout is None:
+        return
     with contextlib.suppress(OSError):
         sys.stdout.flush()
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -147,7 +152,8 @@ def run() -> None:
         host.check_choice()
         _check_working_folder()
         code = cli(prog_name="lfpipe", standalone_mode=False)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # closed by who started this
+            sys.stdout.flush()
     except UserError as error:
         _fail(error)
     except click.ClickException as error:

@@ -2,13 +2,16 @@
 
 import faulthandler
 import importlib
+import logging
 import os
 import signal
 import sys
 import traceback
 from pathlib import Path
 from types import FrameType
+from typing import NoReturn, TextIO
 
+from lfpipe import log
 from lfpipe.errors import UserError
 from lfpipe.host import handover, processes, signals, streams
 from lfpipe.host.parent import end_with_parent
@@ -18,6 +21,7 @@ from lfpipe.transport.context import Context
 from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import State
 
+logger = logging.getLogger(__name__)
 EXIT_USER = 2  # a user's mistake: a restart cannot help
 EXIT_TERMINATED = 128 + signal.SIGTERM
 
@@ -45,6 +49,12 @@ def run(spec: StageSpec, parent_pid: int, kept: handover.Kept | None = None) -> 
     stack = stack_file(run_dir, spec.name).open("w")
     faulthandler.enable(stack)
     signals.leave_stack_on_request(stack)
+    log.set_up()
+    with log.kept_in(run_dir):
+        _run_stage(spec, parent_pid, run_dir, stack)
+
+
+def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -> NoReturn:
     context = Context(spec)
 
     terminated = []
@@ -62,9 +72,11 @@ def run(spec: StageSpec, parent_pid: int, kept: handover.Kept | None = None) -> 
         cv2.setNumThreads(1)  # the plan is one core per stage; thread pools would break it
         importlib.import_module(spec.module).main(context)
     except UserError as error:
+        logger.info("%s: %s", spec.name, error)
         error_file(run_dir, spec.name).write_text(f"{error.message}\n{error.remedy}")
         code = EXIT_USER
     except Exception:
+        logger.exception("%s failed", spec.name)
         if os.getppid() == parent_pid:
             traceback.print_exc(file=stack)
             stack.flush()

@@ -4,6 +4,7 @@ No request or message can end the session: an unexpected exception is answered a
 """
 
 import contextlib
+import logging
 import traceback
 from collections import deque
 from collections.abc import Callable
@@ -26,9 +27,11 @@ from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.control import BadMessage
 from lfpipe.transport.session import Session
 
+logger = logging.getLogger(__name__)
 APPLY_NS = SECOND_NS  # time limit for the stages to apply a change before the answer
 APPLY_POLL_MS = 4  # polling period meanwhile
 STEP_NS = SECOND_NS // 5  # between two reports of progress
+ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
 MAX_ERROR_CHARS, MAX_NAME_CHARS = 2000, 200
 INTERNAL = {"ok": False, "error": "internal error", "remedy": "the session continues; please report the stack in its log"}
 
@@ -171,6 +174,7 @@ class ControlServer:
             answer = INTERNAL
         else:
             return
+        logger.info("refused: %s", answer["error"])
         if client is not None:
             if client.decode(errors="replace") in NAMES:  # a stage does not read answers: log it for the user
                 self._log(f"{answer['error']}{' (' + str(answer['remedy']) + ')' if answer.get('remedy') else ''}")
@@ -180,6 +184,7 @@ class ControlServer:
         if len(parts) != 1:
             raise BadMessage(f"a message has {len(parts)} parts; one is allowed")
         message = control.decode(parts[0])
+        logger.log(logging.DEBUG if message.get("cmd") in ASKED_OFTEN else logging.INFO, "request %.500s", message)
         self._carry_out(client, message, respond(self._store.state, message, now_ns()))
 
     def _checked(self, checking: _Checking) -> None:

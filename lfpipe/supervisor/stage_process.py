@@ -1,5 +1,6 @@
 """A row of the process table at run time: its process, failures and restart policy."""
 
+import logging
 import multiprocessing
 import os
 import time
@@ -19,6 +20,7 @@ from lfpipe.transport.session import Session
 from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import State, busy_words
 
+logger = logging.getLogger(__name__)
 MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5
 FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0
 MAX_STACK = 4000  # characters reported
@@ -60,6 +62,7 @@ class StageProcess:
         if self.stage.source:
             handover.release()  # the child has them: the camera must close with it
         self.row["pid"] = self.process.pid
+        logger.info("%s starts as process %d, restart %d", self.stage.name, self.process.pid, self.row["restarts"])
         self._health = HealthCheck(self.stage, self.row, int(self.row["pid"]))
 
     def reap(self) -> int | None:
@@ -74,6 +77,7 @@ class StageProcess:
         finished = code in in_order and (not self.wanted or self.stage.source or self.stage.optional)  # no work is left
         self.row["state"], self.row["dead_ns"] = State.FINISHED if finished else State.DEAD, now_ns()
         self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
+        logger.info("%s ended with code %d after %.1f s", self.stage.name, code, (now_ns() - int(self.row["started_ns"])) / 1e9)
         if code == 0:
             self.row["taken_seq"] = 0  # its work was done, so its successor has missed nothing
         return int(code)

@@ -5,6 +5,7 @@ One loop in the main thread; it never blocks on a child, and polls sockets and s
 
 import contextlib
 import json
+import logging
 import os
 import time
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from typing import Any
 
 import zmq
 
+from lfpipe import __version__, log
 from lfpipe.config import Config, SessionOptions
 from lfpipe.host import limits, signals, streams
 from lfpipe.host.processes import sentinels, usable_cores
@@ -34,6 +36,7 @@ from lfpipe.transport.session import Session
 from lfpipe.transport.stage_spec import StageSpec
 
 TICK_MS = 100
+logger = logging.getLogger(__name__)
 
 
 class Supervisor:
@@ -43,7 +46,7 @@ class Supervisor:
     """
 
     def __init__(self, session: Session, config: Config, options: SessionOptions, log: Callable[[str], None] = print) -> None:
-        self._session, self._log = session, log
+        self._session, self._tell = session, log
         self._outcome: Outcome | None = None
         self._signals: list[int] = []
         where = "none" if options.lossless and config.governor.affinity == "auto" else config.governor.affinity
@@ -65,12 +68,14 @@ class Supervisor:
         """
         limits.allow_files()
         with rundir.filled(self._session):
-            rundir.sweep()
+            if swept := rundir.sweep():
+                logger.info("removed what dead sessions left: %s", ", ".join(swept))
             self._lock = rundir.acquire(self._session)
         streams.protect("stdout", "stderr")
         before = signals.handle(self._signalled)
         try:
-            with control.context() as ctx, contextlib.ExitStack() as steps:  # each step runs, even if another one raises
+            with log.kept_in(self._session.run_dir), control.context() as ctx, contextlib.ExitStack() as steps:
+                # each step runs, even if another one raises
                 steps.callback(self._remove_memory)
                 with rundir.filled(self._session):
                     server, stages = self._build(ctx)
@@ -83,10 +88,17 @@ class Supervisor:
                 stages.stop(self._log)
                 self._check_results(stages)
                 server.serve()  # final messages of the stages
+                logger.info("session %s: %s; %s", self._session.name, self._outcome.reason, self._outcome.failure or "no failure")
         finally:
             signals.restore(before)
+            log.keep_last(self._session.run_dir)
             rundir.release(self._session, self._lock)
         return self._outcome
+
+    def _log(self, text: str) -> None:
+        """For people, and for the log."""
+        logger.info(text)
+        self._tell(text)
 
     def _signalled(self, signum: int, _frame: FrameType | None) -> None:
         again = signum in self._signals and signum not in signals.SENT_TWICE
@@ -99,14 +111,17 @@ class Supervisor:
         self._store.begin()
         self._show_level()
         self._started_ns = now_ns()
+        options = self._state.options.to_dict()
         about = {
             "session": self._session.name,
             "segments": self._session.segment(""),
             "started_ns": self._started_ns,
             "started": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
             "pid": os.getpid(),
-            "options": self._state.options.to_dict(),
+            "options": options,
         }
+        logger.info("session %s begins: lfpipe %s, pid %d", self._session.name, __version__, os.getpid())
+        logger.info("options: %s", {key: value for key, value in options.items() if value and key != "kiosk"})
         (self._session.run_dir / "session.json").write_text(json.dumps(about))
         stages = self._stages = StageProcesses(self._session, self._memory.table, self._spec, self._ask_to_stop)
         server = self._server = ControlServer(

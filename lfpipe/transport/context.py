@@ -1,6 +1,7 @@
 """The interface of a stage: its configuration, its rings with wake-ups, its status row, and one place to wait."""
 
 import contextlib
+import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -16,6 +17,7 @@ from lfpipe.transport.ring_ends import RingInput, RingOutput
 from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import State
 
+logger = logging.getLogger(__name__)
 BEAT_NS = 100 * MS_NS  # longest wait of a stage without a beat
 
 
@@ -65,6 +67,7 @@ class Context:
         self.row.beat()  # first: a stage delayed between these lines is not hung
         self.row["ready_ns"] = now_ns()
         self.row["state"] = State.RUNNING
+        logger.info("ready after %.2f s", (now_ns() - int(self.row["started_ns"])) / 1e9)
 
     @contextlib.contextmanager
     def busy_with(self, words: str) -> Iterator[None]:
@@ -180,6 +183,7 @@ class Context:
                 self.options = SessionOptions.from_dict(message["options"])
                 self.paused = message["paused"]
                 self._rev = message["rev"]
+                logger.debug("has revision %d", self._rev)
             else:
                 self._commands.append((word, message))
 

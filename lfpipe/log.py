@@ -1,0 +1,122 @@
+"""The log: silent on the terminal unless asked (`-v`, `-vv`, LFPIPE_LOG); a session keeps the newest lines in its run directory.
+
+Every module logs to `logging.getLogger(__name__)` what a session decides, never what happens in every frame. LFPIPE_LOG is a
+level (`debug`), or levels of rooms and modules, comma-separated (`info,render=debug`).
+"""
+
+import contextlib
+import logging
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from lfpipe.errors import UserError, shown
+
+VARIABLE = "LFPIPE_LOG"
+FILE = "session.log"
+MAX_BYTES = 1 << 20  # of the file, and of its predecessor FILE.1: hours of a session at level info
+LEVELS = ("debug", "info", "warning", "error")
+_ROOT = logging.getLogger("lfpipe")
+_ROOT.addHandler(logging.NullHandler())
+
+
+class _Format(logging.Formatter):
+    """`2026-11-22 18:04:05.123 info track lfpipe.track.stage: text`, with the time zone of the machine."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        record.process_word = (record.processName or "").removeprefix("lfpipe-").replace("MainProcess", "lfpipe")
+        record.level_word = record.levelname.lower()
+        return super().format(record)
+
+
+_FORMAT = _Format("%(asctime)s.%(msecs)03d %(level_word)s %(process_word)s %(name)s: %(message)s", "%Y-%m-%d %H:%M:%S")
+
+
+class SessionFile(logging.Handler):
+    """Appends to a file that several processes write, and keeps it below MAX_BYTES: each line is one write at its end, and the
+    process whose line crosses the limit renames it."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.path = path
+        self.setFormatter(_FORMAT)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Writes a record; a log that cannot be written disturbs nobody."""
+        with contextlib.suppress(Exception):
+            data = (self.format(record) + "\n").encode(errors="backslashreplace")
+            fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+            try:
+                os.write(fd, data)
+                end = os.lseek(fd, 0, os.SEEK_CUR)
+            finally:
+                os.close(fd)
+            if end - len(data) < MAX_BYTES <= end:
+                self.path.replace(self.path.with_name(f"{self.path.name}.1"))
+
+
+def levels(text: str) -> dict[str, int]:
+    """Logger -> level of an LFPIPE_LOG text. Raises UserError."""
+    found = {}
+    for word in filter(None, (word.strip() for word in text.split(","))):
+        name, _, level = word.rpartition("=")
+        if level.lower() not in LEVELS:
+            raise UserError(f"{VARIABLE}={shown(text)}: {shown(level)} is not a level", f"use {', '.join(LEVELS)}, or NAME=LEVEL")
+        logger = f"lfpipe.{name.removeprefix('lfpipe').strip('.')}".rstrip(".")
+        found[logger] = getattr(logging, level.upper())
+    return found
+
+
+def set_up(verbose: int = 0) -> None:
+    """Logs to the terminal as LFPIPE_LOG says, or at level info with verbose = 1, debug with more; the same in every process
+    that this one starts. Raises UserError for an invalid LFPIPE_LOG."""
+    if verbose:
+        os.environ[VARIABLE] = "info" if verbose == 1 else "debug"
+    text = os.environ.get(VARIABLE, "")
+    for name, level in ({"lfpipe": logging.INFO} | levels(text)).items():  # the file has what is decided, in any case
+        logging.getLogger(name).setLevel(level)
+    _ROOT.propagate = False
+    if text:
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(_FORMAT)
+        _ROOT.addHandler(handler)
+
+
+@contextlib.contextmanager
+def kept_in(run_dir: Path) -> Iterator[None]:
+    """Logs to the session's file inside the block, also in a program that has not called `set_up`."""
+    if _ROOT.level == logging.NOTSET:
+        _ROOT.setLevel(logging.INFO)
+    handler = SessionFile(run_dir / FILE)
+    _ROOT.addHandler(handler)
+    try:
+        yield
+    finally:
+        _ROOT.removeHandler(handler)
+
+
+def lines(run_dir: Path) -> bytes:
+    """The log in a run directory. Raises OSError."""
+    data = b""
+    for path in (run_dir / f"{FILE}.1", run_dir / FILE):
+        with contextlib.suppress(FileNotFoundError):
+            data += path.read_bytes()
+    return data
+
+
+def last_file() -> Path:
+    """Where the log of the session that ended last is kept."""
+    import platformdirs
+
+    return Path(platformdirs.user_state_dir("lfpipe")) / f"last_{FILE}"
+
+
+def keep_last(run_dir: Path) -> None:
+    """Keeps the log of a session that ends, for a report. Does nothing if it cannot be written."""
+    with contextlib.suppress(OSError):
+        path = last_file()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new = path.with_name(f".{path.name}.{os.getpid()}")
+        new.write_bytes(lines(run_dir))
+        new.replace(path)
