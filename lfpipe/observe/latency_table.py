@@ -33,7 +33,8 @@ def latency_table(state: dict[str, Any]) -> None:
     age = state["end_to_end"]
     if age["n"]:
         print(
-            "age of the picture when presented (sensor to screen):\n"
+            f"age of the picture at {'its blank' if state['judder']['planned'] else 'hand-over'}; "
+            "the delays of camera and display are not in it:\n"
             f"  p50 {age['p50_ms']:.2f}, p95 {age['p95_ms']:.2f}, "
             f"p99 {age['p99_ms']:.2f}, max {age['max_ms']:.2f} ms over {age['n']} pictures"
         )

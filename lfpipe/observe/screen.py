@@ -135,7 +135,7 @@ class Screen:
 
     def _age(self, reading: Reading, width: int) -> Text:
         age, worst = reading.age, reading.worst
-        out = Text("\nsensor to screen  ", "bold")
+        out = Text("\nage of pictures   ", "bold")
         out.append(f"p50 {age.p50_ms:.1f}  p95 {age.p95_ms:.1f}  p99 {age.p99_ms:.1f}  max {age.max_ms:.1f} ms", "")
         out.append(f"   worst {worst.max_ms:.1f} ms\n", "dim")
         ahead = reading.horizon

@@ -90,7 +90,7 @@ class Recorder:
         if store.failure and not self._told:
             self._told = True
             ends = f"its last frame is {store.count - 1}" if store.count else "no frame was recorded"
-            context.emit("notice", text=f"recording {self._folder}: {store.failure}; {ends}")
+            context.report_lost(f"recording {self._folder}: {store.failure}; {ends}")
             context.request("record", path="")
 
     def end(self) -> None:
@@ -106,7 +106,7 @@ class Recorder:
             try:
                 end_manifest(self._folder, self._manifest, store.count, checksums)
             except OSError as error:
-                text += f"; not completed: {error.strerror}"
+                context.report_lost(f"recording {self._folder}: not completed: {error.strerror}")
             context.emit("notice", text=text)
 
 
@@ -132,7 +132,7 @@ def main(context: Context) -> None:
 def _refused(context: Context, folder: Path, error: OSError) -> None:
     """Handles a failure at the start: reports it, requests the end of the recording, and waits for it."""
     context.ready()
-    context.emit("notice", text=f"recording {folder}: {error.strerror}; nothing is recorded")
+    context.report_lost(f"recording {folder}: {error.strerror}; nothing is recorded")
     context.request("record", path="")
     context.ack_config()
     while context.wait():

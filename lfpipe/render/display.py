@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +39,14 @@ KEYS = {
 }
 
 
+@attrs.frozen
+class DisplayNotice:
+    """lost: the display's file ended early, because of a full disk or the like."""
+
+    text: str
+    lost: bool
+
+
 class Display(Protocol):
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """Puts uint8 (height, width, 3) BGR on the screen, scaled to fit; returns the time of hand-over, monotonic ns.
@@ -68,8 +77,8 @@ class Display(Protocol):
         """
         ...
 
-    def notices(self) -> list[str]:
-        """Notices for people since the last call, each once: a full disk ended the video, ..."""
+    def notices(self) -> list[DisplayNotice]:
+        """Notices for people since the last call, each once."""
         ...
 
     def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:

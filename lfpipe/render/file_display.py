@@ -2,7 +2,6 @@
 anaglyph; .mp4 is small, plays anywhere and has half the chroma.
 """
 
-import contextlib
 import os
 import queue
 import shutil
@@ -19,8 +18,9 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area, opencv_name
 from lfpipe.files.h264 import H264Writer, encoder_name
+from lfpipe.files.safe_files import check_place, reason
 from lfpipe.host import opencv_log
-from lfpipe.host.paths import exists
+from lfpipe.render.display import DisplayNotice
 from lfpipe.render.null_display import NullDisplay
 from lfpipe.render.pair_layout import Pair
 from lfpipe.render.scaling import scale_into
@@ -48,15 +48,11 @@ def check_file(path: Path) -> None:
             encoder_name()
         except UserError as error:
             raise UserError(f"--display file:{path}: {error.message}", error.remedy) from None
-    new = not exists(path)
     try:
-        with path.open("ab"):
-            pass
+        check_place(path)
     except OSError as error:
         remedy = "name a file in an existing directory that you may write to"
-        raise UserError(f"--display file:{path}: {error.strerror}", remedy) from None
-    if new:
-        path.unlink()
+        raise UserError(f"--display file:{path}: {reason(error)}", remedy) from None
 
 
 class FileDisplay(NullDisplay):
@@ -86,7 +82,7 @@ class FileDisplay(NullDisplay):
         else:
             self._writer = H264Writer(path, self._size, rate_hz)
         self._queue: queue.Queue[tuple[int, NDArray[np.uint8] | None]] = queue.Queue(QUEUE_PICTURES)
-        self._notices: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._notices: queue.SimpleQueue[DisplayNotice] = queue.SimpleQueue()
         self._lost = threading.Event()
         self._written = self._bytes = self._grown = 0
         self.dropped = 0
@@ -103,8 +99,8 @@ class FileDisplay(NullDisplay):
                 self.dropped += 1
         return t_ns
 
-    def notices(self) -> list[str]:
-        said = []
+    def notices(self) -> list[DisplayNotice]:
+        said: list[DisplayNotice] = []
         while not self._notices.empty():
             said.append(self._notices.get())
         return said
@@ -127,11 +123,15 @@ class FileDisplay(NullDisplay):
         except OSError as error:  # of H264Writer
             self._end(error.strerror or "it cannot be written")
         finally:
-            with contextlib.suppress(OSError):  # the disk is full, and a notice was given
+            try:
                 self._writer.release()
+            except OSError as error:
+                if not self._lost.is_set():
+                    self._end(error.strerror or "it cannot be completed")
             opencv_log.set_log_level(before)
         if self.dropped and not self._lost.is_set():
-            self._notices.put(f"{self._path}: {self.dropped} pictures are missing: they came faster than they could be written")
+            text = f"{self._path}: {self.dropped} pictures are missing: they came faster than they could be written"
+            self._notices.put(DisplayNotice(text, lost=False))
 
     def _write_all(self) -> None:
         start_ns: int | None = None
@@ -194,4 +194,4 @@ class FileDisplay(NullDisplay):
 
     def _end(self, why: str) -> None:
         self._lost.set()
-        self._notices.put(f"{self._path}: the video ends here after {self._written} pictures: {why}")
+        self._notices.put(DisplayNotice(f"{self._path}: the video ends here after {self._written} pictures: {why}", lost=True))

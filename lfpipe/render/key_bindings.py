@@ -171,14 +171,18 @@ class KeyBindings:
     def pass_on_notices(self) -> None:
         """Emits the display's notices."""
         for notice in self._display.notices():
-            self._context.emit("notice", text=notice)
+            if notice.lost:
+                self._context.report_lost(notice.text)
+            else:
+                self._context.emit("notice", text=notice.text)
 
     def _screenshot(self) -> None:
         picture: NDArray[np.uint8] | None = self._presenter.picture
         if picture is None:
             return
         folder = picture_folder(Path.home(), os.environ)
-        said = save(folder / time.strftime("lfpipe-%Y%m%d-%H%M%S.png"), picture)
+        path = folder / time.strftime("lfpipe-%Y%m%d-%H%M%S.png")
+        said = save(path, picture) or f"picture saved as {path}"
         self._context.emit("notice", text=said)
         self._notices.say("picture", said.replace(str(Path.home()), "~"), now_ns())
 

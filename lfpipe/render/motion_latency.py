@@ -1,24 +1,61 @@
 """Motion to photon of a running session, by the definitions of docs/photon.md.
 
-Onset: the time from an unforeseeable motion to its light: half a frame's period to the exposure, then from the sensor's stamp to
-the first picture of that frame, then the loop's delay. Steady: how far pictures lag behind a moving head, with prediction: the
-eyes at the time of the light, compared with the eyes that the picture was made for.
+Onset: from the moment at which a resting head has moved by ONSET of the distance between its eyes to the light of the first
+picture made for eyes that have moved as far. It contains everything on the way: the wait for a frame, the filter's own lag, the
+prediction, the loop's delay. Steady: how far pictures lag behind a head that has been under way for SETTLED_NS: the eyes at the
+time of the light, compared with the eyes that the picture was made for. The start of a motion is no part of it.
 """
 
+import math
 from collections import deque
 
-import numpy as np
-from numpy.typing import NDArray
+import attrs
 
-from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.clock import MS_NS, SECOND_NS
 
-SHARE = 0.05  # weight of the newest onset in its running mean, which begins as a plain mean
-KEPT = 0.995  # decay of the sums per picture: some 200 pictures in motion
+ONSET = 0.05  # of the distance between the eyes: ten times the noise, yet the head has hardly moved; 3 px in docs/photon.md
+REST_NS = 400 * MS_NS  # at least this long within half of ONSET: a rest
+START_NS = 200 * MS_NS  # from the rest to ONSET at most: slower, there is no moment at which the motion begins
+WITHIN_NS = 600 * MS_NS  # a later picture has nothing to do with the motion
 UNDER_WAY = 0.5  # distances between the eyes per second; slower, noise is most of it
-MOST_PICTURES = 120  # waiting for the frame that shows where the eyes were
+SETTLED_NS = 300 * MS_NS  # the slowest filter (mean of 5 at 30 Hz: 167 ms) and a loop of 130 ms have settled
+KEPT = 0.995  # decay of the sums per picture: some 200 pictures in motion
+SHARE = 0.2  # weight of the newest onset in its running mean, which begins as a plain mean
+MOST_PICTURES = 120
 GAP_NS = SECOND_NS // 4  # from frame to frame; after a longer gap the time between is unknown
 
-Points = NDArray[np.float64]
+Eyes = tuple[tuple[float, float], tuple[float, float]] | list[list[float]]
+
+
+@attrs.frozen
+class _Frame:
+    """x, y: the middle of the eyes, px."""
+
+    t_ns: int
+    x: float
+    y: float
+    apart_px: float
+
+
+@attrs.frozen
+class _Picture:
+    """t_light_ns: its first light. t_middle_ns: the middle of its time on the screen, for which it was made. Both in the
+    camera's time."""
+
+    t_light_ns: int
+    t_middle_ns: int
+    x: float
+    y: float
+
+
+@attrs.frozen
+class _Motion:
+    """t_ns: when the eyes were reach_px from (x, y), where they had rested."""
+
+    t_ns: int
+    x: float
+    y: float
+    reach_px: float
 
 
 class MotionLatency:
@@ -26,39 +63,87 @@ class MotionLatency:
 
     def __init__(self) -> None:
         self.onset_ns = self.steady_ns = 0
-        self._pictures: deque[tuple[int, Points]] = deque(maxlen=MOST_PICTURES)
-        self._last: tuple[int, Points] | None = None
-        self._period_ns = 0
-        self._shown_ns = self._onsets = 0  # stamp of the frame whose first picture was shown; how many such
+        self._frames: deque[_Frame] = deque()  # of the last REST_NS
+        self._pictures: deque[_Picture] = deque(maxlen=MOST_PICTURES)  # of which no frame shows yet where the eyes were
+        self._recent: deque[_Picture] = deque(maxlen=MOST_PICTURES)  # that may show the next motion
+        self._rest: _Frame | None = None  # the middle of the last rest, and its end
+        self._motion: _Motion | None = None  # that no picture has shown yet
+        self._under_way_ns: int | None = None  # since then
+        self._onsets = 0
         self._lag = self._power = 0.0
 
-    def measured(self, t_sensor_ns: int, eyes_px: Points | None) -> None:
-        """Adds a frame's measured eyes, (2, 2) px; None without a face."""
-        last, self._last = self._last, None if eyes_px is None else (t_sensor_ns, eyes_px.copy())
-        if last is None or self._last is None or not 0 < t_sensor_ns - last[0] < GAP_NS:
+    def measured(self, t_sensor_ns: int, eyes_px: Eyes | None) -> None:
+        """Adds a frame's measured eyes; None without a face."""
+        last = self._frames[-1] if self._frames else None
+        if eyes_px is None or (last is not None and not 0 < t_sensor_ns - last.t_ns < GAP_NS):
+            self._frames.clear()
             self._pictures.clear()
+            self._rest = self._motion = self._under_way_ns = last = None
+        if eyes_px is None:
             return
-        self._period_ns = t_sensor_ns - last[0]
-        moved_px = self._last[1] - last[1]
-        apart_px = max(float(np.hypot(*(last[1][0] - last[1][1]))), 1.0)
-        speed = float(np.sqrt(np.square(moved_px).sum() / 2)) / apart_px * SECOND_NS / self._period_ns
-        while self._pictures and self._pictures[0][0] <= t_sensor_ns:
-            seen_ns, used_px = self._pictures.popleft()
-            share = (seen_ns - last[0]) / self._period_ns
-            if share < 0 or speed < UNDER_WAY:
+        (lx, ly), (rx, ry) = eyes_px
+        frame = _Frame(t_sensor_ns, (lx + rx) / 2, (ly + ry) / 2, max(math.hypot(lx - rx, ly - ry), 1.0))
+        if last is not None:
+            self._add_lag(last, frame)
+            self._find_motion(last, frame)
+        self._frames.append(frame)
+        while len(self._frames) > 2 and self._frames[1].t_ns <= t_sensor_ns - REST_NS:
+            self._frames.popleft()
+
+    def pictured(self, t_presented_ns: int, after_ns: int, loop_ns: int, eyes_px: Eyes) -> None:
+        """Adds a presented picture, made for eyes_px at after_ns later; loop_ns: the delay of camera and display in that."""
+        (lx, ly), (rx, ry) = eyes_px
+        picture = _Picture(t_presented_ns + loop_ns, t_presented_ns + after_ns, (lx + rx) / 2, (ly + ry) / 2)
+        self._pictures.append(picture)
+        self._recent.append(picture)
+        if self._motion is not None:
+            self._find_light(picture)
+
+    def _add_lag(self, last: _Frame, frame: _Frame) -> None:
+        """Compares the pictures between two frames with where the eyes were."""
+        period_ns, dx, dy = frame.t_ns - last.t_ns, frame.x - last.x, frame.y - last.y
+        if math.hypot(dx, dy) / last.apart_px * SECOND_NS / period_ns < UNDER_WAY:
+            self._under_way_ns = None
+        elif self._under_way_ns is None:
+            self._under_way_ns = last.t_ns
+        while self._pictures and self._pictures[0].t_middle_ns <= frame.t_ns:
+            picture = self._pictures.popleft()
+            share = (picture.t_middle_ns - last.t_ns) / period_ns
+            if share < 0 or self._under_way_ns is None or picture.t_middle_ns - self._under_way_ns < SETTLED_NS:
                 continue
-            behind_px = last[1] + share * moved_px - used_px
-            self._lag = KEPT * self._lag + float((behind_px * moved_px).sum()) * self._period_ns
-            self._power = KEPT * self._power + float(np.square(moved_px).sum())
+            behind = (last.x + share * dx - picture.x) * dx + (last.y + share * dy - picture.y) * dy
+            self._lag = KEPT * self._lag + behind * period_ns
+            self._power = KEPT * self._power + dx * dx + dy * dy
             self.steady_ns = round(self._lag / self._power)
 
-    def pictured(self, t_sensor_ns: int, t_presented_ns: int, after_ns: int, loop_ns: int, eyes_px: Points) -> None:
-        """Adds a presented picture, made for eyes_px, (2, 2) px, from the frame of t_sensor_ns. after_ns: from t_sensor_ns to the
-        time that it was made for; loop_ns: the part of it that is the delay of camera and display.
-        """
-        self._pictures.append((t_presented_ns + after_ns, eyes_px.copy()))
-        if t_sensor_ns != self._shown_ns and self._period_ns:  # not known of the first frame, which waits for the start, too
-            self._shown_ns = t_sensor_ns
+    def _find_motion(self, last: _Frame, frame: _Frame) -> None:
+        reach_px = ONSET * last.apart_px
+        if self._frames[0].t_ns <= last.t_ns - 0.9 * REST_NS:
+            x, y = (sum(getattr(each, axis) for each in self._frames) / len(self._frames) for axis in "xy")
+            if all(math.hypot(each.x - x, each.y - y) < reach_px / 2 for each in self._frames):
+                self._rest, self._motion = _Frame(last.t_ns, x, y, last.apart_px), None
+        rest = self._rest
+        if rest is None:
+            return
+        before_px, now_px = math.hypot(last.x - rest.x, last.y - rest.y), math.hypot(frame.x - rest.x, frame.y - rest.y)
+        if now_px <= reach_px:
+            if frame.t_ns - rest.t_ns > START_NS:
+                self._rest = None
+            return
+        share = (reach_px - before_px) / (now_px - before_px)
+        self._motion, self._rest = _Motion(last.t_ns + round(share * (frame.t_ns - last.t_ns)), rest.x, rest.y, reach_px), None
+        for picture in tuple(self._recent):
+            self._find_light(picture)
+
+    def _find_light(self, picture: _Picture) -> None:
+        """Takes the picture as the first that shows the motion, if it does."""
+        motion = self._motion
+        if motion is None or picture.t_light_ns < motion.t_ns:
+            return
+        late_ns = picture.t_light_ns - motion.t_ns
+        if late_ns > WITHIN_NS:
+            self._motion = None
+        elif math.hypot(picture.x - motion.x, picture.y - motion.y) > motion.reach_px:
+            self._motion = None
             self._onsets += 1
-            onset_ns = self._period_ns // 2 + t_presented_ns - t_sensor_ns + loop_ns
-            self.onset_ns += round((onset_ns - self.onset_ns) * max(SHARE, 1 / self._onsets))
+            self.onset_ns += round((late_ns - self.onset_ns) * max(SHARE, 1 / self._onsets))

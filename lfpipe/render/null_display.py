@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.presentation import Presented
+from lfpipe.render.display import DisplayNotice
 from lfpipe.render.pair_layout import Pair
 
 
@@ -26,7 +27,7 @@ class NullDisplay:
     def events(self) -> list[str]:
         return []
 
-    def notices(self) -> list[str]:
+    def notices(self) -> list[DisplayNotice]:
         return []
 
     def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:

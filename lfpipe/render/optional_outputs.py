@@ -51,7 +51,7 @@ class OptionalOutputs:
             self._timeline = TraceFile(Path(path) if path else None, self._lost)
 
     def _lost(self, why: str) -> None:
-        self._context.emit("notice", text=why)
+        self._context.report_lost(why)
 
     @property
     def traced(self) -> bool:

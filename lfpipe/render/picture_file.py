@@ -30,8 +30,8 @@ def picture_folder(home: Path, environment: Mapping[str, str]) -> Path:
 
 
 def save(path: Path, picture: NDArray[np.uint8]) -> str:
-    """Writes picture, uint8 (height, width, 3) BGR, as the PNG path; returns the message to report. An existing file stays until
-    the new one is complete.
+    """Writes picture, uint8 (height, width, 3) BGR, as the PNG path; returns why it failed, "" if it did not. An existing file
+    stays until the new one is complete.
     """
     done, data = cv2.imencode(".png", picture)
     assert done, "a uint8 picture is always a PNG"
@@ -42,4 +42,4 @@ def save(path: Path, picture: NDArray[np.uint8]) -> str:
     except OSError as error:
         new.unlink(missing_ok=True)
         return f"{path}: the picture is not saved: {error.strerror}"
-    return f"picture saved as {path}"
+    return ""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lfpipe.config import SessionOptions
 from lfpipe.config.quality import level_number
 from lfpipe.errors import UserError
-from lfpipe.eyes import EYES
+from lfpipe.eyes import EYES, MAX_HORIZON_S
 from lfpipe.files.trace import TraceFile
 from lfpipe.render.display import Display
 from lfpipe.render.glasses_test import GlassesTest
@@ -25,7 +25,7 @@ from lfpipe.render.screen_clock import LeadTime, ScreenClock
 from lfpipe.render.shown_pictures import HANDOVER, REPLACED, ShownPictures
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer, Viewpoints
 from lfpipe.render.viewer_reports import ViewerReports
-from lfpipe.transport.clock import now_ns, sleep_until
+from lfpipe.transport.clock import MS_NS, now_ns, sleep_until
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 from lfpipe.transport.stamp_kind import StampKind
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from lfpipe.render.replay_writer import ReplayWriter
 
 NO_ROOM = "make room there, or another --out"  # of a replay
+STALE_NS = 500 * MS_NS  # no camera is that slow: a record so old comes from a tracker that has died
 COST_SHARE = 0.1  # weight of the newest in the running mean of a picture's cost
 
 
@@ -69,7 +70,7 @@ class Presenter:
     def _lost(self, why: str) -> None:
         if self._context.options.replay:  # a replay needs its trace
             raise UserError(why, NO_ROOM)
-        self._context.emit("notice", text=why)
+        self._context.report_lost(why)
 
     def redraw(self) -> None:
         """Composes the next picture even if its key is unchanged."""
@@ -86,7 +87,7 @@ class Presenter:
             self.leave_out()
             self._pending = True
             self._record, self._stamp, self._t_taken_ns = self._buffer, stamp, now_ns()
-            self._latency.measured(stamp.t_sensor_ns, self._buffer["raw_px"] if self._buffer["face"] else None)
+            self._latency.measured(stamp.t_sensor_ns, self._buffer["raw_px"].tolist() if self._buffer["face"] else None)
         return stamp
 
     def leave_out(self) -> None:
@@ -106,6 +107,8 @@ class Presenter:
         loop_ns = int(self._viewer.config.render.loop_ms * 1e6) * on_screen
         seen_ns = target_ns + loop_ns + refresh_ns // 2
         t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
+        if self._record is not None and not options.lossless and t_start_ns - t_sensor_ns > STALE_NS:
+            self._record["face"], t_sensor_ns = 0, t_start_ns  # the tracker died or hangs: nobody is seen
         self._viewer.video_lead_ns = round(VIDEO_LEAD * refresh_ns) if self.clock is not None else 0
         viewpoints = self._viewer.viewpoints(self._record, t_sensor_ns, seen_ns)
         key = self._viewer.key(viewpoints)
@@ -147,7 +150,7 @@ class Presenter:
                 row["t_face_ns"] = t_start_ns
             self._reports.follow_state()
             if row["face"]:
-                row.horizon.add_ns(seen_ns - t_sensor_ns)
+                row.horizon.add_ns(min(seen_ns - t_sensor_ns, int(MAX_HORIZON_S * 1e9)))
             self._outputs.emit_viewpoints(viewpoints, bool(row["face"]))
             shown = partial(self._was_shown, viewpoints, stamp, bool(row["face"]), composed, seen_ns - target_ns, loop_ns)
             if self._trace.wanted or self._outputs.traced:
@@ -164,7 +167,8 @@ class Presenter:
         """Records a picture presented at t_ns, made for the eyes at after_ns later."""
         self._outputs.shown(viewpoints, stamp, face, composed, t_ns)
         if face and composed:
-            self._latency.pictured(stamp.t_sensor_ns, t_ns, after_ns, loop_ns, viewpoints.eyes_px)
+            self._latency.pictured(t_ns, after_ns, loop_ns, viewpoints.eyes_px.tolist())
+        if loop_ns and self._context.options.display != "none":  # else there is no light, or its delay is unknown
             self._context.row["onset_ns"], self._context.row["steady_ns"] = self._latency.onset_ns, self._latency.steady_ns
 
     def _await_light(
@@ -180,11 +184,12 @@ class Presenter:
         """Counts and traces a picture once its time of display is known. target_ns: the blank it was made for, 0 for none."""
 
         def report(t_presented_ns: int, by: str) -> None:
+            seen = by != REPLACED
             if measured is not None:
-                self._context.row.measure(*measured, t_presented_ns - t_sensor_ns)
+                self._context.row.measure(*measured, t_presented_ns - t_sensor_ns if seen else None)
             if by not in ("", HANDOVER) and composed and target_ns and self.clock is not None:
-                self._judge(target_ns, t_handed_ns, t_presented_ns if by != REPLACED else 0)
-            if shown is not None:
+                self._judge(target_ns, t_handed_ns, t_presented_ns)
+            if shown is not None and seen:
                 shown(t_presented_ns)
             if line is not None:
                 line["t_presented_ns"] = t_presented_ns

@@ -25,7 +25,7 @@ class _Picture:
 
 class ShownPictures:
     """Call `take` often: it reports every picture once, with the time of its blank, or of its hand-over if blanks are not
-    reported."""
+    reported, or 0 if the next picture replaced it before a blank."""
 
     def __init__(self) -> None:
         self._waiting: deque[_Picture] = deque()
@@ -44,14 +44,18 @@ class ShownPictures:
         for answer in answers:
             picture = found.get(answer.serial)
             if picture is not None and not picture.by:
-                # a picture that was never shown has no blank: use its hand-over
-                picture.t_presented_ns, picture.by = (answer.t_ns, by) if answer.t_ns else (picture.t_handed_ns, REPLACED)
+                picture.t_presented_ns, picture.by = (answer.t_ns, by) if answer.t_ns else (0, REPLACED)
         while self._waiting and (self._waiting[0].by or t_ns - self._waiting[0].t_handed_ns > ANSWER_NS):
-            picture = self._waiting.popleft()
-            picture.report(picture.t_presented_ns or picture.t_handed_ns, picture.by or HANDOVER)
+            self._report_first()
 
     def flush(self) -> None:
         """Reports all remaining pictures."""
         while self._waiting:
-            picture = self._waiting.popleft()
-            picture.report(picture.t_presented_ns or picture.t_handed_ns, picture.by or HANDOVER)
+            self._report_first()
+
+    def _report_first(self) -> None:
+        picture = self._waiting.popleft()
+        if picture.by:
+            picture.report(picture.t_presented_ns, picture.by)
+        else:
+            picture.report(picture.t_handed_ns, HANDOVER)

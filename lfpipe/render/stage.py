@@ -108,7 +108,10 @@ def main(context: Context) -> None:
             presenter.follow_screen()
     finally:
         if options.still and presenter.picture is not None:
-            context.emit("notice", text=save(Path(options.still), presenter.picture))
+            if failure := save(Path(options.still), presenter.picture):
+                context.report_lost(failure)
+            else:
+                context.emit("notice", text=f"picture saved as {options.still}")
         presenter.close()
         display.close()
         keys.pass_on_notices()

@@ -26,7 +26,7 @@ class StatusOverlay:
         busy = {name: (summary_ms(row["busy"])["p50_ms"], int(row["drops"])) for name, row in rows.items() if row["state"]}
         return [
             f"camera {rate_hz(rows[self._context.spec.source]):5.1f} Hz   pictures {rate_hz(own):5.1f} Hz",
-            f"sensor to screen p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
+            f"age of pictures p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
             f"eyes predicted by p50 {horizon['p50_ms']:.1f} ms",
             *([f"judder {judder:.2f} %"] if (judder := self._judder()) is not None else []),
             *(f"{name} busy p50 {p50_ms:.2f} ms, dropped {drops}" for name, (p50_ms, drops) in busy.items()),

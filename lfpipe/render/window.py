@@ -11,7 +11,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.presentation import Presentation, Presented
 from lfpipe.render import sdl
-from lfpipe.render.display import KEYS
+from lfpipe.render.display import KEYS, DisplayNotice
 from lfpipe.render.key_lock import KeyLock
 from lfpipe.render.monitors import Monitor, find_monitor, monitor_of, monitors
 from lfpipe.render.overlay import panel
@@ -242,7 +242,7 @@ class Window:
             self._draw()
         return pressed
 
-    def notices(self) -> list[str]:
+    def notices(self) -> list[DisplayNotice]:
         return []
 
     def menu(self, draw: Callable[[tuple[int, int]], pygame.Surface] | None) -> None:

@@ -252,13 +252,19 @@ class Supervisor:
         self._log(f"the last change is rolled back: {why}")
 
     def _check_results(self, stages: StageProcesses) -> None:
-        """In a lossless session, output that a stage could not write at its end is a failure."""
+        """An output that ended early is a failure; in a lossless session also one that a stage could not write at its end."""
         assert self._outcome is not None
         for process in stages if self._state.options.lossless else ():
             died_of = process.died_of()
             if died_of and self._outcome.failure is None:
                 final = self._outcome.final
                 self._outcome = Outcome(f"{process.stage.name} could not end", *died_of, user_error=True, final=final)
+        assert self._memory is not None
+        lost = sum(int(row["lost_outputs"]) for row in self._memory.table.rows.values())
+        if lost and self._outcome.failure is None:
+            files = "a file of this session is" if lost == 1 else f"{lost} files of this session are"
+            self._outcome.failure = f"{self._outcome.reason}, but {files} incomplete"
+            self._outcome.remedy = "see the messages above; make room on the disk, or name files on another one"
 
     def _hear(self, message: dict[str, Any]) -> None:
         """Logs what a stage reports to people."""

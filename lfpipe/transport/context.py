@@ -113,6 +113,11 @@ class Context:
         except zmq.Again:
             return
 
+    def report_lost(self, why: str) -> None:
+        """Reports that a file of the session ended early, or was not written: then the session's exit code is not 0."""
+        self.row["lost_outputs"] += 1
+        self.emit("notice", text=why)
+
     def request(self, word: str, **values: Any) -> None:
         """Sends the supervisor a command, as `lfpipe ctl` would; its answer appears in `commands`."""
         self._ctl.send(control.encode({"cmd": word, **values}))

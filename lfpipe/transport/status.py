@@ -52,6 +52,7 @@ ROW = np.dtype(
         ("source_seq", "<i8"),  # of the input last completed
         ("taken_seq", "<i8", (RINGS,)),  # last taken of each ring, by `StageSpec.ring_index`: the credit of lossless running
         ("epoch", "<i8"),
+        ("lost_outputs", "<i8"),  # files that a full disk or the like has ended early, over all restarts
         ("drops", "<i8"),  # inputs that this stage lost, or could not use in time
         ("left_out", "<i8"),  # inputs left out on purpose: at a lowered quality, while paused, for a newer one
         ("missed", "<i8"),  # of render: refreshes of the display without a picture from it
@@ -155,12 +156,13 @@ class Row:
         self._int["source_seq"][0] = source_seq
         self._int["beat_ns"][0] = t_ns
 
-    def measure(self, wait_ns: int, busy_ns: int, age_ns: int) -> None:
-        """Records the three durations of one output."""
+    def measure(self, wait_ns: int, busy_ns: int, age_ns: int | None) -> None:
+        """Records the three durations of one output. age_ns: None for a picture that was never shown."""
         self._int["busy_ns"][0] += busy_ns
         self.wait.add_ns(wait_ns)
         self.busy.add_ns(busy_ns)
-        self.age.add_ns(age_ns)
+        if age_ns is not None:
+            self.age.add_ns(age_ns)
 
 
 def busy_words(record: NDArray[np.void]) -> str:

@@ -71,7 +71,7 @@ def test_a_flood_is_counted_and_does_not_stop_the_caller(tmp_path: Path) -> None
     display.close()
     assert display.dropped > 200
     assert len(read_back(tmp_path / "out.mkv")) < 300 - display.dropped + 60
-    assert any(f"{display.dropped} pictures are missing" in notice for notice in display.notices())
+    assert any(f"{display.dropped} pictures are missing" in notice.text for notice in display.notices())
 
 
 def test_pictures_of_another_shape_are_fitted(tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_a_full_disk_ends_the_video_with_a_notice(tmp_path: Path) -> None:
         display.show(picture)
         time.sleep(0.005)
     notices = display.notices()
-    assert len(notices) == 1 and "the disk is full" in notices[0] and "out.mkv" in notices[0]
+    assert len(notices) == 1 and notices[0].lost and "the disk is full" in notices[0].text and "out.mkv" in notices[0].text
     display.show(picture)
     display.close()
     assert len(read_back(tmp_path / "out.mkv")) == CHECK_FRAMES  # what was written can be played
@@ -163,4 +163,4 @@ def test_mp4_ends_with_a_notice_where_the_disk_is_full(tmp_path: Path, monkeypat
         display.show(picture)
         time.sleep(0.005)
     display.close()
-    assert any("the video ends here" in notice for notice in display.notices())
+    assert any("the video ends here" in notice.text for notice in display.notices())

@@ -1,5 +1,6 @@
 """Values of `--display`."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,13 @@ def test_checking_a_file_leaves_nothing_and_keeps_what_was(tmp_path: Path) -> No
 def test_a_directory_without_permission(tmp_path: Path) -> None:
     (tmp_path / "out.mkv").mkdir()
     with pytest.raises(UserError, match="directory"):
+        check_display(f"file:{tmp_path / 'out.mkv'}")
+
+
+def test_a_fifo_is_refused(tmp_path: Path) -> None:
+    """Found where `--display file:FIFO.mkv` never returned."""
+    os.mkfifo(tmp_path / "out.mkv")
+    with pytest.raises(UserError, match="FIFO"):
         check_display(f"file:{tmp_path / 'out.mkv'}")
 
 

@@ -29,12 +29,12 @@ def test_a_picture_waits_for_its_blank_and_those_behind_it_wait_too() -> None:
     assert len(log.lines) == 3, "an answer twice, and one to nothing"
 
 
-def test_one_that_was_replaced_or_never_answered_has_its_hand_over() -> None:
+def test_one_that_was_replaced_has_no_time_and_one_never_answered_its_hand_over() -> None:
     log = Log()
     log.add("replaced", 1, 100)
     log.add("unanswered", 2, 200)
     log.shown.take([Presented(1, 0, 0)], "blanks", 300)
-    assert log.lines == [("replaced", 100, REPLACED)]
+    assert log.lines == [("replaced", 0, REPLACED)]
     log.shown.take([], "blanks", 200 + ANSWER_NS + 1)
     log.add("at the end", 3, 10**9)
     log.shown.flush()

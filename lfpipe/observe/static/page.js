@@ -19,7 +19,7 @@ const ms = (value) => value === null || value === undefined ? "" : `${value.toFi
 function makeLatency(names) {
   const newest = (plot, at, k) => ms(at === null ? plot.data[k][plot.data[k].length - 1] : at); // in the legend, without a pointer too
   const line = (label, key) => ({ label, value: newest, stroke: () => inkOf(key), width: key === "age" ? 2 : 1.2, points: { show: false } });
-  const series = [{ label: "session time, s", value: (_, at) => at === null ? "" : at.toFixed(1) }, line("sensor to screen", "age"), ...names.map((name) => line(`${name} wait + busy`, name))];
+  const series = [{ label: "session time, s", value: (_, at) => at === null ? "" : at.toFixed(1) }, line("age of pictures", "age"), ...names.map((name) => line(`${name} wait + busy`, name))];
   const options = { width: wide($("latency")), height: 220, series, scales: { x: { time: false } }, axes: [{ ...axis, label: "session time, s", labelSize: 22, stroke: () => ink("dim") },
     { ...axis, label: "ms", labelSize: 22 }] };
   return new uPlot(options, [[], [], ...names.map(() => [])], $("latency"));
@@ -145,7 +145,7 @@ function draw(event) {
   const minutes = Math.floor(told.uptime_s / 60), seconds = Math.floor(told.uptime_s % 60).toString().padStart(2, "0");
   $("state").textContent = `up ${minutes}:${seconds}, camera ${told.camera_hz.toFixed(1)} Hz${told.camera_light ? ` (${told.camera_light})` : ""}, viewer ${told.viewer}`
     + `${told.paused ? ", paused" : ""}`
-    + `${told.level ? `, quality lowered to ${told.level_words} (${told.level} of ${told.lowest_level})` : ""}; sensor to screen p50 ${told.age.p50.toFixed(1)}, p99 ${told.age.p99.toFixed(1)} ms, `
+    + `${told.level ? `, quality lowered to ${told.level_words} (${told.level} of ${told.lowest_level})` : ""}; age of pictures p50 ${told.age.p50.toFixed(1)}, p99 ${told.age.p99.toFixed(1)} ms, `
     + `eyes predicted by ${told.horizon.p50.toFixed(1)} ms${told.motion_to_photon ? `; motion to photon: ${told.motion_to_photon}` : ""}`;
   if (document.hidden) return;
   charts(told); table(told); show(told);

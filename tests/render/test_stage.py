@@ -1,0 +1,28 @@
+"""The render stage in a running session."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from lfpipe.eyes import MAX_HORIZON_S
+from tests.world import World
+
+pytestmark = pytest.mark.live
+
+
+def test_records_of_a_tracker_that_hangs_are_no_viewer(world: World, scene: Path) -> None:
+    """Found after SIGKILL of track: "eyes predicted ahead p95 2588 ms"."""
+    world.up(scene)
+    world.wait_for(lambda: any(line["face"] for line in world.lines()), "a face")
+    pid = world.monitor()["stages"]["track"]["pid"]
+    os.kill(pid, signal.SIGSTOP)
+    stopped_ns = time.monotonic_ns()
+    try:
+        alone = world.wait_for(lambda: [k for k in world.lines() if not k["face"] and k["t_composed_ns"] > stopped_ns], "nobody", 5)
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    assert alone[0]["t_composed_ns"] - alone[0]["t_sensor_ns"] < 0.7e9
+    assert world.monitor()["horizon"]["max_ms"] <= 1.02e3 * MAX_HORIZON_S
