@@ -55,7 +55,8 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
             what = {**args, "method": line["method"], "view": line["view"]}
             drawn = render.slice(line.get("t_started_ns", line["t_tracked_ns"]), line["t_composed_ns"], what)
             presented_ns = line["t_presented_ns"] or line["t_composed_ns"]  # 0: replaced before it was seen
-            put = display.slice(line["t_composed_ns"], presented_ns, {**args, "age_ms": (presented_ns - line["t_sensor_ns"]) / 1e6})
+            age_ms = (presented_ns - line["t_sensor_ns"]) / 1e6
+            put = display.slice(line["t_composed_ns"], presented_ns, {**args, "age_ms": age_ms})
             made += [("" if shown else "t", drawn), ("" if shown else "f", put)]
             shown = True  # later pictures of the same frame are predictions from it: one arrow is enough
         for kind, piece in made:

@@ -4,6 +4,7 @@ import os
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,6 +12,10 @@ from lfpipe.eyes import MAX_HORIZON_S
 from tests.world import World
 
 pytestmark = pytest.mark.live
+
+
+def _alone(world: World, since_ns: int) -> list[dict[str, Any]]:
+    return [line for line in world.lines() if not line["face"] and line["t_composed_ns"] > since_ns]
 
 
 def test_records_of_a_tracker_that_hangs_are_no_viewer(world: World, scene: Path) -> None:
@@ -21,8 +26,8 @@ def test_records_of_a_tracker_that_hangs_are_no_viewer(world: World, scene: Path
     os.kill(pid, signal.SIGSTOP)
     stopped_ns = time.monotonic_ns()
     try:
-        alone = world.wait_for(lambda: [k for k in world.lines() if not k["face"] and k["t_composed_ns"] > stopped_ns], "nobody", 5)
+        lines = world.wait_for(lambda: _alone(world, stopped_ns), "picture for nobody", 5)
     finally:
         os.kill(pid, signal.SIGCONT)
-    assert alone[0]["t_composed_ns"] - alone[0]["t_sensor_ns"] < 0.7e9
+    assert lines[0]["t_composed_ns"] - lines[0]["t_sensor_ns"] < 0.7e9
     assert world.monitor()["horizon"]["max_ms"] <= 1.02e3 * MAX_HORIZON_S
