@@ -1,30 +1,34 @@
 """A V4L2 camera as a source: requests a mode, reports the actual one, decodes frames and stamps them with their exposure."""
 
 import errno
+import logging
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.camera_controls import CameraControls, Controls, exposure_ns
-from lfpipe.capture.camera_list import CameraDevice, cameras, describe, find_again, named, nodes, opened
+from lfpipe.capture.camera_controls import CameraControls, Controls
+from lfpipe.capture.camera_list import LIBCAMERA, CameraFinder, first_camera, none_usable, opened, others
 from lfpipe.capture.frame_source import Frame, SourceInfo
-from lfpipe.capture.pixel_formats import DECODED, FrameDecoder, choose
+from lfpipe.capture.pixel_formats import CHEAPEST, DECODED, JPEGS, SMALL_PX, FrameDecoder, choose
 from lfpipe.capture.sensor_clock import SensorClock, stamp_kind
-from lfpipe.capture.spec import CameraSpec
-from lfpipe.capture.v4l2_device import Mode, V4L2Device
+from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device
 from lfpipe.capture.v4l2_stream import RawFrame, SourceChangedError, V4L2Stream
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_note
-from lfpipe.host.paths import exists
+
+__all__ = ["CameraFinder", "CameraSource", "check_camera", "first_camera", "none_usable", "open_camera", "trouble"]
+
+log = logging.getLogger(__name__)
 
 STALL_S = 0.9  # longest wait for a frame
 START_S = 5.0  # longest wait for the first frame: some cameras need seconds
-EXPOSURE_CHECK_S = 2.0  # automatic exposure follows the light
+CONTROLS_S = 1.0  # longest wait for the camera's controls; they are set later if it is slower
 REPLUG = "unplug the camera and plug it in again"
 GONE = (errno.ENODEV, errno.ENXIO, errno.ENOENT)
 
@@ -35,8 +39,9 @@ class Device(Controls, Protocol):
     @property
     def driver(self) -> str: ...
     def fourccs(self) -> list[str]: ...
+    def sizes(self, fourcc: str) -> list[FrameSizes]: ...
     def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode: ...
-    def close(self) -> None: ...
+    def duplicate(self) -> Controls: ...
 
 
 class Stream(Protocol):
@@ -46,31 +51,43 @@ class Stream(Protocol):
     def close(self) -> None: ...
 
 
-def _others(path: Path) -> str:
-    there = ", ".join(f"camera:{camera.path} ({camera.name})" for camera in cameras() if camera.path != path)
-    return f"available cameras: {there}" if there else "no camera found: use --camera demo, or --camera file:PATH"
-
-
 def trouble(path: Path, error: OSError) -> UserError:
     """The device's error in the user's words."""
     code, what = error.errno, f"camera {path}"
     if isinstance(error, SourceChangedError):
         return UserError(f"{what}: its picture size or signal changed", "it is reopened")
     if code == errno.ENOENT:
-        return UserError(f"{what}: no such device", _others(path))
+        return UserError(f"{what}: no such device", others(path))
     if code in GONE:
         return UserError(f"{what}: unplugged", "plug it in again")
     if code == errno.EACCES:
         return UserError(f"{what}: no permission", "add yourself to the group `video` and log in again")
+    if code == errno.EPERM:
+        return UserError(f"{what}: the system forbids it", f"give a container the device: `--device {path}`")
     if code == errno.EBUSY:
         return UserError(f"{what}: busy", f"close the program that uses it: `fuser -v {path}` shows it")
-    if code in (errno.ENOTTY, errno.EINVAL) and not path.is_char_device():
-        return UserError(f"{what}: not a camera ({error.strerror})", _others(path))
-    if code == errno.ENOTTY:
-        return UserError(f"{what}: not a camera", _others(path))
+    if code == errno.ENOSPC:
+        remedy = "use another USB port, or --set camera.format=MJPG, or a smaller size: --set camera.width_px=640"
+        return UserError(f"{what}: the USB bus has no room for its frames", remedy)
+    if code == errno.ENOTTY or (code == errno.EINVAL and not path.is_char_device()):
+        return UserError(f"{what}: not a camera ({error.strerror})", others(path))
     if code == errno.ETIMEDOUT:
         return UserError(f"{what}: {error.strerror}", REPLUG)
     return UserError(f"{what}: its driver failed ({error.strerror})", REPLUG)
+
+
+def _requested(offered: list[str], device: Device, camera: config.Camera) -> FrameSizes | None:
+    """The mode to request; None if none of the offered formats can be decoded."""
+    size = camera.width_px, camera.height_px
+    formats = [fourcc for fourcc in offered if fourcc in DECODED and camera.format in ("auto", fourcc)]
+    modes = [mode for fourcc in formats for mode in device.sizes(fourcc) or [FrameSizes(fourcc, *size)]]
+    if mode := choose(modes, *size, camera.rate_hz):
+        return mode
+    if camera.format != "auto":  # not listed; the driver may still have it
+        return FrameSizes(camera.format, *size)
+    if offered:
+        return None
+    return FrameSizes(JPEGS[0] if size[0] * size[1] > SMALL_PX else CHEAPEST[0], *size)  # the usual ones
 
 
 def negotiate(path: Path, device: Device, camera: config.Camera) -> tuple[Mode, tuple[str, ...]]:
@@ -79,26 +96,25 @@ def negotiate(path: Path, device: Device, camera: config.Camera) -> tuple[Mode, 
     Raises OSError from the driver, UserError if none of the device's formats can be decoded.
     """
     offered = device.fourccs()
-    wanted = camera.format if camera.format != "auto" else choose(offered, camera.width_px, camera.height_px)
-    listed = ", ".join(offered)
-    if not wanted:
+    requested = _requested(offered, device, camera)
+    if requested is None:
         remedy = f"use a camera with one of {', '.join(DECODED)}"
-        raise UserError(f"camera {path}: none of its pixel formats can be decoded ({listed})", remedy)
-    mode = device.configure(wanted, camera.width_px, camera.height_px, camera.rate_hz)
-    if mode.fourcc not in DECODED and (other := choose(offered, camera.width_px, camera.height_px)):
-        mode = device.configure(other, camera.width_px, camera.height_px, camera.rate_hz)
+        raise UserError(f"camera {path}: none of its pixel formats can be decoded ({', '.join(offered)})", remedy)
+    mode = device.configure(requested.fourcc, requested.width_px, requested.height_px, camera.rate_hz)
+    if mode.fourcc not in DECODED and (other := _requested(offered, device, attrs.evolve(camera, format="auto"))):
+        mode = device.configure(other.fourcc, other.width_px, other.height_px, camera.rate_hz)
     if mode.fourcc not in DECODED:
         raise UserError(f"camera {path}: delivers {mode.fourcc}, which cannot be decoded", "use another camera")
-    rate_hz = mode.rate_hz or camera.rate_hz
-    size = f"{mode.width_px}x{mode.height_px}"
-    notes = [f"the camera delivers {mode.fourcc} {size} at {rate_hz:.4g} Hz"]
-    if mode.fourcc != wanted:
-        notes.append(f"{wanted} requested, {mode.fourcc} delivered")
+    mode = attrs.evolve(mode, rate_hz=mode.rate_hz or camera.rate_hz)
+    log.info("camera %s: requested %s, delivers %s", path, requested, mode)
+    notes = [f"the camera delivers {mode.fourcc} {mode.width_px}x{mode.height_px} at {mode.rate_hz:.4g} Hz"]
+    if camera.format not in ("auto", mode.fourcc):
+        notes.append(f"{camera.format} requested, {mode.fourcc} delivered")
     if (mode.width_px, mode.height_px) != (camera.width_px, camera.height_px):
         notes.append(fit_note((mode.width_px, mode.height_px), (camera.width_px, camera.height_px)))
-    if abs(rate_hz - camera.rate_hz) > 0.01 * camera.rate_hz:
-        notes.append(f"{camera.rate_hz:g} Hz requested, {rate_hz:.4g} Hz delivered")
-    return Mode(mode.fourcc, mode.width_px, mode.height_px, mode.stride, rate_hz), tuple(notes)
+    if abs(mode.rate_hz - camera.rate_hz) > 0.01 * camera.rate_hz:
+        notes.append(f"{camera.rate_hz:g} Hz requested, {mode.rate_hz:.4g} Hz delivered")
+    return mode, tuple(notes)
 
 
 class CameraSource:
@@ -109,10 +125,13 @@ class CameraSource:
         self._path, self._device = path, device
         self._stream: Stream | None = None
         self._controls: CameraControls | None = None
+        self._decoder: FrameDecoder | None = None
         try:
+            if not device.signal:
+                raise self._no_signal()
             mode, notes = negotiate(path, device, camera)
             self._decoder = FrameDecoder(mode)
-            self._controls = CameraControls(device, camera)
+            self._controls = CameraControls(device.duplicate(), camera)
             self._stream = start(device)
             first = self._stream.read(START_S)  # discarded: often dark, and old when the session is ready
         except (OSError, ValueError, UserError) as error:
@@ -126,40 +145,45 @@ class CameraSource:
             raise
         self._clock, self._period_ns = SensorClock(mode.rate_hz), 1e9 / mode.rate_hz
         self._kind = stamp_kind(device.driver, first.start_of_exposure)
-        self._exposure_ns, self._exposure_due_ns = exposure_ns(device), 0
         self._seq, self._sequence, self._stamp_ns = -1, first.sequence, first.stamp_ns
         now_ns = time.monotonic_ns()
         if not self._clock.usable(first.stamp_ns, now_ns):
             notes += ("the driver gives no usable time stamps: using the time of reading",)
             self._stamp_ns = now_ns
+        if not self._controls.applied.wait(CONTROLS_S):
+            notes += (f"its controls have not answered for {CONTROLS_S:g} s: exposure and others may be set later, or never",)
         notes += tuple(self._controls.notes)
         jpeg = self._decoder.jpeg
         self.info = SourceInfo(f"camera:{path}", mode.width_px, mode.height_px, mode.rate_hz, live=True, jpeg=jpeg, notes=notes)
 
+    def _no_signal(self) -> UserError:
+        return UserError(f"camera {self._path}: no signal at its input", "connect and switch on what it is to show")
+
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `FrameSource.read`. Raises TimeoutError if the camera stalls, UserError if it is gone or its driver fails."""
-        assert self._stream is not None
+        """See `FrameSource.read`. Raises TimeoutError if the camera stalls, UserError if it is gone, fails or has no signal."""
+        assert self._stream is not None and self._controls is not None and self._decoder is not None
         began_ns = time.monotonic_ns()
-        if self._exposure_ns is not None and began_ns > self._exposure_due_ns:  # the camera's thread is idle here
-            self._exposure_ns, self._exposure_due_ns = exposure_ns(self._device), began_ns + int(EXPOSURE_CHECK_S * 1e9)
+        damaged = 0
+        if not self._controls.signal:
+            raise self._no_signal()
         while True:
             waited_s = (time.monotonic_ns() - began_ns) / 1e9
             if waited_s > STALL_S:
-                raise TimeoutError(f"camera {self._path}: only damaged frames")
+                raise TimeoutError(f"camera {self._path}: {damaged} damaged frames and no whole one for {STALL_S:g} s")
             try:
                 raw = self._stream.read(STALL_S - waited_s)
             except TimeoutError:
-                raise TimeoutError(f"camera {self._path}: no frame for {STALL_S:g} s") from None
+                raise TimeoutError(f"camera {self._path}: no whole frame for {STALL_S:g} s, {damaged} damaged") from None
             except OSError as error:
                 raise trouble(self._path, error) from None
             read_ns = time.monotonic_ns()
             self._count(raw, read_ns)
-            if raw.damaged:
-                continue
-            whole, packet = self._decoder.decode(raw.data, out)
+            whole, packet = (False, None) if raw.damaged else self._decoder.decode(raw.data, out)
             if whole:
                 break
-        sensor_ns, kind = self._clock.middle_ns(raw.stamp_ns, self._kind, read_ns, self._exposure_ns)
+            damaged += 1
+            log.debug("camera %s: damaged frame %d of %d bytes", self._path, raw.sequence, raw.data.size)
+        sensor_ns, kind = self._clock.middle_ns(raw.stamp_ns, self._kind, read_ns, self._controls.exposure_ns)
         return Frame(self._seq, sensor_ns, read_ns, packet, kind)
 
     def _count(self, raw: RawFrame, read_ns: int) -> None:
@@ -178,38 +202,10 @@ class CameraSource:
         if self._stream is not None:
             self._stream.close()
         if self._controls is not None:
-            self._controls.restore()
+            self._controls.end(CONTROLS_S)
+        if self._decoder is not None:
+            self._decoder.close()
         self._device.close()
-
-
-class CameraFinder:
-    """Follows one camera through changes of its device number."""
-
-    def __init__(self, spec: CameraSpec) -> None:
-        self._spec = spec
-        self._known: CameraDevice | None = None
-
-    def path(self) -> Path:
-        """The camera's current device file. Raises UserError if no camera, or more than one, has the name."""
-        if self._known is None:
-            self._known = self._by_name(self._spec.name) if self._spec.name else describe(self._spec.path)
-        if not self._known.name:  # nothing to recognise it by yet
-            self._known = None
-            return self._spec.path
-        return find_again(self._known)
-
-    @staticmethod
-    def _by_name(name: str) -> CameraDevice:
-        found = named(name, nodes())
-        if len(found) > 1:
-            capturing = {camera.path for camera in cameras()}
-            found = [device for device in found if device.path in capturing]
-        if len(found) > 1:
-            paths = " or ".join(f"camera:{device.path}" for device in found)
-            raise UserError(f"camera:{name}: {len(found)} cameras have that name", f"use {paths}")
-        if not found:
-            raise UserError(f"camera:{name}: no camera of that name", _others(Path()))
-        return found[0]
 
 
 def open_device(path: Path) -> V4L2Device:
@@ -219,25 +215,12 @@ def open_device(path: Path) -> V4L2Device:
     except OSError as error:
         raise trouble(path, error) from None
     if not device.captures:
+        multi_planar = device.multi_planar
         device.close()
-        raise UserError(f"camera {path}: this device delivers no pictures (a camera's node for metadata?)", _others(path))
+        if multi_planar:
+            raise UserError(f"camera {path}: a multi-planar camera, which lfpipe cannot read itself", LIBCAMERA)
+        raise UserError(f"camera {path}: this device delivers no pictures (a camera's node for metadata?)", others(path))
     return device
-
-
-def first_camera() -> Path | None:
-    """The first device that captures, kept open as by `check_camera`; else the first that cannot be queried (no permission)."""
-    silent = None
-    for node in nodes():
-        try:
-            device = opened(node.path)
-        except OSError:
-            silent = silent or (node.path if exists(node.path) else None)
-            continue
-        if device.captures:
-            device.keep()
-            return node.path
-        device.close()
-    return silent
 
 
 def open_camera(path: Path, camera: config.Camera) -> CameraSource:
@@ -252,10 +235,10 @@ def check_camera(path: Path, camera: config.Camera) -> SourceInfo:
     device = open_device(path)
     try:
         mode, notes = negotiate(path, device, camera)
-        jpeg = FrameDecoder(mode).jpeg
         device.keep()
     except OSError as error:
         raise trouble(path, error) from None
     finally:
         device.close()
-    return SourceInfo(f"camera:{path}", mode.width_px, mode.height_px, mode.rate_hz, live=True, jpeg=jpeg, notes=notes)
+    size, jpeg = (mode.width_px, mode.height_px), mode.fourcc in JPEGS
+    return SourceInfo(f"camera:{path}", *size, mode.rate_hz, live=True, jpeg=jpeg, notes=notes)

@@ -1,26 +1,33 @@
-"""Cameras that the kernel lists, and the current device of one of them: device numbers change, name and bus do not."""
+"""Cameras that the kernel lists, and the current device of one of them: device numbers change, name and place do not."""
 
 import errno
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from lfpipe.capture.camera_device import CameraDevice as CameraDevice
-from lfpipe.capture.time_limit import with_time_limit
+from lfpipe.capture.camera_device import CameraDevice, with_time_limit
+from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2_device import V4L2Device
+from lfpipe.errors import UserError
 from lfpipe.host import handover
 from lfpipe.host.paths import exists
 
 SYS, DEV = Path("/sys/class/video4linux"), Path("/dev")
 ANSWER_S = 3.0  # drivers answer in microseconds; a stuck one never does
-BUSY_S = 60.0  # thousands of calls on an emulated machine
+LIST_S = 30.0  # thousands of calls on an emulated machine
+LIBCAMERA = (
+    "a board's camera port needs libcamera: feed a v4l2loopback device from it, for example with "
+    "`gst-launch-1.0 libcamerasrc ! videoconvert ! v4l2sink device=/dev/video42`"
+)
 
+log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 
-def _limited(call: Callable[[], T]) -> T:
+def _limited(limit_s: float, call: Callable[[], T]) -> T:
     try:
-        return with_time_limit(ANSWER_S, call, BUSY_S)
+        return with_time_limit(limit_s, call)
     except TimeoutError as error:
         if error.errno is not None:  # the driver's own
             raise
@@ -33,11 +40,11 @@ def opened(path: Path) -> V4L2Device:
     Raises OSError as the driver does, ETIMEDOUT after ANSWER_S.
     """
     kept = handover.take(str(path))
-    return _limited(lambda: V4L2Device(path, kept))
+    return _limited(ANSWER_S, lambda: V4L2Device(path, kept))
 
 
-def asking(path: Path, question: Callable[[V4L2Device], T]) -> T:
-    """Opens the device, queries it and closes it. Raises OSError from the driver, ETIMEDOUT after ANSWER_S."""
+def asking(path: Path, question: Callable[[V4L2Device], T], limit_s: float = LIST_S) -> T:
+    """Opens the device, queries it and closes it. Raises OSError from the driver, ETIMEDOUT after limit_s."""
 
     def ask() -> T:
         device = V4L2Device(path)
@@ -46,63 +53,124 @@ def asking(path: Path, question: Callable[[V4L2Device], T]) -> T:
         finally:
             device.close()
 
-    return _limited(ask)
+    return _limited(limit_s, ask)
 
 
 def nodes(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
     """Every video device by number, cameras or not. Opens none of them."""
-    found = []
-    for entry in sorted(sys.glob("video*"), key=lambda entry: int("0" + entry.name.removeprefix("video"))):
-        found.append(describe(dev / entry.name, sys))
-    return found
+    entries = sorted(sys.glob("video*"), key=lambda entry: int("0" + entry.name.removeprefix("video")))
+    return [describe(dev / entry.name, sys) for entry in entries]
 
 
 def describe(path: Path, sys: Path = SYS) -> CameraDevice:
-    """The device at path with its name and bus."""
+    """The device at path with its name and place."""
     entry = sys / path.resolve().name
     try:
         name = (entry / "name").read_text().strip()
+        return CameraDevice(path, name, str((entry / "device").resolve(strict=True)))
     except OSError:
-        name = ""
-    device = entry / "device"
-    return CameraDevice(path, name, str(device.resolve()) if exists(device) else "")
+        return CameraDevice(path, "")
+
+
+def _captures(device: CameraDevice) -> bool:
+    """Whether a node delivers pictures; True if it cannot be queried (busy, no permission) but is there."""
+    try:
+        return asking(device.path, lambda opened_device: opened_device.captures, ANSWER_S)
+    except PermissionError:
+        return True
+    except OSError:
+        return exists(device.path)
 
 
 def cameras(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
     """The capturing devices, by number. Includes devices that cannot be queried (busy, no permission)."""
-    found = []
-    for device in nodes(sys, dev):
+    return [device for device in nodes(sys, dev) if _captures(device)]
+
+
+def first_camera() -> Path | None:
+    """The first device that captures, kept open as by `check_camera`; else the first that cannot be queried (no permission)."""
+    silent = None
+    for node in nodes():
         try:
-            if not asking(device.path, lambda device: device.captures):
-                continue
-        except PermissionError:
-            pass
+            device = opened(node.path)
         except OSError:
-            if not exists(device.path):
-                continue
-        found.append(device)
-    return found
+            silent = silent or (node.path if exists(node.path) else None)
+            continue
+        if device.captures:
+            device.keep()
+            return node.path
+        device.close()
+    return silent
 
 
-def named(name: str, found: list[CameraDevice]) -> list[CameraDevice]:
-    """The devices with this name, ignoring case; if there are none, those whose name contains it."""
-    wanted = name.casefold()
-    return [d for d in found if d.name.casefold() == wanted] or [d for d in found if wanted in d.name.casefold()]
-
-
-def find_again(known: CameraDevice, sys: Path = SYS, dev: Path = DEV) -> Path:
-    """The current path of a camera: the same name on the same bus, else the same name, else its old path.
-
-    Nodes of one camera (pictures, metadata) share name and bus: the one at the old path wins, else the first that captures.
-    """
-    same = [device for device in nodes(sys, dev) if device.name and device.name == known.name]
-    candidates = [device for device in same if device.bus == known.bus] or same
-    if not candidates or any(device.path == known.path for device in candidates):
-        return known.path
-    for device in candidates:
+def none_usable() -> str:
+    """What to do without a camera; names libcamera if only its cameras are here."""
+    for node in nodes():
         try:
-            if asking(device.path, lambda device: device.captures):
-                return device.path
+            if asking(node.path, lambda device: device.multi_planar, ANSWER_S):
+                return f"{node.path} ({node.name}) is multi-planar; {LIBCAMERA}"
         except OSError:
             continue
-    return candidates[0].path
+    return "use --camera demo, --camera mouse, or a recording with --camera file:PATH"
+
+
+def others(path: Path) -> str:
+    """A remedy for a camera that is not there: the others, or what to do without one."""
+    listed = ", ".join(f"camera:{camera.path} ({camera.name})" for camera in cameras() if camera.path != path)
+    return f"available cameras: {listed}" if listed else f"no camera found: {none_usable()}"
+
+
+def named(name: str, devices: list[CameraDevice]) -> list[CameraDevice]:
+    """The devices with this name, ignoring case; if there are none, those whose name contains it."""
+    folded = name.casefold()
+    return [d for d in devices if d.name.casefold() == folded] or [d for d in devices if folded in d.name.casefold()]
+
+
+class CameraFinder:
+    """Follows one camera through changes of its device number.
+
+    It is recognised by its name and its place (the USB port). At another place, a device of that name is the same camera only if
+    it came after the first one had gone: another camera of the same model that was there all the time never takes over.
+    """
+
+    def __init__(self, spec: CameraSpec, sys: Path = SYS, dev: Path = DEV) -> None:
+        self._spec, self._sys, self._dev = spec, sys, dev
+        self._known: CameraDevice | None = None
+        self._twins: set[str] = set()  # places of other cameras of that name
+        self._gone = False
+
+    def path(self) -> Path:
+        """The camera's device file now. Raises UserError if no camera, or more than one, has the name, or if it is unplugged."""
+        if self._known is None:
+            spec = self._spec
+            known = self._by_name(spec.name) if spec.name else describe(spec.path, self._sys)
+            if known.place:  # else there is nothing to recognise it by
+                self._known = known
+            return known.path
+        known = self._known
+        same = [device for device in nodes(self._sys, self._dev) if device.name == known.name]
+        here = [device for device in same if device.place == known.place]
+        if here or not self._gone:
+            self._twins = {device.place for device in same} - {known.place}
+        self._gone = not here
+        candidates = here or [device for device in same if device.place not in self._twins]
+        candidates.sort(key=lambda device: device.path != known.path)
+        # nodes of one camera (pictures, metadata) share name and place, and may have exchanged their numbers
+        current = next((device for device in candidates if _captures(device)), None)
+        if current is None:
+            raise UserError(f"camera {known.path} ({known.name}): unplugged", "plug it in again")
+        if current.path != known.path:
+            log.info("camera %s is now %s", known.path, current.path)
+        self._known, self._gone = current, False
+        return current.path
+
+    def _by_name(self, name: str) -> CameraDevice:
+        devices = named(name, nodes(self._sys, self._dev))
+        if len(devices) > 1:
+            devices = [device for device in devices if _captures(device)]
+        if len(devices) > 1:
+            paths = " or ".join(f"camera:{device.path}" for device in devices)
+            raise UserError(f"camera:{name}: {len(devices)} cameras have that name", f"use {paths}")
+        if not devices:
+            raise UserError(f"camera:{name}: no camera of that name", others(Path()))
+        return devices[0]

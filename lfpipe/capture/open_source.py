@@ -4,28 +4,30 @@ import attrs
 import numpy as np
 
 from lfpipe import config
-from lfpipe.capture.camera_device import known
+from lfpipe.capture.camera_device import known, with_time_limit
 from lfpipe.capture.camera_device import source as camera_source
-from lfpipe.capture.frame_source import FrameSource, SourceInfo, decoding
-from lfpipe.capture.mounting import orient
+from lfpipe.capture.frame_source import FrameSource, SourceInfo, decoding, orient
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
-from lfpipe.capture.time_limit import with_time_limit
 from lfpipe.errors import UserError
 
 CAMERA_S, FILE_S = 15.0, 60.0  # longest time a source may take to open
 
 
+class NoCamera(UserError):
+    """Raised where the first camera is asked for and there is none: a session goes on with the mouse."""
+
+
 def resolve(text: str) -> Spec:
     """Parses text; an empty one stands for the first camera.
 
-    Raises UserError if text names no source, or if there is no camera at all.
+    Raises UserError if text names no source, NoCamera if there is no camera at all.
     """
     if text:
         return parse_source(text)
-    found = camera_source().first_camera()
-    if found is None:
-        raise UserError("no camera found", "use --camera demo, or a recording with --camera file:PATH")
-    return CameraSpec(found)
+    first = camera_source().first_camera()
+    if first is None:
+        raise NoCamera("no camera found", camera_source().none_usable())
+    return CameraSpec(first)
 
 
 def camera_name(text: str) -> str:
@@ -50,10 +52,10 @@ def open_source(text: str, camera: config.Camera) -> FrameSource:
         from lfpipe.sequence.folder import is_sequence
 
         if is_sequence(spec.path):
-            from lfpipe.capture.sequence import SequenceSource
+            from lfpipe.capture.file_source import SequenceSource
 
             return SequenceSource(spec, camera)
-        from lfpipe.capture.file import FileSource
+        from lfpipe.capture.file_source import FileSource
 
         return orient(FileSource(spec, camera), camera)
     if isinstance(spec, DemoSpec):

@@ -58,6 +58,11 @@ def first_camera() -> Path | None:
     return next((each.path for each in nodes()), None)
 
 
+def none_usable() -> str:
+    """What to do without a camera."""
+    return "use --camera demo, --camera mouse, or a recording with --camera file:PATH"
+
+
 def describe(path: Path) -> CameraDevice:
     """The camera with that number, with its name."""
     return next((each for each in nodes() if each.path == path), CameraDevice(path, ""))
@@ -79,15 +84,15 @@ class CameraFinder:
         wanted = self._spec.name.casefold()
         if not wanted:
             return self._spec.path
-        found = [each for each in nodes() if wanted in each.name.casefold()]
-        found = [each for each in found if each.name.casefold() == wanted] or found
-        there = ", ".join(f"camera:{_number(each.path)} ({each.name})" for each in nodes())
-        if not found:
-            remedy = f"cameras here: {there}" if there else "no camera found: use --camera demo, or --camera file:PATH"
+        devices = [device for device in nodes() if wanted in device.name.casefold()]
+        devices = [device for device in devices if device.name.casefold() == wanted] or devices
+        listed = ", ".join(f"camera:{_number(device.path)} ({device.name})" for device in nodes())
+        remedy = f"cameras here: {listed}" if listed else f"no camera found: {none_usable()}"
+        if not devices:
             raise UserError(f"camera:{self._spec.name}: no camera of that name", remedy)
-        if len(found) > 1:
-            raise UserError(f"camera:{self._spec.name}: {len(found)} cameras have that name", f"cameras here: {there}")
-        return found[0].path
+        if len(devices) > 1:
+            raise UserError(f"camera:{self._spec.name}: {len(devices)} cameras have that name", remedy)
+        return devices[0].path
 
 
 class OpenCVCamera:

@@ -4,75 +4,56 @@ linuxpy (formerly v4l2py) wraps the whole interface, but its licence, GPL 3 or l
 """
 
 import ctypes
-from ctypes import Structure, Union, c_char, c_int32, c_int64, c_long, c_uint8, c_uint32, sizeof
+from ctypes import Structure, Union, c_char, c_int32, c_int64, c_long, c_uint8, c_uint32, c_ulong, sizeof
 from typing import Any
 
-CAP_VIDEO_CAPTURE, CAP_STREAMING, CAP_DEVICE_CAPS = 0x1, 0x04000000, 0x80000000
+CAP_VIDEO_CAPTURE, CAP_MULTI_PLANAR, CAP_STREAMING, CAP_DEVICE_CAPS = 0x1, 0x1000, 0x04000000, 0x80000000
 VIDEO_CAPTURE, VIDEO_OUTPUT, MEMORY_MMAP = 1, 2, 1
 FRAME_SIZE_DISCRETE = FRAME_INTERVAL_DISCRETE = 1
 BUF_FLAG_ERROR, STAMP_SOURCE_MASK, STAMP_SOURCE_SOE = 0x40, 0x70000, 0x10000
 FIELD_NONE = 1
 CTRL_DISABLED, CTRL_READ_ONLY, CTRL_INACTIVE = 0x1, 0x4, 0x10
 EVENT_SOURCE_CHANGE = 5
+INPUT_WITHOUT_SIGNAL = 0x103  # V4L2_IN_ST_NO_POWER, _NO_SIGNAL, _NO_H_LOCK: what such an input delivers is noise
+
+
+def _words(*names: str) -> tuple[tuple[str, Any], ...]:
+    return tuple((name, c_uint32) for name in names)
 
 
 class Capability(Structure):
     _fields_ = (
-        ("driver", c_char * 16),
-        ("card", c_char * 32),
-        ("bus_info", c_char * 32),
-        ("version", c_uint32),
-        ("capabilities", c_uint32),
-        ("device_caps", c_uint32),
-        ("reserved", c_uint32 * 3),
+        *(("driver", c_char * 16), ("card", c_char * 32), ("bus_info", c_char * 32)),
+        *_words("version", "capabilities", "device_caps", "reserved0", "reserved1", "reserved2"),
     )
 
 
 class FormatDescription(Structure):
     _fields_ = (
-        ("index", c_uint32),
-        ("type", c_uint32),
-        ("flags", c_uint32),
-        ("description", c_char * 32),
-        ("pixelformat", c_uint32),
-        ("mbus_code", c_uint32),
-        ("reserved", c_uint32 * 3),
+        *(*_words("index", "type", "flags"), ("description", c_char * 32)),
+        *(*_words("pixelformat", "mbus_code"), ("reserved", c_uint32 * 3)),
     )
 
 
 class FrameSize(Structure):
     """sizes: of a discrete one width and height, of a range least, most and step of each."""
 
-    _fields_ = (
-        ("index", c_uint32),
-        ("pixelformat", c_uint32),
-        ("type", c_uint32),
-        ("sizes", c_uint32 * 6),
-        ("reserved", c_uint32 * 2),
-    )
+    _fields_ = (*_words("index", "pixelformat", "type"), ("sizes", c_uint32 * 6), ("reserved", c_uint32 * 2))
 
 
 class FrameInterval(Structure):
     """interval: numerator and denominator in seconds, of a range the shortest first."""
 
     _fields_ = (
-        ("index", c_uint32),
-        ("pixelformat", c_uint32),
-        ("width", c_uint32),
-        ("height", c_uint32),
-        ("type", c_uint32),
-        ("interval", c_uint32 * 6),
-        ("reserved", c_uint32 * 2),
+        *_words("index", "pixelformat", "width", "height", "type"),
+        *(("interval", c_uint32 * 6), ("reserved", c_uint32 * 2)),
     )
 
 
 class PixelFormat(Structure):
-    _fields_ = tuple(
-        (name, c_uint32)
-        for name in (
-            *("width", "height", "pixelformat", "field", "bytesperline", "sizeimage", "colorspace", "priv", "flags"),
-            *("ycbcr_enc", "quantization", "xfer_func"),
-        )
+    _fields_ = (
+        *_words("width", "height", "pixelformat", "field", "bytesperline", "sizeimage", "colorspace", "priv", "flags"),
+        *_words("ycbcr_enc", "quantization", "xfer_func"),
     )
 
 
@@ -87,17 +68,22 @@ class Format(Structure):
 class StreamParameters(Structure):
     """interval: numerator and denominator of the time per frame in seconds."""
 
+    _fields_ = (*_words("type", "capability", "mode"), ("interval", c_uint32 * 2), ("rest", c_uint8 * 184))
+
+
+class Input(Structure):
     _fields_ = (
-        ("type", c_uint32),
-        ("capability", c_uint32),
-        ("mode", c_uint32),
-        ("interval", c_uint32 * 2),
-        ("rest", c_uint8 * 184),
+        *(("index", c_uint32), ("name", c_char * 32), *_words("type", "audioset", "tuner")),
+        *(("std", ctypes.c_uint64), *_words("status", "capabilities"), ("reserved", c_uint32 * 3)),
     )
 
 
+class InputNumber(Structure):
+    _fields_ = (("value", c_int32),)
+
+
 class RequestBuffers(Structure):
-    _fields_ = tuple((name, c_uint32) for name in ("count", "type", "memory", "capabilities", "flags"))
+    _fields_ = _words("count", "type", "memory", "capabilities", "flags")
 
 
 class TimeValue(Structure):
@@ -106,33 +92,19 @@ class TimeValue(Structure):
 
 class Buffer(Structure):
     _fields_ = (
-        ("index", c_uint32),
-        ("type", c_uint32),
-        ("bytesused", c_uint32),
-        ("flags", c_uint32),
-        ("field", c_uint32),
-        ("timestamp", TimeValue),
-        ("timecode", c_uint32 * 4),
-        ("sequence", c_uint32),
-        ("memory", c_uint32),
-        ("offset", ctypes.c_ulong),
-        ("length", c_uint32),
-        ("reserved", c_uint32),
-        ("request_fd", c_int32),
+        *(*_words("index", "type", "bytesused", "flags", "field"), ("timestamp", TimeValue), ("timecode", c_uint32 * 4)),
+        *(*_words("sequence", "memory"), ("offset", c_ulong), *_words("length", "reserved"), ("request_fd", c_int32)),
     )
+
+
+class BufferType(Structure):
+    _fields_ = (("type", c_int32),)
 
 
 class QueryControl(Structure):
     _fields_ = (
-        ("id", c_uint32),
-        ("type", c_uint32),
-        ("name", c_char * 32),
-        ("minimum", c_int32),
-        ("maximum", c_int32),
-        ("step", c_int32),
-        ("default", c_int32),
-        ("flags", c_uint32),
-        ("reserved", c_uint32 * 2),
+        *(*_words("id", "type"), ("name", c_char * 32), ("minimum", c_int32), ("maximum", c_int32)),
+        *(("step", c_int32), ("default", c_int32), ("flags", c_uint32), ("reserved", c_uint32 * 2)),
     )
 
 
@@ -141,7 +113,7 @@ class Control(Structure):
 
 
 class EventSubscription(Structure):
-    _fields_ = (("type", c_uint32), ("id", c_uint32), ("flags", c_uint32), ("reserved", c_uint32 * 5))
+    _fields_ = (*_words("type", "id", "flags"), ("reserved", c_uint32 * 5))
 
 
 class _EventUnion(Union):
@@ -150,13 +122,8 @@ class _EventUnion(Union):
 
 class Event(Structure):
     _fields_ = (
-        ("type", c_uint32),
-        ("u", _EventUnion),
-        ("pending", c_uint32),
-        ("sequence", c_uint32),
-        ("timestamp", TimeValue),
-        ("id", c_uint32),
-        ("reserved", c_uint32 * 8),
+        *(("type", c_uint32), ("u", _EventUnion), *_words("pending", "sequence"), ("timestamp", TimeValue)),
+        *(("id", c_uint32), ("reserved", c_uint32 * 8)),
     )
 
 
@@ -175,9 +142,11 @@ DQBUF = _request(_READ | _WRITE, 17, Buffer)
 STREAMON = _request(_WRITE, 18, c_int32)
 STREAMOFF = _request(_WRITE, 19, c_int32)
 S_PARM = _request(_READ | _WRITE, 22, StreamParameters)
+ENUMINPUT = _request(_READ | _WRITE, 26, Input)
 G_CTRL = _request(_READ | _WRITE, 27, Control)
 S_CTRL = _request(_READ | _WRITE, 28, Control)
 QUERYCTRL = _request(_READ | _WRITE, 36, QueryControl)
+G_INPUT = _request(_READ, 38, InputNumber)
 ENUM_FRAMESIZES = _request(_READ | _WRITE, 74, FrameSize)
 ENUM_FRAMEINTERVALS = _request(_READ | _WRITE, 75, FrameInterval)
 DQEVENT = _request(_READ, 89, Event)

@@ -33,17 +33,19 @@ class Mode:
 
 @attrs.frozen
 class FrameSizes:
-    """A pixel format with one of its sizes. rates_hz: descending; empty if unknown. span: the text of a range of sizes."""
+    """A pixel format with one of its sizes, or with a range of sizes up to largest_px (width, height). rates_hz: descending, in a
+    range those of the smallest size; empty if unknown."""
 
     fourcc: str
     width_px: int
     height_px: int
     rates_hz: tuple[float, ...] = ()
-    span: str = ""
+    largest_px: tuple[int, int] | None = None
 
     @property
     def text(self) -> str:
-        return self.span or f"{self.width_px}x{self.height_px}"
+        least = f"{self.width_px}x{self.height_px}"
+        return f"{least}..{self.largest_px[0]}x{self.largest_px[1]}" if self.largest_px else least
 
 
 @attrs.frozen
@@ -82,7 +84,21 @@ class V4L2Device:
     @property
     def captures(self) -> bool:
         """Whether this node delivers pictures to mapped buffers (a camera's second node is for metadata)."""
-        return captures(self._capability)
+        return has(self._capability, abi.CAP_VIDEO_CAPTURE | abi.CAP_STREAMING)
+
+    @property
+    def multi_planar(self) -> bool:
+        """Whether this node delivers pictures through the multi-planar interface alone, as boards with a camera port do."""
+        return not self.captures and has(self._capability, abi.CAP_MULTI_PLANAR)
+
+    @property
+    def signal(self) -> bool:
+        """False if the present input reports that nothing is connected to it; its frames are then noise or one colour."""
+        try:
+            number = self.ioctl(abi.G_INPUT, abi.InputNumber()).value
+            return not self.ioctl(abi.ENUMINPUT, abi.Input(index=number)).status & abi.INPUT_WITHOUT_SIGNAL
+        except OSError:  # a driver without inputs
+            return True
 
     def fourccs(self) -> list[str]:
         """The pixel formats that the device offers, in the driver's order."""
@@ -90,28 +106,27 @@ class V4L2Device:
         return [abi.fourcc_text(message.pixelformat) for _ in self._listed(abi.ENUM_FMT, message)]
 
     def sizes(self, fourcc: str) -> list[FrameSizes]:
-        """The frame sizes of a pixel format with their rates; a range of sizes is one entry, with the rates of the smallest."""
-        code, found = abi.fourcc_code(fourcc), []
+        """The frame sizes of a pixel format with their rates; a range of sizes is one entry."""
+        code, listed = abi.fourcc_code(fourcc), []
         message = abi.FrameSize(pixelformat=code)
         for _ in self._listed(abi.ENUM_FRAMESIZES, message):
             low_w, high_w, _, low_h, high_h, _ = message.sizes
             if message.type != abi.FRAME_SIZE_DISCRETE:
-                span = f"{low_w}x{low_h}..{high_w}x{high_h}"
-                return [FrameSizes(fourcc, low_w, low_h, self._rates(code, low_w, low_h), span)]
+                return [FrameSizes(fourcc, low_w, low_h, self._rates(code, low_w, low_h), (high_w, high_h))]
             width_px, height_px = low_w, high_w  # for a discrete size these two words are width and height
-            found.append(FrameSizes(fourcc, width_px, height_px, self._rates(code, width_px, height_px)))
-        return found
+            listed.append(FrameSizes(fourcc, width_px, height_px, self._rates(code, width_px, height_px)))
+        return listed
 
     def _rates(self, code: int, width_px: int, height_px: int) -> tuple[float, ...]:
         message = abi.FrameInterval(pixelformat=code, width=width_px, height=height_px)
-        found: set[float] = set()
+        rates_hz: set[float] = set()
         for _ in self._listed(abi.ENUM_FRAMEINTERVALS, message):
             numerator, denominator = message.interval[:2]
             if numerator:
-                found.add(denominator / numerator)
+                rates_hz.add(denominator / numerator)
             if message.type != abi.FRAME_INTERVAL_DISCRETE:
                 break
-        return tuple(sorted(found, reverse=True))
+        return tuple(sorted(rates_hz, reverse=True))
 
     def _listed(self, request: int, message: Structure) -> Iterator[None]:
         """Fills message with one entry after another."""
@@ -161,6 +176,10 @@ class V4L2Device:
     def set_control(self, control: int, value: int) -> None:
         self.ioctl(abi.S_CTRL, abi.Control(id=control, value=value))
 
+    def duplicate(self) -> "V4L2Device":
+        """The same open device on a descriptor of its own, for another thread."""
+        return V4L2Device(self.path, os.dup(self.fd))
+
     def keep(self) -> None:
         """Keeps the device open for its next user, in this process or in the stage that it starts."""
         handover.keep(str(self.path), self.fd)
@@ -172,9 +191,8 @@ class V4L2Device:
             self.fd = -1
 
 
-def captures(capability: abi.Capability) -> bool:
-    """Whether this node, not only its device as a whole, delivers pictures to mapped buffers."""
-    whole = capability.capabilities
-    own = capability.device_caps if whole & abi.CAP_DEVICE_CAPS else whole
-    needed = abi.CAP_VIDEO_CAPTURE | abi.CAP_STREAMING
-    return bool(own & needed == needed)
+def has(capability: abi.Capability, needed: int) -> bool:
+    """Whether this node, not only its device as a whole, has all needed capabilities."""
+    whole = int(capability.capabilities)
+    own = int(capability.device_caps) if whole & abi.CAP_DEVICE_CAPS else whole
+    return own & needed == needed

@@ -6,7 +6,6 @@ import mmap
 import select
 import time
 from collections.abc import Callable
-from ctypes import Structure, c_int32
 
 import attrs
 import numpy as np
@@ -17,13 +16,7 @@ from lfpipe.capture.v4l2_device import V4L2Device
 
 BUFFERS = 4  # one being decoded, one being filled, two spare; older frames are skipped, so spare buffers add no latency
 RETRY_S = 0.02
-FINAL = (errno.EBUSY, errno.ENODEV, errno.ENXIO, errno.ENOMEM)  # another attempt would fail as well
-
-
-class _BufferType(Structure):
-    """The argument of STREAMON and STREAMOFF."""
-
-    _fields_ = (("type", c_int32),)
+FINAL = (errno.EBUSY, errno.ENODEV, errno.ENXIO, errno.ENOMEM, errno.ENOSPC, errno.EPERM)  # a second attempt would fail, too
 
 
 class SourceChangedError(OSError):
@@ -44,7 +37,7 @@ class RawFrame:
     damaged: bool
 
 
-def _twice(call: Callable[[], None]) -> None:
+def _twice(call: Callable[[], object]) -> None:
     """Repeats a call once if it failed for a temporary reason."""
     try:
         call()
@@ -88,13 +81,10 @@ class V4L2Stream:
             raise OSError(errno.ENOMEM, "the driver has no buffers")
 
     def _queue(self, index: int) -> None:
-        def call() -> None:
-            self._device.ioctl(abi.QBUF, self._buffer(index))
-
-        _twice(call)
+        _twice(lambda: self._device.ioctl(abi.QBUF, self._buffer(index)))
 
     def _switch(self, request: int) -> None:
-        self._device.ioctl(request, _BufferType(abi.VIDEO_CAPTURE))
+        self._device.ioctl(request, abi.BufferType(abi.VIDEO_CAPTURE))
 
     def read(self, timeout_s: float) -> RawFrame:
         """The newest frame. Raises TimeoutError without one, SourceChangedError, OSError."""
@@ -152,12 +142,9 @@ class V4L2Stream:
         """Stops the stream and frees the buffers, as far as the driver still answers."""
         with contextlib.suppress(OSError):
             self._switch(abi.STREAMOFF)
-        self._unmap()
+        maps, self._maps = self._maps, []
+        for memory in maps:
+            with contextlib.suppress(BufferError):  # a frame is still in use: the map is freed with it
+                memory.close()
         with contextlib.suppress(OSError):
             self._request_buffers(0)
-
-    def _unmap(self) -> None:
-        maps, self._maps = self._maps, []
-        for each in maps:
-            with contextlib.suppress(BufferError):  # a frame is still in use: the map is freed with it
-                each.close()

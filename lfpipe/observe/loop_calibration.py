@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.mounting import as_read
+from lfpipe.capture.frame_source import as_read
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError

@@ -1,4 +1,4 @@
-"""A V4L2 device and its stream in memory; the test defines rounding, failures and stamps. The real driver: tests/camera_vm."""
+"""A V4L2 device and its stream in memory; the test scripts modes, failures and stamps. The real driver: tests/camera_vm."""
 
 import errno
 import time
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.capture.camera import CameraSource
-from lfpipe.capture.v4l2_device import ControlRange, Mode
+from lfpipe.capture.v4l2_device import ControlRange, FrameSizes, Mode
 from lfpipe.capture.v4l2_stream import RawFrame
 
 PATH = Path("/dev/null")
@@ -26,7 +26,9 @@ class FakeControl:
 
 
 class FakeCamera:
-    """mode: what `configure` answers. frames: what comes, in turn: bytes or an exception; then the last one for ever.
+    """mode: what `configure` answers; None: the mode that was requested. frames: what comes, in turn: bytes or an exception; then
+    the last one for ever. offered: its formats with their sizes and rates. slow_s: how long a control takes to answer. refused:
+    controls that cannot be set.
 
     Frame k has sequence k and a stamp age_s before its reading.
     """
@@ -37,31 +39,41 @@ class FakeCamera:
         self,
         mode: Mode | None = None,
         frames: Iterable[bytes | Exception] = (),
-        offered: Iterable[str] = ("YUYV", "MJPG"),
+        offered: Iterable[str | FrameSizes] = ("YUYV", "MJPG"),
         controls: dict[int, FakeControl] | None = None,
     ) -> None:
         self.mode = mode or Mode("YUYV", 640, 480, 1280, 30.0)
         self.frames = list(frames) or [bytes([9, 128] * (self.mode.stride // 2 * self.mode.height_px))]
         self.offered, self.controls = list(offered), controls or {}
         self.requested: list[tuple[object, ...]] = []
+        self.signal, self.slow_s, self.refused = True, 0.0, set[int]()
         self.sequences: list[int] = []  # of the frames to come; empty: counting
         self.age_s, self.start_of_exposure, self.damaged, self.closed, self.sent = 0.005, False, False, 0, 0
 
     def fourccs(self) -> list[str]:
-        return self.offered
+        return list(dict.fromkeys(each if isinstance(each, str) else each.fourcc for each in self.offered))
+
+    def sizes(self, fourcc: str) -> list[FrameSizes]:
+        return [each for each in self.offered if isinstance(each, FrameSizes) and each.fourcc == fourcc]
+
+    def duplicate(self) -> "FakeControls":
+        return FakeControls(self)
 
     def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
         self.requested.append((fourcc, width_px, height_px, rate_hz))
         return self.mode
 
     def control_range(self, control: int) -> ControlRange | None:
-        found = self.controls.get(control)
-        return None if found is None else ControlRange(found.low, found.high, found.step, found.value, False)
+        time.sleep(self.slow_s)
+        known = self.controls.get(control)
+        return None if known is None else ControlRange(known.low, known.high, known.step, known.value, False)
 
     def control(self, control: int) -> int:
         return self.controls[control].value
 
     def set_control(self, control: int, value: int) -> None:
+        if control in self.refused:
+            raise OSError(errno.EIO, "Input/output error")
         self.controls[control].value = value
 
     def read(self, timeout_s: float) -> RawFrame:
@@ -76,6 +88,18 @@ class FakeCamera:
 
     def close(self) -> None:
         self.closed += 1
+
+
+class FakeControls:
+    """The device on another descriptor: what `duplicate` returns."""
+
+    def __init__(self, device: FakeCamera) -> None:
+        self._device = device
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._device, name)
+
+    def close(self) -> None: ...
 
 
 def source(device: FakeCamera, **settings: object) -> CameraSource:

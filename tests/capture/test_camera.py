@@ -13,16 +13,16 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.capture import v4l2_abi as abi
-from lfpipe.capture.camera import CameraFinder, negotiate, open_device
-from lfpipe.capture.camera_list import CameraDevice, cameras, describe, find_again, named, nodes
-from lfpipe.capture.open_source import check_source
+from lfpipe.capture.camera import negotiate, open_device
+from lfpipe.capture.camera_list import CameraDevice, CameraFinder, cameras, named, nodes
+from lfpipe.capture.open_source import NoCamera, check_source, resolve
 from lfpipe.capture.sensor_clock import MAX_AGE_NS, SensorClock, stamp_kind
 from lfpipe.capture.spec import CameraSpec
-from lfpipe.capture.v4l2_device import Mode, V4L2Device, captures
+from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device, has
 from lfpipe.errors import UserError
 from lfpipe.host import handover
 from lfpipe.transport.stamp_kind import StampKind
-from tests.capture.fake_camera import PATH, FakeCamera, source, unplugged
+from tests.capture.fake_camera import PATH, FakeCamera, source
 
 PERIOD_NS = 100_000_000
 OUT = np.zeros((480, 640, 3), np.uint8)
@@ -45,13 +45,52 @@ def test_fourcc_of_nothing() -> None:
     assert abi.fourcc_text(0) == "?"
 
 
+def listed(*modes: str) -> list[FrameSizes]:
+    """Modes as in "YUYV 640x480 30 15"."""
+    split = [mode.split() for mode in modes]
+    return [FrameSizes(fourcc, *map(int, size.split("x")), tuple(map(float, rates))) for fourcc, size, *rates in split]
+
+
 def test_what_the_driver_rounds_is_noted() -> None:
     device = FakeCamera(Mode("MJPG", 800, 600, 0, 15.0))
-    mode, notes = negotiate(PATH, device, config.Camera())
+    mode, notes = negotiate(PATH, device, config.Camera(format="YUYV"))
     assert device.requested == [("YUYV", 640, 480, 30.0)] and mode == device.mode
-    said = " ".join(notes)
+    text = " ".join(notes)
     for part in ("MJPG 800x600 at 15 Hz", "YUYV requested", "scaled to 640x480", "30 Hz requested"):
-        assert part in said
+        assert part in text
+
+
+@pytest.mark.parametrize(
+    ("modes", "rate_hz", "request_"),
+    [
+        (["YUYV 640x480 15", "MJPG 640x480 30"], 30, ("MJPG", 640, 480)),
+        (["YUYV 640x480 30 15", "MJPG 640x480 60 30"], 60, ("MJPG", 640, 480)),
+        (["YUYV 640x480 30", "MJPG 640x480 30"], 30, ("YUYV", 640, 480)),
+        (["YUYV 640x480 30", "MJPG 640x480 30"], 29.97, ("YUYV", 640, 480)),
+        (["YUYV 320x240 30", "MJPG 640x480 30"], 30, ("MJPG", 640, 480)),
+        (["YUYV 640x480 10", "MJPG 320x240 30"], 30, ("YUYV", 640, 480)),
+        (["MJPG 1920x1080 30", "MJPG 1280x960 30", "MJPG 640x480 30"], 30, ("MJPG", 640, 480)),
+        (["YUYV 160x120 30", "MJPG 1280x960 30"], 30, ("MJPG", 1280, 960)),
+        (["GREY 640x480 30", "MJPG 640x480 30"], 30, ("MJPG", 640, 480)),
+        (["H264 640x480 30", "NV12 640x480 30"], 30, ("NV12", 640, 480)),
+    ],
+)
+def test_the_mode_is_chosen_by_size_rate_and_cost(modes: list[str], rate_hz: float, request_: tuple[str, int, int]) -> None:
+    device = FakeCamera(offered=listed(*modes))
+    negotiate(PATH, device, config.Camera(rate_hz=rate_hz))
+    assert device.requested[0][:3] == request_
+
+
+def test_a_range_of_sizes_has_the_wanted_one() -> None:
+    device = FakeCamera(offered=[FrameSizes("YUYV", 32, 32, (30.0,), (4096, 4096))])
+    negotiate(PATH, device, config.Camera())
+    assert device.requested == [("YUYV", 640, 480, 30.0)]
+
+
+def test_a_camera_that_lists_nothing_is_asked_for_what_is_usual() -> None:
+    device = FakeCamera(offered=[])
+    negotiate(PATH, device, config.Camera(width_px=1280, height_px=720))
+    assert device.requested[0][0] == "MJPG"
 
 
 def test_a_camera_that_does_as_requested_needs_one_note() -> None:
@@ -62,12 +101,11 @@ def test_an_unknown_rate_is_the_one_requested() -> None:
     assert negotiate(PATH, FakeCamera(Mode("YUYV", 640, 480, 1280, 0.0)), config.Camera(rate_hz=25.0))[0].rate_hz == 25.0
 
 
-@pytest.mark.parametrize("offered", [["H264"], ["H264", "HSV3"]])
-def test_formats_that_cannot_be_decoded_are_refused_by_name(offered: list[str]) -> None:
-    device = FakeCamera(Mode("H264", 640, 480, 0, 30.0), offered=offered)
-    with pytest.raises(UserError, match="H264") as told:
+def test_formats_that_cannot_be_decoded_are_refused_by_name() -> None:
+    device = FakeCamera(Mode("H264", 640, 480, 0, 30.0), offered=["H264", "HSV3"])
+    with pytest.raises(UserError, match="H264, HSV3") as caught:
         source(device)
-    assert "MJPG" in told.value.remedy and device.closed
+    assert "MJPG" in caught.value.remedy and device.closed
 
 
 def test_a_requested_format_the_camera_lacks_gives_way_to_one_that_can_be_decoded() -> None:
@@ -78,6 +116,18 @@ def test_a_requested_format_the_camera_lacks_gives_way_to_one_that_can_be_decode
 
     mode, notes = negotiate(PATH, Choosy(offered=["H264", "NV12"]), config.Camera(format="YUYV"))
     assert mode.fourcc == "NV12" and any("NV12 delivered" in note for note in notes)
+
+
+def test_no_signal_is_said_and_shows_no_noise() -> None:
+    device = FakeCamera()
+    device.signal = False
+    with pytest.raises(UserError, match="no signal"):
+        source(device)
+    device = FakeCamera()
+    camera = source(device)
+    device.signal = camera._controls.signal = False  # type: ignore[union-attr]
+    with pytest.raises(UserError, match="no signal"):
+        camera.read(OUT)
 
 
 @given(st.integers(10**10, 10**16), st.integers(0, MAX_AGE_NS), st.integers(0, 10**8), st.booleans())
@@ -170,19 +220,21 @@ def test_damaged_frames_are_skipped_but_not_for_ever(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("error", "says"),
+    ("code", "says", "remedy"),
     [
-        (unplugged(), "unplugged"),
-        (OSError(errno.EIO, "Input/output error"), "driver failed"),
-        (OSError(errno.EBUSY, "busy"), "busy"),
+        (errno.ENODEV, "unplugged", "plug it in"),
+        (errno.EIO, "driver failed", "unplug"),
+        (errno.EBUSY, "busy", "fuser"),
+        (errno.ENOSPC, "USB bus has no room", "another USB port, or --set camera.format=MJPG, or a smaller size"),
+        (errno.EPERM, "forbids", "container"),
+        (errno.EACCES, "permission", "group `video`"),
     ],
 )
-def test_errors_of_the_driver_say_what_to_do(error: OSError, says: str) -> None:
-    camera = source(device := FakeCamera())
-    device.frames = [error]
-    with pytest.raises(UserError, match=says) as told:
-        camera.read(OUT)
-    assert told.value.remedy
+def test_errors_of_the_driver_have_their_own_remedy(code: int, says: str, remedy: str) -> None:
+    for frames in ([OSError(code, "x")], [bytes([9, 128] * (640 * 480)), OSError(code, "x")]):  # at the start, and later
+        with pytest.raises(UserError, match=says) as caught:
+            source(FakeCamera(frames=frames)).read(OUT)
+        assert remedy in caught.value.remedy
 
 
 def test_a_stall_is_a_time_out_and_the_next_frame_counts_on() -> None:
@@ -224,7 +276,22 @@ def test_no_camera_at_all_names_the_ways_out(text: str, says: str) -> None:
 def test_the_nodes_own_capabilities_decide(whole: int, node: int, tells: bool) -> None:
     answer = abi.Capability(capabilities=whole | (abi.CAP_DEVICE_CAPS if tells else 0), device_caps=node)
     own = node if tells else whole
-    assert captures(answer) == bool(own & abi.CAP_VIDEO_CAPTURE and own & abi.CAP_STREAMING)
+    needed = abi.CAP_VIDEO_CAPTURE | abi.CAP_STREAMING
+    assert has(answer, needed) == bool(own & abi.CAP_VIDEO_CAPTURE and own & abi.CAP_STREAMING)
+
+
+def test_a_multi_planar_camera_is_named_with_libcamera(monkeypatch: pytest.MonkeyPatch) -> None:
+    class MultiPlanar(FakeCamera):
+        captures, multi_planar = False, True  # type: ignore[assignment]
+
+    monkeypatch.setattr("lfpipe.capture.camera_list.V4L2Device", lambda *_: MultiPlanar())
+    with pytest.raises(UserError, match="multi-planar") as caught:
+        open_device(Path("/dev/video0"))
+    assert "libcamera" in caught.value.remedy
+    monkeypatch.setattr("lfpipe.capture.camera_list.nodes", lambda: [CameraDevice(Path("/dev/video0"), "bcm2835-isp")])
+    with pytest.raises(NoCamera) as none:
+        resolve("")
+    assert "bcm2835-isp" in none.value.remedy and "libcamera" in none.value.remedy
 
 
 def _kernel(root: Path, **devices: tuple[str, str]) -> tuple[Path, Path]:
@@ -256,16 +323,51 @@ def test_only_devices_that_exist_are_listed(tmp_path: Path) -> None:
     assert cameras(sys, dev) == []
 
 
-def test_a_camera_is_found_again_by_bus_and_name(tmp_path: Path) -> None:
-    sys, dev = _kernel(tmp_path, video0=("Cam", "usb1"), video1=("Cam", "usb2"), video2=("Other", "usb3"))
-    known = describe(dev / "video1", sys)
-    assert find_again(known, sys, dev) == dev / "video1"
-    _kernel(tmp_path, video0=("Other", "usb3"), video1=("Cam", "usb1"), video3=("Cam", "usb2"))
-    assert find_again(known, sys, dev) == dev / "video3", "same bus and name"
-    _kernel(tmp_path, video0=("Other", "usb3"), video5=("Cam", "usb9"))
-    assert find_again(known, sys, dev) == dev / "video5", "plugged in elsewhere"
-    _kernel(tmp_path, video1=("Other", "usb3"))
-    assert find_again(known, sys, dev) == dev / "video1", "another camera at its number is taken"
+class Plugs:
+    """A finder, and the devices that it sees."""
+
+    def __init__(self, root: Path, monkeypatch: pytest.MonkeyPatch, spec: CameraSpec | None = None) -> None:
+        self._root, self.metadata = root, set[str]()
+        monkeypatch.setattr("lfpipe.capture.camera_list._captures", lambda device: device.path.name not in self.metadata)
+        sys, self.dev = _kernel(root)
+        self.finder = CameraFinder(spec or CameraSpec(self.dev / "video0"), sys, self.dev)
+
+    def found(self, **devices: tuple[str, str]) -> str:
+        """The device that is found among these; "" if none is."""
+        _kernel(self._root, **devices)
+        try:
+            return self.finder.path().name
+        except UserError as error:
+            assert "unplugged" in error.message
+            return ""
+
+
+def test_a_camera_is_found_again_by_its_place_and_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plugs = Plugs(tmp_path, monkeypatch)
+    assert plugs.found(video0=("Cam", "usb2"), video2=("Other", "usb3")) == "video0"
+    assert plugs.found(video0=("Other", "usb3"), video3=("Cam", "usb2")) == "video3", "same place and name"
+    assert plugs.found(video0=("Other", "usb3")) == "", "another camera at its number is not it"
+    assert plugs.found(video0=("Other", "usb3"), video5=("Cam", "usb9")) == "video5", "plugged in elsewhere"
+    assert plugs.found(video5=("Cam", "usb9")) == "video5"
+
+
+def test_a_metadata_node_at_the_old_number_is_not_the_camera(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replugged while another device holds a number, the picture node moves up and the metadata node takes its place."""
+    plugs = Plugs(tmp_path, monkeypatch, CameraSpec(Path(), "Cam"))
+    plugs.metadata = {"video2"}
+    assert plugs.found(video1=("Cam", "usb1"), video2=("Cam", "usb1")) == "video1"
+    plugs.metadata = {"video1"}
+    assert plugs.found(video0=("Cam", "usb1"), video1=("Cam", "usb1")) == "video0"
+
+
+def test_another_camera_of_the_model_does_not_take_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plugs = Plugs(tmp_path, monkeypatch)
+    assert plugs.found(video0=("Cam", "usb1"), video1=("Cam", "usb2")) == "video0"
+    for _ in range(3):
+        assert plugs.found(video1=("Cam", "usb2")) == "", "the twin was there before"
+    assert plugs.found(video1=("Cam", "usb2"), video4=("Cam", "usb1")) == "video4"
+    assert plugs.found(video1=("Cam", "usb2")) == ""
+    assert plugs.found(video1=("Cam", "usb2"), video3=("Cam", "usb7")) == "video3", "the camera, at another port"
 
 
 def test_a_name_means_one_camera(tmp_path: Path) -> None:
@@ -304,7 +406,7 @@ def test_a_session_opens_its_camera_once(given: str, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(CountedDevice, "opens", [])
     monkeypatch.setattr("lfpipe.capture.camera_list.V4L2Device", CountedDevice)
     listed = [CameraDevice(Path(f"/dev/video{k}"), "Webcam", "usb-1") for k in range(2)]
-    monkeypatch.setattr("lfpipe.capture.camera.nodes", lambda: listed)
+    monkeypatch.setattr("lfpipe.capture.camera_list.nodes", lambda: listed)
     for _ in range(2):
         checked = check_source(given, config.Camera())
         assert checked.text == "camera:/dev/video1" and checked.rate_hz == 30

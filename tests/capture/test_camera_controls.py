@@ -1,11 +1,14 @@
 """Exposure, gain, mains frequency, dynamic frame rate: applied, limited, reported, restored."""
 
+import time
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lfpipe import config
 from lfpipe.capture.camera_controls import (
     AUTO_EXPOSURE,
     AUTO_GAIN,
@@ -13,8 +16,8 @@ from lfpipe.capture.camera_controls import (
     EXPOSURE,
     GAIN,
     POWER_LINE,
+    CameraControls,
     control_states,
-    exposure_ns,
 )
 from lfpipe.errors import UserError
 from tests.capture.fake_camera import FakeCamera, FakeControl, source
@@ -78,7 +81,7 @@ def test_manual_values_switch_the_automatics_off() -> None:
     device = webcam()
     camera = source(device, exposure=8.0, gain=50, power_line_hz=60)
     assert values(device) == {AUTO_EXPOSURE: 1, EXPOSURE: 80, AUTO_GAIN: 0, GAIN: 50, POWER_LINE: 2, DYNAMIC_FRAMERATE: 0}
-    assert exposure_ns(device) == 8_000_000
+    assert camera._controls is not None and camera._controls.exposure_ns == 8_000_000
     camera.close()
 
 
@@ -105,4 +108,40 @@ def test_states_for_people() -> None:
         "camera.power_line_hz 50 Hz [0 to 60 Hz]",
         "camera.dynamic_framerate 1 [0 to 1]",
     ]
-    assert control_states(FakeCamera()) == [] and exposure_ns(FakeCamera()) is None
+    assert control_states(FakeCamera()) == []
+
+
+def test_a_control_that_answers_in_a_second_stops_no_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It used to be asked between two frames: every frame was then late, and the camera lost for good."""
+    device = webcam()
+    device.slow_s = 1.0
+    monkeypatch.setattr("lfpipe.capture.camera.CONTROLS_S", 0.05)
+    camera = source(device)
+    assert any("controls have not answered" in note for note in camera.info.notes)
+    out, began = np.zeros((480, 640, 3), np.uint8), time.monotonic()
+    for _ in range(5):
+        assert camera.read(out) is not None
+    assert time.monotonic() - began < 0.9
+    camera.close()
+
+
+def test_controls_that_fail_are_said() -> None:
+    device = webcam()
+    device.refused = {EXPOSURE, POWER_LINE, DYNAMIC_FRAMERATE}
+    notes = source(device, exposure=8.0, power_line_hz=60).info.notes
+    for key in ("camera.exposure", "camera.power_line_hz", "camera.dynamic_framerate"):
+        assert sum(note.startswith(f"{key}: the camera does not take it") for note in notes) == 1, notes
+
+
+def test_the_exposure_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lfpipe.capture.camera_controls.CHECK_S", 0.01)
+    device = webcam()
+    controls = CameraControls(device, config.Camera(dynamic_framerate="auto"))
+    for value in (20, 40):
+        device.controls[EXPOSURE].value = value
+        end = time.monotonic() + 10
+        while controls.exposure_ns != value * 100_000:
+            assert time.monotonic() < end
+            time.sleep(0.005)
+    controls.end(5)
+    assert not controls.is_alive()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture.file import FileSource
+from lfpipe.capture.file_source import FileSource
 from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.capture.pictures import natural_key
 from lfpipe.capture.spec import FileSpec

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture.file import FileSource
+from lfpipe.capture.file_source import FileSource
 from lfpipe.capture.spec import FileSpec
 from lfpipe.capture.v4l2_device import Mode
 from tests.capture.fake_camera import FakeCamera, source

@@ -1,10 +1,14 @@
 """Every pixel format: the same picture comes out of each, whatever the driver's padding."""
 
+import os
+
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from lfpipe.capture.pixel_formats import DECODED, DEEP_GREY_BITS, JPEGS, PLANAR, FrameDecoder, choose, frame_bytes
+from lfpipe.capture import pixel_formats
+from lfpipe.capture.pixel_formats import DECODED, DEEP_GREY_BITS, JPEGS, FrameDecoder, JpegDecoder, frame_bytes
 from lfpipe.capture.v4l2_device import Mode
 
 WIDTH, HEIGHT = 16, 8
@@ -64,8 +68,48 @@ def test_what_cannot_be_decoded_is_refused(mode: Mode) -> None:
         FrameDecoder(mode)
 
 
-def test_the_format_to_request() -> None:
-    assert choose(["MJPG", "YUYV"], 640, 480) == "YUYV" and choose(["MJPG", "YUYV"], 1280, 720) == "MJPG"
-    assert choose(["NV12", "MJPG"], 640, 480) == "NV12" and choose(["YUYV"], 1280, 720) == "YUYV"
-    assert choose(["GREY", "RGGB"], 640, 480) == "RGGB" and choose(["H264"], 640, 480) == ""
-    assert choose([], 640, 480) == "YUYV" and set(PLANAR) <= set(DECODED)
+def photo(seed: int = 0) -> NDArray[np.uint8]:
+    noise = np.random.default_rng(seed).integers(0, 256, (240, 320, 3), dtype=np.uint8)
+    return np.asarray(cv2.imencode(".jpg", cv2.GaussianBlur(noise, (0, 0), 2))[1], np.uint8).reshape(-1)
+
+
+def damaged(kind: str, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    middle = data.size // 2
+    if kind == "hole":
+        return np.concatenate([data[:middle], data[middle + 700 :]])
+    if kind == "zeros":
+        return np.concatenate([data[:middle], np.zeros(900, np.uint8), data[middle + 900 :]])
+    return data[: {"half": middle, "cut": -400, "start": 300}[kind]]
+
+
+@pytest.mark.parametrize("kind", ["hole", "zeros", "half", "cut", "start"])
+def test_a_damaged_jpeg_is_no_frame_and_prints_nothing(kind: str, capfd: pytest.CaptureFixture[str]) -> None:
+    """libjpeg fills what is missing with grey and shifted blocks: eyes would be off by 18 px in the median."""
+    decoder, out = FrameDecoder(Mode("MJPG", 320, 240, 0, 30.0)), np.zeros((240, 320, 3), np.uint8)
+    for seed in range(3):
+        assert not decoder.decode(damaged(kind, photo(seed)), out)[0]
+        assert decoder.decode(photo(seed), out)[0], "the next one is whole again"
+    assert capfd.readouterr().err == ""
+    decoder.close()
+
+
+def test_a_jpeg_that_lacks_only_its_last_two_bytes_is_whole() -> None:
+    decoder, out = FrameDecoder(Mode("MJPG", 320, 240, 0, 30.0)), np.zeros((240, 320, 3), np.uint8)
+    data = photo()
+    whole, packet = decoder.decode(data[:-2], out)
+    assert whole and packet is not None and packet.tobytes() == data.tobytes()
+    np.testing.assert_array_equal(out, cv2.imdecode(data, cv2.IMREAD_COLOR))
+
+
+def test_what_others_write_to_stderr_meanwhile_is_not_lost(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    decode = pixel_formats.picture_of
+
+    def with_a_line(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+        os.write(2, b"another thread\n")
+        return decode(data)
+
+    monkeypatch.setattr(pixel_formats, "picture_of", with_a_line)
+    assert JpegDecoder().decode(photo()) is not None
+    assert capfd.readouterr().err == "another thread\n"

@@ -15,16 +15,32 @@ import numpy as np
 from lfpipe import config
 from lfpipe.capture import camera, stage
 from lfpipe.capture.demo import DemoSource
-from lfpipe.capture.v4l2_device import ControlRange, Mode
+from lfpipe.capture.v4l2_device import ControlRange, FrameSizes, Mode
 from lfpipe.capture.v4l2_stream import RawFrame
 from lfpipe.supervisor import process_table
 from lfpipe.transport.context import Context
 
 
-class ScriptedDevice:
+class NoControls:
+    """The controls of a camera that has none."""
+
+    signal = True
+
+    def control_range(self, control: int) -> ControlRange | None:
+        return None
+
+    def control(self, control: int) -> int:
+        return 0
+
+    def set_control(self, control: int, value: int) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class ScriptedDevice(NoControls):
     """A `V4L2Device` and its `V4L2Stream`: a camera of 640x480 at 30 Hz with the demo's face before it."""
 
-    driver, captures = "scripted", True
+    driver, captures, signal = "scripted", True, True
 
     def __init__(self, path: Path) -> None:
         if not path.exists():
@@ -41,17 +57,14 @@ class ScriptedDevice:
     def fourccs(self) -> list[str]:
         return ["BGR3"]
 
+    def sizes(self, fourcc: str) -> list[FrameSizes]:
+        return []
+
+    def duplicate(self) -> "NoControls":
+        return NoControls()
+
     def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
         return Mode("BGR3", 640, 480, 1920, 30.0)
-
-    def control_range(self, control: int) -> ControlRange | None:
-        return None
-
-    def control(self, control: int) -> int:
-        return 0
-
-    def set_control(self, control: int, value: int) -> None:
-        pass
 
     def read(self, timeout_s: float) -> RawFrame:
         while self._word() == "hang":
