@@ -20,6 +20,7 @@ from lfpipe.errors import UserError
 
 MODULES, COSTS = Path("/run/modules"), Path("/guest/costs.jsonl")
 VIVID = "vivid-000-vid-cap"
+OWN = ("vivid", "vhci-hcd", "uvcvideo")  # loaded by the tests that need them
 # drivers/media/test-drivers/vivid/vivid-ctrls.c
 AUTO_GAIN, GAIN = 0x00980912, 0x00980913
 TIMESTAMP_SOURCE, WRAP_TIMESTAMP, OSD_TEXT, SIGNAL_MODE = 0x00F0F018, 0x00F0F027, 0x00F0F001, 0x00F0F03E
@@ -33,13 +34,12 @@ def call(*words: str) -> None:
 
 
 def load(module: str, *parameters: str) -> None:
-    """Loads a module after the ones it needs."""
+    """Loads a module, unless it is loaded, after the ones it needs."""
     loaded = Path("/proc/modules").read_text()
-    for name in (MODULES / "camera.list").read_text().split():
-        own = name.removesuffix(".ko")
-        if own != "vivid" and f"{own.replace('-', '_')} " not in loaded:
-            call("busybox", "insmod", str(MODULES / name))
-    call("busybox", "insmod", str(MODULES / f"{module}.ko"), *parameters)
+    needed = [name for name in (MODULES / "camera.list").read_text().split() if name.removesuffix(".ko") not in OWN]
+    for name in (*needed, f"{module}.ko"):
+        if f"{name.removesuffix('.ko').replace('-', '_')} " not in loaded:
+            call("busybox", "insmod", str(MODULES / name), *(parameters if name == f"{module}.ko" else ()))
 
 
 def unload(module: str, limit_s: float = 20.0) -> None:

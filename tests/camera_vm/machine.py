@@ -14,7 +14,7 @@ import attrs
 PACKAGES = ("qemu-system-x86", "kmod", "busybox-static", "cpio", "v4l-utils")
 TOOLS = ("qemu-system-x86_64", "modprobe", "depmod", "busybox", "cpio", "v4l2-ctl", "dpkg-deb", "apt-get")
 BOOT_MODULES = ("virtio_pci", "9p", "9pnet_virtio", "overlay")
-CAMERA_MODULES = ("vivid",)
+CAMERA_MODULES = ("vivid", "vhci-hcd", "uvcvideo")
 KVM_BOOT_S, TCG_BOOT_S, LAST_S = 10.0, 90.0, 90.0
 KERNEL_WORDS = "console=ttyS0 loglevel=4 panic=-1 no_console_suspend"
 BOOTED = "LFPIPE-GUEST-UP"  # printed by the guest's init

@@ -1,0 +1,150 @@
+"""The kernel's uvcvideo with a USB camera in software: modes, damage, slow controls, replugging, and a face from end to end."""
+
+import contextlib
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from lfpipe import config
+from lfpipe.capture.camera import CameraFinder, check_camera, open_camera
+from lfpipe.capture.demo import DemoSource
+from lfpipe.capture.spec import CameraSpec
+from lfpipe.errors import UserError
+from lfpipe.host import handover
+from tests.camera_vm import driver
+from tests.camera_vm.usb_camera import AE_PRIORITY, Frames, UsbCamera
+
+pytestmark = [pytest.mark.camera_vm, pytest.mark.timeout(420)]
+SIZE = (320, 240)
+MODES = (Frames("YUYV", *SIZE, (5.0,)), Frames("MJPG", *SIZE, (10.0, 5.0)))
+CAMERA = config.Camera(width_px=SIZE[0], height_px=SIZE[1], rate_hz=10.0)
+Plug = Callable[..., UsbCamera]
+
+
+def jpegs(count: int) -> list[bytes]:
+    """Frames of the demo's viewer, 10 per second of their path."""
+    source, out = DemoSource(CAMERA), np.empty((SIZE[1], SIZE[0], 3), np.uint8)
+    frames = []
+    for _ in range(count):
+        source.read(out)
+        frames.append(cv2.imencode(".jpg", out)[1].tobytes())
+    return frames
+
+
+FRAMES = jpegs(40)
+
+
+def face(mode: Frames, number: int) -> bytes:
+    """The demo's viewer to and fro, slowly enough for an emulated machine."""
+    if mode.fourcc == "YUYV":
+        return bytes(2 * SIZE[0] * SIZE[1])
+    at = number // 4 % (2 * len(FRAMES))
+    return FRAMES[min(at, 2 * len(FRAMES) - 1 - at)]
+
+
+@pytest.fixture
+def plug() -> Iterator[Plug]:
+    """Plugs cameras in; each waits for its device."""
+    driver.load("vhci-hcd")
+    driver.load("uvcvideo")
+    plugged: list[UsbCamera] = []
+
+    def add(port: int = 0, camera: UsbCamera | None = None) -> UsbCamera:
+        count = len(list(Path("/sys/class/video4linux").glob("video*")))
+        camera = camera or UsbCamera(MODES, face)
+        camera.plug(port)
+        until = time.monotonic() + 30
+        while len(list(Path("/dev").glob("video*"))) < count + 2 and time.monotonic() < until:  # pictures and metadata
+            time.sleep(0.05)
+        plugged.append(camera)
+        return camera
+
+    yield add
+    for camera in plugged:
+        unplug(camera)
+    handover.release()
+
+
+def unplug(camera: UsbCamera) -> None:
+    before = set(Path("/dev").glob("video*"))
+    camera.unplug()
+    until = time.monotonic() + 10
+    while before and set(Path("/dev").glob("video*")) == before and time.monotonic() < until:
+        time.sleep(0.05)
+
+
+def test_the_rate_decides_between_formats_and_damaged_frames_are_none(plug: Plug) -> None:
+    usb = plug()
+    out = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    assert check_camera(Path("/dev/video0"), CAMERA).rate_hz == 10.0
+    with contextlib.closing(open_camera(Path("/dev/video0"), CAMERA)) as camera:
+        assert camera.info.jpeg and any("dynamic frame rate switched off" in note for note in camera.info.notes)
+        assert usb.controls[AE_PRIORITY].value == 0
+        usb.frame = lambda _, number: FRAMES[0][: -2 if number % 2 else -900]  # every other one lacks more than its end
+        first = [camera.read(out) for _ in range(6)]
+        numbers = [frame.source_seq for frame in first[2:] if frame is not None]
+        assert np.diff(numbers).min() >= 2, "the damaged ones are missing"
+        np.testing.assert_array_equal(out, cv2.imdecode(np.frombuffer(FRAMES[0], np.uint8), cv2.IMREAD_COLOR))
+    assert usb.controls[AE_PRIORITY].value == 1, "restored"
+
+
+def test_a_slow_control_stops_no_frame(plug: Plug) -> None:
+    usb = plug()
+    usb.slow_s = 1.0
+    out = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    with contextlib.closing(open_camera(Path("/dev/video0"), CAMERA)) as camera:
+        for _ in range(40):
+            assert camera.read(out) is not None
+        usb.slow_s = 0.0
+
+
+def test_a_camera_returns_whatever_its_number_and_a_twin_stays_out(plug: Plug) -> None:
+    usb, twin = plug(0), plug(1)
+    finder = CameraFinder(CameraSpec(Path("/dev/video0")))
+    assert finder.path() == Path("/dev/video0")
+    unplug(usb)
+    for _ in range(2):
+        with pytest.raises(UserError, match="unplugged"):
+            finder.path()
+    taken = plug(2)  # takes /dev/video0 and 1
+    plug(0, usb)
+    again = finder.path()
+    assert again != Path("/dev/video0")
+    with contextlib.closing(open_camera(again, CAMERA)) as camera:
+        assert camera.read(np.zeros((SIZE[1], SIZE[0], 3), np.uint8)) is not None
+    assert usb.sent > 0 and twin.sent == taken.sent == 0
+
+
+def test_a_face_seen_through_it_moves_the_picture(plug: Plug, tmp_path: Path) -> None:
+    plug()
+    scene = tmp_path / "scene"
+    scene.mkdir()
+    rng = np.random.default_rng(1)
+    base = cv2.GaussianBlur(rng.integers(0, 256, (96, 140, 3), dtype=np.uint8), (0, 0), 2)
+    for row in range(2):
+        for col in range(2):
+            cv2.imwrite(str(scene / f"view_{row:02}_{col:02}.png"), base[:, 4 * (1 - col) : 128 + 4 * (1 - col)])
+    trace = tmp_path / "t.jsonl"
+    sets = ("camera.width_px=320", "camera.height_px=240", "camera.rate_hz=10", "render.method=blend", "render.clock=camera")
+    words = [sys.executable, "-m", "lfpipe", "up", str(scene), "--display", "none", "--trace", str(trace)]
+    words += ["--camera", "camera:/dev/video0", *(word for text in sets for word in ("--set", text))]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={"HOME": "/root"})
+    rows: list[dict[str, object]] = []
+    until = time.monotonic() + 300
+    while len(rows) < 150 and process.poll() is None and time.monotonic() < until:
+        time.sleep(2)
+        lines = trace.read_text().splitlines() if trace.exists() else []
+        rows = [json.loads(line) for line in lines if line.endswith("}")]
+    process.terminate()
+    said, _ = process.communicate(timeout=60)
+    faces = [row for row in rows if row["face"]]
+    assert len(faces) > 100, said
+    columns = [row["view"]["left"][1] for row in faces]  # type: ignore[index]
+    assert np.ptp(columns) > 0.2, (np.ptp(columns), said)
