@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture.frame_source import Frame, SourceInfo
-from lfpipe.capture.frame_source import as_read, orient
+from lfpipe.capture.frame_source import Frame, SourceInfo, as_read, orient
 from lfpipe.errors import UserError
 from lfpipe.observe.camera_watch import CameraWatch
 from lfpipe.transport.stamp_kind import StampKind
