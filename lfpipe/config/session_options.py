@@ -30,7 +30,8 @@ class SceneSummary:
 
     pack: the pack's folder, absolute. height_px, width_px: of a view. method: the method used for render.method = "auto".
     scores: PSNR in dB of each method on held-out views. baseline_mm, focus_distance_mm, focal_length_px: None where unknown.
-    disparity_min_px, disparity_max_px: of its farthest and nearest points, px per view.
+    disparity_min_px, disparity_max_px: of its farthest and nearest points, px per view. half_turned: the views run against the
+    order of the pack.
     """
 
     pack: str
@@ -47,6 +48,14 @@ class SceneSummary:
     focal_length_px: float | None = None
     disparity_min_px: float = 0.0
     disparity_max_px: float = 0.0
+    half_turned: bool = False
+
+    def shown_as(self, half_turn: str) -> SceneSummary:
+        """With near and far as scene.half_turn asks; "auto" leaves them as they are."""
+        if half_turn == "auto" or (half_turn == "yes") == self.half_turned:
+            return self
+        low, high = -self.disparity_max_px, -self.disparity_min_px
+        return attrs.evolve(self, disparity_min_px=low, disparity_max_px=high, half_turned=not self.half_turned)
 
     @property
     def needs_tracking(self) -> bool:

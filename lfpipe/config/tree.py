@@ -212,6 +212,10 @@ class Scene:
         "auto"
     )
     transpose: Annotated[Literal["auto", "no", "yes"], Opt("exchange rows and columns of the grid; auto: detect it")] = "auto"
+    half_turn: Annotated[
+        Literal["auto", "no", "yes"],
+        Opt("exchange near and far: reverse both rows and columns; auto: as chosen for this scene before, else as its files say", live=True),
+    ] = "auto"
     gamma: Annotated[
         float | Literal["auto"],
         Opt("screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: detect it", "", 0.1, 10),

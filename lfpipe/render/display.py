@@ -28,6 +28,7 @@ KEYS = {
     "m": ("mode", "another way to give each eye its view"),
     "g": ("glasses", "glasses test: does each eye see its own?"),
     "x": ("swap", "swap the eyes"),
+    "d": ("half-turn", "exchange near and far"),
     "p": ("freeze", "pause or resume (space)"),
     "o": ("overlay", "rate, latency and the grid of views on and off"),
     "s": ("screenshot", "save the picture"),

@@ -23,6 +23,7 @@ from lfpipe.render.scene_loader import NO_OTHER, SceneLoader
 from lfpipe.render.scene_menu import SceneMenu
 from lfpipe.render.status_overlay import StatusOverlay
 from lfpipe.render.viewer import Viewer
+from lfpipe.scene.half_turn import remember, undecided
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.status import State
@@ -34,6 +35,7 @@ SETTLED_NS = SECOND_NS // 2  # a resize is over once the width has not changed f
 OVERLAY_NS = SECOND_NS // 2
 FACELESS_NS = 4 * SECOND_NS  # a turned head is no reason for a notice
 INVITATION = "put on the glasses and stand in front of the screen"
+ASKED_NS = 8 * SECOND_NS
 LOST = "camera lost, trying again"
 
 
@@ -50,7 +52,8 @@ class KeyBindings:
         self._overlay_due_ns = 0
         self._width_mm, self._settled_ns = display.width_mm(), 0
         self._overlay = False
-        self._known = (context.config.render, level_number(context.options), viewer.field.name)
+        self._known = (context.config.render, level_number(context.options), viewer.field.name, viewer.field.half_turned)
+        self._ask_about_depth()
 
     def serve(self) -> None:
         """Handles the keys since the last call and refreshes notices and overlay."""
@@ -108,11 +111,21 @@ class KeyBindings:
             self.scenes.load(Path(event.removeprefix("drop ")).absolute())
         elif event == "swap":
             self._set(swap_eyes=not render.swap_eyes)
+        elif event == "half-turn":
+            self._context.request("set", set={"scene.half_turn": "no" if self._viewer.field.half_turned else "yes"})
         elif event == "glasses":
             self._switch_glasses_test(render)
         elif event in ("more", "less") and self._glasses:
             ghost = render.ghost_compensation + (GHOST_STEP if event == "more" else -GHOST_STEP)
             self._set(ghost_compensation=min(max(ghost, 0.0), 100.0))
+
+    def _ask_about_depth(self) -> None:
+        """Says, the first time an undecided scene is shown, how to exchange near and far."""
+        context, field = self._context, self._viewer.field
+        on_screen = context.options.display in ("window", "fullscreen") and not context.options.kiosk
+        if on_screen and undecided(field, context.config.scene.half_turn):
+            self._notices.say("near and far", "press d if near and far are exchanged", now_ns(), ASKED_NS)
+            remember(field, "asked")
 
     def _switch_glasses_test(self, render: Render) -> None:
         """Begins or ends the test; at its end the changes are saved in the person's settings."""
@@ -139,8 +152,9 @@ class KeyBindings:
     def _notice_changes(self, t_ns: int) -> None:
         """Shows a notice for each change since the last call."""
         context, row = self._context, self._context.row
-        render, level, scene = context.config.render, level_number(context.options), self._viewer.field.name
-        before, level_before, scene_before = self._known
+        field = self._viewer.field
+        render, level, scene = context.config.render, level_number(context.options), field.name
+        before, level_before, scene_before, half_turned_before = self._known
         if render != before:
             for subject, text in _changes(before, render):
                 self._notices.say(subject, text, t_ns)
@@ -150,7 +164,10 @@ class KeyBindings:
         if scene != scene_before:
             self._display.title(scene)
             self._notices.say("scene", scene, t_ns)
-        self._known = (render, level, scene)
+            self._ask_about_depth()
+        elif field.half_turned != half_turned_before:
+            self._notices.say("near and far", "near and far exchanged: d exchanges them again", t_ns)
+        self._known = (render, level, scene, field.half_turned)
         self._notices.state("paused", "paused: p or space resumes" if context.paused else "")
         lost = int(context.table.rows[context.spec.source]["state"]) == State.READY  # it has no camera
         self._notices.state("camera", LOST if lost else "")

@@ -19,6 +19,8 @@ from lfpipe.render.presenter import Presenter
 from lfpipe.render.refresh import Refresh
 from lfpipe.render.screen_clock import ScreenClock, ScreenRefresh
 from lfpipe.render.viewer import Viewer
+from lfpipe.scene.half_turn import remember, shown_as
+from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack_files import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
@@ -40,13 +42,20 @@ def lead_ns(refresh: Refresh | ScreenRefresh, presenter: Presenter) -> int:
     return presenter.cost_ns + MARGIN_NS if isinstance(refresh, Refresh) else refresh.lead_ns()
 
 
+def keep_choice(context: Context, field: LightField) -> None:
+    """Remembers near and far as a person chose them; a replay only applies what was chosen."""
+    if (word := context.config.scene.half_turn) != "auto" and not context.options.lossless:
+        remember(field, word)
+
+
 def main(context: Context) -> None:
     """Runs the stage until the stop command."""
     asked, options = context.config, context.options
     config = lowered(asked, options)
     with context.setting_up("opening the scene"):
-        field = open_pack(Path(options.pack))
+        field = open_pack(Path(options.pack), config.scene.half_turn)
         viewer = Viewer(field, config, bool(options.kiosk))
+    keep_choice(context, field)
     lossless = options.lossless  # then pictures depend on the frames alone, not on a clock
     on_camera = (lossless or config.render.clock == "camera") and options.tracking
     full_hz = float(options.source_hz) if on_camera else asked.render.nominal_hz
@@ -68,7 +77,10 @@ def main(context: Context) -> None:
             if context.options.pack != options.pack or context.config != asked:
                 with context.setting_up("opening the scene"):
                     if context.options.pack != options.pack:
-                        field = open_pack(Path(context.options.pack))
+                        field = open_pack(Path(context.options.pack), context.config.scene.half_turn)
+                    elif context.config.scene.half_turn != asked.scene.half_turn:
+                        field = shown_as(field, context.config.scene.half_turn)
+                    keep_choice(context, field)
                     asked, options = context.config, context.options
                     config = lowered(asked, options)
                     viewer.set(field, config)

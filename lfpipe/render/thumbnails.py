@@ -31,7 +31,7 @@ def thumbnail(scene: str, settings: config.Scene) -> NDArray[np.uint8] | None:
         pack = find_pack(scene, settings)
         if pack is None:
             return None
-        field = open_pack(pack)
+        field = open_pack(pack, settings.half_turn)
     except UserError:
         return None
     return _small(stored_view(field, field.rows // 2, field.cols // 2))

@@ -59,7 +59,7 @@ class Warper:
         self._stored = np.asarray(field.disparity)
         self._offsets = field.offsets.astype(np.float64)
         self._regular = not self._offsets.any()
-        self._unit_px = float(field.disparity_scale_px)
+        self._unit_px, self._turned = abs(float(field.disparity_scale_px)), field.disparity_scale_px < 0
         self._span_px = field.disparity_max_px - field.disparity_min_px
         rows, cols = size_of(field.height_px, field.width_px)
         self._same = self._stored.shape[3:] == (rows, cols)
@@ -102,7 +102,10 @@ class Warper:
         down, right = steps
         shift_y, shift_x = shift_px
         stored, known = self._map(frame, view)
-        np.copyto(self._low, stored)
+        if self._turned:  # near and far are exchanged
+            np.negative(stored, out=self._low, dtype=np.float32)
+        else:
+            np.copyto(self._low, stored)
         if not known:
             self._low[stored == UNKNOWN] = 0
         self._moves = (right * self._unit_px, shift_x), (down * self._unit_px, shift_y)
@@ -118,6 +121,8 @@ class Warper:
         rows, cols = len(self._low), len(self._low[0])
         steps_up, nearest = self._bytes  # a register holds four times as many bytes as floats
         np.bitwise_xor(stored.view(np.uint8), np.uint8(128), out=steps_up)
+        if self._turned:
+            np.negative(steps_up, out=steps_up)  # 1 to 255 in reverse; 0, unknown, stays
         cv2.dilate(steps_up, _box(min(reach[0], rows), min(reach[1], cols)), nearest)
 
     def maps(self, band: Band) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -55,7 +55,7 @@ def _unwritten(root: Path, error: OSError) -> UserError:
 
 def _settings_key(scene: config.Scene) -> str:
     """The settings that a pack depends on, as part of a key."""
-    used = {key: value for key, value in attrs.asdict(scene).items() if key not in ("cache_dir", "force")}
+    used = {key: value for key, value in attrs.asdict(scene).items() if key not in ("cache_dir", "force", "half_turn")}
     return json.dumps({"version": VERSION, **used}, sort_keys=True)
 
 

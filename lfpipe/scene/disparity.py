@@ -59,11 +59,21 @@ def view_disparity(here: Grey, neighbours: Neighbours) -> FloatMap:
     joint = maps[0]
     if len(maps) > 1:
         shares = _shares(errors)
-        joint = sum((share * found for share, found in zip(shares, maps, strict=True)), np.zeros_like(joint))
-        joint /= sum(shares)
+        joint = _total(neighbours, [share * found for share, found in zip(shares, maps, strict=True)])
+        joint = joint / _total(neighbours, shares)
     for _ in range(ROUNDS):
         joint = refined(here, neighbours, joint)
     return np.asarray(cv2.medianBlur(joint, MEDIAN_PX), np.float32)
+
+
+def _total(neighbours: Neighbours, values: list[FloatMap]) -> FloatMap:
+    """The sum of a value of each neighbour. Opposite neighbours first: the grid turned by 180 degrees gives the same bits."""
+    pairs: dict[int, FloatMap] = {}
+    for (_, d_row, d_col), value in zip(neighbours, values, strict=True):
+        line = round(abs(d_row)) + 3 * round(abs(d_col)) + 9 * (d_row * d_col < -0.25)
+        pairs[line] = pairs[line] + value if line in pairs else value
+    first, *others = (pairs[line] for line in sorted(pairs))
+    return sum(others, first)
 
 
 def _shares(errors: list[FloatMap]) -> list[FloatMap]:
@@ -94,11 +104,12 @@ def refined(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> Float
         wrongs.append(wrong)
         slopes.append(np.asarray(slope, np.float32))
         errors.append(np.asarray(cv2.blur(np.abs(wrong), _BOX), np.float32))
-    pull, hold = np.zeros_like(own), np.zeros_like(own)
-    for wrong, slope, share in zip(wrongs, slopes, _shares(errors), strict=True):
-        slope_share = slope * share / (1 + np.square(wrong * np.float32(1 / OUTLIER)))
-        pull += slope_share * wrong
-        hold += slope_share * slope
+    weighted = [
+        slope * share / (1 + np.square(wrong * np.float32(1 / OUTLIER)))
+        for wrong, slope, share in zip(wrongs, slopes, _shares(errors), strict=True)
+    ]
+    pull = _total(neighbours, [weight * wrong for weight, wrong in zip(weighted, wrongs, strict=True)])
+    hold = _total(neighbours, [weight * slope for weight, slope in zip(weighted, slopes, strict=True)])
     window = partial(cv2.GaussianBlur, ksize=(0, 0), sigmaX=REFINED_OVER_PX)
     step = window(pull) / (window(hold) + np.float32(STEADY))
     return np.asarray(disparity_px - np.clip(step, -LARGEST_STEP_PX, LARGEST_STEP_PX), np.float32)

@@ -97,9 +97,9 @@ def _estimate(job: PackJob, views: PlaneFile, interim: PlaneFile) -> dict[str, A
     there = [place for place in job.view_indices() if job.present[place[1:]]]
     run_parallel(one, there, job.ticker("disparity", len(there)))
     spans = np.array(list(ranges.values()))
-    scale = scale_for(float(spans[:, 0].min()), float(spans[:, 1].max()))
+    scale = scale_for(*(round(float(v), 4) for v in (spans[:, 0].min(), spans[:, 1].max())))
     # truth is exact; the extremes of an estimate are its errors, so use robust extremes over all views
-    low, high = (float(v) for v in np.median(spans, axis=0))
+    low, high = (round(float(v), 4) for v in np.median(spans, axis=0))
     if true_ranges:
         low, high = min(span[0] for span in true_ranges), max(span[1] for span in true_ranges)
     return {

@@ -52,7 +52,7 @@ def describe_examined(examined: Examined) -> dict[str, Any]:
         "layout": source.layout, "rows": rows, "cols": cols, "height": source.height_px, "width": source.width_px,
         "channels": examined.channels, "bit_depth": source.bit_depth, "frames": source.frames,
         "frame_rate_hz": source.frame_rate_hz, "flips": attrs.asdict(orientation.turn),
-        "orientation_evidence": orientation.facts,
+        "orientation_evidence": orientation.facts(cols),
         "disparity": {"min": low, "max": high, "source": "unknown" if low is None else "estimated"},
         "geometry": attrs.asdict(source.geometry), "views_missing": [list(index) for index in sorted(missing)],
         "gamma": examined.gamma, "gamma_by": examined.gamma_by, "method": None, "scores_db": {},

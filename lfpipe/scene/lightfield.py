@@ -24,7 +24,8 @@ class LightField:
 
     views: uint8 (frames, rows, cols, channels, height, width); channels is 1 (grey) or 3 (red, green, blue), in screen
         (gamma) values. A read-only memory map: touching one plane reads that plane only.
-    disparity: int8 (frames or 1, rows, cols, height_d, width_d), or None; times disparity_scale_px it is the shift in
+    disparity: int8 (frames or 1, rows, cols, height_d, width_d), or None; times disparity_scale_px, which is negative after
+        a half-turn, it is the shift in
         px of a stored view per grid step, positive is nearer than the plane of zero disparity: what stands at (x, y)
         in view (r, c) stands at (x - d*(c'-c), y - d*(r'-r)) in view (r', c'). UNKNOWN where it is not known.
     offsets: float32 (rows, cols, 2), where a camera stood less its place on the regular grid, in grid steps
@@ -44,8 +45,26 @@ class LightField:
     frame_rate_hz: float  # of light-field video; 0 for a still
     name: str
     method: str  # the method that `auto` stands for: "nearest", "blend", "warp" or "warp2"
-    manifest: dict[str, Any]  # provenance, as stored
+    manifest: dict[str, Any]  # provenance, as stored; "flips" as shown
     hold: object = None  # keeps `lfpipe scene clean` from removing the pack
+    half_turned: bool = False  # rows and columns run against the pack's order
+
+    def exchanged(self) -> "LightField":
+        """The same field with near and far exchanged: the grid turned by 180 degrees, disparities negated. Copies nothing."""
+        flips = self.manifest.get("flips")
+        turned = flips and {**flips, "rows": not flips["rows"], "cols": not flips["cols"]}
+        return attrs.evolve(
+            self,
+            views=self.views[:, ::-1, ::-1],
+            disparity=None if self.disparity is None else self.disparity[:, ::-1, ::-1],
+            disparity_scale_px=-self.disparity_scale_px,
+            disparity_min_px=-self.disparity_max_px,
+            disparity_max_px=-self.disparity_min_px,
+            offsets=-self.offsets[::-1, ::-1],
+            present=self.present[::-1, ::-1],
+            manifest={**self.manifest, "flips": turned} if turned else self.manifest,
+            half_turned=not self.half_turned,
+        )
 
     @property
     def frames(self) -> int:

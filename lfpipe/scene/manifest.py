@@ -21,7 +21,7 @@ from lfpipe.files.untrusted import Fields, json_fields
 from lfpipe.host.descriptors import read_at
 
 NAME = "manifest.json"
-VERSION = 7  # of the pack; another version is another key
+VERSION = 8  # of the pack; another version is another key
 _MAX_BYTES = 16 << 20
 _SAMPLES, _SAMPLE_BYTES = 16, 4096
 _REMEDY = "`lfpipe scene pack` makes it again"

@@ -40,10 +40,20 @@ class Orientation:
     detected: Turn | None = None
     disparity_px: tuple[float, float] | None = None
 
-    @property
-    def facts(self) -> dict[str, object]:
-        """As manifests and `lfpipe scene info` have it."""
-        return {"by": self.by, "sure": self.sure, "said": self.said, "undecided": self.undecided}
+    def facts(self, cols: int) -> dict[str, object]:
+        """As manifests and `lfpipe scene info` have it. cols: of the canonical grid."""
+        half_turn = {"half_turn": self.half_turn(cols), "half_turn_sure": not self.undecided}
+        return {"by": self.by, "sure": self.sure, "said": self.said, "undecided": self.undecided, **half_turn}
+
+    def half_turn(self, cols: int) -> bool:
+        """Whether a canonical grid of this many columns is a half-turn of what a pack holds; "override" is packed as asked."""
+        return self.by != "override" and (self.turn.cols if cols > 1 else self.turn.rows)
+
+    def packed(self, cols: int) -> "Orientation":
+        """The same with the turn of a pack: without the half-turn, which the session decides."""
+        half = self.half_turn(cols)
+        turn = attrs.evolve(self.turn, rows=self.turn.rows != half, cols=self.turn.cols != half)
+        return attrs.evolve(self, turn=turn, detected=self.base)
 
     @property
     def base(self) -> Turn:

@@ -97,6 +97,7 @@ def _make(root: Path, key: str, examined: Examined, progress: Progress, choose: 
     _room(root, source, channels)
     started = time.monotonic()
     rows, cols = orientation.turn.grid(source.rows, source.cols)
+    facts, orientation = orientation.facts(cols), orientation.packed(cols)
     present = np.ones((rows, cols), bool)
     for r in range(rows):
         for c in range(cols):
@@ -117,7 +118,7 @@ def _make(root: Path, key: str, examined: Examined, progress: Progress, choose: 
             "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "rows": rows, "cols": cols, "frames": source.frames,
             "height": source.height_px, "width": source.width_px, "channels": job.channels, "bit_depth": source.bit_depth,
             "frame_rate_hz": source.frame_rate_hz, "flips": attrs.asdict(orientation.turn),
-            "orientation": orientation.facts,
+            "orientation": facts,
             "gamma": examined.gamma, "gamma_by": examined.gamma_by, "geometry": attrs.asdict(source.geometry),
             "present": present.astype(int).tolist(), "offsets": offsets.tolist() if source.coordinates is not None else None,
             "disparity": disparity, "notes": list(source.notes),
@@ -152,7 +153,7 @@ def open_scene(
     found = cache.find_pack(path, scene)
     if found is not None:
         with contextlib.suppress(DamagedPackError):
-            return open_pack(found)
+            return open_pack(found, scene.half_turn)
     mark = cache.stamp(path, scene)
     with library_errors(path):
         return _packed(path, scene, mark, progress or _silent, choose_method)
@@ -168,7 +169,7 @@ def _packed(
     folder = root / "scenes" / key
     with cache.locked(root, key):
         try:
-            field = open_pack(folder)
+            field = open_pack(folder, scene.half_turn)
         except DamagedPackError:
             shutil.rmtree(folder, ignore_errors=True)
             examined = _examined(source, scene)
@@ -176,6 +177,6 @@ def _packed(
                 folder = _make(root, key, examined, say, choose)
             except NotGreyError:
                 folder = _make(root, key, attrs.evolve(examined, channels=3), say, choose)
-            field = open_pack(folder)
+            field = open_pack(folder, scene.half_turn)
         cache.remember(root, mark, key)
     return field

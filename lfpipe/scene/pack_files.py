@@ -17,6 +17,7 @@ from lfpipe.errors import UserError, shown
 from lfpipe.files.safe_files import reason
 from lfpipe.files.untrusted import Fields
 from lfpipe.host.descriptors import CAREFUL, read_at, write_at
+from lfpipe.scene.half_turn import shown_as
 from lfpipe.scene.lightfield import Geometry, LightField
 from lfpipe.scene.manifest import DamagedPackError, damaged, open_content, read_manifest
 from lfpipe.scene.pack_lock import PackLock
@@ -90,8 +91,9 @@ def _npy_header(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bytes:
     return stream.getvalue()
 
 
-def open_pack(folder: Path) -> LightField:
-    """The light field of a pack. `lfpipe scene clean` does not remove the pack while this object lives.
+def open_pack(folder: Path, half_turn: str = "auto") -> LightField:
+    """The light field of a pack, in the order that scene.half_turn asks for. `lfpipe scene clean` does not remove the pack while
+    this object lives.
 
     Raises DamagedPackError if it is missing, damaged, changed or of another version.
     """
@@ -101,7 +103,7 @@ def open_pack(folder: Path) -> LightField:
         raise damaged(folder, f"no pack: {reason(error)}") from None
     manifest = read_manifest(folder)
     try:
-        return _light_field(folder, manifest, hold)
+        return shown_as(_light_field(folder, manifest, hold), half_turn)
     except DamagedPackError:
         raise
     except UserError as error:

@@ -24,4 +24,5 @@ def summarize(field: LightField, settings: config.Scene) -> SceneSummary:
         focal_length_px=known.focal_length_px,
         disparity_min_px=float(field.disparity_min_px),
         disparity_max_px=float(field.disparity_max_px),
+        half_turned=field.half_turned,
     )

@@ -93,18 +93,23 @@ class SessionState:
             options=attrs.evolve(self.options, **options),
             rev=self.rev + 1,
         )
+        if new.options.scene is not None:
+            shown = new.options.scene.shown_as(new.config.scene.half_turn)
+            new = attrs.evolve(new, options=attrs.evolve(new.options, scene=shown))
         if new.levels != self.levels:
             new = attrs.evolve(new, options=attrs.evolve(new.options, level=None))
         return new._with_packets()
 
     def loaded(self, scene: SceneSummary) -> SessionState:
-        """With another scene, at the zero plane of its last showing, or the default: a zero plane is in px of its own scene."""
+        """With another scene, at the zero plane of its last showing, or the default: a zero plane is in px of its own scene.
+        Near and far are as chosen for that scene before."""
         old = self.options.scene
         if old is None or old.pack == scene.pack:
             return self.changed(scene=scene, tracking=scene.needs_tracking)
         known = {**self.zero_planes_px, old.pack: self.config.render.zero_plane_px}
         render = attrs.evolve(self.config.render, zero_plane_px=known.get(scene.pack, Render().zero_plane_px))
-        new = self.changed(attrs.evolve(self.config, render=render), scene=scene, tracking=scene.needs_tracking)
+        order = attrs.evolve(self.config.scene, half_turn="auto")
+        new = self.changed(attrs.evolve(self.config, render=render, scene=order), scene=scene, tracking=scene.needs_tracking)
         return attrs.evolve(new, zero_planes_px=known)
 
     def with_level(self, number: int) -> SessionState:

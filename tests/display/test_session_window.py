@@ -46,6 +46,7 @@ def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene:
         world.run("ctl", "--session", world.name, "resume")  # both eyes beyond the edge see the same view
     else:
         pytest.fail("the eyes see the same view: this test shows nothing")
+    _exchange_near_and_far(world, screen)
     if shutil.which("xdotool") is None:
         pytest.skip("the rest presses keys: xdotool is not installed (apt-get install xdotool)")
     world.run("ctl", "--session", world.name, "resume")
@@ -69,6 +70,22 @@ def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene:
     out, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "render" in out, err
     assert not world.left()
+
+
+def _exchange_near_and_far(world: World, screen: Screen) -> None:
+    """By command, in a paused session that is resumed for it; the same viewpoints then show the opposite views. Back again."""
+    for word, last in (("yes", 2.0), ("no", 0.0)):
+        assert world.run("ctl", "--session", world.name, "set", f"scene.half_turn={word}").returncode == 0
+        world.run("ctl", "--session", world.name, "resume")
+        world.pictures(len(world.lines()))
+        world.run("ctl", "--session", world.name, "pause")
+
+        def turned(last: float = last) -> list[int]:
+            eyes = world.lines()[-1]["view"]
+            return expected({"view": {eye: [abs(last - at) for at in place] for eye, place in eyes.items()}})
+
+        world.wait_for(lambda turned=turned: _steady(world, screen) == turned(), f"the picture with half_turn={word}")
+        assert [file.read_text() for file in (world.root / "state" / "lfpipe" / "half_turns").iterdir()] == [word]
 
 
 def _steady(world: World, screen: Screen) -> list[int] | None:

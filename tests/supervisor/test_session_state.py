@@ -72,6 +72,16 @@ def test_another_scene_starts_at_its_own_zero_plane() -> None:
     assert back.rolled_back().options.scene == state.known_good.scene
 
 
+def test_near_and_far_of_another_scene_are_its_own_and_its_summary_follows() -> None:
+    state = made_state()
+    order = attrs.evolve(state.config.scene, half_turn="yes")
+    turned = state.changed(attrs.evolve(state.config, scene=order))
+    assert turned.options.scene == attrs.evolve(
+        SCENE, disparity_min_px=-SCENE.disparity_max_px, disparity_max_px=-SCENE.disparity_min_px, half_turned=True
+    )
+    assert turned.loaded(OTHER).config.scene.half_turn == "auto" and turned.loaded(OTHER).options.scene == OTHER
+
+
 def test_a_renewed_lease_changes_nothing_that_stages_see_and_another_size_asks_for_another_ring() -> None:
     state = made_state().with_pictures(10)
     longer = state.with_pictures(20)

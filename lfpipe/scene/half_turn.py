@@ -1,0 +1,52 @@
+"""Near and far of a packed scene: which of two opposite orders of its views is shown.
+
+A half-turn reverses rows and columns and the sign of disparity. Pictures rarely tell which order is right, so a pack holds the
+views without it, and the order is state of the session: `scene.half_turn`, else what a person chose for this scene before, else
+what the pack's evidence says.
+
+    STATE/half_turns/KEY       "yes", "no", or "asked" once the window has asked
+"""
+
+import contextlib
+from pathlib import Path
+
+import platformdirs
+
+from lfpipe.files.safe_files import read_bytes, replaced
+from lfpipe.scene.lightfield import LightField
+
+MAX_BYTES = 16
+
+
+def folder() -> Path:
+    """Where choices are kept; need not exist."""
+    return Path(platformdirs.user_state_dir("lfpipe")) / "half_turns"
+
+
+def remembered(field: LightField) -> str:
+    """ "yes", "no", "asked", or "" for a scene that nobody was asked about."""
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        word = read_bytes(folder() / str(field.manifest["key"]), MAX_BYTES).decode()
+        return word if word in ("yes", "no", "asked") else ""
+    return ""
+
+
+def remember(field: LightField, word: str) -> None:
+    """Stores the choice for this scene, by its content. Does nothing if the folder cannot be written: the session goes on."""
+    file = folder() / str(field.manifest["key"])
+    with contextlib.suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with replaced(file) as stream:
+            stream.write(word.encode())
+
+
+def shown_as(field: LightField, setting: str) -> LightField:
+    """The field in the order that scene.half_turn = setting asks for. Copies nothing."""
+    word = setting if setting != "auto" else remembered(field)
+    turned = word == "yes" if word in ("yes", "no") else bool(field.manifest["orientation"]["half_turn"])
+    return field if turned == field.half_turned else field.exchanged()
+
+
+def undecided(field: LightField, setting: str) -> bool:
+    """Whether near and far of the field are a guess that nobody was asked about."""
+    return setting == "auto" and not field.manifest["orientation"]["half_turn_sure"] and not remembered(field)

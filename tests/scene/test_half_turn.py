@@ -1,0 +1,100 @@
+"""Near and far are exchanged without packing: state of the session, remembered for the scene, the same bits as a turned pack."""
+
+from pathlib import Path
+
+import attrs
+import numpy as np
+import pytest
+
+from lfpipe import config
+from lfpipe.config import Render
+from lfpipe.render.compositor import Compositor
+from lfpipe.scene import half_turn
+from lfpipe.scene.info import describe_pack
+from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.pack import open_scene
+from tests.scene import made
+
+PLACES = [((1.2, 1.3), (1.2, 3.4)), ((0.0, 0.5), (0.0, 2.5)), ((2.0, 2.0), (2.0, 2.0)), ((3.9, -0.7), (3.9, 1.5))]
+
+
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return made.write_grid(tmp_path_factory.mktemp("scene") / "views", made.views(5, 5))
+
+
+def pictures(field: LightField, method: str) -> list[np.ndarray]:
+    compositor = Compositor(field, Render(method=method, zero_plane_px=0.3))
+    return [compositor.compose(*place).copy() for place in PLACES]
+
+
+def test_exchanged_it_is_bit_for_bit_a_pack_of_the_turned_grid(scene: Path, scene_config: config.Scene) -> None:
+    pack = open_scene(scene, attrs.evolve(scene_config, flip="none"))
+    turned = open_scene(scene, attrs.evolve(scene_config, flip="both"))
+    exchanged = pack.exchanged()
+    assert turned.manifest["key"] != pack.manifest["key"] and exchanged.manifest["flips"] == turned.manifest["flips"]
+    assert np.array_equal(exchanged.views, turned.views)
+    assert exchanged.disparity is not None and turned.disparity is not None
+    stored = exchanged.disparity * exchanged.disparity_scale_px, turned.disparity * turned.disparity_scale_px
+    assert np.array_equal(*stored)
+    assert exchanged.disparity_min_px == turned.disparity_min_px and exchanged.disparity_max_px == turned.disparity_max_px
+    for method in ("nearest", "blend", "warp", "warp2", "best"):
+        for a, b in zip(pictures(exchanged, method), pictures(turned, method), strict=True):
+            assert np.array_equal(a, b), method
+    assert not np.array_equal(pictures(pack, "warp2")[0], pictures(exchanged, "warp2")[0])
+
+
+def test_unknown_disparity_stays_unknown() -> None:
+    from tests.render import rendered
+
+    field = rendered.field(3, 3)
+    assert field.disparity is not None
+    field.disparity[:, :, :, :16, :16] = -128
+    twice = field.exchanged().exchanged()
+    for a, b in zip(pictures(field, "warp2"), pictures(twice, "warp2"), strict=True):
+        assert np.array_equal(a, b)
+    negated = np.where(field.disparity == -128, -128, -field.disparity.astype(int)).astype(np.int8)
+    by_hand = attrs.evolve(
+        field.exchanged(), disparity=negated[:, ::-1, ::-1], disparity_scale_px=field.disparity_scale_px, half_turned=False
+    )
+    for a, b in zip(pictures(field.exchanged(), "best"), pictures(by_hand, "best"), strict=True):
+        assert np.array_equal(a, b)
+
+
+def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(scene: Path, scene_config: config.Scene) -> None:
+    def turned(setting: str = "auto") -> bool:
+        return open_scene(scene, attrs.evolve(scene_config, half_turn=setting)).half_turned
+
+    field = open_scene(scene, scene_config)
+    plain = field.half_turned
+    half_turn.remember(field, "asked")
+    assert turned() == plain, "a question is no answer"
+    for word in ("yes", "no"):
+        half_turn.remember(field, word)
+        assert turned() == (word == "yes") and turned("yes") and not turned("no")
+        facts = describe_pack(open_scene(scene, scene_config), scene_config)
+        assert facts["flips"]["rows"] == facts["flips"]["cols"] == (word == "yes")
+    assert len(list((Path(scene_config.cache_dir) / "scenes").iterdir())) == 1, "nothing is packed again"
+
+
+@pytest.mark.parametrize("content", [b"perhaps", b"\xff\xfe", b"x" * 100])
+def test_a_damaged_memory_counts_as_none(scene: Path, scene_config: config.Scene, content: bytes) -> None:
+    field = open_scene(scene, scene_config)
+    half_turn.remember(field, "yes")
+    file = next(file for file in half_turn.folder().iterdir())
+    file.write_bytes(content)
+    assert open_scene(scene, scene_config).half_turned == field.half_turned
+
+
+def test_the_reversed_grid_is_packed_once_and_shown_as_its_pictures_say(scene_config: config.Scene, tmp_path: Path) -> None:
+    grid = made.views(5, 5)
+    scene = made.write_grid(tmp_path / "reversed", grid[::-1, ::-1])
+    field = open_scene(scene, scene_config)
+    assert field.half_turned and not half_turn.undecided(field, "auto")
+    assert np.array_equal(field.views[0, 0, 0], grid[0, 0].transpose(2, 0, 1))
+    assert describe_pack(field, scene_config)["flips"] == {"rows": True, "cols": True, "transpose": False}
