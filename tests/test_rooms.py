@@ -79,7 +79,7 @@ ALLOWED = {
     "lfpipe/capture/v4l2_abi.py": "Video4Linux is Linux's own",
     "lfpipe/capture/v4l2_device.py": "Video4Linux is Linux's own",
     "lfpipe/capture/v4l2_stream.py": "Video4Linux is Linux's own",
-    "lfpipe/render/open_display.py": "X and Wayland listen at Unix sockets",
+    "lfpipe/render/display.py": "X and Wayland listen at Unix sockets",
     "lfpipe/render/window_system.py": "calls the SDL library that pygame loads",
     "lfpipe/track/network.py": "maps a tensor's memory",
     "lfpipe/bench/worker.py": "forks, so that every turn starts from the same prepared memory",

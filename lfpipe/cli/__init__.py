@@ -67,7 +67,7 @@ def cli(context: click.Context, verbose: int) -> int | None:
     set_up(verbose)
     if context.invoked_subcommand is not None:
         return None
-    from lfpipe.render.open_display import has_display
+    from lfpipe.render.display import has_display
 
     if not has_display():
         raise click.exceptions.NoArgsIsHelpError(context)

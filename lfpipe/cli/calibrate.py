@@ -97,7 +97,7 @@ def _latency(config: Config, camera: str | None, name: str) -> None:
 
     from lfpipe.config import user_file
     from lfpipe.observe.loop_calibration import measure_loop
-    from lfpipe.render.loop_conditions import LoopConditions
+    from lfpipe.render.monitors import LoopConditions
 
     found, monitor = measure_loop(config, camera)
     loop_ms = round(max(found.delay_ms, 0.0), 1)

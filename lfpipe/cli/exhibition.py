@@ -15,7 +15,7 @@ def check_exhibition(code: str | None, visits: Path | None, display: str) -> Non
     """Raises UserError if the exhibition has no screen or no usable code, or if visits cannot be counted."""
     from lfpipe.config.session_options import check_code
     from lfpipe.files.safe_files import check_place, reason
-    from lfpipe.render.visit_log import VisitLog
+    from lfpipe.render.outputs import VisitLog
 
     if visits is not None:
         if code is None:

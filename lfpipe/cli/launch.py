@@ -138,8 +138,8 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     from lfpipe.cli.exhibition import check_exhibition
     from lfpipe.cli.scene_opening import open_with_progress
     from lfpipe.cli.startup_summary import loop_lines, sharing_lines, size_line, startup_lines
+    from lfpipe.render.display import has_display
     from lfpipe.render.geometry import check_geometry
-    from lfpipe.render.open_display import has_display
     from lfpipe.render.plan import make_plan
     from lfpipe.scene.playlist import playlist
     from lfpipe.scene.recent_scenes import remember_scene
@@ -213,7 +213,7 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[Chec
     """The source of frames, and the targets to share with. Raises one UserError for all mistakes in the arguments."""
     from lfpipe.capture.open_source import CheckedSource, check_source
     from lfpipe.files.trace import check_trace
-    from lfpipe.render.open_display import check_display
+    from lfpipe.render.display import check_display
     from lfpipe.share.target import check_targets
 
     camera = arguments.camera or config.camera.source or ("demo" if arguments.demo else "")

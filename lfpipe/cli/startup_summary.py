@@ -49,8 +49,7 @@ def loop_lines(config: Config, camera: str, display: str) -> list[str]:
     if not render.loop_ms or display not in ("window", "fullscreen"):
         return []
     from lfpipe.capture.open_source import camera_name
-    from lfpipe.render.loop_conditions import loop_doubt
-    from lfpipe.render.monitors import detect_monitors
+    from lfpipe.render.monitors import detect_monitors, loop_doubt
 
     doubt = loop_doubt(config, camera_name(camera) if camera else "", detect_monitors()[1])
     why = f"; doubtful: {doubt}; `lfpipe calibrate --latency` measures it" if doubt else ""

@@ -10,7 +10,7 @@ from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import camera_focal_px, pose_from_leaning
 from lfpipe.errors import UserError
-from lfpipe.render.open_display import has_display
+from lfpipe.render.display import has_display
 from lfpipe.track.calibration import EyeGauge
 from lfpipe.track.engines import make_engine
 

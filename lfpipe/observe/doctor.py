@@ -18,7 +18,7 @@ from lfpipe.errors import UserError
 from lfpipe.host import shared_memory as memory
 from lfpipe.host.paths import exists, is_missing
 from lfpipe.host.processes import usable_cores
-from lfpipe.render.open_display import has_display
+from lfpipe.render.display import has_display
 from lfpipe.track import models
 
 NO_CAMERA = "plug one in, or use --camera demo, or a recording with --camera file:PATH; `lfpipe up --demo` needs none"
@@ -116,16 +116,16 @@ def sdl() -> Check:
         remedy = "run on a desktop, or use --display none or --display file:OUT.mkv; `lfpipe up --demo` needs none"
         return Check("display", False, "no screen here", remedy)
     try:
-        from lfpipe.render import sdl
+        from lfpipe.render import window_system
         from lfpipe.render.monitors import detect_monitors
 
         driver, monitors = detect_monitors()
     except Exception as error:  # any error of SDL is what the user needs to read
         remedy = "pip install pygame-ce (and uninstall pygame), or use --display none"
         return Check("display", False, f"SDL does not start: {error}", remedy)
-    how = sdl.drawn_by(driver)
+    how = window_system.drawn_by(driver)
     listed = "; ".join(f"monitor {each}" for each in monitors)
-    return Check("display", True, f"SDL {sdl.version()}, driver {driver}, {how}; {listed}")
+    return Check("display", True, f"SDL {window_system.version()}, driver {driver}, {how}; {listed}")
 
 
 def loop(own: config.Config, source: str) -> Check:
@@ -134,8 +134,7 @@ def loop(own: config.Config, source: str) -> Check:
     render = own.render
     if not render.loop_ms and not render.loop_measured:
         return Check("loop", True, "the delay of camera and display was not measured: assuming 0", measure)
-    from lfpipe.render.loop_conditions import loop_doubt
-    from lfpipe.render.monitors import detect_monitors
+    from lfpipe.render.monitors import detect_monitors, loop_doubt
 
     try:
         doubt = loop_doubt(own, camera_name(source), detect_monitors()[1])

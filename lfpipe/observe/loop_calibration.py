@@ -13,9 +13,9 @@ from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.observe.camera_watch import CameraWatch
 from lfpipe.observe.loop_delay import AREA_R, LEAST_FRAMES, LEAST_PIXELS, SPAN, LoopDelay, Recording, estimate, find_area
+from lfpipe.render.display import has_display
 from lfpipe.render.monitors import Monitor
-from lfpipe.render.open_display import has_display
-from lfpipe.render.screen_clock import ScreenClock
+from lfpipe.render.refresh import ScreenClock
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns, sleep_until
 
 WINDOW_PX = (1600, 900)  # limited by the screen

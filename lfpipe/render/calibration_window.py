@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.sdl import pygame
 from lfpipe.render.window import Window
+from lfpipe.render.window_system import pygame
 
 
 class CalibrationWindow:

@@ -1,5 +1,7 @@
-"""A video of what the viewer sees. .mkv and .avi are lossless with full chroma, because chroma separates the two eyes of an
-anaglyph; .mp4 is small, plays anywhere and has half the chroma.
+"""Pictures in files: a video of what the viewer sees, and a single picture.
+
+.mkv and .avi are lossless with full chroma, because chroma separates the two eyes of an anaglyph; .mp4 is small, plays anywhere
+and has half the chroma.
 """
 
 import os
@@ -7,9 +9,8 @@ import queue
 import shutil
 import threading
 import time
+from collections.abc import Mapping
 from pathlib import Path
-
-os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it reports past Python; notices report the same
 
 import cv2
 import numpy as np
@@ -20,10 +21,12 @@ from lfpipe.files.decoding import fit_area, opencv_name
 from lfpipe.files.h264 import H264Writer, encoder_name
 from lfpipe.files.safe_files import check_place, reason
 from lfpipe.host import opencv_log
-from lfpipe.render.display import DisplayNotice
-from lfpipe.render.null_display import NullDisplay
-from lfpipe.render.pair_layout import Pair
-from lfpipe.render.scaling import scale_into
+from lfpipe.host.paths import is_dir
+from lfpipe.render.display import DisplayNotice, NullDisplay
+from lfpipe.render.pair_layout import Pair, scale_into
+
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it reports past Python; notices report the same
+
 
 # Of the encoders in OpenCV's wheel, HuffYUV (on RGB), FFV1, PNG and raw RGBA preserve every RGB value. Measured on 512x512
 # anaglyphs: 1.3, 13, 74 and 0.6 ms a picture, 0.30, 0.23, 0.31 and 1.0 MB. HuffYUV is the cheapest that is not raw.
@@ -195,3 +198,37 @@ class FileDisplay(NullDisplay):
     def _end(self, why: str) -> None:
         self._lost.set()
         self._notices.put(DisplayNotice(f"{self._path}: the video ends here after {self._written} pictures: {why}", lost=True))
+
+
+def picture_folder(home: Path, environment: Mapping[str, str]) -> Path:
+    """The folder for pictures: the desktop's, or else the working directory.
+
+    The desktop's folder is XDG_PICTURES_DIR in user-dirs.dirs (xdg-user-dirs); without that file, ~/Pictures.
+    """
+    found = home / "Pictures"
+    try:
+        known = Path(environment.get("XDG_CONFIG_HOME") or home / ".config") / "user-dirs.dirs"
+        for line in known.read_text(errors="replace").splitlines():
+            name, _, value = line.partition("=")
+            if name.strip() == "XDG_PICTURES_DIR":
+                found = Path(value.strip().strip('"').replace("$HOME", str(home)))
+    except OSError:
+        pass
+    usable = found.is_absolute() and found != home and is_dir(found) and os.access(found, os.W_OK)
+    return found if usable else Path.cwd()
+
+
+def save(path: Path, picture: NDArray[np.uint8]) -> str:
+    """Writes picture, uint8 (height, width, 3) BGR, as the PNG path; returns why it failed, "" if it did not. An existing file
+    stays until the new one is complete.
+    """
+    done, data = cv2.imencode(".png", picture)
+    assert done, "a uint8 picture is always a PNG"
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        new.write_bytes(data.tobytes())
+        new.replace(path)
+    except OSError as error:
+        new.unlink(missing_ok=True)
+        return f"{path}: the picture is not saved: {error.strerror}"
+    return ""

@@ -15,13 +15,11 @@ from lfpipe.config import Render, choices, user_file
 from lfpipe.config.quality import level_number
 from lfpipe.render.depth_steps import depth_step_px
 from lfpipe.render.display import Display
+from lfpipe.render.file_display import picture_folder, save
 from lfpipe.render.glasses_test import GlassesTest
-from lfpipe.render.notices import SHOWN_NS, Notices
-from lfpipe.render.picture_file import picture_folder, save
+from lfpipe.render.overlay import SHOWN_NS, Notices, StatusOverlay
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.scene_loader import NO_OTHER, SceneLoader
-from lfpipe.render.scene_menu import SceneMenu
-from lfpipe.render.status_overlay import StatusOverlay
+from lfpipe.render.scene_menu import NO_OTHER, SceneLoader, SceneMenu
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, undecided
 from lfpipe.transport.clock import SECOND_NS, now_ns

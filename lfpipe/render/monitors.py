@@ -1,12 +1,15 @@
-"""The monitors that SDL lists: names, positions on the desktop, and pixel sizes."""
+"""The monitors that SDL lists, and the conditions under which the loop's delay was measured with one of them."""
+
+from __future__ import annotations
 
 import difflib
 
 import attrs
 
+from lfpipe.config import Camera, Config
 from lfpipe.errors import UserError
-from lfpipe.render import sdl, window_system
-from lfpipe.render.sdl import pygame
+from lfpipe.render import window_system
+from lfpipe.render.window_system import pygame
 
 INCH_MM = 25.4
 ASPECTS_MM = (16.0, 160.0)  # widths in EDIDs that know only an aspect: 160 x 90, 16 x 10, ...
@@ -79,6 +82,61 @@ def find_monitor(wanted: str, offered: list[Monitor]) -> Monitor:
 def detect_monitors() -> tuple[str, list[Monitor]]:
     """SDL's driver and the monitors, without a window. Raises pygame.error if SDL cannot start."""
     try:
-        return sdl.start(), monitors()
+        return window_system.start(), monitors()
     finally:
         pygame.display.quit()
+
+
+NAMES = {"camera": "the camera", "mode": "its mode", "monitor": "the monitor", "rate": "the screen's rate"}
+
+
+@attrs.frozen
+class LoopConditions:
+    """Texts. date: YYYY-MM-DD. camera: the driver's name. mode: requested size, format and rate. rate: of the monitor."""
+
+    date: str
+    camera: str
+    mode: str
+    monitor: str
+    rate: str
+
+    @classmethod
+    def of(cls, date: str, camera: str, asked: Camera, monitor: Monitor) -> LoopConditions:
+        """camera: its name. asked: its settings."""
+        mode = f"{asked.width_px}x{asked.height_px} {asked.format} {asked.rate_hz:g} Hz"
+        texts = (date, camera, mode, monitor.name, f"{monitor.rate_hz:g} Hz")
+        return cls(*(text.replace(";", ",") for text in texts))
+
+    @classmethod
+    def parse(cls, text: str) -> LoopConditions | None:
+        """Parses the result of `str`; None for any other text."""
+        parts = text.split("; ")
+        return cls(*parts) if len(parts) == 5 else None
+
+    def __str__(self) -> str:
+        return "; ".join(attrs.astuple(self))
+
+    def changes(self, now: LoopConditions) -> list[str]:
+        """The changed conditions, in words."""
+        return [
+            f"{words} is {getattr(now, name) or 'unknown'}, not {getattr(self, name)}"
+            for name, words in NAMES.items()
+            if getattr(now, name) != getattr(self, name)
+        ]
+
+
+def loop_doubt(config: Config, camera: str, monitors: list[Monitor]) -> str:
+    """The reason to distrust render.loop_ms now; "" if there is none. camera: name of the camera in use. monitors: all connected
+    ones; without screen.monitor the window may be on any of them.
+    """
+    then = LoopConditions.parse(config.render.loop_measured)
+    if then is None:
+        return "it was set by hand, not measured" if config.render.loop_ms else ""
+    wanted = str(config.screen.monitor)
+    chosen = [each for each in monitors if wanted in ("", str(each.number)) or wanted.lower() in each.name.lower()]
+    nowhere = Monitor(0, "", 0, 0, 0, 0, None)
+    changes: list[list[str]] = []
+    for each in chosen or [nowhere]:
+        changes.append(then.changes(LoopConditions.of("", camera, config.camera, each)))
+    fewest = min(changes, key=len)
+    return "; ".join(fewest)

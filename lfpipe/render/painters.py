@@ -11,8 +11,8 @@ from pygame._sdl2 import video
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
-from lfpipe.render.scaling import scale_into
-from lfpipe.render.sdl import pygame
+from lfpipe.render.pair_layout import scale_into
+from lfpipe.render.window_system import pygame
 
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
 Panels = list[tuple[pygame.Surface, tuple[int, int]]]  # overlays of the picture and their positions

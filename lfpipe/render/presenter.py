@@ -19,12 +19,11 @@ from lfpipe.files.trace import TraceFile
 from lfpipe.render.display import Display
 from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.motion_latency import MotionLatency
-from lfpipe.render.optional_outputs import OptionalOutputs
+from lfpipe.render.outputs import OptionalOutputs, ViewerReports
 from lfpipe.render.pair_layout import Pair
-from lfpipe.render.screen_clock import LeadTime, ScreenClock
+from lfpipe.render.refresh import LeadTime, ScreenClock
 from lfpipe.render.shown_pictures import HANDOVER, REPLACED, ShownPictures
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer, Viewpoints
-from lfpipe.render.viewer_reports import ViewerReports
 from lfpipe.transport.clock import MS_NS, now_ns, sleep_until
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp

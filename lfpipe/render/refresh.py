@@ -1,8 +1,6 @@
-"""Due times of pictures on a display that accepts one at any time: an even rate whose phase follows the camera.
+"""When pictures are due: an even rate whose phase follows the camera, or the vertical blanks that the window system reports."""
 
-If the display's rate is a multiple of the camera's, a picture composed right after new eyes arrive shows them up to one refresh
-sooner than one composed just before. The phase therefore creeps there, in steps too small to see.
-"""
+import math
 
 from lfpipe.transport.clock import MS_NS, SECOND_NS, Ticker
 
@@ -62,3 +60,144 @@ class Refresh:
             return
         largest_ns = LARGEST_STEP * self._period_ns
         self._ticker.shift(int(min(max(GAIN * late_ns, -largest_ns), largest_ns)))
+
+
+PHASE_GAIN, PERIOD_GAIN = 0.3, 0.01
+OFF_GRID = 0.35  # of a period: a blank further off belongs to another grid
+OFF_COUNT = 5  # after this many such blanks in a row the clock follows the other grid
+PERIOD_RANGE = 0.12  # around the nominal one, if the period is not reported: the error of a rate in whole Hz at 25 Hz
+EARLY_NS = MS_NS // 4  # after a blank; no hand-over for the next one before this
+COST_UP, COST_DOWN = 0.5, 0.005  # the tracked cost is a high quantile: late pictures are visible, early ones are not
+MARGIN_NS, LEAST_MARGIN_NS = 2 * MS_NS, MS_NS // 2
+STEP_NS = MS_NS
+IN_TIME = 0.7  # of the margin left at hand-over: then the picture's own cost did not make it late
+EARLY_SHARE, EARLY_STEP_NS = 1e-4, 1000  # narrowing per punctual picture: with the step above, 1 picture in 500 is late
+MOST_PERIODS = 2.5  # a compositor may require a picture a whole period before its blank
+
+
+class ScreenClock:
+    """The grid of blanks: its period and phase. nominal_hz: the rate the screen claims."""
+
+    def __init__(self, nominal_hz: float, t0_ns: int) -> None:
+        self._claimed_ns = self._nominal_ns = 1e9 / nominal_hz
+        self._period_ns = self._nominal_ns
+        self._t_ns = float(t0_ns)
+        self._off = 0
+        self.measured = False  # whether a blank was reported
+
+    @property
+    def period_ns(self) -> float:
+        return self._period_ns
+
+    @property
+    def rate_hz(self) -> float:
+        return SECOND_NS / self._period_ns
+
+    def claim(self, nominal_hz: float) -> None:
+        """Takes the rate that the screen claims: if it changed, the window has moved, and the grid is detected again."""
+        if abs(1e9 / nominal_hz - self._claimed_ns) > 1:
+            self._claimed_ns = self._nominal_ns = self._period_ns = 1e9 / nominal_hz
+            self.measured = False
+
+    def blank(self, t_ns: int, period_ns: int = 0) -> None:
+        """Adds a blank at t_ns. period_ns: reported with it, or 0."""
+        if period_ns and abs(period_ns / self._nominal_ns - 1) > PERIOD_RANGE and period_ns > MS_NS:
+            self._nominal_ns = self._period_ns = float(period_ns)  # another monitor, or one that claims another rate
+            self.measured = False
+        count = round((t_ns - self._t_ns) / self._period_ns)
+        error_ns = t_ns - self._t_ns - count * self._period_ns
+        if not self.measured or abs(error_ns) > OFF_GRID * self._period_ns:
+            self._off += 1
+            if not self.measured or self._off >= OFF_COUNT:
+                self._t_ns, self._off, self.measured = float(t_ns), 0, True
+            return
+        self._off = 0
+        if count <= 0:
+            return
+        self._t_ns += count * self._period_ns + PHASE_GAIN * error_ns
+        period_ns_now = self._period_ns + PERIOD_GAIN * error_ns / count
+        low_ns, high_ns = self._nominal_ns * (1 - PERIOD_RANGE), self._nominal_ns * (1 + PERIOD_RANGE)
+        self._period_ns = min(max(period_ns_now, low_ns), high_ns)
+
+    def nearest(self, t_ns: float) -> int:
+        """The blank nearest to t_ns."""
+        return round(self._t_ns + round((t_ns - self._t_ns) / self._period_ns) * self._period_ns)
+
+
+class LeadTime:
+    """The time before its blank at which a picture must be begun."""
+
+    def __init__(self) -> None:
+        self._cost_ns = 0.0
+        self._margin_ns = float(MARGIN_NS)
+        self._changed_ns = 0  # when a late or early picture changed the margin
+
+    def took(self, cost_ns: int, period_ns: float) -> None:
+        """Adds the time that a picture took from its due start until it was ready for hand-over.
+
+        More than a period is useless: until then the previous picture is being made.
+        """
+        cost = min(float(cost_ns), period_ns)
+        self._cost_ns += (COST_UP if cost > self._cost_ns else COST_DOWN) * (cost - self._cost_ns)
+
+    def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int, period_ns: float) -> bool:
+        """Judges a picture for the blank target_ns, shown at t_presented_ns; returns whether that was another blank.
+
+        Late despite a punctual hand-over: the window system needs more time. A whole period early: it needs less. A picture begun
+        before the margin changed says nothing about the new margin; one handed over late cost more.
+        """
+        blanks = round((t_presented_ns - target_ns) / period_ns)
+        if t_handed_ns > self._changed_ns and (blanks <= 0 or target_ns - t_handed_ns > IN_TIME * self._margin_ns):
+            if blanks:
+                self._margin_ns += STEP_NS if blanks > 0 else -STEP_NS
+                self._changed_ns = max(t_presented_ns, t_handed_ns)
+            else:
+                self._margin_ns -= EARLY_SHARE * self._margin_ns + EARLY_STEP_NS
+            self._margin_ns = min(max(self._margin_ns, LEAST_MARGIN_NS), MOST_PERIODS * period_ns)
+        return bool(blanks)
+
+    def earliest_ns(self, target_ns: int, period_ns: float) -> int:
+        """The earliest hand-over for the blank target_ns; before it, the picture would appear at the previous blank."""
+        return int(target_ns - max(period_ns - EARLY_NS, self._margin_ns))
+
+    @property
+    def ns(self) -> int:
+        return int(self._cost_ns + self._margin_ns)
+
+
+class ScreenRefresh:
+    """Refreshes on a screen's blanks: as `Refresh`, but pictures are due at blanks. limit_hz: at most this many pictures a
+    second, 0 for every blank."""
+
+    def __init__(self, clock: ScreenClock, lead: LeadTime, limit_hz: float, t0_ns: int) -> None:
+        self.clock, self._lead, self._limit_hz = clock, lead, limit_hz
+        self._due_ns = t0_ns
+        self.missed = 0
+
+    @property
+    def _every(self) -> int:
+        return max(1, round(self.clock.rate_hz / self._limit_hz)) if self._limit_hz else 1
+
+    @property
+    def period_ns(self) -> int:
+        """Time from one picture to the next."""
+        return round(self._every * self.clock.period_ns)
+
+    def due_ns(self) -> int:
+        """The blank of the next picture."""
+        return self.clock.nearest(self._due_ns)
+
+    def lead_ns(self) -> int:
+        """The time before that blank at which the picture must be begun."""
+        return self._lead.ns
+
+    def advance(self, t_ns: int) -> None:
+        """Advances to the next blank whose picture can still be begun in time at t_ns; counts skipped ones as missed."""
+        period_ns = self.period_ns
+        self._due_ns = self.due_ns() + period_ns
+        late_ns = t_ns - (self._due_ns - self._lead.ns)
+        slack_ns = min(self._lead.ns, period_ns) / 2
+        if late_ns > slack_ns:
+            passed = math.ceil((late_ns - slack_ns) / period_ns)
+            self.missed += passed
+            self._due_ns += passed * period_ns

@@ -11,13 +11,11 @@ from pathlib import Path
 
 from lfpipe.config import Config
 from lfpipe.config.quality import lowered
-from lfpipe.render.display import Display
+from lfpipe.render.display import Display, open_display
+from lfpipe.render.file_display import save
 from lfpipe.render.key_bindings import KeyBindings
-from lfpipe.render.open_display import open_display
-from lfpipe.render.picture_file import save
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.refresh import Refresh
-from lfpipe.render.screen_clock import ScreenClock, ScreenRefresh
+from lfpipe.render.refresh import Refresh, ScreenClock, ScreenRefresh
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, shown_as
 from lfpipe.scene.lightfield import LightField

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
-from lfpipe.render.sdl import drawable, pygame
+from lfpipe.render.window_system import drawable, pygame
 from lfpipe.scene.cache import find_pack
 from lfpipe.scene.contact_sheet import stored_view
 from lfpipe.scene.pack_files import open_pack

@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.presentation import Presentation, Presented
-from lfpipe.render import sdl
+from lfpipe.render import window_system
 from lfpipe.render.display import KEYS, DisplayNotice
-from lfpipe.render.key_lock import KeyLock
 from lfpipe.render.monitors import Monitor, find_monitor, monitor_of, monitors
 from lfpipe.render.overlay import panel
 from lfpipe.render.painters import Painter, Panels, open_painter
 from lfpipe.render.pair_layout import Pair, laid_out
-from lfpipe.render.sdl import pygame
-from lfpipe.render.window_system import nominal_hz, open_presentation
+from lfpipe.render.window_system import KeyLock, nominal_hz, open_presentation, pygame
 
 SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of the monitor's width; the first window enlarges small light fields
 HINT_S = 6.0
@@ -50,8 +48,8 @@ class Window:
         self._lock = lock
         self._title, self._fullscreen, self._wanted = title, fullscreen, monitor
         try:
-            driver = sdl.start()
-            self._renderer = sdl.uses_renderer(driver) if renderer is None else renderer
+            driver = window_system.start()
+            self._renderer = window_system.uses_renderer(driver) if renderer is None else renderer
             # A Wayland compositor takes the newest complete picture at each blank: waiting for the previous one would only make
             # the next one older.
             self._wait = driver != "wayland"
@@ -97,7 +95,7 @@ class Window:
             at = self._at or pygame.WINDOWPOS_UNDEFINED
             window = pygame.Window(self._title, self._windowed, at, resizable=True, allow_high_dpi=True)
         pygame.mouse.set_visible(not self._fullscreen)
-        window.set_icon(sdl.icon())
+        window.set_icon(window_system.icon())
         self._painter: Painter = open_painter(window, self._renderer, self._wait)
         self._presentation: Presentation | None = open_presentation(window)
         self._numbers.clear()
@@ -202,7 +200,7 @@ class Window:
     def events(self) -> list[str]:
         """See `Display.events`. Handles full screen and help itself, and redraws after it was covered or resized."""
         pressed, again, resized, keyed = [], False, False, False
-        for event in sdl.take_events():
+        for event in window_system.take_events():
             if self._lock and event.type in (pygame.QUIT, pygame.KEYDOWN, pygame.DROPFILE):
                 if event.type == pygame.KEYDOWN and self._lock.opens(event.unicode):
                     pressed.append("quit")
@@ -210,7 +208,7 @@ class Window:
                 pressed.append("quit")
             elif event.type == pygame.KEYDOWN:
                 keyed = True
-                name = sdl.KEY_CODES.get(event.key) or NAMES.get(event.unicode.lower())
+                name = window_system.KEY_CODES.get(event.key) or NAMES.get(event.unicode.lower())
                 if name == "escape":
                     name = "help" if self._help else "choose" if self._menu_of else "fullscreen" if self._fullscreen else None
                 if name:
@@ -259,7 +257,7 @@ class Window:
 
     def title(self, name: str) -> None:
         """See `Display.title`."""
-        self._title = self._window.title = f"lfpipe: {sdl.drawable(name)}"
+        self._title = self._window.title = f"lfpipe: {window_system.drawable(name)}"
 
     def say(self, lines: list[str]) -> None:
         """See `Display.say`."""

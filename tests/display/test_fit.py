@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.files.decoding import fit_area
-from lfpipe.render.scaling import scale_into
+from lfpipe.render.pair_layout import scale_into
 
 sides = st.integers(1, 4000)
 

@@ -12,11 +12,11 @@ import pytest
 
 from lfpipe.cli import exhibition
 from lfpipe.errors import UserError
-from lfpipe.render.key_lock import KeyLock
-from lfpipe.render.notices import Notices
+from lfpipe.render.outputs import VisitLog
+from lfpipe.render.overlay import Notices
 from lfpipe.render.presence import ViewerState
-from lfpipe.render.scene_loader import SceneLoader
-from lfpipe.render.visit_log import VisitLog
+from lfpipe.render.scene_menu import SceneLoader
+from lfpipe.render.window_system import KeyLock
 from lfpipe.transport.clock import SECOND_NS
 from tests.world import World
 from tests.xvfb_screen import Screen

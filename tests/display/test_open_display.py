@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lfpipe.errors import UserError
-from lfpipe.render.open_display import check_display, has_display, open_display
+from lfpipe.render.display import check_display, has_display, open_display
 
 
 @pytest.fixture(autouse=True)

@@ -14,8 +14,7 @@ import pygame
 import pytest
 
 from lfpipe import config
-from lfpipe.render.display import KEYS, Display
-from lfpipe.render.open_display import HINT, has_display, open_display
+from lfpipe.render.display import HINT, KEYS, Display, has_display, open_display
 from lfpipe.render.thumbnails import Thumbnails
 from tests.xdnd import drop
 from tests.xvfb_screen import Screen, outline
@@ -249,7 +248,7 @@ def test_a_screen_is_seen(screen: Screen) -> None:
 def test_the_window_says_nothing_on_the_terminal(screen: Screen) -> None:
     code = """
 import numpy as np
-from lfpipe.render.open_display import open_display
+from lfpipe.render.display import open_display
 display = open_display("window", (64, 64), "quiet", 30.0)
 display.show(np.zeros((64, 64, 3), np.uint8))
 display.close()

@@ -102,7 +102,7 @@ def test_a_limit_on_memory_is_kept(world: World, scene: Path, as_nobody: list[st
 
 
 def test_a_visits_file_with_odd_digits_is_read(tmp_path: Path) -> None:
-    from lfpipe.render.visit_log import VisitLog
+    from lfpipe.render.outputs import VisitLog
 
     (tmp_path / "visits.csv").write_text("hour,visits\n2026-11-21 15:00,²\n2026-11-21 16:00,3\n", encoding="utf-8")
     VisitLog(tmp_path / "visits.csv")

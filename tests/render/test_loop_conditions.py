@@ -5,8 +5,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.cli.startup_summary import loop_lines
-from lfpipe.render.loop_conditions import LoopConditions, loop_doubt
-from lfpipe.render.monitors import Monitor
+from lfpipe.render.monitors import LoopConditions, Monitor, loop_doubt
 
 DESK = [Monitor(0, "eDP-1", 0, 0, 1920, 1200, 0.18, 60.0), Monitor(1, "DP-1; 24", 1920, 0, 1920, 1080, None, 144.0)]
 CAMERA = "HD Webcam; C920"

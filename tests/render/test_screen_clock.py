@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lfpipe.bench.judder import T0_NS, simulate
-from lfpipe.render.screen_clock import LeadTime, ScreenClock, ScreenRefresh
+from lfpipe.render.refresh import LeadTime, ScreenClock, ScreenRefresh
 
 MS = 1_000_000
 

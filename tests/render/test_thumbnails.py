@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe import config
-from lfpipe.render.sdl import pygame
 from lfpipe.render.thumbnails import STEPS, Thumbnails
+from lfpipe.render.window_system import pygame
 
 KEYS = st.lists(st.sampled_from([*STEPS, "next", "previous"]), max_size=30)
 

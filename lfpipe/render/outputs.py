@@ -1,8 +1,9 @@
-"""Outputs of pictures on request: the ring "pictures", their stamps, the timeline, the viewpoints of the eyes.
+"""What render writes and reports besides the picture: the ring "pictures", the timeline, the viewpoints, presence and visits.
 
 All follow the session's options; without a request there is no ring, no copy, no message.
 """
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
+from lfpipe.files.safe_files import read_text, reason, replaced
 from lfpipe.files.trace import TraceFile
+from lfpipe.host.paths import is_missing
+from lfpipe.render.geometry import Parallax
+from lfpipe.render.presence import ViewerState
 from lfpipe.render.viewer import Viewer, Viewpoints
 from lfpipe.transport import ring
 from lfpipe.transport.clock import MS_NS, now_ns
@@ -102,3 +107,59 @@ class OptionalOutputs:
     def close(self) -> None:
         """Ends the timeline; the ring ends with the process."""
         self._timeline.close()
+
+
+class ViewerReports:
+    """Emits each change once. Raises UserError if option visits names a file of another program."""
+
+    def __init__(self, context: Context, viewer: Viewer) -> None:
+        self._context, self._viewer = context, viewer
+        self._parallax: Parallax | None = None
+        self._visits = VisitLog(Path(context.options.visits)) if context.options.visits else None
+
+    def follow_state(self) -> None:
+        """Emits viewer (nobody, arriving, seated, lost, exchanged)."""
+        state = self._viewer.presence.state
+        before = ViewerState(int(self._context.row["viewer"]))
+        if state == before:
+            return
+        self._context.row["viewer"] = int(state)
+        self._context.emit("viewer", state=state.word)
+        if self._visits is not None:
+            try:
+                self._visits.follow(before, state)
+            except OSError as error:
+                self._context.emit("notice", text=f"{self._context.options.visits}: cannot write visits: {reason(error)}")
+
+    def follow_parallax(self) -> None:
+        """Emits parallax when scene, settings or screen change it, but not at every step of a viewer."""
+        chosen = self._viewer.parallax
+        if chosen is not None and (self._parallax is None or chosen.differs_from(self._parallax)):
+            self._parallax = chosen
+            self._context.emit("parallax", text=str(chosen))
+
+
+MAX_BYTES = 4 << 20  # two decades
+BEGINNING = (ViewerState.ARRIVING, ViewerState.EXCHANGED)
+
+
+class VisitLog:
+    """Counts visitors in a CSV file of lines `2026-11-21 15:00,12`. Raises UserError if path is a different kind of file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._counts: dict[str, int] = {}
+        if not is_missing(path):
+            text = read_text(path, MAX_BYTES, str(path), "name a file that no other program wrote")
+            for hour, _, count in (line.partition(",") for line in text.splitlines()[1:]):
+                self._counts[hour] = int(count) if count.isdecimal() else 0
+
+    def follow(self, before: ViewerState, now: ViewerState) -> None:
+        """Handles a change of state: somebody who rests before the screen is a visitor. Raises OSError; the count is kept for the
+        next call."""
+        if now is ViewerState.SEATED and before in BEGINNING:
+            hour = time.strftime("%Y-%m-%d %H:00")
+            self._counts[hour] = self._counts.get(hour, 0) + 1
+            lines = ["hour,visits", *(f"{each},{count}" for each, count in sorted(self._counts.items()))]
+            with replaced(self._path) as file:
+                file.write(("\n".join(lines) + "\n").encode())
