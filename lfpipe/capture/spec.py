@@ -101,6 +101,15 @@ def playing_once(text: str) -> str:
     return text if any(item.startswith("loop=") for item in items) else f"{path}?{'&'.join([*items, 'loop=0'])}"
 
 
+def source_file(text: str) -> Path | None:
+    """The file or folder that a source reads; None if it reads none, or is not a source."""
+    try:
+        spec = parse_source(text)
+    except UserError:
+        return None
+    return spec.path if isinstance(spec, FileSpec) else None
+
+
 def parse_source(text: str) -> Spec:
     """Parses text, without touching any file.
 

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import click
 
@@ -11,20 +10,12 @@ from lfpipe.errors import UserError
 AGAIN_S = 2.0  # pause between a failed session and the next
 
 
-def check_exhibition(code: str | None, visits: Path | None, display: str) -> None:
-    """Raises UserError if the exhibition has no screen or no usable code, or if visits cannot be counted."""
+def check_exhibition(code: str | None, counted: bool, display: str) -> None:
+    """Raises UserError if the exhibition has no screen or no usable code. counted: visitors are counted."""
     from lfpipe.config.session_options import check_code
-    from lfpipe.files.safe_files import check_place, reason
-    from lfpipe.render.outputs import VisitLog
 
-    if visits is not None:
-        if code is None:
-            raise UserError("--visits without --kiosk: only an exhibition counts visitors", "add --kiosk CODE, or leave it out")
-        try:
-            check_place(visits)
-            VisitLog(visits)
-        except OSError as error:
-            raise UserError(f"--visits {visits}: {reason(error)}", "name a file that you may write to") from None
+    if counted and code is None:
+        raise UserError("--visits without --kiosk: only an exhibition counts visitors", "add --kiosk CODE, or leave it out")
     if code is not None:
         check_code(code)
         if display not in ("window", "fullscreen"):

@@ -43,6 +43,7 @@ class UpArguments:
     kiosk: str | None = None
     visits: Path | None = None
     start: bool = False
+    force: bool = False
 
 
 @attrs.frozen
@@ -150,7 +151,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     config = config_module.load(arguments.config_file, (*halved, *arguments.sets))
     out = Path("lfpipe-demo")
     display = arguments.display or (f"file:{out / 'demo.mkv'}" if no_screen else "fullscreen" if arguments.kiosk else "window")
-    check_exhibition(arguments.kiosk, arguments.visits, display)
+    check_exhibition(arguments.kiosk, arguments.visits is not None, display)
     if no_screen:
         try:
             out.mkdir(exist_ok=True)
@@ -212,7 +213,8 @@ def _with_engine(config: Config) -> Config:
 def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[CheckedSource, tuple[str, ...]]:
     """The source of frames, and the targets to share with. Raises one UserError for all mistakes in the arguments."""
     from lfpipe.capture.open_source import CheckedSource, check_source
-    from lfpipe.files.trace import check_trace
+    from lfpipe.capture.spec import source_file
+    from lfpipe.files.output import check_outputs
     from lfpipe.render.display import check_display
     from lfpipe.share.target import check_targets
 
@@ -239,9 +241,10 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[Chec
     if single and arguments.share:
         remedy = "`lfpipe up --no-picture --share TARGET` tracks without a scene"
         errors.append(UserError(f"--share with {arguments.scene}: a single view needs no eyes, so none are tracked", remedy))
-    if arguments.trace is not None:
-        trace = arguments.trace
-        attempt(lambda: check_trace(trace))
+    video = Path(display.removeprefix("file:")).expanduser() if display.startswith("file:") else None
+    outputs = {"--display": video, "--trace": arguments.trace, "--visits": arguments.visits}
+    inputs = [path for path in (*arguments.scenes, source_file(camera)) if path is not None]
+    attempt(lambda: check_outputs(outputs, inputs, arguments.force))
     if len(errors) > 1:
         raise UserError("\nerror: ".join(map(str, errors)))
     if errors:

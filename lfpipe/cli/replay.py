@@ -4,7 +4,6 @@ import contextlib
 import difflib
 import itertools
 import os
-import shutil
 import sys
 import tempfile
 import time
@@ -183,12 +182,17 @@ def _folder(out: Path | None) -> Iterator[Path]:
 
 def _keep_difference(folder: Path) -> None:
     """Without --out, saves the pictures that show a difference in the current directory."""
+    from lfpipe.files.output import check_output, write_output
+
     if is_dir(folder / "difference"):
         try:
-            shutil.copytree(folder / "difference", Path("difference"), dirs_exist_ok=True)
+            Path("difference").mkdir(exist_ok=True)
+            for picture in sorted((folder / "difference").iterdir()):
+                check_output(Path("difference") / picture.name)
+                write_output(Path("difference") / picture.name, picture.read_bytes())
             say("pictures of the difference are in difference/")
-        except OSError as error:
-            say(f"pictures of the difference cannot be saved in difference/: {error.strerror or 'disk full'}; use --out DIR")
+        except (OSError, UserError) as error:
+            say(f"pictures of the difference cannot be saved in difference/: {error}; use --out DIR")
 
 
 def _summary(report: dict[str, Any]) -> None:

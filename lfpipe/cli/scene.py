@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from lfpipe.cli.options import with_config
-from lfpipe.cli.scene_options import JSON, SCENE, opened, scene_config, with_scene_options, write_picture
+from lfpipe.cli.scene_options import JSON, SCENE, check_picture, opened, scene_config, with_scene_options, write_picture
 from lfpipe.config.quality import METHODS
 from lfpipe.host.paths import is_dir, is_file
 
@@ -162,6 +162,7 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
     from lfpipe.render.single_view import render_view
     from lfpipe.scene.contact_sheet import require_view_index
 
+    check_picture(out, path)
     config = scene_config(options)
     field = opened(path, config)
     require_view_index(field, row, col)
@@ -181,6 +182,7 @@ def sheet(path: Path, out: Path, **options: Any) -> None:
     show depth for both orders."""
     from lfpipe.scene.contact_sheet import contact_sheet
 
+    check_picture(out, path)
     write_picture(out, contact_sheet(opened(path, scene_config(options))))
 
 
@@ -199,16 +201,22 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
     """
     from lfpipe.export.clip import check_clip, write_clip
     from lfpipe.export.scene_pictures import RATE_HZ, SWEEP_S, WIGGLE_S, SceneExport, parse_tiles, quilt_name
+    from lfpipe.files.output import check_output
 
     cols, rows = parse_tiles(tiles)
     seconds = seconds or (WIGGLE_S if form == "wiggle" else SWEEP_S)
     if form in ("wiggle", "sweep"):
         check_clip(out, round(seconds * RATE_HZ))
+        check_output(out, [path])
+    else:
+        check_picture(out, path)
     config = scene_config(options)
     field = opened(path, config)
     made = SceneExport(field, config)
     if form == "quilt":
-        write_picture(quilt_name(out, cols, rows, field.width_px / field.height_px), made.quilt(cols, rows)[..., ::-1])
+        name = quilt_name(out, cols, rows, field.width_px / field.height_px)
+        check_picture(name, path)
+        write_picture(name, made.quilt(cols, rows)[..., ::-1])
     elif form == "pair":
         write_picture(out, made.pair(apart)[..., ::-1])
     else:

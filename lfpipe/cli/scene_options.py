@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lfpipe.config import Config
     from lfpipe.scene.lightfield import LightField
 
+PICTURES = (".png", ".jpg", ".jpeg", ".jps")
 F = TypeVar("F", bound=Callable[..., Any])
 SCENE = click.argument("path", metavar="SCENE", type=click.Path(path_type=Path), shell_complete=completions.scenes)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
@@ -61,18 +62,23 @@ def opened(path: Path, config: Config) -> LightField:
     return open_with_progress(path, config.scene)
 
 
+def check_picture(path: Path, scene: Path) -> None:
+    """Raises UserError if a command that reads scene must not write a picture to path. Called before any work."""
+    from lfpipe.errors import UserError
+    from lfpipe.files.output import check_output
+
+    if path.suffix.lower() not in PICTURES:
+        raise UserError(f"{path}: not {', '.join(PICTURES[:-1])} or {PICTURES[-1]}", "for example view.png")
+    check_output(path, [scene])
+
+
 def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Writes an RGB picture. Raises UserError."""
+    """Writes an RGB picture to a path that `check_picture` allows. Raises UserError."""
     import cv2
 
-    from lfpipe.errors import UserError
-    from lfpipe.files.safe_files import reason, replaced
+    from lfpipe.files.output import marked_picture, write_output
 
-    try:
-        _, data = cv2.imencode(ascii(path.suffix).strip("'"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-        with replaced(path, 0o644) as file:
-            file.write(data.tobytes())
-    except (cv2.error, OSError) as error:
-        why = f": {reason(error)}" if isinstance(error, OSError) else ""
-        raise UserError(f"{path}: cannot be written{why}", "name a .png in an existing folder that you may write to") from None
+    suffix = ".png" if path.suffix.lower() == ".png" else ".jpg"
+    _, data = cv2.imencode(suffix, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 95])
+    write_output(path, marked_picture(data.tobytes()))
     click.echo(path)

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import attrs
 import click
 
 from lfpipe.cli import completions
@@ -43,6 +44,7 @@ Examples:
 )
 @click.option("--kiosk", metavar="CODE", help="Run an exhibition: full screen, all keys ignored; typing CODE ends it.")
 @click.option("--visits", type=click.Path(path_type=Path), metavar="FILE", help="With --kiosk: count visitors by the hour.")
+@click.option("--force", is_flag=True, help="Replace output files that lfpipe did not write.")
 @click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")
 @with_session
 @with_config
@@ -56,6 +58,7 @@ def up(
     share: tuple[str, ...],
     kiosk: str | None,
     visits: Path | None,
+    force: bool,
     no_picture: bool,
     session_name: str | None,
     sets: tuple[str, ...],
@@ -70,6 +73,7 @@ def up(
 
     scene = scenes[0] if scenes else None
     arguments = launch.UpArguments(
-        scene, camera, display, duration_s, trace, demo, share, no_picture, session_name, sets, config_file, scenes, kiosk, visits
+        scene, camera, display, duration_s, trace, demo, share, no_picture, session_name, sets, config_file, scenes
     )
+    arguments = attrs.evolve(arguments, kiosk=kiosk, visits=visits, force=force)
     return launch.up(arguments)

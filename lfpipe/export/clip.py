@@ -2,55 +2,53 @@
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.h264 import H264Writer, encoder_name, write_error
-from lfpipe.files.safe_files import check_place
+from lfpipe.files.output import MARK, finished_output
 
 SUFFIXES = (".mp4", ".gif")
 GIF_PICTURES = 300  # a GIF is held in memory
 
 
 def check_clip(path: Path, count: int) -> None:
-    """Raises UserError if a clip of this many pictures cannot be written to path."""
+    """Raises UserError if path names no kind of clip of this many pictures that can be written here."""
     if path.suffix.lower() not in SUFFIXES:
         raise UserError(f"{path}: not .mp4 or .gif", "for example boxes.mp4")
     if path.suffix.lower() == ".gif" and count > GIF_PICTURES:
         raise UserError(f"{path}: {count} pictures, a GIF may have {GIF_PICTURES}", "a shorter one, or .mp4")
     if path.suffix.lower() == ".mp4":
         encoder_name()
-    try:
-        check_place(path)
-    except OSError as error:
-        raise write_error(path, error) from None
 
 
 def write_clip(path: Path, pictures: Iterable[NDArray[np.uint8]], rate_hz: float) -> int:
     """Writes pictures, uint8 (height, width, 3) BGR of one size, to a path that `check_clip` allows; returns how many.
 
-    Raises UserError if the disk is full, and removes the partial file.
+    Raises UserError if the disk is full; path is then unchanged.
     """
     count = 0
     try:
-        if path.suffix.lower() == ".gif":
-            return _write_gif(path, list(pictures), rate_hz)
-        writer: H264Writer | None = None
-        for picture in pictures:
-            writer = writer or H264Writer(path, (picture.shape[1], picture.shape[0]), rate_hz)
-            writer.write(picture)
-            count += 1
-        if writer is not None:
-            writer.release()
+        with finished_output(path, 0o644) as output:
+            if path.suffix.lower() == ".gif":
+                return _write_gif(output.file, list(pictures), rate_hz)
+            writer: H264Writer | None = None
+            for picture in pictures:
+                size_px = picture.shape[1], picture.shape[0]
+                writer = writer or H264Writer(output.beside, size_px, rate_hz, survives=False)
+                writer.write(picture)
+                count += 1
+            if writer is not None:
+                writer.release()
     except OSError as error:
-        path.unlink(missing_ok=True)
         raise write_error(path, error) from None
     return count
 
 
-def _write_gif(path: Path, pictures: list[NDArray[np.uint8]], rate_hz: float) -> int:
+def _write_gif(file: IO[bytes], pictures: list[NDArray[np.uint8]], rate_hz: float) -> int:
     from PIL import Image  # comes with matplotlib
 
     images = [Image.fromarray(np.ascontiguousarray(picture[..., ::-1])) for picture in pictures]
@@ -59,5 +57,6 @@ def _write_gif(path: Path, pictures: list[NDArray[np.uint8]], rate_hz: float) ->
     palette = sample.quantize(256, dither=Image.Dither.NONE)
     indexed = [image.quantize(palette=palette) for image in images]
     hundredths = max(2, round(100 / rate_hz))  # unit of a GIF's delays; players slow down shorter ones
-    indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=10 * hundredths, loop=0)
+    more = {"append_images": indexed[1:], "duration": 10 * hundredths, "loop": 0, "comment": MARK}
+    indexed[0].save(file, "GIF", save_all=True, **more)
     return len(images)

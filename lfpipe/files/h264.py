@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.files.output import MARK
 from lfpipe.files.safe_files import reason
 
 ENCODERS = ("libx264", "libopenh264", "h264_videotoolbox", "h264_mf")
@@ -40,14 +41,18 @@ class H264Writer:
     Raises UserError if there is no encoder, OSError if the file cannot be written.
     """
 
-    def __init__(self, path: Path, size_px: tuple[int, int], rate_hz: float) -> None:
-        """size_px: (width, height)."""
+    def __init__(self, path: Path, size_px: tuple[int, int], rate_hz: float, survives: bool = True) -> None:
+        """size_px: (width, height). survives: write fragments; else the index ("moov") comes first in the finished file, as web
+        pages and some players expect, and a file whose writer was killed cannot be read."""
         from av import open as open_container
 
         name, make = encoder_name(), cast(Any, open_container)  # its stubs cover every kind of stream
         self._file = path.open("wb")
         try:
-            self._container = make(self._file, "w", format="mp4", options={"movflags": "hybrid_fragmented"})
+            where = self._file if survives else f"file:{path}"  # FFmpeg reads the file again to move its index
+            flags = {"movflags": "hybrid_fragmented" if survives else "faststart"}
+            self._container = make(where, "w", format="mp4", options=flags)
+            self._container.metadata["comment"] = MARK.decode()
             self._stream = self._container.add_stream(name, rate=Fraction(rate_hz).limit_denominator(1001))
             self._stream.width, self._stream.height = (n + n % 2 for n in size_px)
             self._stream.pix_fmt = "yuv420p"

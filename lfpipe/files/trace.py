@@ -1,30 +1,20 @@
 """The trace: JSON Lines, one object per display refresh or per camera frame, appended by whole lines only."""
 
+import contextlib
 import json
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
 from lfpipe.files.line_file import LONGEST_LINE, LineFile
-from lfpipe.files.safe_files import PRIVATE, check_regular, lines, reason
+from lfpipe.files.output import OutputFile
+from lfpipe.files.safe_files import lines, reason
 from lfpipe.files.untrusted import Fields, json_fields
-from lfpipe.host.descriptors import CAREFUL
 
 TIMES = ("t_sensor_ns", "t_read_ns", "t_tracked_ns", "t_composed_ns", "t_presented_ns")
 MAX_NS = 1 << 61
 MAX_PX = 1e12  # limit for eyes (px) and views
-
-
-def check_trace(path: Path) -> None:
-    """Creates an empty trace, private to its owner. Raises UserError if that fails."""
-    try:
-        check_regular(path)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | CAREFUL
-        os.close(os.open(path, flags, PRIVATE))
-    except OSError as error:
-        raise UserError(f"trace {path}: {reason(error)}", "name a file in a directory that you may write to") from None
 
 
 def trace_lines(path: Path, remedy: str) -> Iterator[Fields]:
@@ -60,16 +50,23 @@ def check_sides(fields: Fields, name: str) -> None:
 
 
 class TraceFile:
-    """Writes whole lines of JSON to a file. A full disk or a removed path ends the trace, not the session: `lost` is called once
-    with the reason.
+    """Writes whole lines of JSON to a file, which is moved to its place with the first line.
+
+    A full disk or a removed path ends the trace, not the session: `lost` is called once with the reason.
     """
 
-    def __init__(self, path: Path | None, lost: Callable[[str], None]) -> None:
+    def __init__(self, path: Path | None, lost: Callable[[str], None], since: Path | None = None) -> None:
+        """since: for a restarted writer, a file that its session wrote at its start: lines of this session are kept."""
         self._path, self._lost = path, lost
+        self._output: OutputFile | None = None
         self._file: LineFile | None = None
         if path is not None:
             try:
-                self._file = LineFile(path)
+                if since is not None and path.exists() and path.stat().st_mtime_ns >= since.stat().st_mtime_ns:
+                    self._file = LineFile(path)
+                else:
+                    self._output = OutputFile(path)
+                    self._file = LineFile(self._output.beside)
             except OSError as error:  # the path was valid at the start, but its directory may be gone since
                 self._end(error)
 
@@ -83,6 +80,8 @@ class TraceFile:
             return
         try:
             self._file.append(json.dumps(record, allow_nan=False).encode() + b"\n")
+            if self._output is not None:
+                self._output.place()
         except OSError as error:
             self._end(error)
 
@@ -91,7 +90,13 @@ class TraceFile:
         self._lost(f"trace {self._path}: {error.strerror}; it ends here")
 
     def close(self) -> None:
-        """Ends the trace."""
+        """Ends the trace. Without a line, it is an empty file unless there is an older one."""
         if self._file is not None:
             self._file.close()
             self._file = None
+        if self._output is not None:
+            with contextlib.suppress(OSError):
+                if not self._output.path.exists():
+                    self._output.place()
+            self._output.close()
+            self._output = None

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import check_place, reason, replaced
+from lfpipe.files.output import PLACE, check_output, output_file
+from lfpipe.files.safe_files import reason
 from lfpipe.files.trace import trace_lines
 from lfpipe.supervisor.process_table import CORE
 
 TRACKS = (*CORE, "display")
 PID = 1
-PLACE = "name a file in a directory that you may write to, on a disk with free space"
 
 
 class _Track:
@@ -68,10 +68,7 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
 
 def check_out(out: Path) -> None:
     """Raises UserError if a timeline could not be written to out. Called before recording starts."""
-    try:
-        check_place(out)
-    except OSError as error:
-        raise UserError(f"{out}: {reason(error)}", PLACE) from None
+    check_output(out)
 
 
 def convert(source: Path, out: Path) -> int:
@@ -80,9 +77,10 @@ def convert(source: Path, out: Path) -> int:
     Raises UserError; out then stays as it was.
     """
     count = 0
+    check_output(out, [source])
     made = events(fields.values for fields in trace_lines(source, "a trace written by `lfpipe up --trace`"))
     try:
-        with replaced(out) as file:
+        with output_file(out) as file:
             file.write(b'{"displayTimeUnit": "ms", "traceEvents": [\n')
             for event in made:
                 file.write((b",\n" if count else b"") + json.dumps(event).encode())
@@ -106,7 +104,6 @@ def finish_trace(ask: Callable[[dict[str, Any]], dict[str, Any]], out: Path | No
     try:
         convert(part, out)
     except UserError as error:
-        remedy = f"the timeline is kept as {part}: `lfpipe trace convert {part} OUT.json`"
-        raise UserError(error.message, remedy) from None
+        raise UserError(error.message, f"its lines are kept as {part}; start another one, where there is room") from None
     part.unlink(missing_ok=True)
     return out

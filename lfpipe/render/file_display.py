@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area, opencv_name
-from lfpipe.files.h264 import H264Writer, encoder_name
-from lfpipe.files.safe_files import check_place, reason
+from lfpipe.files.h264 import H264Writer, encoder_name, write_error
+from lfpipe.files.output import OutputFile, check_output, mark_video, marked_picture, write_output
 from lfpipe.host import opencv_log
 from lfpipe.host.paths import is_dir
 from lfpipe.render.display import DisplayNotice, NullDisplay
@@ -42,20 +42,16 @@ AHEAD_FRAMES = 2  # pictures faster than the rate are accepted until the video i
 
 
 def check_file(path: Path) -> None:
-    """Raises UserError if no video can be written to path."""
+    """Raises UserError if path names no kind of video that can be written here."""
     if path.suffix.lower() not in SUFFIXES:
         remedy = "use for example file:out.mkv, lossless RGB like .avi; .mp4 is small and plays everywhere"
         raise UserError(f"--display file:{path}: not .mkv, .avi or .mp4", remedy)
+    opencv_name(path)
     if path.suffix.lower() == ".mp4":
         try:
             encoder_name()
         except UserError as error:
             raise UserError(f"--display file:{path}: {error.message}", error.remedy) from None
-    try:
-        check_place(path)
-    except OSError as error:
-        remedy = "name a file in an existing directory that you may write to"
-        raise UserError(f"--display file:{path}: {reason(error)}", remedy) from None
 
 
 class FileDisplay(NullDisplay):
@@ -73,17 +69,23 @@ class FileDisplay(NullDisplay):
         Raises UserError if the file cannot be created.
         """
         check_file(path)
+        try:
+            self._output = OutputFile(path)
+        except OSError as error:
+            raise write_error(path, error) from None
         self._path, self._period_ns, self._reserve = path, 1e9 / rate_hz, reserve_bytes
         # the writer would cut off an odd row or column
         self._size = size_px[0] + size_px[0] % 2, size_px[1] + size_px[1] % 2
         self._lossless = path.suffix.lower() != ".mp4"
         self._writer: cv2.VideoWriter | H264Writer
         if self._lossless:
-            self._writer = cv2.VideoWriter(opencv_name(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*CODEC), rate_hz, self._size)
+            codec, place = cv2.VideoWriter.fourcc(*CODEC), opencv_name(self._output.beside)
+            self._writer = cv2.VideoWriter(place, cv2.CAP_FFMPEG, codec, rate_hz, self._size)
             if not self._writer.isOpened():
+                self._output.close()
                 raise UserError(f"--display file:{path}: the video cannot be written", "use another file, or --display none")
         else:
-            self._writer = H264Writer(path, self._size, rate_hz)
+            self._writer = H264Writer(self._output.beside, self._size, rate_hz)
         self._queue: queue.Queue[tuple[int, NDArray[np.uint8] | None]] = queue.Queue(QUEUE_PICTURES)
         self._notices: queue.SimpleQueue[DisplayNotice] = queue.SimpleQueue()
         self._lost = threading.Event()
@@ -128,9 +130,11 @@ class FileDisplay(NullDisplay):
         finally:
             try:
                 self._writer.release()
+                self._place()
             except OSError as error:
                 if not self._lost.is_set():
                     self._end(error.strerror or "it cannot be completed")
+            self._output.close()
             opencv_log.set_log_level(before)
         if self.dropped and not self._lost.is_set():
             text = f"{self._path}: {self.dropped} pictures are missing: they came faster than they could be written"
@@ -184,7 +188,8 @@ class FileDisplay(NullDisplay):
             return
         # The writer does not report a full disk: free space and the growth of the file do.
         try:
-            free, size = shutil.disk_usage(self._path.parent).free, self._path.stat().st_size
+            self._place()
+            free, size = shutil.disk_usage(self._path.parent).free, self._output.current.stat().st_size
         except OSError as error:
             self._end(error.strerror or "gone")
             return
@@ -194,6 +199,13 @@ class FileDisplay(NullDisplay):
             self._bytes, self._grown = size, self._written
         elif self._lossless and (self._written - self._grown) * self._size[0] * self._size[1] * LEAST_BITS / 8 > GROWTH_BYTES:
             self._end("it no longer grows (quota or size limit)")
+
+    def _place(self) -> None:
+        """Moves the file to its place once something is on the disk, and marks it as written by lfpipe. Raises OSError."""
+        if self._lossless:
+            mark_video(self._output.current)
+        if self._output.current.stat().st_size:
+            self._output.place()
 
     def _end(self, why: str) -> None:
         self._lost.set()
@@ -224,11 +236,9 @@ def save(path: Path, picture: NDArray[np.uint8]) -> str:
     """
     done, data = cv2.imencode(".png", picture)
     assert done, "a uint8 picture is always a PNG"
-    new = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        new.write_bytes(data.tobytes())
-        new.replace(path)
-    except OSError as error:
-        new.unlink(missing_ok=True)
-        return f"{path}: the picture is not saved: {error.strerror}"
+        check_output(path)
+        write_output(path, marked_picture(data.tobytes()))
+    except UserError as error:
+        return f"{error.message}; the picture is not saved"
     return ""

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
-from lfpipe.files.safe_files import read_text, reason, replaced
+from lfpipe.files.output import VISITS_HEADER, output_file
+from lfpipe.files.safe_files import read_text, reason
 from lfpipe.files.trace import TraceFile
 from lfpipe.host.paths import is_missing
 from lfpipe.render.geometry import Parallax
@@ -32,7 +33,7 @@ class OptionalOutputs:
     def __init__(self, context: Context, viewer: Viewer) -> None:
         self._context, self._viewer = context, viewer
         self._part, self._ring = "", None  # type: tuple[str, ring.Writer | None]
-        self._path = ""
+        self._path, self._starting = "", True
         self._timeline = TraceFile(None, self._lost)
         self._viewpoints_due_ns = 0
         self._shown: RingOutput | None = None  # opened when it is first needed
@@ -53,7 +54,10 @@ class OptionalOutputs:
         if path != self._path:
             self._path = path
             self._timeline.close()
-            self._timeline = TraceFile(Path(path) if path else None, self._lost)
+            # a timeline that runs when this process starts was begun by the one before it
+            began = self._context.spec.session.run_dir / "session.json" if self._starting else None
+            self._timeline = TraceFile(Path(path) if path else None, self._lost, began)
+        self._starting = False
 
     def _lost(self, why: str) -> None:
         self._context.report_lost(why)
@@ -160,6 +164,6 @@ class VisitLog:
         if now is ViewerState.SEATED and before in BEGINNING:
             hour = time.strftime("%Y-%m-%d %H:00")
             self._counts[hour] = self._counts.get(hour, 0) + 1
-            lines = ["hour,visits", *(f"{each},{count}" for each, count in sorted(self._counts.items()))]
-            with replaced(self._path) as file:
-                file.write(("\n".join(lines) + "\n").encode())
+            rows = "".join(f"{each},{count}\n" for each, count in sorted(self._counts.items()))
+            with output_file(self._path) as file:
+                file.write(VISITS_HEADER + rows.encode())

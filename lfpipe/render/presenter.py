@@ -49,7 +49,8 @@ class Presenter:
         self._t_taken_ns = 0
         self._pending = False  # no picture was made yet for the newest record
         self._key: Hashable = None
-        self._trace = TraceFile(Path(context.options.trace) if context.options.trace else None, self._lost)
+        trace, began = context.options.trace, context.spec.session.run_dir / "session.json"
+        self._trace = TraceFile(Path(trace) if trace else None, self._lost, began if context.row["restarts"] else None)
         self._outputs = OptionalOutputs(context, viewer)
         self._reports = ViewerReports(context, viewer)
         self._replay: ReplayWriter | None = None

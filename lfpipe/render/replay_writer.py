@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.files.output import marked_picture
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.sequence.truth import read_truth
 from lfpipe.transport.ring import Stamp
@@ -79,4 +80,4 @@ class ReplayWriter:
         for name, picture in (("first", self._first), ("last", self._last), ("worst", self._worst)):
             if picture is not None:
                 _, data = encoded(picture, fast=False)
-                (self._folder / f"{name}.png").write_bytes(data)
+                (self._folder / f"{name}.png").write_bytes(marked_picture(data))

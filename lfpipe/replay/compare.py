@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, shown
+from lfpipe.files.output import PLACE, marked_picture, write_output
 from lfpipe.files.picture_header import header_of
-from lfpipe.files.safe_files import open_regular, reason, replaced
+from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host.descriptors import read_at
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.render.scoring import psnr_db
@@ -162,10 +163,9 @@ def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint
     try:
         out.mkdir(exist_ok=True)
         for name, picture in sides.items():
-            with replaced(out / f"frame_{frame:06d}_{name}.png", 0o644) as file:
-                file.write(encoded(picture, fast=False)[1])
+            write_output(out / f"frame_{frame:06d}_{name}.png", marked_picture(encoded(picture, fast=False)[1]))
     except OSError as error:
-        raise UserError(f"{out}: {reason(error)}", "name a folder that you may write to, on a disk with free space") from None
+        raise UserError(f"{out}: {reason(error)}", PLACE) from None
     return f"{out}/frame_{frame:06d}_*.png"
 
 

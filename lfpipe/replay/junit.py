@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from lfpipe.errors import UserError, plain
-from lfpipe.files.safe_files import reason, replaced
+from lfpipe.errors import plain
+from lfpipe.files.output import check_output, write_output
 from lfpipe.replay.compare import PARTS, Difference
 
 TEXT_CHARS = 20_000  # of one test case
@@ -24,7 +24,7 @@ def cases_of(compared: bool, differences: Sequence[Difference], budgets: Sequenc
 def write_junit(path: Path, name: str, cases: Sequence[tuple[str, list[str]]], error: str, seconds: float) -> None:
     """name: of the sequence. error: why there is no outcome; "" if cases holds the outcome.
 
-    Raises UserError if path cannot be written; an existing file is then kept.
+    Raises UserError if path must not be written; it is then unchanged.
     """
     name = plain(name, 200)
     failed = sum(bool(said) for _, said in cases)
@@ -34,8 +34,6 @@ def write_junit(path: Path, name: str, cases: Sequence[tuple[str, list[str]]], e
         entry = ElementTree.SubElement(suite, "testcase", {"classname": f"lfpipe.replay.{name}", "name": case})
         if said:
             ElementTree.SubElement(entry, kind, {"message": plain(said[0], 1000)}).text = plain("\n".join(said), TEXT_CHARS)
-    try:
-        with replaced(path, 0o644) as file:
-            ElementTree.ElementTree(suite).write(file, "utf-8", xml_declaration=True)
-    except OSError as failure:
-        raise UserError(f"--junit {path}: {reason(failure)}", "name a file in a directory that you may write to") from None
+    text = ElementTree.tostring(suite, "utf-8", xml_declaration=True)
+    check_output(path, label="--junit")
+    write_output(path, text, label="--junit")

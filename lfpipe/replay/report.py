@@ -13,7 +13,8 @@ import numpy as np
 
 from lfpipe.config import Config, to_dict
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import check_links, read_text, reason, replaced
+from lfpipe.files.output import write_output
+from lfpipe.files.safe_files import check_links, read_text
 from lfpipe.files.trace import check_sides, trace_lines
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.versions import versions
@@ -78,11 +79,7 @@ def read_report(folder: Path) -> dict[str, Any]:
 
 def write_report(folder: Path, report: dict[str, Any]) -> None:
     """Raises UserError if it cannot be written."""
-    try:
-        with replaced(folder / REPORT, 0o644) as file:
-            file.write(json.dumps(report, indent=1).encode() + b"\n")
-    except OSError as error:
-        raise UserError(f"{folder / REPORT}: {reason(error)}", "name a folder on a disk with free space") from None
+    write_output(folder / REPORT, json.dumps(report, indent=1).encode() + b"\n")
 
 
 def pair(line: Line, name: str) -> tuple[float, ...]:

@@ -8,6 +8,7 @@ recorded, HZ   in real time, on the clocks of a live session; late frames are dr
 
 import errno
 import os
+import re
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,8 +17,8 @@ from typing import Any
 from lfpipe import config as config_module
 from lfpipe.config import Config, ReplayOutput, SessionOptions
 from lfpipe.errors import UserError
+from lfpipe.files.output import written_by_lfpipe
 from lfpipe.files.safe_files import PRIVATE_FOLDER, reason
-from lfpipe.files.trace import check_trace
 from lfpipe.host.paths import is_dir
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.replay.report import REPORT, STEADY, TRACE, make_report, write_report
@@ -25,11 +26,12 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.summary import summarize
 from lfpipe.sequence.folder import MANIFEST
 from lfpipe.sequence.folder import Sequence as Recorded
-from lfpipe.sequence.index import COPY
+from lfpipe.sequence.index import COPY, INDEX, PACKETS
 
 REFERENCE = (REPORT, TRACE, PICTURES)  # what a comparison reads
 NEW = ".new"  # a reference that is being written
 RESULTS = (REPORT, TRACE, "first.png", "last.png", "worst.png", PICTURES, "difference", NEW)
+_INNER = re.compile(r"(\.new/)?pictures/frames\.(bin|jsonl)|\.new/(report\.json|trace\.jsonl)|difference/frame_\d+_\w+\.png")
 PLACE = "name a folder that you may write to, on a disk with free space"
 
 
@@ -56,11 +58,21 @@ def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -
         raise UserError(f"{sequence.path / MANIFEST}: config: {what}", f"{COPY}, or override it with --set") from None
 
 
+def _strange_entries(folder: Path) -> list[str]:
+    """Entries of folder that are not results of a replay, by name and content. Raises OSError."""
+    found = [path for path in folder.rglob("*") if not path.is_dir() or path.is_symlink()]
+    top = [path.name for path in folder.iterdir() if path.name not in RESULTS]
+    inner = [path for path in found if path.parent != folder and not _INNER.fullmatch(path.relative_to(folder).as_posix())]
+    known = (PACKETS, INDEX)  # of stored pictures; their folder's name has been checked
+    foreign = [path for path in found if path.name not in known and not path.is_symlink() and not written_by_lfpipe(path)]
+    return sorted([*top, *(path.relative_to(folder).as_posix() for path in (*inner, *foreign))])
+
+
 def check_out(folder: Path) -> None:
     """Creates folder if it does not exist. Raises UserError if it is not writable, or contains anything but results."""
     try:
         folder.mkdir(PRIVATE_FOLDER, parents=True, exist_ok=True)
-        strange = sorted(path.name for path in folder.iterdir() if path.name not in RESULTS)
+        strange = _strange_entries(folder)
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(errno.EACCES, "Permission denied")
     except (OSError, ValueError) as error:
@@ -134,7 +146,6 @@ def replay(
         lock_step=pace == "step",
         replay=output if steady else None,
     )
-    check_trace(folder / TRACE)
     outcome = Supervisor(Session(f"replay.{os.getpid()}"), config, options, tell).run()
     if outcome.user_error:
         raise UserError(outcome.failure or outcome.reason, outcome.remedy)

@@ -12,13 +12,14 @@ import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import cv2
 import numpy as np
 
 from lfpipe.errors import UserError, plain
 from lfpipe.files.decoding import is_video, opencv_name
+from lfpipe.files.output import PLACE, check_output, finished_output, mark_video, output_file
 from lfpipe.files.safe_files import create_private, lines, open_regular, reason
 from lfpipe.files.untrusted import Fields, json_fields
 from lfpipe.host.descriptors import path_of
@@ -172,43 +173,37 @@ def _taken_over(capture: cv2.VideoCapture, video: Path, out: Path, truth: Path |
 def export(sequence: Sequence, video: Path) -> Path:
     """Writes a lossless video (HuffYUV) at a constant rate, and next to it a CSV of exact stamps, and of eyes if known.
 
-    Returns the path of the CSV. Raises UserError if they cannot be written or already exist.
+    Returns the path of the CSV. Raises UserError if they must not or cannot be written.
     """
     if video.suffix.lower() not in (".mkv", ".avi"):
         raise UserError(f"{video}: not .mkv or .avi", "use for example walk.mkv; both store RGB without loss")
     opencv_name(video)
     table = video.with_suffix(".csv")
-    made: list[Path] = []
+    for path in (video, table):
+        check_output(path, [sequence.path])
     try:
-        for path in (video, table):
-            create_private(path).close()
-            made.append(path)
-        _write_table(sequence, table)
-        _write_video(sequence, video)
-    except BaseException as error:
-        for path in made:
-            path.unlink(missing_ok=True)
-        if isinstance(error, FileExistsError):
-            raise UserError(f"{error.filename}: already exists", "use another name; nothing is overwritten") from None
-        if isinstance(error, OSError):
-            remedy = "use a directory that you may write to, on a disk with free space"
-            raise UserError(f"{error.filename or video}: {reason(error)}", remedy) from None
-        raise
+        with finished_output(video) as pictures, output_file(table) as rows:
+            _write_table(sequence, rows)
+            _write_video(sequence, pictures.beside)
+            mark_video(pictures.beside)
+    except OSError as error:
+        raise UserError(f"{video}: {reason(error)}", PLACE) from None
     return table
 
 
-def _write_table(sequence: Sequence, path: Path) -> None:
+def _write_table(sequence: Sequence, file: IO[bytes]) -> None:
     eyes = {line["source_seq"]: line for line in eyes_lines(sequence)}
     points = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
-    with path.open("w", newline="") as file:
-        rows = csv.writer(file)
-        known = ["face", *(f"{kind}_{name}" for kind in ("raw", "filtered") for name in points)] if eyes else []
-        rows.writerow([*STAMPS, *known])
-        for packet in sequence.packets:
-            row: list[Any] = [getattr(packet, name) for name in STAMPS]
-            if line := eyes.get(packet.source_seq):
-                row += [line["face"], *(v for kind in POINTS for eye in line[kind] for v in eye)]
-            rows.writerow(row)
+    text = io.TextIOWrapper(file, "ascii", newline="", write_through=True)
+    rows = csv.writer(text)
+    known = ["face", *(f"{kind}_{name}" for kind in ("raw", "filtered") for name in points)] if eyes else []
+    rows.writerow([*STAMPS, *known])
+    for packet in sequence.packets:
+        row: list[Any] = [getattr(packet, name) for name in STAMPS]
+        if line := eyes.get(packet.source_seq):
+            row += [line["face"], *(v for kind in POINTS for eye in line[kind] for v in eye)]
+        rows.writerow(row)
+    text.detach()
 
 
 def _write_video(sequence: Sequence, path: Path) -> None:

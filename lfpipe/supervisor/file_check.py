@@ -26,9 +26,11 @@ def check(request: dict[str, Any]) -> dict[str, Any]:
     """The result of one check; for a "scene" its summary, after packing if necessary. Raises UserError."""
     path = Path(request["path"])
     if request["check"] == "trace":
-        from lfpipe.files.trace import check_trace
+        from lfpipe.capture.spec import source_file
+        from lfpipe.files.output import check_output
 
-        check_trace(path)
+        inputs = (source_file(request["source"]), Path(request["record"]) if request["record"] else None)
+        check_output(path, [source for source in inputs if source is not None])
         return {}
     if request["check"] == "record":
         from lfpipe.sequence.folder import check_out

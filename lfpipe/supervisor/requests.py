@@ -134,7 +134,7 @@ def _trace(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     if not path and not running:
         raise UserError("no timeline is being recorded", "`lfpipe trace start OUT.json` starts one")
     if path:
-        return Reply(check={"check": "trace", "path": path})
+        return Reply(check={"check": "trace", "path": path, "source": state.options.source, "record": state.options.record})
     return Reply({"path": running}, state.changed(timeline=""))
 
 

@@ -1,8 +1,5 @@
 """Values of `--display`."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -26,7 +23,6 @@ def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
         ("file", "did you mean 'file:OUT.mkv'"),
         ("file:", "not a display"),
         ("file:out.webm", "not .mkv, .avi or .mp4"),
-        ("file:/nowhere/at/all/out.mkv", "No such file"),
     ],
 )
 def test_says_what_is_wrong(spec: str, says: str) -> None:
@@ -41,28 +37,6 @@ def test_a_named_screen_that_does_not_answer_is_none(name: str, monkeypatch: pyt
     assert not has_display()
     with pytest.raises(UserError, match="does not answer"):
         check_display("window")
-
-
-def test_checking_a_file_leaves_nothing_and_keeps_what_was(tmp_path: Path) -> None:
-    check_display(f"file:{tmp_path / 'new.mkv'}")
-    assert list(tmp_path.iterdir()) == []
-    old = tmp_path / "old.mkv"
-    old.write_bytes(b"before")
-    check_display(f"file:{old}")
-    assert old.read_bytes() == b"before"
-
-
-def test_a_directory_without_permission(tmp_path: Path) -> None:
-    (tmp_path / "out.mkv").mkdir()
-    with pytest.raises(UserError, match="directory"):
-        check_display(f"file:{tmp_path / 'out.mkv'}")
-
-
-def test_a_fifo_is_refused(tmp_path: Path) -> None:
-    """Found where `--display file:FIFO.mkv` never returned."""
-    os.mkfifo(tmp_path / "out.mkv")
-    with pytest.raises(UserError, match="FIFO"):
-        check_display(f"file:{tmp_path / 'out.mkv'}")
 
 
 def test_none_takes_pictures() -> None:

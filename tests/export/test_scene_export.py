@@ -103,7 +103,7 @@ def test_what_cannot_be_exported_is_refused(made: SceneExport, tmp_path: Path, m
         (lambda: parse_tiles("0x6"), "--tiles 0x6"),
         (lambda: check_clip(tmp_path / "x.webm", 3), "not .mp4 or .gif"),
         (lambda: check_clip(tmp_path / "x.gif", 301), "301 pictures"),
-        (lambda: check_clip(tmp_path / "no" / "x.gif", 3), "x.gif"),
+        (lambda: write_clip(tmp_path / "no" / "x.gif", iter([np.zeros((4, 4, 3), np.uint8)]), 3), "x.gif"),
     ):
         with pytest.raises(UserError) as caught:
             call()

@@ -4,7 +4,6 @@ import json
 import os
 import random
 import stat
-import sys
 import tempfile
 from pathlib import Path
 
@@ -14,7 +13,8 @@ from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
 from lfpipe.files.line_file import LineFile
-from lfpipe.files.trace import TraceFile, check_trace
+from lfpipe.files.output import check_output
+from lfpipe.files.trace import TraceFile
 from lfpipe.observe.timeline import check_out, convert, finish_trace
 from tests import hostile_files as hostile
 from tests.observe.test_timeline import line
@@ -52,9 +52,8 @@ def test_what_is_no_file_is_neither_read_nor_written(kind: str, tmp_path: Path) 
         return  # a file may be written there
     with pytest.raises(UserError, match="thing"):
         convert(written(tmp_path / "t.jsonl"), thing)
-    for check in (check_out, check_trace):
-        with pytest.raises(UserError, match="thing"):
-            check(thing)
+    with pytest.raises(UserError, match="thing"):
+        check_out(thing)
     with pytest.raises(OSError):
         LineFile(thing)
     said: list[str] = []
@@ -62,7 +61,7 @@ def test_what_is_no_file_is_neither_read_nor_written(kind: str, tmp_path: Path) 
     assert len(said) == 1 and "thing" in said[0]
 
 
-@pytest.mark.parametrize("check", [check_out, check_trace])
+@pytest.mark.parametrize("check", [check_out, check_output])
 @pytest.mark.parametrize("place", ["/proc/x/t.json", "/proc/t.json", "gone/t.json", "file/t.json", "a\0b", "x" * 300, "/sys/t"])
 def test_a_place_that_cannot_be_written_is_refused(check: object, place: str, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
@@ -73,11 +72,11 @@ def test_a_place_that_cannot_be_written_is_refused(check: object, place: str, tm
 
 def test_a_conversion_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     out = tmp_path / "t.json"
-    out.write_text("mine")
+    out.write_text("# written by lfpipe")
     (tmp_path / "bad.jsonl").write_text(json.dumps(LINES[0]) + "\n{}\n")
     with pytest.raises(UserError, match=r"bad\.jsonl.*line 2: source_seq is missing"):
         convert(tmp_path / "bad.jsonl", out)
-    assert out.read_text() == "mine"
+    assert out.read_text() == "# written by lfpipe"
     assert convert(written(tmp_path / "good.jsonl"), out) > 20 and stat.S_IMODE(out.stat().st_mode) == 0o600
 
 
@@ -93,22 +92,10 @@ def test_a_timeline_that_cannot_be_left_is_kept(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="is a directory"):
         finish_trace(ask, tmp_path)
     assert not asked, "it goes on"
-    with pytest.raises(UserError, match=rf"lfpipe trace convert {part}"):
+    with pytest.raises(UserError) as caught:
         finish_trace(ask, None)
-    assert part.exists()
+    assert str(part) in caught.value.remedy and part.exists()
     assert finish_trace(ask, tmp_path / "u.json").exists() and not part.exists()
-
-
-def test_a_large_trace_is_converted_and_refused_in_little_memory(tmp_path: Path) -> None:
-    lines = [json.dumps(each).encode() + b"\n" for each in LINES]
-    with (tmp_path / "t.jsonl").open("wb") as file:
-        for k in range(120_000):
-            file.write(lines[k % 6])
-        file.write(b"{}\n")
-    args = [sys.executable, "-m", "lfpipe", "trace", "convert", "t.jsonl", "t.json"]
-    env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    code, _, err, peak_mb = hostile.ended(args, env=env, cwd=tmp_path)
-    assert code == 2 and "line 120001" in err and peak_mb < 150 and not (tmp_path / "t.json").exists()
 
 
 def test_a_place_for_a_timeline_is_checked_before_it_begins(live: World, tmp_path: Path) -> None:

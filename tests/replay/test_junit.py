@@ -72,7 +72,7 @@ def test_bad_input_is_an_error(
     words = [places.get(arg, arg) for arg in args]
     scene = () if "--scene" in args else ("--scene", str(blocks))
     for junit in (("--junit", "j.xml"), ("--junit=j.xml",)):
-        (tmp_path / "j.xml").write_text("<testsuite failures='0'/>")  # of a run that passed
+        write_junit(tmp_path / "j.xml", "seq", [], "", 1.0)  # of a run that passed
         assert typed(monkeypatch, *junit, *scene, *words) == 2
         failures, errors, text = outcome(tmp_path / "j.xml")
         assert (failures, errors) == (0, 1) and said in text

@@ -25,7 +25,7 @@ from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.cli import cli
 from lfpipe.errors import UserError
 from lfpipe.files.line_file import LineFile
-from lfpipe.files.trace import check_trace
+from lfpipe.files.trace import TraceFile
 from lfpipe.replay.report import about_sequence
 from lfpipe.replay.run import replay_config
 from lfpipe.sequence import edit
@@ -246,7 +246,7 @@ def test_what_shows_a_person_is_for_its_owner_alone(whole: Path, tmp_path: Path)
         edit.cut(sequence, tmp_path / "cut", 0.0, 1.0)
         table = edit.export(sequence, tmp_path / "video.mkv")
         edit.from_video(tmp_path / "video.mkv", tmp_path / "back", whole / TRUTH)
-        check_trace(tmp_path / "trace.jsonl")
+        TraceFile(tmp_path / "trace.jsonl", pytest.fail).close()
         LineFile(tmp_path / "lines").close()
     finally:
         os.umask(umask)
@@ -261,13 +261,14 @@ def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(whole: Path
     (tmp_path / "mine.csv").write_text("mine")
     (tmp_path / "folder").mkdir()
     (tmp_path / "notes.avi").write_text("no video")
+    (tmp_path / "notes.mkv").write_text("no video")
     bad_truth = tmp_path / "truth.csv"
     bad_truth.write_text("t_ns,left_x_px,left_y_px,right_x_px,right_y_px\n0,nan,1,1,1\n")
     edit.export(open_sequence(whole), tmp_path / "good.mkv")
     before = sorted(path.name for path in tmp_path.iterdir())
     for args in (
         ("export", whole, tmp_path / "mine.mkv"),
-        ("export", whole, tmp_path / "good.mkv"),
+        ("export", whole, tmp_path / "notes.mkv"),
         ("export", whole, tmp_path / "gone" / "v.mkv"),
         ("cut", whole, tmp_path / "folder"),
         ("cut", whole, tmp_path / "mine.csv"),

@@ -1,0 +1,60 @@
+"""A command that is refused leaves every file of a person as it was, and replaces only what lfpipe wrote."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from lfpipe.cli import cli
+from lfpipe.errors import UserError
+from tests.world import write_scene
+
+
+def _content(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file() and not path.is_symlink()
+    }
+
+
+@pytest.fixture(scope="module")
+def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
+    """A folder of a person's files."""
+    folder = tmp_path_factory.mktemp("owned")
+    write_scene(folder / "views")
+    shutil.copy(clip, folder / "me.avi")
+    (folder / "notes.txt").write_text("mine\n" * 1000)
+    (folder / "visits.csv").write_text("hour;visits\n2026-11-21 15:00;12\n")
+    os.mkfifo(folder / "fifo.mkv")
+    (folder / "link.mkv").symlink_to("me.avi")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("args", "named"),
+    [
+        ("up /nowhere --trace notes.txt", "notes.txt"),
+        ("up /nowhere --camera file:me.avi --trace me.avi --force", "me.avi"),
+        ("up views --camera demo --display none --trace notes.txt", "notes.txt"),
+        ("up views --camera demo --display none --trace views/view_01_01.png --force", "view_01_01.png"),
+        ("up views --camera file:me.avi --display file:me.avi --force", "me.avi"),
+        ("up views --camera file:me.avi --display file:link.mkv --force", "link.mkv"),
+        ("up views --camera demo --display file:fifo.mkv --force", "fifo.mkv"),
+        ("up views --camera demo --display file:new.mkv --trace new.mkv", "new.mkv"),
+        ("up views --camera demo --kiosk enough --visits notes.txt", "notes.txt"),
+        ("up views --camera demo --kiosk enough --visits visits.csv", "visits.csv"),
+        ("scene sheet views -o views/view_01_01.png", "view_01_01.png"),
+        ("scene view views --row 0 --col 0 -o notes.txt", "notes.txt"),
+        ("scene view views --row 0 --col 0 -o me.png", "me.png"),
+        ("scene export views me.avi --as pair", "me.avi"),
+        ("scene export views views/view_00_00.png --as pair", "view_00_00.png"),
+    ],
+)
+def test_a_file_of_a_person_is_kept(owned: Path, monkeypatch: pytest.MonkeyPatch, args: str, named: str) -> None:
+    monkeypatch.chdir(owned)
+    (owned / "me.png").write_bytes((owned / "views" / next(iter(sorted(os.listdir(owned / "views"))))).read_bytes())  # noqa: PTH208
+    before = _content(owned)
+    error = CliRunner().invoke(cli, args.split()).exception
+    assert isinstance(error, UserError) and named in error.message, error
+    assert _content(owned) == before
