@@ -60,7 +60,7 @@ def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -
 
 def _strange_entries(folder: Path) -> list[str]:
     """Entries of folder that are not results of a replay, by name and content. Raises OSError."""
-    found = [path for path in folder.rglob("*") if not path.is_dir() or path.is_symlink()]
+    found = [path for path in folder.rglob("*") if not is_dir(path) or path.is_symlink()]
     top = [path.name for path in folder.iterdir() if path.name not in RESULTS]
     inner = [path for path in found if path.parent != folder and not _INNER.fullmatch(path.relative_to(folder).as_posix())]
     known = (PACKETS, INDEX)  # of stored pictures; their folder's name has been checked
