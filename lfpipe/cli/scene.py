@@ -239,6 +239,6 @@ def make(path: Path, out: Path | None, **options: Any) -> None:
         made = make_slide(path, out or path.with_name(f"{path.stem}-views"), bar)
     click.echo(f"{made.views} views of {made.width_px}x{made.height_px} px, chosen from {made.frames} pictures")
     click.echo(f"  parallax    {made.spread_px:.0f} px between outermost views, {made.residual_px:.2f} px vertical error (95 %)")
-    click.echo(f"  direction   {made.order} ({made.order_sure:.0%} sure; `lfpipe scene sheet` shows near and far)")
+    click.echo(f"  direction   {made.order} ({'sure' if made.order_sure else '`lfpipe scene sheet` shows near and far'})")
     opened(made.folder, config)
     click.echo(made.folder)

@@ -66,12 +66,13 @@ def lines(facts: dict[str, Any]) -> list[str]:
     turned = [name for name, on in (("rows reversed", facts["flips"]["rows"]), ("columns reversed", facts["flips"]["cols"]),
                                     ("rows and columns exchanged", facts["flips"]["transpose"])) if on]  # fmt: skip
     disparity, geometry = facts["disparity"], facts["geometry"]
+    by = f"{found['by']}{', sure' if found['sure'] else ''}"
     tone = f", gamma {facts['gamma']:g} ({facts['gamma_by']})" if facts["gamma"] != 1 else ""
     out = [
         f"{facts['name']}: {facts['rows']}x{facts['cols']} views of {facts['width']}x{facts['height']} px, "
         f"layout {facts['layout']}",
         f"  depth       {facts['bit_depth']} bit, {'colour' if facts['channels'] == 3 else 'grey'}{tone}",
-        f"  order       {' and '.join(turned) or 'as in the files'}: {found['said']} ({found['by']}, {found['sure']:.0%} sure)",
+        f"  order       {' and '.join(turned) or 'as in the files'}: {found['said']} ({by})",
     ]
     if found["undecided"]:
         out.append(f"  undecided   {found['undecided']}")

@@ -39,8 +39,8 @@ _NO_DETAIL = (
 @attrs.frozen
 class Slide:
     """The result: views in folder, of that size, from `frames` pictures. residual_px: vertical disparity, 95th percentile.
-    spread_px: parallax between the outermost views. order, order_sure: evidence that near and far are not exchanged, and its
-    certainty."""
+    spread_px: parallax between the outermost views. order: evidence that near and far are not exchanged. order_sure: whether
+    it decides."""
 
     folder: Path
     views: int
@@ -50,7 +50,7 @@ class Slide:
     residual_px: float
     spread_px: float
     order: str
-    order_sure: float
+    order_sure: bool
 
 
 def _reader(path: Path) -> tuple[int, Callable[[int], NDArray[Any]]]:

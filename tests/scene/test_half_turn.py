@@ -12,6 +12,7 @@ from lfpipe.render.compositor import Compositor
 from lfpipe.scene import half_turn
 from lfpipe.scene.info import describe_pack
 from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.orientation import hides
 from lfpipe.scene.pack import open_scene
 from tests.scene import made
 
@@ -98,3 +99,11 @@ def test_the_reversed_grid_is_packed_once_and_shown_as_its_pictures_say(scene_co
     assert field.half_turned and not half_turn.undecided(field, "auto")
     assert np.array_equal(field.views[0, 0, 0], grid[0, 0].transpose(2, 0, 1))
     assert describe_pack(field, scene_config)["flips"] == {"rows": True, "cols": True, "transpose": False}
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "verdict"),
+    [(67, 0, 1), (61, 1, 1), (10, 0, 1), (0, 10, -1), (9, 0, 0), (86, 21, 0), (22, 116, 0), (0, 0, 0), (1, 61, -1)],
+)
+def test_only_an_unmistakable_occlusion_decides_near_and_far(right: int, wrong: int, verdict: int) -> None:
+    assert hides(right, wrong) == verdict

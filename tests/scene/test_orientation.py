@@ -39,7 +39,7 @@ def turned(grid: np.ndarray, turn: Turn) -> np.ndarray:
 def test_flow_finds_every_turn(turn: Turn) -> None:
     found = orient(as_source(turned(made.views(5, 7), turn)), AUTO)
     assert (found.turn, found.by, found.undecided) == (turn, "flow", "")
-    assert found.sure > 0.7
+    assert found.half_turn_sure
 
 
 @pytest.mark.parametrize(("shape", "flip"), list(product([(1, 9), (9, 1)], [False, True])))
@@ -57,14 +57,12 @@ def test_views_without_difference_are_undecided() -> None:
     found = orient(as_source(same), AUTO)
     assert found.turn == Turn()
     assert "scene.flip" in found.undecided
-    assert found.sure < 0.5
 
 
 def test_unrelated_pictures_are_undecided() -> None:
     noise = np.array([[made.texture(96, 128, 10 * r + c) for c in range(3)] for r in range(3)])
     found = orient(as_source(noise), AUTO)
     assert found.undecided
-    assert found.sure < 0.5
 
 
 @pytest.mark.parametrize("half_turn", [False, True])
@@ -72,8 +70,8 @@ def test_one_way_motion_does_not_decide_the_half_turn(half_turn: bool) -> None:
     wall = made.texture(192, 256, 4)  # one surface: nothing hides anything, and cameras may converge in front of it
     grid = np.array([[wall[40 + 4 * r : 136 + 4 * r, 40 + 4 * c : 168 + 4 * c] for c in range(5)] for r in range(5)])
     found = orient(as_source(grid[::-1, ::-1] if half_turn else grid), AUTO)
-    assert (found.turn, found.sure) == (Turn(), 0.5)
-    assert "half-turn" in found.undecided
+    assert (found.turn, found.half_turn_sure) == (Turn(), False)
+    assert "near and far" in found.undecided
     assert orient(as_source(grid[:, ::-1]), AUTO).turn in (Turn(cols=True), Turn(rows=True))
 
 
@@ -154,17 +152,19 @@ def test_sample_scenes_need_no_override(name: str) -> None:
     source = layouts.describe(made.SAMPLES / name, AUTO)
     found = orient(source, AUTO)
     assert (source.layout, source.rows, source.cols, found.turn) == SCENES[name]
-    assert found.sure > 0.7 or found.undecided
+    assert found.half_turn_sure != ("near and far" in found.undecided)
 
 
-@pytest.mark.parametrize("name", ["hci_antinous", "stanford_lego_knights_17x17"])
-def test_flow_agrees_with_truth_and_coordinates_on_samples(name: str) -> None:
+@pytest.mark.parametrize(("name", "sure"), [("hci_antinous", True), ("stanford_lego_knights_17x17", False)])
+def test_flow_agrees_with_truth_or_says_that_it_does_not_know(name: str, sure: bool) -> None:
     if not (made.SAMPLES / name).is_dir():
         pytest.skip(f"sample scene {name} is not here")
     source = layouts.describe(made.SAMPLES / name, AUTO)
     blind = attrs.evolve(source, turn=None, truth={}, coordinates=None)
     found = orient(blind, AUTO)
-    assert (found.by, found.turn, found.undecided) == ("flow", SCENES[name][3], "")
+    assert (found.by, found.half_turn_sure) == ("flow", sure)
+    if sure:
+        assert (found.turn, found.undecided) == (SCENES[name][3], "")
 
 
 @pytest.mark.parametrize("size", [(1, 1), (6, 8), (23, 200), (11, 11)], ids=str)

@@ -100,7 +100,7 @@ def test_white_that_stands_high_may_be_far(far_white: bool, tmp_path: Path) -> N
     made.write(tmp_path / "s" / "x.png", PICTURE)
     made.write(tmp_path / "s" / "x_depth.png", 255 - ramp if far_white else ramp)
     found = orient(layouts.describe(tmp_path / "s", AUTO), AUTO)
-    assert ("whether white is near" in found.undecided) == far_white and (found.sure > 0.5) != far_white
+    assert ("whether white is near" in found.undecided) == far_white and found.half_turn_sure != far_white
     for flip in ("auto", "both"):
         scene = config.Scene(cache_dir=str(tmp_path / flip), grid="3x3", flip=flip)
         disparity = open_scene(tmp_path / "s", scene).disparity

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture, upright
-from lfpipe.scene.axis_evidence import LOWER, lower_is_nearer
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
 from lfpipe.scene.layouts._grid import parse_grid, require_grid
@@ -29,6 +28,7 @@ _NAMED = re.compile(r"rgb-?[dz](?![a-z])")
 _DEPTH = re.compile(r"depth|disparity|(?<![a-z])dpt")
 _GRID = (5, 9)
 _SAME_SHAPE = 1.2  # most ratio of the aspects of a picture and its depth map
+_LOWER = 0.35  # correlation of height with depth that means something
 _RANGE_SHARE = 0.008  # of the width: disparity between the nearest and the farthest, per view
 _GREY, _COLOURED = 2.0, 6.0  # levels between channels: at most for a depth map, at least for a picture
 
@@ -116,7 +116,9 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     low, high = (float(v) for v in np.percentile(plane, (1, 99)))
     if high - low < 1:
         raise UserError(f"{paths[-1]}: a depth map of one value", "use one in which near is white and far is black")
-    doubt = "whether white is near: what stands lower is darker; scene.flip=both exchanges near and far"
+    below = np.broadcast_to(np.arange(plane.shape[0])[:, None], plane.shape)
+    lower_is_darker = float(np.corrcoef(below.ravel(), plane.ravel())[0, 1]) < -_LOWER
+    doubt = "whether white is near: what stands lower is darker; press d in the window, or set scene.half_turn=yes"
     disparity = np.asarray((np.clip((plane - low) / (high - low), 0, 1) - 0.5) * (_RANGE_SHARE * width), np.float32)
 
     @lru_cache(maxsize=8)
@@ -130,6 +132,6 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     return SceneSource(
         layout=NAME, path=listing.path, files=paths, rows=rows, cols=cols, read=read, height_px=height, width_px=width,
         max_value=full, truth=truth, turn=Turn(), turn_by="the views are made in order, white of the depth map is near",
-        doubt=doubt if lower_is_nearer(plane, np.ones(plane.shape, bool)) < -LOWER else "",
+        doubt=doubt if lower_is_darker else "",
         notes=(f"{rows}x{cols} views are made from one picture and its depth; white is near",),
     )  # fmt: skip
