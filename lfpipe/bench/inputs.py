@@ -1,7 +1,10 @@
 """Inputs of the subjects: scenes, a sequence of frames with or without true eyes, and a work folder."""
 
 import csv
+import hashlib
 import os
+import shutil
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -57,29 +60,56 @@ class Inputs:
         return self.fields[0][1]
 
 
-def read_sequence(path: Path, frames: int) -> FrameSequence:
-    """Up to `frames` frames of a video, or of pictures in a folder. The truth is PATH with the suffix .csv.
+def read_sequence(path: Path, frames: int, work: Path) -> FrameSequence:
+    """Up to `frames` frames of a video, of pictures in a folder, or of a recorded sequence, which becomes a video in `work`.
 
-    Raises UserError if one of them cannot be read.
+    The frames are a file without a name in `work`: a long or large sequence takes no memory. The truth is PATH with the suffix
+    .csv. Raises UserError if one of them cannot be read.
     """
     from lfpipe.capture.pictures import open_recording
+    from lfpipe.sequence.folder import is_sequence
 
+    if is_sequence(path):
+        path = _as_video(path, frames, work)
     recording = open_recording(path)
-    read: list[NDArray[np.uint8]] = []
-    size = (recording.height_px, recording.width_px, 3)
-    while len(read) < frames:
-        frame = np.empty(size, np.uint8)
-        if recording.next(frame) is None:
-            break
-        read.append(frame)
-    recording.close()
+    frame = np.empty((recording.height_px, recording.width_px, 3), np.uint8)
+    count = 0
+    try:
+        with tempfile.TemporaryFile(dir=work) as file:
+            while count < frames and recording.next(frame) is not None:
+                file.write(frame.data)
+                count += 1
+            file.flush()
+            if not count:
+                raise UserError(f"{path}: no frame", "record it again")
+            stored = np.memmap(file, np.uint8, "r", shape=(count, *frame.shape))
+    except OSError as error:
+        raise UserError(f"{work}: {error.strerror}", "choose a folder on a disk with room: --set scene.cache_dir=DIR") from None
+    finally:
+        recording.close()
     table = path.with_suffix(".csv")
     truth = EyePath.read(table) if is_file(table) else None
-    if truth is not None and len(truth.t_ns) < len(read):
-        raise UserError(
-            f"{table}: {len(truth.t_ns)} rows for at least {len(read)} frames", "give one row per frame of the sequence"
-        )
-    return FrameSequence(path, np.stack(read), recording.rate_hz or config.Camera().rate_hz, truth)
+    if truth is not None and len(truth.t_ns) < count:
+        raise UserError(f"{table}: {len(truth.t_ns)} rows for at least {count} frames", "give one row per frame of the sequence")
+    return FrameSequence(path, stored, recording.rate_hz or config.Camera().rate_hz, truth)
+
+
+def _as_video(folder: Path, frames: int, work: Path) -> Path:
+    """The first frames of a recorded sequence as a video without loss, with its truth, written once."""
+    from lfpipe.sequence.edit import export
+    from lfpipe.sequence.folder import MANIFEST, TRUTH, open_sequence
+
+    sequence = open_sequence(folder)
+    digest = hashlib.blake2b((folder / MANIFEST).read_bytes(), digest_size=8).hexdigest()
+    video = work / f"{folder.name}-{digest}-{frames}.mkv"
+    if not is_file(video):
+        part = work / f".{os.getpid()}-{video.name}"
+        table = export(attrs.evolve(sequence, packets=sequence.packets[:frames]), part)  # type: ignore[arg-type]  # a list will do
+        table.unlink()
+        if is_file(folder / TRUTH):
+            shutil.copyfile(folder / TRUTH, video.with_suffix(".csv"))
+        part.replace(video)
+    return video
 
 
 def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
@@ -88,7 +118,7 @@ def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
     Every frame has its own sensor noise: a still face would otherwise be a constant picture.
     """
     path = folder / f"demo-{moving_s:g}s-{rate_hz:g}hz.avi"
-    if is_file(path) and is_file(path.with_suffix(".csv")):
+    if path.is_file() and path.with_suffix(".csv").is_file():
         return path
     from lfpipe.capture.demo import DemoSource, demo_eyes_px
 
@@ -134,7 +164,7 @@ def make_inputs(scenes: tuple[Path, ...], sequence: Path | None, quick: bool, se
     except OSError as error:
         raise UserError(f"{work}: {error.strerror}", "choose another folder: --set scene.cache_dir=DIR") from None
     path = sequence or demo_sequence(work, MOVING_S[0 if quick else 1])
-    frames = read_sequence(path, MAX_FRAMES[0 if quick else 1])
+    frames = read_sequence(path, MAX_FRAMES[0 if quick else 1], work)
     if not scenes:
         scenes = (demo_scene(cache, say, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache, say),)
     fields = tuple((scene, open_scene(scene, settings.scene, say, choose_method)) for scene in scenes)

@@ -146,6 +146,20 @@ def _samples(part: Fields) -> Samples:
     return found
 
 
+def figures_of(folder: Path, name: str) -> tuple[dict[str, Any], list[str], list[str]]:
+    """Figures of a subject by name, its failures, and what it left out, each with its reason."""
+    from lfpipe.bench.subjects import SUBJECTS
+
+    found, subject = read(folder).subjects[name], SUBJECTS[name]
+    measured = [(f"{one}: {of.key}", values.value(of)) for one, values in found.measured.items() for of in subject.figures]
+    figures: dict[str, Any] = {name: float(f"{value:.6g}") for name, value in measured}
+    cells = [each for table in found.tables for row in table.rows for each in row]
+    for state in ("ok", "degraded", "failed"):
+        if any(each.state for each in cells):
+            figures[f"cells {state}"] = float(sum(each.state == state for each in cells))
+    return figures, [f"{one}: {why}" for one, why in found.omissions.items()], [f"{one.what}: {one.why}" for one in found.skipped]
+
+
 def _output(command: list[str]) -> str:
     try:
         here = Path(lfpipe.__file__).parent

@@ -135,7 +135,8 @@ def _median_ms(renderer: ViewRenderer, made: Sequence[tuple[int, int]], step: in
 
 
 def measure(
-    scenes: Sequence[tuple[Path, Callable[[], LightField]]], protocol: Protocol, identity: str, out: Path, say: Say
+    scenes: Sequence[tuple[Path, Callable[[], LightField]]], protocol: Protocol, identity: str, out: Path, say: Say,
+    timed: bool = True,
 ) -> list[Line]:
     """Measures what is missing in out/FILE, appends a line for each result, and returns all lines of these scenes.
 
@@ -157,9 +158,9 @@ def measure(
                 except UserError as error:
                     lines.append(Line(path.name, "all", "", left_out=str(error)))
                     continue
-                about = json.dumps([identity, field.manifest.get("key", ""), attrs.astuple(protocol)])
+                about = json.dumps([identity, field.manifest.get("key", ""), attrs.astuple(protocol), timed])
                 had = {method: known[about + method] for method in reversed(METHODS) if about + method in known}
-                for line in measure_scene(field, field.name, protocol, list(had), say):
+                for line in measure_scene(field, field.name, protocol, list(had), say, timed):
                     if not line.left_out:
                         target.write(json.dumps({"key": about + line.method, **attrs.asdict(line)}) + "\n")
                         target.flush()

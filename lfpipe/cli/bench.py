@@ -56,8 +56,8 @@ def _command(name: str, names: tuple[str, ...], about: str) -> click.Command:
     @click.option(
         "--sequence",
         type=click.Path(path_type=Path),
-        metavar="VIDEO",
-        help="Frames; VIDEO.csv holds the true eyes. Default: the demo's.",
+        metavar="SEQUENCE",
+        help="A recorded sequence, or a video; VIDEO.csv holds its true eyes. Default: the demo's.",
     )
     @click.option("--out", type=click.Path(path_type=Path), default=Path("lfpipe-bench"), show_default=True, metavar="DIR",
                   help="Folder for results; an interrupted run continues there.")  # fmt: skip
@@ -123,9 +123,11 @@ def compare(a: Path, b: Path, subjects: tuple[str, ...], on: tuple[Path, Path] |
 @click.option("--border", type=click.IntRange(0, 1000), default=22, show_default=True, metavar="PX", help="Crop per side.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("lfpipe-table"), show_default=True, metavar="DIR",
               help="Folder for results; an interrupted run continues there.")  # fmt: skip
+@click.option("--untimed", is_flag=True, help="PSNR and SSIM only.")
 @with_config
 def table(
-    scenes: tuple[Path, ...], keep: str, crop: str, border: int, out: Path, config_file: str | None, sets: tuple[str, ...]
+    scenes: tuple[Path, ...], keep: str, crop: str, border: int, out: Path, untimed: bool, config_file: str | None,
+    sets: tuple[str, ...],
 ) -> int:
     """Measure every method by the protocol of angular super-resolution, 2x2 -> 7x7 views.
 
@@ -149,7 +151,8 @@ def table(
     identity = f"{source_digest()} {sorted(versions().items())}"
     cv2.setNumThreads(1)  # as in a session; the table's heading says one thread
     with progress() as bar:
-        lines = measure([(path, partial(open_scene, path, settings.scene, bar)) for path in scenes], protocol, identity, out, bar)
+        fields = [(path, partial(open_scene, path, settings.scene, bar)) for path in scenes]
+        lines = measure(fields, protocol, identity, out, bar, not untimed)
     page = write(lines, protocol, out)
     click.echo(markdown(lines, protocol))
     click.echo(page)

@@ -1,5 +1,6 @@
 """`lfpipe sweep`: runs many measurements over a corpus, on this machine or on a cluster."""
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -40,14 +41,21 @@ def sweep() -> None:
 @click.argument("plan", type=PATH, metavar="PLAN.toml")
 @click.option("--out", type=PATH, default=Path("lfpipe-sweep"), show_default=True, metavar="DIR", help="Folder for results.")
 @click.option("--jobs", type=click.IntRange(1, 1024), metavar="N", help="Workers on this machine. Default: one per core.")
-@click.option("--on", "address", default="", metavar="tcp://SCHEDULER", help="Use the workers of this Dask scheduler instead.")
+@click.option("--on", "address", default="", metavar="tls://SCHEDULER", help="Use the workers of a Dask scheduler instead.")
+@click.option("--insecure", is_flag=True, help="With --on: accept a scheduler without TLS. Whoever reaches it can run code.")
+@click.option("--limit", type=click.FloatRange(1), default=3600.0, show_default=True, metavar="S", help="Seconds for one cell.")
 @click.option("--expect", type=PATH, metavar="DIR", help="Compare replays and quality with the references in this folder.")
 @click.option("--update", is_flag=True, help="Write the references of --expect instead.")
 @click.option("--junit", type=PATH, metavar="FILE", help="Write the outcome as JUnit XML.  [default: junit.xml in DIR]")
-def run(plan: Path, out: Path, jobs: int | None, address: str, expect: Path | None, update: bool, junit: Path | None) -> int:
+def run(
+    plan: Path, out: Path, jobs: int | None, address: str, insecure: bool, limit: float, expect: Path | None, update: bool,
+    junit: Path | None,
+) -> int:  # fmt: skip
     """Run a plan; exit code 0: all as expected, 1: a cell failed or differs, 2: bad input."""
     try:
-        from lfpipe.sweep.run import References, sweep
+        import cryptography  # noqa: F401  the certificates of a local cluster
+
+        from lfpipe.sweep.run import Options, sweep
     except ImportError as error:
         raise UserError(f"sweeps need the package {error.name}", "pip install 'lfpipe[sweep]'") from None
     from lfpipe.cli.progress import progress
@@ -60,20 +68,21 @@ def run(plan: Path, out: Path, jobs: int | None, address: str, expect: Path | No
         raise UserError("--update needs references", "name their folder with --expect DIR")
     if jobs and address:
         raise UserError("--jobs and --on exclude each other", "leave --jobs out: the scheduler has its own workers")
-    references = References(expect, update) if expect is not None else None
     try:
         with progress() as bar:
-            outcomes = sweep(read_plan(plan), out, address, jobs or len(usable_cores()), references, bar)
+            notice = partial(click.echo, err=True)
+            options = Options(address, jobs or len(usable_cores()), limit, expect, update, insecure, bar, notice)
+            outcomes = sweep(read_plan(plan), out, options)
     except KeyboardInterrupt:
         click.echo(f"interrupted; finished cells are in {out}; the same command continues", err=True)
         return 130
     page = write(outcomes, out, junit)
-    for one in outcomes:
-        if one.state in (FAILED, DIFFERS):
-            click.echo(f"{one.state}: {one.name}: {one.reason}")
+    for outcome in outcomes:
+        if outcome.state in (FAILED, DIFFERS):
+            click.echo(f"{outcome.state}: {outcome.cell.name}: {outcome.reason}")
     click.echo(verdict(outcomes))
     click.echo(page)
-    return 1 if any(one.state in (FAILED, DIFFERS) for one in outcomes) else 0
+    return 1 if any(outcome.state in (FAILED, DIFFERS) for outcome in outcomes) else 0
 
 
 @sweep.command()
@@ -82,20 +91,20 @@ def show(folder: Path) -> None:
     """Print the table of a sweep, finished or not."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    from lfpipe.sweep.results import ABOUT, Store, about, shown, verdict
+    from lfpipe.sweep.results import ABOUT, Store, rows, verdict
 
     outcomes = list(Store(folder, read_only=True).outcomes.values())
     console = Console()
     if not console.is_terminal:
         console.width = 240
-    for subject in dict.fromkeys(one.subject for one in outcomes):
-        some = [one for one in outcomes if one.subject == subject]
-        body = [[*about(one), ", ".join(f"{name} {shown(value)}" for name, value in one.figures.items())] for one in some]
-        head = (*ABOUT, "figures")
-        kept = [k for k, name in enumerate(head) if name != "subject" and any(row[k] for row in body)]
-        table = Table(*(head[k] for k in kept), title=subject, title_justify="left")
+    for subject in dict.fromkeys(outcome.cell.subject for outcome in outcomes):
+        head, *body = rows([outcome for outcome in outcomes if outcome.cell.subject == subject])
+        known = [k for k, name in enumerate(ABOUT) if name != "subject" and any(row[k] for row in body)]
+        table = Table(*(head[k] for k in known), "figures", title=subject, title_justify="left")
         for row in body:
-            table.add_row(*(row[k] for k in kept))
+            figures = (f"{name} {value}" for name, value in zip(head[len(ABOUT) :], row[len(ABOUT) :], strict=True) if value)
+            table.add_row(*(Text(row[k]) for k in known), ", ".join(figures))
         console.print(table)
     console.print(verdict(outcomes))

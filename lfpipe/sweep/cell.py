@@ -1,4 +1,4 @@
-"""A cell of a sweep: one subject, on one sequence and one scene, with one configuration."""
+"""A cell of a sweep, one subject on one sequence and one scene with one configuration; and its outcome."""
 
 import hashlib
 import json
@@ -9,13 +9,14 @@ from typing import Any
 import attrs
 
 QUALITY, TABLE, REPLAY, TRUTH = "quality", "table", "replay", "truth"
-BENCH = ("tracker", "filters", "synthesis", "anaglyph", "stability", "plan")  # as `lfpipe bench` names them
+BENCH = ("tracker", "filters", "synthesis", "anaglyph", "stability")  # as `lfpipe bench` names them
 SUBJECTS = (REPLAY, TRUTH, QUALITY, TABLE, *BENCH)
 NEEDS_SEQUENCE, NEEDS_SCENE = (REPLAY, TRUTH), (QUALITY, TABLE)
-TIMED = (TABLE, *BENCH)  # timed cells run alone on a host
+TIMED = (TABLE, *BENCH)  # run alone on a host
 
 OK, DIFFERS, FAILED, LEFT_OUT = "ok", "differs", "failed", "left out"
 DONE = (OK, DIFFERS, LEFT_OUT)  # not measured again
+DIED = "died"  # of a cell whose process died: it runs again, alone; never stored
 
 
 @attrs.frozen
@@ -40,8 +41,8 @@ class Cell:
     @property
     def name(self) -> str:
         """Equal for the same cell of two versions: contains names of files, not hashes."""
-        parts = [self.subject, *(Path(path).name for path in (self.sequence, self.scene) if path), *self.sets]
-        return " ".join([*parts, *(f"{name}={value}" for name, value in self.options)])
+        words = [self.subject, *(Path(path).name for path in (self.sequence, self.scene) if path), *self.sets]
+        return " ".join([*words, *(f"{name}={value}" for name, value in self.options)])
 
     @property
     def folder(self) -> str:
@@ -51,36 +52,28 @@ class Cell:
 
 @attrs.frozen
 class Outcome:
-    """The outcome of a cell. figures: numbers and digests by name. seconds: its own work. overhead_s: what the sweep added."""
+    """The outcome of a cell. figures: numbers and digests by name. seconds: of its process. began_s: Unix time."""
 
-    key: str
-    name: str
-    subject: str
-    sequence: str
-    scene: str
-    sets: tuple[str, ...]
-    options: tuple[tuple[str, str], ...]
+    cell: Cell
     state: str
     reason: str = ""
     figures: dict[str, float | str] = attrs.Factory(dict)
     seconds: float = 0.0
     host: str = ""
-    began_s: float = 0.0  # Unix time
+    began_s: float = 0.0
 
     def line(self) -> bytes:
-        """As a line of results.jsonl."""
-        return json.dumps(attrs.asdict(self)).encode() + b"\n"
-
-
-def outcome(cell: Cell, state: str, reason: str = "", **more: Any) -> Outcome:
-    same = {name: getattr(cell, name) for name in ("key", "name", "subject", "sequence", "scene", "sets", "options")}
-    return Outcome(**same, state=state, reason=reason, **more)
+        """As a line of results.jsonl: the fields of the cell beside those of the outcome."""
+        outcome = attrs.asdict(self)
+        return json.dumps({**outcome.pop("cell"), "name": self.cell.name, **outcome}).encode() + b"\n"
 
 
 def parsed(values: dict[str, Any]) -> Outcome:
-    """An outcome from its line. Raises TypeError or ValueError for other lines."""
-    found = Outcome(**values)
-    if not isinstance(found.key, str) or found.state not in (*DONE, FAILED) or not isinstance(found.figures, dict):
+    """An outcome from its line. Raises TypeError, KeyError or ValueError for other lines."""
+    values = {name: value for name, value in values.items() if name != "name"}
+    cell = Cell(**{field.name: values.pop(field.name) for field in attrs.fields(Cell)})
+    pairs = tuple((str(name), str(value)) for name, value in cell.options)
+    found = Outcome(attrs.evolve(cell, sets=tuple(map(str, cell.sets)), options=pairs), **values)
+    if not isinstance(cell.key, str) or found.state not in (*DONE, FAILED) or not isinstance(found.figures, dict):
         raise ValueError("not an outcome")
-    pairs = tuple((str(name), str(value)) for name, value in found.options)
-    return attrs.evolve(found, sets=tuple(map(str, found.sets)), options=pairs)
+    return found

@@ -37,7 +37,7 @@ from lfpipe.sequence.folder import FILES, MANIFEST, is_sequence
 from lfpipe.sweep.cell import BENCH, NEEDS_SCENE, NEEDS_SEQUENCE, QUALITY, SUBJECTS, TABLE, Cell
 
 PLAN_BYTES = 1 << 20
-MAX_CELLS = 1_000_000
+MAX_CELLS = 100_000
 PROTOCOL: dict[str, list[Any]] = {"keep": [2], "crop": ["central"], "border": [22]}
 ALLOWED: dict[str, Callable[[Any], bool]] = {
     "keep": lambda value: value in (2, 3) and value is not True,

@@ -10,7 +10,7 @@ import pytest
 from tests.bench.inputs import wall
 from tests.replay.conftest import make_sequence
 
-SCENES = 10
+SCENES = 4
 
 
 def write_wall(folder: Path, shift: int) -> Path:
@@ -23,7 +23,7 @@ def write_wall(folder: Path, shift: int) -> Path:
 
 @pytest.fixture(scope="session")
 def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """scenes/s0 ... s9, recordings/walk, broken/cut."""
+    """scenes/s0 ... s3, recordings/walk, broken/cut."""
     root = tmp_path_factory.mktemp("corpus")
     for k in range(SCENES):
         write_wall(root / "scenes" / f"s{k}", 3 * k)

@@ -1,13 +1,17 @@
-"""What a plan becomes: cells, their keys, and refusals that name the key."""
+"""What a plan becomes: cells, their keys, and refusals that name the key; what a table of results quotes."""
 
+import csv
 import shutil
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from lfpipe.cli.sweep import sweep
 from lfpipe.errors import UserError
-from lfpipe.sweep.cell import Cell
+from lfpipe.sweep.cell import FAILED, Cell, Outcome
 from lfpipe.sweep.plan import cells, read_plan, scene_id, sequence_id
+from lfpipe.sweep.results import ABOUT, Store, write
 from tests.sweep.conftest import write_plan
 
 FULL = """
@@ -62,12 +66,12 @@ def test_a_key_follows_contents_not_the_place(tmp_path: Path, corpus: Path, monk
         ('subjects = ["quality"]', "needs scenes"),
         ('subjects = ["replay"]\nscenes = ["a"]', "needs sequences"),
         ('subjects = "quality"', "a list of strings"),
-        ('subjects = ["plan"]\n[config]\n"render.methd" = ["warp"]', "render.method"),
-        ('subjects = ["plan"]\n[config]\n"render.method" = ["wrap"]', "wrap"),
-        ('subjects = ["plan"]\n[config]\n"render.method" = []', "empty"),
-        ('subjects = ["plan"]\n[table]\nkeep = [4]', "table.keep: 4"),
-        ('subjects = ["plan"]\n[table]\nkep = [2]', "did you mean 'keep'"),
-        ('subjects = ["plan"]\nconfig = 3', "a table"),
+        ('subjects = ["anaglyph"]\n[config]\n"render.methd" = ["warp"]', "render.method"),
+        ('subjects = ["anaglyph"]\n[config]\n"render.method" = ["wrap"]', "wrap"),
+        ('subjects = ["anaglyph"]\n[config]\n"render.method" = []', "empty"),
+        ('subjects = ["anaglyph"]\n[table]\nkeep = [4]', "table.keep: 4"),
+        ('subjects = ["anaglyph"]\n[table]\nkep = [2]', "did you mean 'keep'"),
+        ('subjects = ["anaglyph"]\nconfig = 3', "a table"),
     ],
 )
 def test_mistakes_are_named_before_anything_runs(tmp_path: Path, text: str, said: str) -> None:
@@ -79,3 +83,28 @@ def test_mistakes_are_named_before_anything_runs(tmp_path: Path, text: str, said
 def test_names_of_references_are_plain_file_names() -> None:
     cell = Cell("replay", "/a/../é/%$ walk", "/x/" + "s" * 300, ("render.method=warp2", 'screen.x="/"'))
     assert "/" not in cell.folder and len(cell.folder) < 100 and not cell.folder.startswith(".")
+
+
+def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
+    names = ("=1+1", "+cmd", "-2", "@SUM(A1)", "plain")
+    outcomes = [Outcome(Cell("quality", "", f"/x/{name}", (), key=name), FAILED, "=why", {"a": -1.5}) for name in names]
+    write(outcomes, tmp_path, None)
+    head, *rows = csv.reader((tmp_path / "table.csv").open())
+    assert [row[3] for row in rows] == ["'=1+1", "'+cmd", "'-2", "'@SUM(A1)", "plain"]
+    assert {(row[ABOUT.index("reason")], row[head.index("a")]) for row in rows} == {("'=why", "-1.5")}
+    store = Store(tmp_path / "out")
+    for outcome in outcomes:
+        store.append(outcome)
+    store.close()
+    assert list(Store(tmp_path / "out", read_only=True).outcomes.values()) == outcomes
+
+
+def test_words_that_do_not_go_together(tmp_path: Path) -> None:
+    for words, named in (
+        (("run", f"{tmp_path}/plan.toml"), "plan.toml"),
+        (("run", "plan.toml", "--update"), "--update"),
+        (("run", "plan.toml", "--jobs", "2", "--on", "tls://a:1"), "--jobs"),
+        (("show", f"{tmp_path}/nowhere"), "nowhere"),
+    ):
+        error = CliRunner().invoke(sweep, words).exception
+        assert isinstance(error, UserError) and named in error.message, error
