@@ -2,9 +2,6 @@
 
     python profiling/hosts.py               # under each Python found here; writes profiling/results/hosts.md
     python profiling/hosts.py --short       # a minute; prints the table only
-    LFPIPE_HOST=portable python profiling/hosts.py --rooms [--python 3.12] [ROOM ...]
-
-With --rooms: the tests of all rooms or some, under each Python or one. Their counts go to profiling/results/hosts-rooms.md.
 
 Each Python has its environment in .venv-X.Y of the checkout, made by uv from the project's file. A Python that is not installed
 is a line of the table and no failure. The replay compares the digests of eyes, views and pictures with those of the first Python.
@@ -22,7 +19,6 @@ import time
 from pathlib import Path
 
 import psutil
-import room_tests
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "profiling" / "results" / "hosts.md"
@@ -88,10 +84,6 @@ class Interpreter:
             print(f"{' '.join(command)[:200]}: exit code {done.returncode}\n{said}", file=sys.stderr)
         return done
 
-    def rooms(self, version: str, wanted: list[str]) -> bool:
-        """The tests of these rooms, or all; whether they passed."""
-        return room_tests.run_all(version, self._python, self._env, wanted)
-
     def version(self) -> str:
         return self.run("-c", "import platform; print(platform.python_version())").stdout.strip()
 
@@ -154,21 +146,10 @@ def table(short: bool) -> tuple[list[tuple[str, ...]], bool]:
     return rows, failed
 
 
-def run_rooms(versions: tuple[str, ...], wanted: list[str]) -> bool:
-    """Whether all tests of these rooms, or of all, passed under each of these Pythons that is here."""
-    with tempfile.TemporaryDirectory(prefix="lfh") as name:
-        found = [(version, path) for version in versions if (path := find_python(version))]
-        return all([Interpreter(version, path, Path(name), False).rooms(version, wanted) for version, path in found])
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--short", action="store_true", help="3 s of the demo, 1 s of replay; writes no file")
-    parser.add_argument("--rooms", nargs="*", choices=room_tests.rooms(), metavar="ROOM", help="their tests alone; default all")
-    parser.add_argument("--python", choices=PYTHONS, help="with --rooms: under this one alone")
     args = parser.parse_args()
-    if args.rooms is not None:
-        return int(not run_rooms((args.python,) if args.python else PYTHONS, args.rooms))
     short = args.short
     rows, failed = table(short)
     lines = ["| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|", *("| " + " | ".join(row) + " |" for row in rows)]
@@ -177,9 +158,8 @@ def main() -> int:
     if not short:
         machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, load average {psutil.getloadavg()[1]:.0f}"
         about = "Digests are of all frames' eyes, views and pictures, replayed in steps with the demo's scene."
-        rest = RESULTS.read_text().partition("\n## ") if RESULTS.exists() else ("", "", "")  # of other scripts
         head = f"# Hosts and Pythons\n\n`python profiling/hosts.py` on {machine}. {about}"
-        RESULTS.write_text(f"{head}\n\n{text}\n{ELSEWHERE}{rest[1]}{rest[2]}")
+        RESULTS.write_text(f"{head}\n\n{text}\n{ELSEWHERE}")
     return int(failed)
 
 

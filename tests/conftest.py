@@ -33,7 +33,7 @@ for _name in ("SIGHUP", "SIGQUIT"):
         signal.signal(getattr(signal, _name), signal.SIG_DFL)
 
 
-LONGEST_ROOMS = {"attack", "sweep"}  # first: at the end one worker would wait for the other
+LONGEST_ROOMS = {"sweep"}  # first: at the end one worker would wait for the other
 
 
 def pytest_xdist_auto_num_workers() -> int:

@@ -82,7 +82,6 @@ ALLOWED = {
     "lfpipe/render/display.py": "X and Wayland listen at Unix sockets",
     "lfpipe/render/window_system.py": "calls the SDL library that pygame loads",
     "lfpipe/track/network.py": "maps a tensor's memory",
-    "lfpipe/bench/worker.py": "forks, so that every turn starts from the same prepared memory",
 }
 
 

@@ -1,4 +1,4 @@
-"""`lfpipe bench`: a report of error against run time, and differences between two builds or two runs."""
+"""`lfpipe bench`: a report of error against run time."""
 
 from pathlib import Path
 from typing import Any
@@ -72,47 +72,6 @@ def _command(name: str, names: tuple[str, ...], about: str) -> click.Command:
 bench.add_command(_command("all", NAMES, "Measure every subject."))
 for _name in NAMES:
     bench.add_command(_command(_name, (_name,), f"Measure the subject {_name}."))
-
-
-@bench.command()
-@click.argument("a", type=click.Path(path_type=Path))
-@click.argument("b", type=click.Path(path_type=Path))
-@click.option("--subject", "subjects", multiple=True, type=click.Choice(["tracker", "filters", "synthesis", "anaglyph"]),
-              help="For two builds: measure this subject only; repeatable.")  # fmt: skip
-@click.option(
-    "--on", nargs=2, type=click.Path(path_type=Path), metavar="SCENE VIDEO", help="For two builds: inputs instead of the demo's."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def compare(a: Path, b: Path, subjects: tuple[str, ...], on: tuple[Path, Path] | None, as_json: bool) -> int:
-    """Report what B does better or worse than A, beyond noise.
-
-    A and B are two source checkouts of lfpipe, or two folders written by --out. Checkouts run in turns for up to a minute,
-    until every difference is decided. For folders, only times that differ by more than 10 % are reported. The exit code is 1 if
-    B is worse in any figure.
-    """
-    import json
-
-    import attrs
-
-    from lfpipe.bench.builds import compare_builds, is_build
-    from lfpipe.bench.comparison import compare_results
-    from lfpipe.bench.results import read
-    from lfpipe.cli.progress import progress
-
-    if is_build(a) and is_build(b):
-        with progress() as bar:
-            found = compare_builds(a, b, subjects or ("tracker", "synthesis"), bar, on or ())
-    else:
-        found = compare_results(read(a), read(b))
-    called, unsure = [one for one in found if one.called], sum(not one.settled for one in found)
-    if as_json:
-        called_json = [attrs.asdict(one) for one in called]
-        click.echo(json.dumps({"compared": len(found), "called": called_json, "unsure": unsure}))
-    else:
-        for one in called:
-            click.echo(str(one))
-        click.echo(f"{len(found)} figures compared, {len(called)} differ beyond noise, {unsure} too noisy to decide")
-    return 1 if any(one.worse for one in called) else 0
 
 
 @bench.command()

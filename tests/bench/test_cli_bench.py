@@ -5,8 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from lfpipe.bench.builds import Build
-from tests.world import World, write_scene
+from tests.world import World
 
 
 def test_a_subject_from_the_command_line_and_again(world: World, scene: Path, clip: Path) -> None:
@@ -21,8 +20,6 @@ def test_a_subject_from_the_command_line_and_again(world: World, scene: Path, cl
     assert second.returncode == 0, second.stderr
     again = json.loads((world.root / "out" / "results.json").read_text())
     assert again["subjects"] == results["subjects"]
-    same = world.run("bench", "compare", "out", "out", "--json")
-    assert same.returncode == 0 and json.loads(same.stdout)["called"] == []
 
 
 def test_mistakes_are_named(world: World, clip: Path) -> None:
@@ -30,23 +27,9 @@ def test_mistakes_are_named(world: World, clip: Path) -> None:
         (("bench", "trackers"), "trackers"),
         (("bench", "plan", "--quick", "--scene", "nowhere", "--sequence", clip), "nowhere"),
         (("bench", "plan", "--quick", "--sequence", "nowhere.avi"), "nowhere.avi"),
-        (("bench", "compare", ".", "."), "no results"),
     ):
         done = world.run(*words)
         assert done.returncode == 2 and text in done.stderr and "Traceback" not in done.stderr, (words, done.stderr)
-
-
-def test_a_build_measures_itself(tmp_path: Path, clip: Path) -> None:
-    scene = write_scene(tmp_path / "scene", 5, 5)
-    build = Build(Path(__file__).parents[2], (tmp_path, scene, clip))
-    try:
-        name = "nearest, every 2nd view"
-        assert build.ask(prepare="synthesis", curves=["nearest"])["names"] == [name]
-        assert build.ask(errors=name)["psnr_db"]
-        assert build.ask(turn=name)["time_ms"] > 0
-        assert "failed" in build.ask(turn="nothing of that name")
-    finally:
-        build.close()
 
 
 def test_bench_alone_prints_its_help_and_measures_nothing(tmp_path: Path) -> None:

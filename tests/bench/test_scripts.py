@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SHARED = ("arguments", "people_habits", "people_litter", "people_scenes", "photon_simulation", "room_tests")
+SHARED = ("arguments", "people_habits", "people_litter", "people_scenes", "photon_simulation")
 NO_SCRIPTS = (*SHARED, "package_page")  # the last is a build hook
 SCRIPTS = sorted(
     path for folder in ("profiling", "tools") for path in (ROOT / folder).glob("*.py") if path.stem not in NO_SCRIPTS
@@ -16,11 +16,8 @@ SCRIPTS = sorted(
 PAGES = [ROOT / "README.md", ROOT / "docs" / "replay.md", *sorted((ROOT / "profiling" / "results").glob("*.md"))]
 WITH_DATA = (
     "eyes_engines",
-    "eyes_heldout",
     "pipeline_vs_loop",
     "quality_beside_hogs",
-    "replay_recording",
-    "replay_steady",
     "scene_pack",
 )
 
@@ -37,8 +34,7 @@ def test_help_needs_nothing(script: Path) -> None:
 
 @pytest.mark.parametrize("name", WITH_DATA)
 def test_missing_data_is_named(name: str) -> None:
-    words = ["--portraits", "nowhere"] if name == "eyes_heldout" else ["nowhere"]
-    done = run(ROOT / "profiling" / f"{name}.py", *words)
+    done = run(ROOT / "profiling" / f"{name}.py", "nowhere")
     assert done.returncode == 2 and "nowhere" in done.stderr and "Traceback" not in done.stderr, done.stderr
 
 
@@ -50,4 +46,4 @@ def test_quoted_scripts_and_subjects_exist(page: Path) -> None:
     for name in re.findall(r"(?:profiling|tools)/[\w/.-]+\.(?:py|md|toml)", text):
         assert (ROOT / name).is_file(), name
     for word in re.findall(r"lfpipe bench (\w+)", text):
-        assert word in {*SUBJECTS, "all", "compare", "table"}, word
+        assert word in {*SUBJECTS, "all", "table"}, word

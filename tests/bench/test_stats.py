@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
-from scipy.stats import wilcoxon
 
 from lfpipe.bench.eye_path import HEAD, EyePath
-from lfpipe.bench.stats import MIN_SAMPLES, bootstrap_interval, median_interval, noise, p_above, pareto
+from lfpipe.bench.stats import MIN_SAMPLES, median_interval, noise, pareto
 from lfpipe.errors import UserError
 from lfpipe.sequence.truth import Truth
 
@@ -37,34 +36,6 @@ def test_interval_of_the_median_is_that_of_the_tables(count: int, low: int, high
     samples = [float(k) for k in range(count, 0, -1)]
     assert median_interval(samples) == (low, high)
     assert noise(samples) == pytest.approx((high - low) / ((count + 1) / 2))
-
-
-def test_bootstrap_interval_is_as_wide_as_theory_says() -> None:
-    """A median of n values of a normal distribution scatters by sqrt(pi / 2 / n) of its sigma."""
-    rng, n = np.random.default_rng(4), 200
-    for level, sigmas in ((0.95, 1.96), (0.68, 0.994)):
-        ends = [bootstrap_interval(rng.normal(10.0, 1.0, n).tolist(), level, 400) for _ in range(60)]
-        half = np.mean([(high - low) / 2 for low, high in ends])
-        assert half == pytest.approx(sigmas * math.sqrt(math.pi / 2 / n), rel=0.1)
-
-
-def test_bootstrap_interval_narrows_with_samples() -> None:
-    values = np.random.default_rng(2).normal(1.0, 0.1, 64).tolist()
-    few, many = bootstrap_interval(values[:8]), bootstrap_interval(values)
-    assert few[0] < many[0] < np.median(values) < many[1] < few[1]
-    assert few[1] - few[0] > 1.5 * (many[1] - many[0])
-
-
-@given(st.lists(st.floats(-10, 10).filter(lambda v: abs(v) > 1e-6), min_size=1, max_size=30, unique_by=abs))
-def test_signed_ranks_are_those_of_the_books(values: list[float]) -> None:
-    assert p_above(values) == pytest.approx(wilcoxon(values, alternative="greater", method="exact").pvalue, abs=1e-9)
-
-
-def test_signed_ranks_err_as_seldom_as_they_say() -> None:
-    rng = np.random.default_rng(8)
-    wrong = sum(p_above(rng.standard_cauchy(25).tolist()) <= 0.05 for _ in range(1000))  # extreme outliers
-    assert 25 < wrong < 75
-    assert p_above([1.0] * 12) == 0.5**12 and p_above([-1.0] * 12) == 1.0
 
 
 @given(st.lists(st.tuples(COORDINATE, COORDINATE), min_size=1, max_size=30))
