@@ -118,7 +118,7 @@ def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
     Every frame has its own sensor noise: a still face would otherwise be a constant picture.
     """
     path = folder / f"demo-{moving_s:g}s-{rate_hz:g}hz.avi"
-    if path.is_file() and path.with_suffix(".csv").is_file():
+    if is_file(path) and is_file(path.with_suffix(".csv")):
         return path
     from lfpipe.capture.demo import DemoSource, demo_eyes_px
 
