@@ -66,8 +66,6 @@ def natural(name: str) -> list[tuple[int, int, str]]:
 def list_scene(path: str | os.PathLike[str]) -> Listing:
     """Lists a scene's folder or file. Raises UserError if it is missing, unreadable or holds too many files."""
     given = Path(path)
-    if "\n" in str(given):
-        raise UserError(f"{shown(str(given))}: a line break in the path of a scene", "rename it")
     try:
         mode = given.stat().st_mode
         if stat.S_ISREG(mode):
@@ -87,12 +85,12 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
 
 
 def _entries(folder: Path) -> tuple[list[str], list[str]]:
-    """Names of files and of subfolders; without hidden ones and those with a line break."""
+    """Names of files and of subfolders; without hidden ones."""
     names: list[str] = []
     folders: list[str] = []
     with os.scandir(folder) as entries:
         for entry in entries:
-            if entry.name.startswith(".") or "\n" in entry.name:
+            if entry.name.startswith("."):
                 continue
             if not names and not folders:
                 _require_entry(folder, entry)

@@ -15,7 +15,7 @@ from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.layouts._names import read_names
 from lfpipe.scene.layouts._running import find_columns
-from lfpipe.scene.layouts._views import whole_part
+from lfpipe.scene.layouts._views import GridViews, whole_part
 from lfpipe.scene.pack import open_scene
 from tests.hostile_files import with_exif
 from tests.scene import made
@@ -202,7 +202,6 @@ def test_a_missing_view_is_made_and_told(tmp_path: Path) -> None:
 CROSSES = {
     "star": (lambda r, c: r == 4 or c == 4 or r == c or r + c == 8, 9, (3, 3)),
     "cross": (lambda r, c: r == 4 or c == 4, 9, (1, 9)),
-    "every other": (lambda r, c: (r % 2 == 0 and c % 2 == 0) or (r, c) == (1, 1), 9, (5, 5)),
     "left half": (lambda r, c: c < 4 or (r, c) == (0, 8), 9, (9, 4)),
 }
 
@@ -211,10 +210,10 @@ CROSSES = {
 def test_an_incomplete_grid_gives_its_largest_whole_part(shape: str) -> None:
     inside, side, expected = CROSSES[shape]
     views = {(r, c): f"{r}_{c}" for r in range(side) for c in range(side) if inside(r, c)}
-    part = whole_part(views, side, side)
+    part = whole_part(GridViews(views, side, side))
     assert (part.rows, part.cols) == expected
     assert set(part.views) == set(product(range(part.rows), range(part.cols)))
-    assert "views missing" in part.note
+    assert "views missing" in part.notes[0]
     lines = {tuple(map(int, name.split("_"))) for name in part.views.values()}
     assert len(lines) == part.rows * part.cols <= len(views)
 
@@ -226,7 +225,7 @@ def test_every_remedy_works_on_its_folder(tmp_path: Path) -> None:
     tries = [
         (tmp_path / "run", config.Scene(layout="rows-cols"), "use --layout numbered", config.Scene(layout="numbered")),
         (tmp_path / "run", config.Scene(grid="5x5"), "leave out --grid to have it detected", AUTO),
-        (tmp_path / "grid", config.Scene(grid="4x4"), "leave out --grid", AUTO),
+        (tmp_path / "grid", config.Scene(grid="4x4"), "leave out --grid; --layout numbered takes names in order", AUTO),
     ]
     for path, wrong, remedy, right in tries:
         with pytest.raises(UserError) as caught:
@@ -244,8 +243,14 @@ def test_a_folder_of_many_is_never_one_view(tmp_path: Path) -> None:
 
 
 HABITS: dict[str, tuple[list[str], tuple[int, int, int]]] = {  # names, and rows, columns and views of them
-    "a burst's cover": ([f"IMG_BURST{n:03d}{'_COVER' * (n == 3)}.jpg" for n in range(9)], (1, 9, 9)),
-    "an edited picture": ([f"IMG_{'E' * (n == 3)}{1234 + n}.JPG" for n in range(25)], (1, 25, 25)),
+    "a burst's cover": ([f"IMG_BURST{n:03d}{'_COVER' * (n == 3)}.jpg" for n in range(9)], (1, 9, 8)),
+    "half PNG, half JPEG": ([f"v_{r}_{c}.{'png' if (r + c) % 2 else 'jpg'}" for r in range(5) for c in range(5)], (5, 5, 25)),
+    "left and right cameras": (
+        [f"{side} cam x {r:02d}_{c:02d}.png" for side in ("left", "right") for r in range(5) for c in range(5)],
+        (5, 5, 25),
+    ),
+    "times": ([f"Screenshot 2026-07-04 at 15.{30 + n // 12}.{5 * (n % 12):02d}.png" for n in range(25)], (1, 25, 25)),
+    "a line break": ([f"view\n{r}\n{c}.png" for r in range(3) for c in range(4)], (3, 4, 12)),
     "uneven steps": ([f"pos {100 * c // 8}% {100 * r // 8}%.png" for r in range(5) for c in range(5)], (5, 5, 25)),
     "frames behind": ([f"cam_{r}_{c}_{f:04d}.png" for r in range(3) for c in range(4) for f in (1, 2)], (3, 4, 12)),
     "frames of a line": ([f"cam{c}_frame{f:03d}.png" for c in range(7) for f in range(3)], (1, 7, 7)),
@@ -287,9 +292,15 @@ def test_roman_numerals_are_no_single_letters() -> None:
     assert read_names(tuple(f"view {name}.png" for name in names)) is None
 
 
-def test_of_a_view_in_two_formats_the_lossless_one_is_used() -> None:
-    found = read_names(tuple(f"view_{r}_{c}.{end}" for r in range(3) for c in range(4) for end in ("jpg", "png")))
-    assert found is not None and set(found.views.values()) == {f"view_{r}_{c}.png" for r in range(3) for c in range(4)}
+def test_of_a_view_in_two_formats_the_lossless_one_in_colour_is_used(tmp_path: Path) -> None:
+    made.write_grid(tmp_path / "a", GRID, "v_{r}_{c}.jpg")
+    made.write_grid(tmp_path / "a", GRID, "v_{r}_{c}.png")
+    made.write_grid(tmp_path / "b", GRID, "v_{r}_{c}.jpg")
+    made.write_grid(tmp_path / "b", GRID[..., 1], "v_{r}_{c}.tif")
+    for folder, end in (("a", ".png"), ("b", ".jpg")):
+        source = layouts.describe(tmp_path / folder, AUTO)
+        assert (source.rows, source.cols) == (3, 4) and {path.suffix for path in source.files} == {end}
+        assert any("12 of 24 files used" in note for note in source.notes)
 
 
 def test_folders_of_two_eyes_and_of_results(tmp_path: Path) -> None:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import Header, open_header, small_grey
 from lfpipe.scene.files import Listing, list_scene
-from lfpipe.scene.layouts._families import LEFT, MAPS, RIGHT
-from lfpipe.scene.layouts._names import read_names
+from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
 from lfpipe.scene.layouts._views import some
 
 _DEEPEST = 3

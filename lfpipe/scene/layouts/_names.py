@@ -1,4 +1,4 @@
-"""The numbers in the names of pictures: which two count rows and columns, which one runs, and which say nothing of the grid.
+"""The numbers in the names of pictures: which two count rows and columns, which one runs. docs/layouts.md states the rules.
 
 A name is split into texts and numbers; names with the same texts are a family. Two numbers count rows and columns where each
 pair of values occurs once and the pairs fill a lattice; a number that differs in every name runs, or is a counter beside them.
@@ -14,27 +14,39 @@ from itertools import combinations
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
-from lfpipe.scene.layouts._families import HALVES, LETTERS, MAPS, READINGS, Family, families_of
 from lfpipe.scene.layouts._grid import MAX_SIDE
-from lfpipe.scene.layouts._stems import stems_of
 from lfpipe.scene.source import ViewIndex
 
+_SIGNED = r"(?<=[^0-9A-Za-z])[+-][0-9]{1,18}"
+_DECIMAL = r"(?:\.[0-9]{1,9})?(?![0-9]*\.[0-9])"
+# Ways to read numbers, the likeliest first: signs after a separator and decimals; signs anywhere; digits alone; letters count;
+# row and column in one number without a separator (0307).
+_READINGS = tuple(
+    re.compile(pattern)
+    for pattern in (
+        rf"(?:{_SIGNED}|[0-9]{{1,18}}){_DECIMAL}",
+        rf"[+-]?[0-9]{{1,18}}{_DECIMAL}",
+        r"[0-9]{1,18}",
+        r"[0-9]{1,18}|(?<![A-Za-z])[A-Za-z](?![A-Za-z])",
+        r"[0-9]{1,18}",
+    )
+)
+_LETTERS, _HALVES = len(_READINGS) - 2, len(_READINGS) - 1
+MAPS = re.compile(
+    r"depth|disp|mask|matte|alpha|label|seg|normal|flow(?!er)|conf(?!e)|thumb|error|diff|(?<![a-z])gt", re.IGNORECASE
+)
+# Names of the two eyes' pictures, by language.
+LEFT, RIGHT = ("left", "l", "links", "gauche", "izquierda", "sinistra"), ("right", "r", "rechts", "droite", "derecha", "destra")
 _FRAME_WORDS = ("f", "fr", "frame", "frames", "time", "ev", "exp", "exposure", "iso", "take")  # numbers that count no views
 _ROW_WORDS, _COL_WORDS = ("row", "rows", "r", "y", "v", "t"), ("col", "cols", "column", "c", "x", "u", "s")
 _MIN_COVERAGE = 0.15  # of a lattice by files: less is no grid. A cross in a 13x13 grid has 0.148
-
-
-@attrs.frozen
-class Lattice:
-    """Equally spaced values: low, low + step, ... (count of them). step 0: values in any distance, by their order."""
-
-    low: Fraction
-    step: Fraction
-    count: int
-
-    def index(self, value: Fraction) -> int:
-        return int((value - self.low) / self.step)
+_MAX_FIELDS = 12
+_TIME = re.compile(r"(?:19|20)\d\d([-_.]?)[01]\d\1[0-3]\d\D{0,4}[0-2]\d([-_.:]?)[0-5]\d\2[0-5]\d(?:\d{3}(?!\d))?(?!\d)")
+_SUM = re.compile(r"[-_. ](?=[0-9a-f]*[a-f])(?=[0-9a-f]*[0-9])[0-9a-f]{6,40}$", re.IGNORECASE)
+_SUM_OR_NUMBER = re.compile(r"[-_. ][0-9a-f]{6,40}$", re.IGNORECASE)
+_COPY = re.compile(r"(.*?)([-_ ]?\(|[-_ ])(\d{1,5})(\)?)", re.DOTALL)
 
 
 @attrs.frozen
@@ -47,119 +59,189 @@ class NumberedNames:
     rows: int
     cols: int
     runs: bool
-    clashes: tuple[tuple[str, str], ...]
-    others: tuple[str, ...]
+    clashes: tuple[tuple[str, str], ...] = ()
+    others: tuple[str, ...] = ()
     doubt: str = ""
 
 
-def lattice(values: Collection[Fraction]) -> Lattice:
-    """The finest lattice that holds the values."""
-    low = min(values)
-    scale = math.lcm(*(value.denominator for value in values))
-    step = math.gcd(*(int((value - low) * scale) for value in values)) or scale
-    return Lattice(low, Fraction(step, scale), int((max(values) - low) * scale) // step + 1)
+@attrs.frozen(order=True)
+class _Fit:
+    """How well numbers explain names; the largest wins. views: names explained, halved for maps. share: of the grid's places that
+    have a name. likeliest: of the ways to read numbers."""
+
+    views: float
+    grid: bool
+    share: float
+    likeliest: int = 0
 
 
-def _word(text: str) -> str:
-    """The word that a text ends in: "t" of "im_t"."""
-    found = re.search(r"([a-z]+)[^a-z]*$", text)
-    return found[1] if found else ""
+@attrs.frozen
+class _Lattice:
+    """Equally spaced values: low, low + step, ... (count of them). step 0: values in any distance, by their order."""
+
+    low: Fraction
+    step: Fraction
+    count: int
+
+    @classmethod
+    def of(cls, values: Collection[Fraction]) -> "_Lattice":
+        """The finest lattice that holds the values."""
+        low = min(values)
+        scale = math.lcm(*(value.denominator for value in values))
+        step = math.gcd(*(int((value - low) * scale) for value in values)) or scale
+        return cls(low, Fraction(step, scale), int((max(values) - low) * scale) // step + 1)
 
 
-def _read(family: Family) -> tuple[tuple[float, ...], NumberedNames] | None:
-    """How well the numbers of a family make a grid or a run, and which; None where they do neither."""
-    count, texts = len(family.names), family.texts
-    values = [field_values for field_values, _ in family.numbers]
-    varying = [field for field in range(len(values)) if len(values[field]) > 1]
-    keys = [field for field in varying if len(values[field]) == count]
-    if not keys and (frame := _one_frame(family, varying)) and (read := _read(frame[0])):
-        return (float(count), 1.0, read[0][2]), attrs.evolve(read[1], doubt=frame[1])
-    lattices = {field: lattice(values[field]) for field in varying}
-    best: tuple[tuple[float, float, int, int], int, int] | None = None
-    for first, second in combinations([field for field in varying if field not in keys], 2):
-        pairs = family.distinct(first, second)
-        if pairs == count == len(values[first]) * len(values[second]):  # a whole grid: of steps that are uneven, order counts
-            for field in (first, second):
-                if lattices[field].count > 2 * len(values[field]):
-                    lattices[field] = Lattice(Fraction(-1), Fraction(0), len(values[field]))
-        down, across = lattices[first], lattices[second]
-        cells = down.count * across.count
-        if max(down.count, across.count) > MAX_SIDE or count < _MIN_COVERAGE * cells:
+@attrs.frozen(eq=False)
+class _Field:
+    """One number of a family's names. values: those that occur, ascending; codes: by name, which of them it has; word: the text
+    before it ends in; digits: of the shortest."""
+
+    values: list[Fraction]
+    codes: NDArray[np.int64]
+    word: str
+    digits: int
+
+    @classmethod
+    def of(cls, column: tuple[str, ...], text: str) -> "_Field":
+        separator = all(number.startswith("-") for number in column)  # and no sign, where every number has it
+        by_text = {number: _value(number[separator:]) for number in set(column)}
+        values = sorted(set(by_text.values()))
+        rank = {value: position for position, value in enumerate(values)}
+        word = re.search(r"([a-z]+)[^a-z]*$", text)
+        codes = np.array([rank[by_text[number]] for number in column], np.int64)
+        return cls(values, codes, word[1] if word else "", min(map(len, column)))
+
+    def indices(self, lattice: _Lattice | None) -> list[int]:
+        """By name, the place of its value in a lattice; by order without one."""
+        at = [int((v - lattice.low) / lattice.step) if lattice and lattice.step else k for k, v in enumerate(self.values)]
+        return [at[code] for code in self.codes.tolist()]
+
+
+def _value(text: str) -> Fraction:
+    return Fraction(ord(text.lower()) - ord("a")) if text.isalpha() else Fraction(text)
+
+
+def _stems(names: tuple[str, ...]) -> dict[str, str]:
+    """The part of each name that is read: without suffix and sums, times in order, and the first of copies numbered."""
+    stems = {name: name.rpartition(".")[0] for name in names}
+    times = {name: match[0] for name, stem in stems.items() if (match := _TIME.search(stem))}
+    if 2 * len(times) > len(names):  # a time counts nothing: it puts names in order
+        order = {time: f"{position:05d}" for position, time in enumerate(sorted(set(times.values())))}
+        stems |= {name: stems[name].replace(time, order[time], 1) for name, time in times.items()}
+    if 2 * sum(_SUM.search(stem) is not None for stem in stems.values()) > len(names):
+        stems = {name: _SUM_OR_NUMBER.sub("", stem) for name, stem in stems.items()}
+    copies: defaultdict[str, list[tuple[int, str]]] = defaultdict(list)
+    for stem in stems.values():
+        if match := _COPY.fullmatch(stem):
+            copies[match[1]].append((int(match[3]), stem))
+    for name, stem in stems.items():  # photo.jpg, photo (1).jpg, ...; shot.png, shot 2.png, ...
+        first = min(copies.get(stem, [(0, "")]))
+        if len(copies.get(stem, [])) > 1 and first[0] in (1, 2):
+            stems[name] = _COPY.sub(rf"\g<1>\g<2>{first[0] - 1}\g<4>", first[1])
+    return stems
+
+
+def _families(stems: dict[str, str], reading: int) -> dict[tuple[str, ...], dict[str, tuple[str, ...]]]:
+    """By their texts, the names of each family and the numbers of each name."""
+    families: defaultdict[tuple[str, ...], dict[str, tuple[str, ...]]] = defaultdict(dict)
+    for name, stem in stems.items():
+        numbers, digits = _READINGS[reading].findall(stem), 0
+        if reading == _HALVES and numbers and len(numbers[-1]) % 2 == 0:
+            digits = len(numbers[-1])
+            numbers[-1:] = numbers[-1][: digits // 2], numbers[-1][digits // 2 :]
+        if 0 < len(numbers) <= _MAX_FIELDS:
+            families[*_READINGS[reading].split(stem.lower()), "0" * digits][name] = tuple(numbers)
+    return families
+
+
+def _distinct(fields: Collection[_Field]) -> int:
+    """How many combinations of the values of these fields occur."""
+    return len(set(zip(*(field.codes.tolist() for field in fields), strict=True)))
+
+
+def _read(names: list[str], fields: list[_Field]) -> tuple[_Fit, NumberedNames]:
+    """What the numbers of a family say."""
+    count = len(names)
+    varying = [field for field in fields if len(field.values) > 1]
+    keys = [field for field in varying if len(field.values) == count]
+    if not keys and (frame := _frame_field(varying, count)):
+        field, doubt = frame
+        first = np.flatnonzero(field.codes == 0).tolist()
+        kept = [attrs.evolve(other, codes=other.codes[first]) for other in varying if other is not field]
+        fit, numbered = _read([names[k] for k in first], kept)
+        return attrs.evolve(fit, views=count), attrs.evolve(numbered, doubt=doubt)
+    grid = _grid_fields([field for field in varying if field not in keys], count)
+    if grid is not None and (grid[0].views > 0.9 * count or not keys):
+        fit, down, across, rows, cols = grid
+        numbered = _placed(names, down.indices(rows), across.indices(cols), (rows.count, cols.count))
+        return attrs.evolve(fit, views=len(numbered.views)), numbered
+    if keys:
+        lattices = {id(key): _Lattice.of(key.values) for key in keys}
+        field = min(keys, key=lambda key: lattices[id(key)].count)
+        lattice = lattices[id(field)]
+        if lattice.count <= 2 * count + 2:  # else numbers with large gaps, which count nothing
+            return _Fit(count, False, count / lattice.count), _placed(names, None, field.indices(lattice), (1, lattice.count))
+        return _Fit(count, False, 0.0), _placed(names, None, field.indices(None), (1, count))
+    order = sorted(set(zip(*(field.codes.tolist() for field in varying), strict=True)))  # the numbers together run
+    at = {place: position for position, place in enumerate(order)}
+    places = [at[place] for place in zip(*(field.codes.tolist() for field in varying), strict=True)] if varying else [0] * count
+    numbered = _placed(names, None, places, (1, max(1, len(order))))
+    return _Fit(len(numbered.views), False, 0.0), numbered
+
+
+def _grid_fields(fields: list[_Field], count: int) -> tuple[_Fit, _Field, _Field, _Lattice, _Lattice] | None:
+    """The two numbers that count rows and columns, with the lattices of their values; None if there are none."""
+    lattices = {id(field): _Lattice.of(field.values) for field in fields}
+    best: tuple[tuple[float, float, bool, int], _Fit, _Field, _Field, _Lattice, _Lattice] | None = None
+    for (first, down), (second, across) in combinations(enumerate(fields), 2):
+        pairs, lows = _distinct((down, across)), [lattices[id(down)], lattices[id(across)]]
+        if pairs == count == len(down.values) * len(across.values):  # a whole grid: of steps that are uneven, order counts
+            for k, field in enumerate((down, across)):
+                if lows[k].count > 2 * len(field.values):
+                    lows[k] = _Lattice(Fraction(0), Fraction(0), len(field.values))
+        cells = lows[0].count * lows[1].count
+        if max(lows[0].count, lows[1].count) > MAX_SIDE or min(pairs, count) < _MIN_COVERAGE * cells:
             continue
-        plain = sum(lat.step == 1 and lat.low in (0, 1) for lat in (down, across))
+        plain = all(low.step == 1 and low.low in (0, 1) for low in lows)
         rank = (pairs / count, pairs / cells, plain, -first - second)
-        if pairs >= _MIN_COVERAGE * cells and (best is None or rank > best[0]):
-            best = rank, first, second
-    if best is not None and (best[0][0] > 0.9 or not keys):
-        (_, share, _, _), first, second = best
-        if _word(texts[first]) in _COL_WORDS and _word(texts[second]) in _ROW_WORDS:
-            first, second = second, first
-        return _placed(family, (lattices[first], first), (lattices[second], second), (1.0, share))
-    if not keys and (count > 1 or not varying):
-        # One number that occurs twice (view_1 and view_01), or a family of one name.
-        keys = varying[-1:] or [len(values) - 1]
-    if not keys:
+        if best is None or rank > best[0]:
+            best = rank, _Fit(pairs, True, pairs / cells), down, across, lows[0], lows[1]
+    if best is None:
         return None
-    runs = {key: lattice(values[key]) for key in keys}
-    field = min(keys, key=lambda key: (runs[key].count, -key))
-    run = runs[field] if runs[field].count <= 2 * count + 2 else None  # else times, or numbers with large gaps
-    return _placed(family, None, (run, field), (0.0, len(values[field]) / run.count if run else 0.0))
+    _, fit, down, across, rows, cols = best
+    if down.word in _COL_WORDS and across.word in _ROW_WORDS:
+        return fit, across, down, cols, rows
+    return fit, down, across, rows, cols
 
 
-def _placed(
-    family: Family, down: tuple[Lattice, int] | None, across: tuple[Lattice | None, int], rank: tuple[float, ...]
-) -> tuple[tuple[float, ...], NumberedNames]:
-    """(how many views and `rank`, the names by place): rows by one field, or none; columns by the lattice of another, or
-    by the order of its values."""
-
-    def indices(lat: Lattice | None, field: int) -> list[int]:
-        values, codes = family.numbers[field]
-        at = np.array([lat.index(value) for value in values] if lat and lat.step else range(len(values)))
-        return list(at[codes].tolist())
-
-    rows = indices(*down) if down else [0] * len(family.names)
+def _placed(names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex) -> NumberedNames:
     views: dict[ViewIndex, str] = {}
     clashes: list[tuple[str, str]] = []
-    for name, index in zip(family.names, zip(rows, indices(*across), strict=True), strict=True):
+    for name, index in zip(names, zip(rows or [0] * len(names), cols, strict=True), strict=True):
         if index in views:
             clashes.append((views[index], name))
         else:
             views[index] = name
-    cols = across[0].count if across[0] else len(family.numbers[across[1]][0])
-    numbered = NumberedNames(views, down[0].count if down else 1, cols, down is None, tuple(clashes), ())
-    return (len(views), *rank), numbered
+    return NumberedNames(views, *shape, rows is None, tuple(clashes))
 
 
-def _one_frame(family: Family, varying: list[int]) -> tuple[Family, str] | None:
-    """The names of the first frame where one number counts frames and the others are those of views, and what that leaves open;
-    else None. Which one: by the word before it; of three, the one that is written unlike the other two."""
-
-    def unlike(frame: int, fields: tuple[int, ...]) -> int:
-        first, second = (field for field in fields if field != frame)
-        low, digits = (family.numbers[first][0][0], family.numbers[second][0][0]), family.digits
-        return (low[0] == low[1]) + (digits[first] == digits[second]) + (second == first + 1)
-
+def _frame_field(varying: list[_Field], count: int) -> tuple[_Field, str] | None:
+    """The number that counts frames or exposures, and what that leaves open, where the numbers of views and it fill a box: by the
+    word before it; of three, the one that is written with more or fewer digits than the others, else the last."""
     for fields in [*combinations(varying, 3), *combinations(varying, 2)]:
-        whole = math.prod(len(family.numbers[field][0]) for field in fields)
-        if not whole == len(family.names) == family.distinct(*fields):
+        if not math.prod(len(field.values) for field in fields) == count == _distinct(fields):
             continue
-        named, doubt = [field for field in fields if _word(family.texts[field]) in _FRAME_WORDS], ""
-        if len(fields) == 3 and not named:
-            order = sorted(fields, key=lambda field: -unlike(field, fields))
-            named = order[:1]
-            if unlike(order[0], fields) == unlike(order[1], fields):
-                doubt = "which of three numbers in the names counts frames"
+        named = [field for field in fields if field.word in _FRAME_WORDS]
         if named:
-            first = np.flatnonzero(family.numbers[named[0]][1] == 0)
-            numbers = [
-                (values if field != named[0] else values[:1], codes[first])
-                for field, (values, codes) in enumerate(family.numbers)
-            ]
-            return Family(family.texts, [family.names[k] for k in first], numbers, family.digits), doubt
+            return named[0], ""
+        if len(fields) == 3:
+            odd = [field for field in fields if [other.digits for other in fields].count(field.digits) == 1]
+            return (odd[0], "") if len(odd) == 1 else (fields[2], "which of three numbers in the names counts frames")
     return None
 
 
-def _contiguous(numbered: NumberedNames) -> bool:
+def _runs_on(numbered: NumberedNames) -> bool:
     """Whether the numbers of a family that was read in halves just run on: 00 to 29 is no grid of 3x10."""
     numbers = [int(re.findall(r"[0-9]+", name.rpartition(".")[0])[-1]) for name in numbered.views.values()]
     return max(numbers) - min(numbers) < len(numbers)
@@ -174,29 +256,31 @@ def _by_folder(names: tuple[str, ...]) -> NumberedNames | None:
     if len(folders) < 2 or len(counts) > 1 or counts == {1}:
         return None
     views = {(row, col): name for row, inside in enumerate(folders.values()) for col, name in enumerate(inside)}
-    return NumberedNames(views, len(folders), counts.pop(), False, (), ())
+    return NumberedNames(views, len(folders), counts.pop(), False)
 
 
 @lru_cache(maxsize=4)
 def read_names(names: tuple[str, ...]) -> NumberedNames | None:
     """What the numbers of most of these names say; None where no two names differ in numbers alone."""
-    found: list[tuple[tuple[float, ...], NumberedNames]] = []
-    stems = stems_of(names)
-    for rank in range(len(READINGS)):
-        families = families_of(stems, rank)
-        most = max((len(family) for _, family in families), default=0)
-        for texts, family in families:
-            if len(family) > 1 and 2 * len(family) >= most and (read := _read(Family.of(texts, family))):
-                key, numbered = read
-                if rank == HALVES and (numbered.runs or key[2] < 1 or _contiguous(numbered)):
-                    continue
-                if rank == LETTERS and 2 * len(family) < len(names):  # Roman numerals, initials
-                    continue
-                views, lossless = not any(MAPS.search(text) for text in texts), texts[-2] != "jpg"
-                if key[:3] == (len(names), 1.0, 1.0):
-                    return _with_others(numbered, names)
-                found.append(((key[0] * (1.0 if views else 0.5), *key[1:], views, lossless, -rank), numbered))
-    best = max(found, key=lambda pair: pair[0])[1] if found else None
+    readings: list[tuple[_Fit, NumberedNames]] = []
+    stems = _stems(names)
+    for reading in range(len(_READINGS)):
+        families = _families(stems, reading)
+        most = max((len(family) for family in families.values()), default=0)
+        for texts, family in families.items():
+            if len(family) < 2 or 2 * len(family) < most:
+                continue
+            fields = [_Field.of(column, text) for column, text in zip(zip(*family.values(), strict=True), texts, strict=False)]
+            fit, numbered = _read(list(family), fields)
+            if reading == _HALVES and (numbered.runs or fit.share < 1 or _runs_on(numbered)):
+                continue
+            if reading == _LETTERS and 2 * len(family) < len(names):  # Roman numerals, initials
+                continue
+            if (fit.views, fit.grid, fit.share) == (len(names), True, 1.0):
+                return _with_others(numbered, names)
+            maps = any(MAPS.search(text) for text in texts)
+            readings.append((attrs.evolve(fit, views=fit.views / (1 + maps), likeliest=-reading), numbered))
+    best = max(readings, key=lambda pair: pair[0])[1] if readings else None
     if (best is None or best.runs or best.clashes) and (rows := _by_folder(names)) is not None:
         return rows
     return None if best is None else _with_others(best, names)

@@ -17,9 +17,9 @@ from lfpipe.scene.source import ViewIndex
 
 _SIDE_PX = 96  # of the small pictures that are compared
 _MAX_PICTURES = 64  # that are decoded
-_REACHES = (1.5, 4.0, 12.0)  # grid steps over which likeness may fall off: far cameras differ at once, near ones slowly
+_REACHES = (1.5, 4.0, 12.0, 40.0)  # grid steps over which likeness falls off: far cameras differ at once, near ones slowly
 _ROW_STEPS = (0.6, 1.0, 1.7)  # of a row step against a column step, as the camera may move farther one way
-_SURE, _CLEAR = 0.35, 0.03  # correlation of a sure grid, and its lead on the next one
+_SURE, _CLEAR = 0.35, 0.02  # correlation of a sure grid, and its lead on the next one
 _EXTRA_COST = 0.05  # of a grid that leaves a file out: it has to explain the rest that much better
 
 
@@ -33,6 +33,10 @@ class Running:
     snake: bool
     first: int
     doubt: str = ""
+
+    @property
+    def shape(self) -> ViewIndex:
+        return self.rows, self.cols
 
     def index(self, position: int) -> ViewIndex | None:
         """The grid index of a position of the run; None where it lies outside of the grid."""
@@ -94,10 +98,11 @@ def find_columns(read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool]
     scores = {run: _explained(run, pairs, unlike) - (_EXTRA_COST if run.rows * run.cols < len(there) else 0) for run in tries}
     order = sorted(tries, key=lambda run: (-round(scores[run], 4), abs(run.rows - run.cols), run.snake, run.first))
     best = order[0]
-    lead = scores[best] - max((scores[run] for run in order[1:] if (run.rows, run.cols) != (best.rows, best.cols)), default=-1.0)
-    if scores[best] >= _SURE and lead >= _CLEAR:
+    near = [run for run in order[1:] if run.shape != best.shape and scores[run] > scores[best] - _CLEAR]
+    if scores[best] >= _SURE and not near:
         return best
-    others = list(dict.fromkeys(f"{run.rows}x{run.cols}" for run in order if (run.rows, run.cols) != (best.rows, best.cols)))
+    best = next((run for run in near if run.rows == 1), best)  # people more often make lines than narrow grids
+    others = list(dict.fromkeys(f"{run.rows}x{run.cols}" for run in order if run.shape != best.shape))
     return attrs.evolve(best, doubt=f"the grid: {best.rows}x{best.cols}, or {' or '.join(others[:2])} (--grid ROWSxCOLS)")
 
 
