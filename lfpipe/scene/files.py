@@ -65,22 +65,22 @@ def natural(name: str) -> list[tuple[int, int, str]]:
 
 def list_scene(path: str | os.PathLike[str]) -> Listing:
     """Lists a scene's folder or file. Raises UserError if it is missing, unreadable or holds too many files."""
-    given = Path(path)
+    given, where = Path(path), str(path).replace("\n", r"\n")
     try:
         mode = given.stat().st_mode
         if stat.S_ISREG(mode):
             return Listing(given, given.parent, (given.name,), (), True)
         if not stat.S_ISDIR(mode):
-            raise UserError(f"{given}: neither a file nor a folder", "give the folder of the views, or their file")
+            raise UserError(f"{where}: neither a file nor a folder", "give the folder of the views, or their file")
         names, folders = _entries(given)
     except FileNotFoundError:
-        raise UserError(f"{given}: no such scene", "give the folder of the views, or their file") from None
+        raise UserError(f"{where}: no such scene", "give the folder of the views, or their file") from None
     except OSError as error:
-        raise UserError(f"{given}: cannot be read: {reason(error)}", "check the path and its permissions") from None
+        raise UserError(f"{where}: cannot be read: {reason(error)}", "check the path and its permissions") from None
     except ValueError as error:  # a NUL in the path
         raise UserError(f"{shown(str(given))}: not a path: {error}", "give the folder of the views") from None
     if not names and not folders:
-        raise UserError(f"{given}: the folder is empty", "give the folder of the views, or their file")
+        raise UserError(f"{where}: the folder is empty", "give the folder of the views, or their file")
     return Listing(given, given, tuple(sorted(names, key=natural)), tuple(sorted(folders, key=natural)), False)
 
 

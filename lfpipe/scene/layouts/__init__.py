@@ -55,8 +55,12 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
             f"scene.layout: {scene.layout!r} is not a layout" + (f" (did you mean {close[0]!r}?)" if close else ""),
             f"one of: auto, {', '.join(known)}",
         )
-    with library_errors(path):
-        return _described(known, list_scene(path), scene)
+    try:
+        with library_errors(path):
+            source = _described(known, list_scene(path), scene)
+    except UserError as error:  # names may hold line breaks
+        raise UserError(error.message.replace("\n", r"\n"), error.remedy.replace("\n", r"\n")) from None
+    return attrs.evolve(source, notes=tuple(note.replace("\n", r"\n") for note in source.notes))
 
 
 _CONVERTED = {  # what other programs turn into pictures, by the ends of names
