@@ -20,7 +20,7 @@ from lfpipe.bench.sessions import STEADY_S, SessionRun, run_loop, run_session, w
 from lfpipe.config import load
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import demo_scene
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.open_scene import open_scene
 
 
 def figures(run: SessionRun) -> dict[str, float]:

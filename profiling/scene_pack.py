@@ -23,12 +23,12 @@ from arguments import existing, parser_of, start
 from lfpipe import config
 from lfpipe.render.compositor import Compositor
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.open_scene import open_scene
 
 ONE = """
 import json, resource, sys, time
 from lfpipe import config
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.open_scene import open_scene
 started = time.monotonic()
 open_scene(sys.argv[1], config.Scene(cache_dir=sys.argv[2], flip="none"))
 packed = time.monotonic() - started

@@ -14,7 +14,7 @@ import numpy as np
 from lfpipe.config import Render, Scene
 from lfpipe.render.compositor import Compositor
 from lfpipe.scene.demo import demo_scene
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.open_scene import open_scene
 
 OUT = Path(__file__).resolve().parents[1] / "docs" / "anaglyph_modes.png"
 SIDE_PX, COLUMNS, LABEL_PX = 256, 5, 22

@@ -10,11 +10,8 @@ from numpy.typing import NDArray
 from lfpipe.api.settings import config_of
 from lfpipe.errors import UserError
 from lfpipe.render.compositor import Compositor
-from lfpipe.render.scoring import choose_method
 from lfpipe.render.single_view import ViewRenderer
-from lfpipe.scene import pack
-from lfpipe.scene.cache import cache_dir
-from lfpipe.scene.demo import demo_scene
+from lfpipe.scene import open_scene as open_scene_module
 from lfpipe.scene.lightfield import LightField
 
 
@@ -25,7 +22,7 @@ def open_scene(path: str | os.PathLike[str] | None = None, settings: Mapping[str
     example {"scene.layout": "hci"}. Raises lfpipe.UserError.
     """
     config = config_of(settings).scene
-    return pack.open_scene(path or demo_scene(cache_dir(config), lambda *_: None), config, choose_method=choose_method)
+    return open_scene_module.open_scene(path, config)
 
 
 def render_view(field: LightField, row: float, col: float, *, method: str = "auto", frame: int = 0) -> NDArray[np.uint8]:

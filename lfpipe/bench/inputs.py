@@ -152,10 +152,9 @@ def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
 
 def make_inputs(scenes: tuple[Path, ...], sequence: Path | None, quick: bool, settings: config.Config, say: Progress) -> Inputs:
     """Opens the scenes (packs new ones) and reads the sequence; uses the demo's if none are given. Raises UserError."""
-    from lfpipe.render.scoring import choose_method
     from lfpipe.scene.cache import cache_dir
     from lfpipe.scene.demo import demo_scene
-    from lfpipe.scene.pack import open_scene
+    from lfpipe.scene.open_scene import open_scene
 
     cache = cache_dir(settings.scene)
     work = cache / "bench"
@@ -167,5 +166,5 @@ def make_inputs(scenes: tuple[Path, ...], sequence: Path | None, quick: bool, se
     frames = read_sequence(path, MAX_FRAMES[0 if quick else 1], work)
     if not scenes:
         scenes = (demo_scene(cache, say, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache, say),)
-    fields = tuple((scene, open_scene(scene, settings.scene, say, choose_method)) for scene in scenes)
+    fields = tuple((scene, open_scene(scene, settings.scene, say)) for scene in scenes)
     return Inputs(fields, frames, quick, sequence is None, work)

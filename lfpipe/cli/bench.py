@@ -103,7 +103,7 @@ def table(
     from lfpipe.cli.progress import progress
     from lfpipe.config import load
     from lfpipe.host.versions import versions
-    from lfpipe.scene.pack import open_scene
+    from lfpipe.scene.open_scene import open_scene
 
     settings = load(config_file, sets)
     protocol = Protocol(int(keep), crop, border)

@@ -22,9 +22,7 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
               help="Distance from the camera to your eyes, or to the card.")  # fmt: skip
 @click.option("--by", type=click.Choice(["eyes", "card", "leaning"]), default="eyes", show_default=True,
               help="eyes, card: by your eyes or a bank card. leaning: find the camera's position.")  # fmt: skip
-@click.option(
-    "--latency", is_flag=True, help="Measure the total delay of camera and display, which prediction uses."
-)
+@click.option("--latency", is_flag=True, help="Measure the total delay of camera and display, which prediction uses.")
 @click.option("--eyes-mm", type=click.FloatRange(40, 80), metavar="MM", help="Distance between your pupils; 63 is the mean.")
 @with_config
 def calibrate(

@@ -19,6 +19,7 @@ from lfpipe.transport.session import Session, default_name
 
 if TYPE_CHECKING:
     from lfpipe.capture.open_source import CheckedSource
+    from lfpipe.scene.open_scene import Opened, Packing
     from lfpipe.supervisor.outcome import Outcome
 
 DEMO_S = 10.0  # length of the demo without a screen
@@ -49,7 +50,7 @@ class UpArguments:
 @attrs.frozen
 class SessionPlan:
     """A session that can start. files: its outputs, listed at its end; video: the output that grows with every picture.
-    hold: keeps the pack in the cache."""
+    hold: keeps the pack in the cache. packing: the packer, while it works on the scene's disparity."""
 
     config: Config
     options: SessionOptions
@@ -57,6 +58,7 @@ class SessionPlan:
     files: tuple[Path, ...]
     hold: object
     video: Path | None = None
+    packing: Packing | None = None
 
 
 def say(text: str) -> None:
@@ -90,8 +92,10 @@ def _run(session: Session, plan: SessionPlan) -> int:
     from lfpipe.observe.latency_table import latency_table
     from lfpipe.supervisor.supervisor import Supervisor
 
-    with growing_file(plan.video):
-        outcome = Supervisor(session, plan.config, plan.options, say).run(plan.duration_s)
+    with growing_file(plan.video), contextlib.ExitStack() as steps:
+        if plan.packing is not None:
+            steps.callback(plan.packing.close)
+        outcome = Supervisor(session, plan.config, plan.options, say, plan.packing).run(plan.duration_s)
     latency_table(outcome.final)
     for path in plan.files:
         if exists(path):
@@ -124,7 +128,7 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
     if pointless := [name for name, value in given.items() if value is not None]:
         raise UserError(f"--no-picture with {', '.join(pointless)}: nothing is shown", "leave out one or the other")
     config = config_module.load(arguments.config_file, arguments.sets)
-    camera, share = _checked(arguments, config, "none")
+    _, camera, share = _checked(arguments, config, "none", None)
     config = _with_measured_focal(config, camera)
     config = _with_engine(config)
     options = attrs.evolve(camera.options, show=False, share=share)
@@ -137,14 +141,14 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
 def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     """Checks all arguments, packs the scene unless it is packed, and prints the settings in force."""
     from lfpipe.cli.exhibition import check_exhibition
-    from lfpipe.cli.scene_opening import open_with_progress
+    from lfpipe.cli.progress import progress
     from lfpipe.cli.startup_summary import loop_lines, sharing_lines, size_line, startup_lines
     from lfpipe.render.display import has_display
     from lfpipe.render.geometry import check_geometry
     from lfpipe.render.plan import make_plan
-    from lfpipe.scene.playlist import playlist
+    from lfpipe.scene.open_scene import open_scenes
+    from lfpipe.scene.pack import summarize
     from lfpipe.scene.recent_scenes import remember_scene
-    from lfpipe.scene.summary import summarize
 
     no_screen = arguments.demo and arguments.display is None and not has_display()
     halved = ("render.rate_hz=30",) if no_screen else ()  # lossless video is large
@@ -159,16 +163,20 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
             remedy = "run the demo in a directory that you may write to, or with --display none"
             raise UserError(f"{out}/: {error.strerror}", remedy) from None
         say(f"no screen here: the demo runs for {arguments.duration_s or DEMO_S:g} s and writes to {out}/")
-    scenes = playlist(arguments.scenes, config.scene) if arguments.scenes else []
-    arguments = attrs.evolve(arguments, scene=scenes[0] if scenes else arguments.scene, scenes=tuple(scenes))
-    camera, share = _checked(arguments, config, display)
+
+    def opened() -> Opened:
+        with progress() as bar:
+            return open_scenes(arguments.scenes, config.scene, bar)
+
+    opening, camera, share = _checked(arguments, config, display, opened if arguments.scenes or arguments.demo else None)
+    assert opening is not None
+    field, scenes = opening.field, opening.scenes
     config = _with_measured_focal(config, camera)
-    field = open_with_progress(arguments.scene, config.scene)
-    scene = summarize(field, config.scene)
+    scene = summarize(field)
     config = _with_engine(config) if scene.needs_tracking else config
     check_geometry(config, scene)
-    if arguments.scene is not None and arguments.kiosk is None and not arguments.start:
-        remember_scene(arguments.scene)
+    if arguments.scenes and arguments.kiosk is None and not arguments.start:
+        remember_scene(scenes[0])
     plan = make_plan(field, config)
     still = out / "demo.png" if no_screen else None
     options = attrs.evolve(
@@ -195,7 +203,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     if video is not None:
         camera_hz = camera.rate_hz if config.render.clock == "camera" else None
         say(size_line(video, scene.width_px * scene.height_px, camera_hz or config.render.nominal_hz, duration_s))
-    return SessionPlan(config, options, duration_s, files, field.hold, video)
+    return SessionPlan(config, options, duration_s, files, field.hold, video, opening.packing)
 
 
 def _with_engine(config: Config) -> Config:
@@ -210,8 +218,10 @@ def _with_engine(config: Config) -> Config:
     return config
 
 
-def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[CheckedSource, tuple[str, ...]]:
-    """The source of frames, and the targets to share with. Raises one UserError for all mistakes in the arguments."""
+def _checked(
+    arguments: UpArguments, config: Config, display: str, opened: Callable[[], Opened] | None
+) -> tuple[Opened | None, CheckedSource, tuple[str, ...]]:
+    """The scene, the source of frames, and the targets to share with. Raises one UserError for all mistakes in the arguments."""
     from lfpipe.capture.open_source import CheckedSource, check_source
     from lfpipe.capture.spec import source_file
     from lfpipe.files.output import check_outputs
@@ -220,7 +230,6 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[Chec
 
     camera = arguments.camera or config.camera.source or ("demo" if arguments.demo else "")
     errors: list[UserError] = []
-    single = False  # a single view needs no eyes, and no camera
 
     def attempt(check: Callable[[], Any]) -> Any:
         try:
@@ -229,12 +238,11 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[Chec
             errors.append(error)
             return None
 
-    if arguments.scene is not None:
-        scene = arguments.scene
-        rows, cols = attempt(lambda: _grid(scene, config)) or (0, 0)
-        single = rows * cols == 1 and len(arguments.scenes) < 2
-    elif not arguments.demo and not arguments.no_picture:
+    if opened is None and not arguments.no_picture:
         errors.append(UserError("no SCENE given", "name a folder of views, or use --demo for the built-in scene"))
+    opening: Opened | None = None if opened is None else attempt(opened)
+    # a single view needs no eyes, and no camera
+    single = opening is not None and opening.field.rows * opening.field.cols == 1 and len(opening.scenes) < 2
     found = CheckedSource("", 0.0) if single else attempt(lambda: check_source(_once(camera, display), config.camera))
     attempt(lambda: check_display(display, str(config.screen.monitor)))
     share = attempt(lambda: check_targets(arguments.share))
@@ -245,12 +253,14 @@ def _checked(arguments: UpArguments, config: Config, display: str) -> tuple[Chec
     outputs = {"--display": video, "--trace": arguments.trace, "--visits": arguments.visits}
     inputs = [path for path in (*arguments.scenes, source_file(camera)) if path is not None]
     attempt(lambda: check_outputs(outputs, inputs, arguments.force))
+    if errors and opening is not None and opening.packing is not None:
+        opening.packing.close()
     if len(errors) > 1:
         raise UserError("\nerror: ".join(map(str, errors)))
     if errors:
         raise errors[0]
     assert isinstance(found, CheckedSource)
-    return found, share
+    return opening, found, share
 
 
 def _once(camera: str, display: str) -> str:
@@ -266,18 +276,3 @@ def _with_measured_focal(config: Config, camera: CheckedSource) -> Config:
     from lfpipe.config.camera_file import with_measured_focal
 
     return with_measured_focal(config, camera_name(camera.text)) if camera.text else config
-
-
-def _grid(scene: Path, config: Config) -> tuple[int, int]:
-    """Rows and columns of the scene, from its pack if it has one."""
-    from lfpipe.scene.cache import find_pack
-    from lfpipe.scene.manifest import DamagedPackError, read_manifest
-
-    if pack := find_pack(scene, config.scene):
-        with contextlib.suppress(DamagedPackError):  # it will be packed again
-            manifest = read_manifest(pack)
-            return manifest["rows"], manifest["cols"]
-    from lfpipe.scene.layouts import describe
-
-    source = describe(scene, config.scene)
-    return source.rows, source.cols

@@ -96,7 +96,7 @@ def replay(
     config_file: str | None,
 ) -> int:
     """Run SEQ through the pipeline; exit code 0: as expected, 1: it differs or is over budget, 2: bad input."""
-    from lfpipe.cli.scene_opening import open_with_progress
+    from lfpipe.cli.scene_options import opened
     from lfpipe.replay import run
     from lfpipe.replay.budgets import broken, read_budgets
     from lfpipe.replay.compare import Comparison, check_reference, compare
@@ -115,7 +115,7 @@ def replay(
         run.check_out(expect) if update else read_report(expect)
     with _folder(out) as folder:
         run.check_out(folder)
-        field = open_with_progress(scene, config.scene)
+        field = opened(scene, config)
         if expect is not None and not update:
             check_reference(expect, {"sequence": about_sequence(sequence), "scene": about_scene(field)})
         run.clear_out(folder)

@@ -8,7 +8,7 @@ import click
 from lfpipe.cli.options import with_config
 from lfpipe.cli.scene_options import JSON, SCENE, check_picture, opened, scene_config, with_scene_options, write_picture
 from lfpipe.config.quality import METHODS
-from lfpipe.host.paths import is_dir, is_file
+from lfpipe.host.paths import is_dir
 
 
 @click.group()
@@ -25,17 +25,15 @@ def pack(path: Path, as_json: bool, **options: Any) -> None:
     import json
 
     from lfpipe.render.plan import make_plan
-    from lfpipe.scene.cache import cache_dir
 
     config = scene_config(options)
     field = opened(path, config)
-    folder = cache_dir(config.scene) / "scenes" / str(field.manifest["key"])
     if as_json:
         plan = make_plan(field, config)
-        facts = {"pack": str(folder), "needs_tracking": plan.needs_tracking, "method": plan.method, **field.manifest}
+        facts = {"pack": field.folder, "needs_tracking": plan.needs_tracking, "method": plan.method, **field.manifest}
         click.echo(json.dumps(facts))
     else:
-        click.echo(folder)
+        click.echo(field.folder)
 
 
 @scene.command("list")
@@ -88,22 +86,6 @@ def clean(keys: tuple[str, ...], everything: bool, config_file: str | None, sets
 @scene.command()
 @SCENE
 @with_scene_options
-def check(path: Path, **options: Any) -> None:
-    """Read the whole pack of SCENE and verify its checksums. SCENE may also be the folder of a pack."""
-    from lfpipe.errors import UserError
-    from lfpipe.scene.cache import find_pack
-    from lfpipe.scene.manifest import NAME
-    from lfpipe.scene.pack_files import check_pack
-
-    pack = path if is_file(path / NAME) else find_pack(path, scene_config(options).scene)
-    if pack is None:
-        raise UserError(f"{path}: not packed", "`lfpipe scene pack` packs it")
-    click.echo(f"intact: {check_pack(pack) / 1e6:.1f} MB in {pack}")
-
-
-@scene.command()
-@SCENE
-@with_scene_options
 @JSON
 def plan(path: Path, as_json: bool, **options: Any) -> None:
     """Show which work SCENE does not need, why, and what leaving it out saves."""
@@ -137,13 +119,12 @@ def info(path: Path, as_json: bool, **options: Any) -> None:
     import json
 
     from lfpipe.cli.progress import filled
-    from lfpipe.scene.cache import find_pack
-    from lfpipe.scene.info import describe_examined, describe_pack, lines
-    from lfpipe.scene.pack import examine_scene
+    from lfpipe.scene.info import describe_pack, lines
+    from lfpipe.scene.open_scene import packed, scene_facts
 
-    config = scene_config(options)
-    packed = find_pack(path, config.scene) is not None
-    facts = describe_pack(opened(path, config), config.scene) if packed else describe_examined(examine_scene(path, config.scene))
+    settings = scene_config(options).scene
+    field = packed(path, settings)
+    facts = describe_pack(field) if field is not None and field.complete else scene_facts(path, settings)
     click.echo(json.dumps(facts) if as_json else "\n".join(filled(line[14:], line[:14]) for line in lines(facts)))
 
 

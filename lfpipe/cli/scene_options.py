@@ -55,11 +55,13 @@ def scene_config(options: dict[str, Any]) -> Config:
     return updated(config, chosen)
 
 
-def opened(path: Path, config: Config) -> LightField:
-    """Opens the scene; packs it first if necessary, with a progress bar. Raises UserError."""
-    from lfpipe.cli.scene_opening import open_with_progress
+def opened(path: Path | None, config: Config) -> LightField:
+    """Opens the scene, or the demo; packs it first if necessary, with a progress bar. Raises UserError."""
+    from lfpipe.cli.progress import progress
+    from lfpipe.scene.open_scene import open_scene
 
-    return open_with_progress(path, config.scene)
+    with progress() as bar:
+        return open_scene(path, config.scene, bar)
 
 
 def check_picture(path: Path, scene: Path) -> None:

@@ -29,9 +29,9 @@ class SceneSummary:
     """Facts about a packed scene that a session needs without opening it.
 
     pack: the pack's folder, absolute. height_px, width_px: of a view. method: the method used for render.method = "auto".
-    scores: PSNR in dB of each method on held-out views. baseline_mm, focus_distance_mm, focal_length_px: None where unknown.
-    disparity_min_px, disparity_max_px: of its farthest and nearest points, px per view. half_turned: the views run against the
-    order of the pack.
+    complete: whether the packer has finished; until then there is no disparity. scores: PSNR in dB of each method on held-out
+    views. baseline_mm, focus_distance_mm, focal_length_px: None where unknown. disparity_min_px, disparity_max_px: of the
+    farthest and nearest points, px per view. half_turned: the views run against the order of the pack.
     """
 
     pack: str
@@ -42,6 +42,7 @@ class SceneSummary:
     width_px: int
     method: str
     has_disparity: bool
+    complete: bool = True
     scores: Mapping[str, float] = attrs.field(factory=dict)
     baseline_mm: float | None = None
     focus_distance_mm: float | None = None
@@ -128,6 +129,11 @@ class SessionOptions:
     def pack(self) -> str:
         """The scene's pack, "" without a scene."""
         return self.scene.pack if self.scene else ""
+
+    @property
+    def complete(self) -> bool:
+        """Whether the scene has its disparity, as far as there is any."""
+        return self.scene is None or self.scene.complete
 
     @property
     def shares_pictures(self) -> bool:

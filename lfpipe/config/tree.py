@@ -156,7 +156,10 @@ class Render:
     extrapolate_views: Annotated[float, Opt("how far beyond the grid the viewpoint may go", "views", 0, 16, live=True)] = 2.0
     keep_depth: Annotated[
         bool,
-        Opt("at the edge of the grid, keep the distance of the eyes and stop their middle; no: stop each eye, as the paper does", live=True),
+        Opt(
+            "at the edge of the grid, keep the distance of the eyes and stop their middle; no: stop each eye, as the paper does",
+            live=True,
+        ),
     ] = True
     swap_eyes: Annotated[bool, Opt("swap the eyes, for glasses worn or printed the other way round", live=True)] = False
     loop_ms: Annotated[
@@ -214,7 +217,10 @@ class Scene:
     transpose: Annotated[Literal["auto", "no", "yes"], Opt("exchange rows and columns of the grid; auto: detect it")] = "auto"
     half_turn: Annotated[
         Literal["auto", "no", "yes"],
-        Opt("exchange near and far: reverse both rows and columns; auto: as chosen for this scene before, else as its files say", live=True),
+        Opt(
+            "exchange near and far: reverse both rows and columns; auto: as chosen for this scene before, else as its files say",
+            live=True,
+        ),
     ] = "auto"
     gamma: Annotated[
         float | Literal["auto"],

@@ -87,9 +87,7 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
             if not frozen:
                 guide.clicks.clear()
                 if source.read(picture) is None:
-                    raise UserError(
-                        "the source ended before Enter was pressed", "use a longer recording, ?loop=1, or a camera"
-                    )
+                    raise UserError("the source ended before Enter was pressed", "use a longer recording, ?loop=1, or a camera")
             if len(guide.clicks) > 2:
                 del guide.clicks[:-1]  # a third click starts again
             ends = list(guide.clicks)

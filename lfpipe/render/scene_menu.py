@@ -1,6 +1,6 @@
 """Other scenes: requests for the next of the playlist or a dropped one, and the choice by thumbnails (key Tab).
 
-The supervisor packs a scene while the old one stays on the screen; a request made meanwhile follows.
+The old scene stays on the screen until the packer has the views of the new one. A second request replaces the first.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ class SceneLoader:
     def __init__(self, context: Context, notices: Notices) -> None:
         self._context, self._notices = context, notices
         self._loading: _Request | None = None
-        self._next = ""  # scene to load next
         self._step = "", ""  # the scene being loaded and its progress
+        self.share: float | None = None  # of the packer's work on the scene on the screen that is done; None without
         self._first_due_ns = 0
 
     def step(self, step: int) -> None:
         """Requests the scene of the playlist that many steps from the one requested last."""
-        scenes, asked = self._context.options.playlist, self._next or (self._loading.scene if self._loading else "")
+        scenes, asked = self._context.options.playlist, self._loading.scene if self._loading else ""
         if len(scenes) < 2:
             self._notices.say("scene", NO_OTHER, now_ns())
             return
@@ -52,10 +52,7 @@ class SceneLoader:
         self.load(Path(scenes[(at + step) % len(scenes)]))
 
     def load(self, scene: Path) -> None:
-        """Requests the scene at a path."""
-        if self._loading:
-            self._next = str(scene)
-            return
+        """Requests the scene at a path, instead of one requested before."""
         scenes = self._context.options.playlist
         place = f": {scenes.index(str(scene)) + 1} of {len(scenes)}" if str(scene) in scenes else ""
         self._context.request("load", scene=str(scene))
@@ -63,6 +60,8 @@ class SceneLoader:
 
     def answered(self, answer: dict[str, Any]) -> None:
         """Handles the answer to a request: the picture shows a refusal for a while."""
+        if answer.get("replaced"):
+            return
         refused = not answer["ok"]
         if refused:
             what = f"{self._loading.words}: refused" if self._loading else "refused"
@@ -70,13 +69,11 @@ class SceneLoader:
             self._notices.say("refused", "\n".join(lines[:MAX_LINES]), now_ns(), REFUSED_NS)
         if refused or "pack" in answer:
             self._loading = None
-            if self._next:
-                scene, self._next = self._next, ""
-                self.load(Path(scene))
 
-    def report_step(self, scene: str, step: str) -> None:
-        """Reports the progress of loading, whoever requested the scene; "" at the end."""
-        self._step = scene, step
+    def report(self, news: dict[str, Any]) -> None:
+        """Takes the progress of loading, whoever requested the scene. Of the scene on the screen, only a bar shows it."""
+        self._step = ("", "") if news["shown"] else (news["scene"], news["step"])
+        self.share = news["share"] if news["shown"] and news["step"] else None
 
     def serve(self, t_ns: int) -> None:
         """Shows what is being loaded; in an exhibition, requests the first scene for the next visitor."""

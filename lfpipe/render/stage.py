@@ -19,7 +19,7 @@ from lfpipe.render.refresh import Refresh, ScreenClock, ScreenRefresh
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, shown_as
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.pack_files import open_pack
+from lfpipe.scene.pack import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 
@@ -72,16 +72,17 @@ def main(context: Context) -> None:
     context.ready()
     try:
         while context.wait(None if refresh is None else refresh.due_ns() - lead_ns(refresh, presenter)):
-            if context.options.pack != options.pack or context.config != asked:
+            if (context.options.pack, context.options.complete) != (options.pack, options.complete) or context.config != asked:
                 with context.setting_up("opening the scene"):
-                    if context.options.pack != options.pack:
+                    if (context.options.pack, context.options.complete) != (options.pack, options.complete):
                         field = open_pack(Path(context.options.pack), context.config.scene.half_turn)
                     elif context.config.scene.half_turn != asked.scene.half_turn:
                         field = shown_as(field, context.config.scene.half_turn)
                     keep_choice(context, field)
+                    completed = context.options.pack == options.pack and context.config == asked
                     asked, options = context.config, context.options
                     config = lowered(asked, options)
-                    viewer.set(field, config)
+                    (viewer.complete if completed else viewer.set)(field, config)
                 presenter.redraw()
             elif (now := lowered(asked, context.options)) != config:
                 if refresh is not None and now.render.rate_hz != config.render.rate_hz:
@@ -96,7 +97,7 @@ def main(context: Context) -> None:
                     viewer.recentre()
                     presenter.redraw()
                 elif word == "loading":
-                    keys.scenes.report_step(message["scene"], message["step"])
+                    keys.scenes.report(message)
                 elif not word:
                     keys.scenes.answered(message)
             fresh = presenter.take()

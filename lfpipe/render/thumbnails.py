@@ -11,9 +11,8 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.render.window_system import drawable, pygame
-from lfpipe.scene.cache import find_pack
 from lfpipe.scene.contact_sheet import stored_view
-from lfpipe.scene.pack_files import open_pack
+from lfpipe.scene.open_scene import packed
 
 KEPT_PX = (480, 360)  # of a thumbnail, at most
 COLS, CELL_LINES = 4, 9  # cells across a window of at least this many lines of text; height of a cell in lines
@@ -28,13 +27,10 @@ STEPS = {"less": (0, -1), "more": (0, 1), "up": (-1, 0), "down": (1, 0)}
 def thumbnail(scene: str, settings: config.Scene) -> NDArray[np.uint8] | None:
     """The middle view of a packed scene, uint8 (height, width, 3) RGB of at most KEPT_PX; None without a pack."""
     try:
-        pack = find_pack(scene, settings)
-        if pack is None:
-            return None
-        field = open_pack(pack, settings.half_turn)
+        field = packed(scene, settings)
     except UserError:
         return None
-    return _small(stored_view(field, field.rows // 2, field.cols // 2))
+    return None if field is None else _small(stored_view(field, field.rows // 2, field.cols // 2))
 
 
 def _small(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

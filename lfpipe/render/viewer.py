@@ -79,6 +79,13 @@ class Viewer:
         self._views = 0.0
         self._solver: ViewSolver | None = None
 
+    def complete(self, field: LightField, config: Config) -> None:
+        """Sets the same scene, now with its disparity: viewpoint, neutral position and views between the eyes stay, or follow."""
+        self.field = field
+        self.redraw_by(config)
+        if self.parallax is not None:
+            self._choose(self._apart_px)
+
     def redraw_by(self, config: Config) -> None:
         """Sets a configuration that differs only in render.method and render.rate_hz: geometry stays unchanged."""
         self.config, self.compositor = config, Compositor(self.field, config.render)

@@ -23,7 +23,7 @@ from lfpipe.host.paths import is_dir
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.replay.report import REPORT, STEADY, TRACE, make_report, write_report
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.summary import summarize
+from lfpipe.scene.pack import summarize
 from lfpipe.sequence.folder import MANIFEST
 from lfpipe.sequence.folder import Sequence as Recorded
 from lfpipe.sequence.index import COPY, INDEX, PACKETS
@@ -137,7 +137,7 @@ def replay(
     source = f"file:{sequence.path.resolve()}?loop=0&pace={'max' if steady else pace}"
     output = ReplayOutput(str(folder.resolve()), str(sequence.path.resolve()), pictures)
     options = SessionOptions(
-        scene=summarize(field, config.scene),
+        scene=summarize(field),
         source=source,
         source_hz=float(pace) if pace not in ("step", "max", "recorded") else sequence.measured_hz,
         trace=str((folder / TRACE).resolve()),

@@ -1,9 +1,9 @@
 """The cache of packs: addressed by content, written atomically, one writer at a time.
 
-    CACHE/scenes/KEY/          a pack (views.npy, disparity.npy, manifest.json)
-    CACHE/scenes/.KEY.PID/     an unfinished pack; the holder of KEY's lock may remove it
-    CACHE/locks/KEY            lock of its writer
-    CACHE/index/STAMP          text: the KEY of a path whose names, sizes and times have this stamp
+CACHE/scenes/KEY/          a pack (views.npy, disparity.npy, manifest.json)
+CACHE/scenes/.KEY.PID/     an unfinished pack; the holder of KEY's lock may remove it
+CACHE/locks/KEY            lock of its writer
+CACHE/index/STAMP          text: the KEY of a path whose names, sizes and times have this stamp
 """
 
 import contextlib
@@ -23,8 +23,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_bytes
 from lfpipe.host import file_lock
 from lfpipe.scene.files import Listing, list_scene, open_file
-from lfpipe.scene.manifest import VERSION, DamagedPackError, read_manifest
-from lfpipe.scene.pack_lock import unused
+from lfpipe.scene.pack import VERSION, DamagedPackError, read_manifest, unused
 from lfpipe.scene.source import SceneSource
 
 _DEEPEST = 3  # levels of folders between the given one and its pictures

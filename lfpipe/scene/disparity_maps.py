@@ -19,7 +19,7 @@ from lfpipe.scene.disparity import (
 from lfpipe.scene.grid_geometry import truth_sign
 from lfpipe.scene.missing_views import fill_missing
 from lfpipe.scene.optical_flow import SMALLEST_PX
-from lfpipe.scene.pack_files import PlaneFile
+from lfpipe.scene.pack import PlaneFile
 from lfpipe.scene.view_writer import FrameIndex, PackJob, run_parallel
 
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known

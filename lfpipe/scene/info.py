@@ -1,22 +1,20 @@
 """Facts about a scene, for people and programs: from its pack, or from an examination if there is none yet."""
 
+from pathlib import Path
 from typing import Any
 
 import attrs
 
-from lfpipe import config
 from lfpipe.errors import plain
-from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.pack import Examined
+from lfpipe.scene.packing import Examined
 
 _NAMES = ("layout", "rows", "cols", "height", "width", "channels", "bit_depth", "frames", "frame_rate_hz", "flips")
 
 
-def describe_pack(field: LightField, scene: config.Scene) -> dict[str, Any]:
+def describe_pack(field: LightField) -> dict[str, Any]:
     """The facts of `lfpipe scene info --json`."""
     manifest = field.manifest
-    folder = cache_dir(scene) / "scenes" / str(manifest["key"])
     missing = [[r, c] for r in range(field.rows) for c in range(field.cols) if not field.present[r, c]]
     about = dict(manifest["disparity"])
     low, high, source = about.pop("min_px"), about.pop("max_px"), about.pop("source")
@@ -34,8 +32,8 @@ def describe_pack(field: LightField, scene: config.Scene) -> dict[str, Any]:
         "scores_db": manifest["scores"],
         "irregular": manifest["offsets"] is not None,
         "notes": manifest["notes"],
-        "pack": str(folder),
-        "pack_bytes": sum(file.stat().st_size for file in folder.glob("*")),
+        "pack": field.folder,
+        "pack_bytes": sum(file.stat().st_size for file in Path(field.folder).glob("*")),
     }
 
 

@@ -46,6 +46,7 @@ class LightField:
     name: str
     method: str  # the method that `auto` stands for: "nearest", "blend", "warp" or "warp2"
     manifest: dict[str, Any]  # provenance, as stored; "flips" as shown
+    folder: str = ""  # of the pack, absolute
     hold: object = None  # keeps `lfpipe scene clean` from removing the pack
     half_turned: bool = False  # rows and columns run against the pack's order
 
@@ -65,6 +66,11 @@ class LightField:
             manifest={**self.manifest, "flips": turned} if turned else self.manifest,
             half_turned=not self.half_turned,
         )
+
+    @property
+    def complete(self) -> bool:
+        """Whether the packer has measured the disparity, as far as there is any."""
+        return bool(self.manifest.get("complete", True))
 
     @property
     def frames(self) -> int:

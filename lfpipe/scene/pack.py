@@ -1,182 +1,254 @@
-"""Packs a light field in any layout into planar memory maps in canonical order: once; later calls open the pack."""
+"""A pack on disk: planar arrays opened as read-only memory maps, and manifest.json with everything else.
+
+    views.npy       uint8 (frames, rows, cols, channels, height, width)
+    disparity.npy   int8 (frames, rows, cols, half height, half width); only of a complete pack
+    manifest.json   "complete": whether the disparity is there; "checksum": of the rest of the manifest
+
+The arrays are written view by view without a map (bounded memory). Views come first: a pack without disparity can be shown.
+"""
 
 import contextlib
+import hashlib
+import io
+import json
+import math
+import mmap
 import os
-import shutil
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
-import lfpipe
-from lfpipe import config
-from lfpipe.errors import UserError, plain
-from lfpipe.scene import cache, layouts, screen_values
-from lfpipe.scene.disparity_maps import write_disparity
-from lfpipe.scene.files import library_errors
-from lfpipe.scene.grid_geometry import grid_offsets
-from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.manifest import VERSION, DamagedPackError, contents, write_manifest
-from lfpipe.scene.orientation import Orientation, orient
-from lfpipe.scene.pack_files import PlaneFile, open_pack
-from lfpipe.scene.plausibility import plausible
-from lfpipe.scene.source import SceneSource
-from lfpipe.scene.truth import without_implausible_truth
-from lfpipe.scene.view_writer import NotGreyError, PackJob, Progress, write_views
+from lfpipe.config import SceneSummary
+from lfpipe.errors import UserError
+from lfpipe.files.safe_files import open_regular, read_bytes, reason
+from lfpipe.files.untrusted import json_fields
+from lfpipe.host import file_lock
+from lfpipe.host.descriptors import CAREFUL, read_at, write_at
+from lfpipe.scene.half_turn import shown_as
+from lfpipe.scene.lightfield import Geometry, LightField
 
-ChooseMethod = Callable[[LightField], tuple[str, dict[str, Any]]]  # -> the best method here, and its scores
+MANIFEST = "manifest.json"
+VERSION = 9  # of the pack; another version is another key
+_MAX_BYTES = 16 << 20
+_REMEDY = "`lfpipe scene pack` makes it again"
 
 
-def _silent(what: str, done: int, total: int) -> None:
-    """Ignores progress."""
+class DamagedPackError(UserError):
+    """A folder that is no pack of this version, or a damaged one."""
 
 
-def _room(root: Path, source: SceneSource, channels: int) -> None:
-    """Raises UserError with both sizes if the disk has no room for the pack."""
-    views = source.frames * source.rows * source.cols
-    maps = views * ((source.height_px + 1) // 2) * ((source.width_px + 1) // 2)
-    need = views * channels * source.height_px * source.width_px + 3 * maps + (1 << 20)
-    free = shutil.disk_usage(root).free
-    if need > free:
-        raise UserError(
-            f"{source.path}: packed it takes {need / 1e6:.0f} MB, {root} has {free / 1e6:.0f} MB free",
-            "free some (`lfpipe scene clean`), or name another disk with --set scene.cache_dir=DIR",
-        )
+def damaged(where: Path, why: str) -> DamagedPackError:
+    """The error that names a pack or a file of it."""
+    return DamagedPackError(f"{where}: {why}", _REMEDY)
 
 
-def _is_grey(source: SceneSource) -> bool:
-    """Whether the corner views and the middle one are grey."""
-    places = {(0, 0), (0, source.cols - 1), (source.rows // 2, source.cols // 2), (source.rows - 1, source.cols - 1)}
-    return all(screen_values.is_grey(source.read(0, *place)) for place in places - source.missing)
+def _checksum(manifest: dict[str, Any]) -> str:
+    body = {key: value for key, value in manifest.items() if key != "checksum"}
+    return hashlib.blake2b(json.dumps(body, sort_keys=True, allow_nan=False).encode(), digest_size=16).hexdigest()
 
 
-def _gamma(source: SceneSource, scene: config.Scene) -> tuple[float, str]:
-    """The exponent for this scene and the reason."""
-    if scene.gamma != "auto":
-        return float(scene.gamma), "set by scene.gamma"
-    if source.linear:
-        return screen_values.SCREEN_GAMMA, f"{source.layout} holds linear light"
-    middle = min(
-        ((r, c) for r in range(source.rows) for c in range(source.cols) if (r, c) not in source.missing),
-        key=lambda place: abs(place[0] - source.rows // 2) + abs(place[1] - source.cols // 2),
-    )
-    if screen_values.looks_linear(source.read(0, *middle), source.max_value):
-        return screen_values.SCREEN_GAMMA, "dark with black corners, like undeveloped plenoptic pictures; scene.gamma=1 keeps it"
-    return 1.0, ""
+def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
+    """Writes the manifest with its checksum atomically. Raises OSError."""
+    new = folder / f".{MANIFEST}.{os.getpid()}"
+    try:
+        new.write_text(json.dumps({**manifest, "checksum": _checksum(manifest)}, indent=1, allow_nan=False))
+        new.replace(folder / MANIFEST)
+    except OSError:
+        new.unlink(missing_ok=True)
+        raise
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a pack. Raises DamagedPackError if it is missing, changed or of another version."""
+    try:
+        fields = json_fields(read_bytes(folder / MANIFEST, _MAX_BYTES), str(folder / MANIFEST), _REMEDY)
+    except OSError as error:
+        raise damaged(folder, f"not a pack: {MANIFEST} cannot be read: {reason(error)}") from None
+    except UserError as error:
+        raise DamagedPackError(error.message, _REMEDY) from None
+    manifest = dict(fields.values)
+    if manifest.get("version") != VERSION:
+        raise damaged(folder, f"a pack of another version; this lfpipe reads version {VERSION}")
+    if manifest.get("checksum") != _checksum(manifest):
+        raise damaged(folder / MANIFEST, "changed after the pack was made")
+    return manifest
+
+
+class PackLock:
+    """Protects a pack from removal while this object lives. A killed process holds no lock."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises OSError if there is no such folder or it is being removed."""
+        self._lock = None
+        if not folder.is_dir():
+            raise FileNotFoundError(2, os.strerror(2), str(folder))
+        self._lock = file_lock.take(folder, shared=True)
+        if self._lock is None:
+            raise BlockingIOError(11, "it is being removed", str(folder))
+        if not self._lock.in_place():
+            raise FileNotFoundError(2, "it was removed", str(folder))
+
+    def __del__(self) -> None:
+        if self._lock is not None:
+            self._lock.release()
+
+    def __reduce__(self) -> tuple[type[None], tuple[()]]:
+        """Pickles as None: a lock is not copied to another process."""
+        return type(None), ()
+
+
+@contextlib.contextmanager
+def unused(folder: Path) -> Iterator[bool]:
+    """Whether no process holds the pack; if so, none can lock it until the end of the block. Raises OSError."""
+    if not folder.is_dir():
+        raise FileNotFoundError(2, os.strerror(2), str(folder))
+    lock = file_lock.take(folder)
+    try:
+        yield lock is not None
+    finally:
+        if lock is not None:
+            lock.release()
 
 
 @attrs.frozen
-class Examined:
-    """The result of examining a scene before packing. gamma: the exponent for its values, and the reason. channels: 1 or 3."""
+class PlaneFile:
+    """An .npy file read and written in pieces, by the first `index_axes` axes. Safe from several threads.
 
-    source: SceneSource
-    orientation: Orientation
-    gamma: float
-    gamma_by: str
-    channels: int
-
-
-def examine_scene(path: str | os.PathLike[str], scene: config.Scene) -> Examined:
-    """Examines the scene at path by its names and a few small views. Raises UserError if there is none."""
-    with library_errors(path):
-        return _examined(without_implausible_truth(layouts.describe(path, scene)), scene)
-
-
-def _examined(source: SceneSource, scene: config.Scene) -> Examined:
-    if not source.certain:
-        source = plausible(source, scene.force)
-    return Examined(source, orient(source, scene), *_gamma(source, scene), 1 if _is_grey(source) else 3)
-
-
-def _make(root: Path, key: str, examined: Examined, progress: Progress, choose: ChooseMethod | None) -> Path:
-    """Writes the pack of source under its key and returns its folder. The caller holds the lock of key."""
-    source, orientation, channels = examined.source, examined.orientation, examined.channels
-    _room(root, source, channels)
-    started = time.monotonic()
-    rows, cols = orientation.turn.grid(source.rows, source.cols)
-    facts, orientation = orientation.facts(cols), orientation.packed(cols)
-    present = np.ones((rows, cols), bool)
-    for r in range(rows):
-        for c in range(cols):
-            present[r, c] = orientation.turn.file_index(r, c, rows, cols) not in source.missing
-    folder = root / "scenes" / f".{key}.{os.getpid()}"
-    folder.mkdir()
-    try:
-        offsets = grid_offsets(source.coordinates, orientation.turn, rows, cols)
-        job = PackJob(source, orientation, folder, rows, cols, channels, present, offsets, progress)
-        with PlaneFile.create(folder / "views.npy", job.shape, np.uint8, index_axes=3) as views:
-            write_views(job, views, screen_values.screen_table(source.max_value, examined.gamma))
-            disparity = write_disparity(job, views)
-        name = source.path.resolve().stem if source.path.is_file() else source.path.resolve().name
-        low, high = disparity["min_px"], disparity["max_px"]
-        manifest: dict[str, Any] = {
-            "version": VERSION, "lfpipe": lfpipe.__version__, "key": key, "name": plain(name, 300),
-            "source": plain(str(source.path.resolve()), 10_000), "layout": source.layout, "files": len(source.files),
-            "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "rows": rows, "cols": cols, "frames": source.frames,
-            "height": source.height_px, "width": source.width_px, "channels": job.channels, "bit_depth": source.bit_depth,
-            "frame_rate_hz": source.frame_rate_hz, "flips": attrs.asdict(orientation.turn),
-            "orientation": facts,
-            "gamma": examined.gamma, "gamma_by": examined.gamma_by, "geometry": attrs.asdict(source.geometry),
-            "present": present.astype(int).tolist(), "offsets": offsets.tolist() if source.coordinates is not None else None,
-            "disparity": disparity, "notes": list(source.notes),
-            "method": "warp" if max(abs(low), abs(high)) >= 0.5 else "nearest", "scores": {},
-        }  # fmt: skip
-        manifest["contents"] = contents(folder, [path.name for path in folder.glob("*.npy")])
-        write_manifest(folder, manifest)
-        if choose is not None and rows * cols > 1:
-            progress("method", 0, 1)
-            manifest["method"], manifest["scores"] = choose(open_pack(folder))
-            progress("method", 1, 1)
-        manifest["seconds"] = round(time.monotonic() - started, 2)
-        write_manifest(folder, manifest)
-        folder.replace(root / "scenes" / key)
-    except OSError as error:
-        remedy = "check the disk, or use another one with --set scene.cache_dir=DIR"
-        raise UserError(f"{folder.parent}: cannot write the pack: {error.strerror}", remedy) from None
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-    return root / "scenes" / key
-
-
-def open_scene(
-    path: str | os.PathLike[str], scene: config.Scene, progress: Progress | None = None, choose_method: ChooseMethod | None = None
-) -> LightField:
-    """The light field at path: opens its pack from the cache, after creating it if needed.
-
-    progress: called from this thread with (what, done, total). choose_method: chooses the method that `auto` stands for, once,
-    when the pack is created; without it a scene with disparity is warped. Several processes may call this at once; a killed one
-    leaves nothing that looks complete. Raises UserError.
+    Written with pwrite: pages of a map would count as memory of the process until the kernel writes them back.
     """
-    found = cache.find_pack(path, scene)
-    if found is not None:
-        with contextlib.suppress(DamagedPackError):
-            return open_pack(found, scene.half_turn)
-    mark = cache.stamp(path, scene)
-    with library_errors(path):
-        return _packed(path, scene, mark, progress or _silent, choose_method)
+
+    descriptor: int
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    index_axes: int
+    start: int
+
+    @classmethod
+    def create(cls, path: Path, shape: tuple[int, ...], dtype: Any, index_axes: int) -> Self:
+        """Creates a file of zeros of that shape."""
+        header, kind = _npy_header(shape, np.dtype(dtype)), np.dtype(dtype)
+        with path.open("wb") as stream:
+            stream.write(header)
+            stream.truncate(len(header) + math.prod(shape) * kind.itemsize)
+        return cls.open(path, shape, kind, index_axes)
+
+    @classmethod
+    def open(cls, path: Path, shape: tuple[int, ...], dtype: Any, index_axes: int) -> Self:
+        """Opens a file of that shape to change it."""
+        kind = np.dtype(dtype)
+        return cls(os.open(path, os.O_RDWR | CAREFUL), shape, kind, index_axes, len(_npy_header(shape, kind)))
+
+    def _offset(self, index: tuple[int, ...]) -> int:
+        flat = int(np.ravel_multi_index(index, self.shape[: len(index)]))
+        return self.start + flat * int(np.prod(self.shape[len(index) :])) * self.dtype.itemsize
+
+    def write(self, index: tuple[int, ...], piece: NDArray[Any]) -> None:
+        """Writes a piece, contiguous in the file, at index: of shape shape[len(index):], or any number of its first rows."""
+        data = np.ascontiguousarray(piece, self.dtype).reshape(-1).view(np.uint8).data
+        offset = self._offset(index)
+        while data:
+            done = write_at(self.descriptor, data, offset)
+            data, offset = data[done:], offset + done
+
+    def read(self, index: tuple[int, ...]) -> NDArray[Any]:
+        """The piece at index, a copy."""
+        shape = self.shape[self.index_axes :]
+        data = read_at(self.descriptor, int(np.prod(shape)) * self.dtype.itemsize, self._offset(index))
+        return np.frombuffer(data, self.dtype).reshape(shape)
+
+    def close(self) -> None:
+        """Closes the file."""
+        os.close(self.descriptor)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
 
-def _packed(
-    path: str | os.PathLike[str], scene: config.Scene, mark: str, say: Progress, choose: ChooseMethod | None
-) -> LightField:
-    """The light field of a scene, packed now if needed."""
-    source = without_implausible_truth(layouts.describe(path, scene))
-    root = cache.prepare_cache(scene)
-    key = cache.content_key(source, scene)
-    folder = root / "scenes" / key
-    with cache.locked(root, key):
-        try:
-            field = open_pack(folder, scene.half_turn)
-        except DamagedPackError:
-            shutil.rmtree(folder, ignore_errors=True)
-            examined = _examined(source, scene)
-            try:
-                folder = _make(root, key, examined, say, choose)
-            except NotGreyError:
-                folder = _make(root, key, attrs.evolve(examined, channels=3), say, choose)
-            field = open_pack(folder, scene.half_turn)
-        cache.remember(root, mark, key)
-    return field
+def _mapped(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    """A read-only map of an .npy file. Raises DamagedPackError if shape or type differ, OSError."""
+    header, count = _npy_header(shape, np.dtype(dtype)), math.prod(shape)
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if read_at(file.fileno(), len(header), 0) != header or size != len(header) + count * np.dtype(dtype).itemsize:
+            raise damaged(path, f"no array of {np.dtype(dtype)} {shape}")
+        whole = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
+    return np.frombuffer(whole, dtype, count, len(header)).reshape(shape)
+
+
+def _npy_header(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_2_0(stream, {"descr": dtype.str, "fortran_order": False, "shape": shape})
+    return stream.getvalue()
+
+
+def open_pack(folder: Path, half_turn: str = "auto") -> LightField:
+    """The light field of a pack, in the order that scene.half_turn asks for. `lfpipe scene clean` does not remove the pack while
+    this object lives.
+
+    Raises DamagedPackError if it is missing, damaged, changed or of another version.
+    """
+    try:
+        hold = PackLock(folder)
+        return shown_as(light_field(folder, read_manifest(folder), hold), half_turn)
+    except OSError as error:
+        raise damaged(folder, f"no pack: {reason(error)}") from None
+    except (ValueError, TypeError, LookupError, OverflowError) as error:
+        raise damaged(folder, f"no pack: {error}") from None
+
+
+def light_field(folder: Path, manifest: dict[str, Any], hold: object = None) -> LightField:
+    """The light field of a pack with this manifest. Raises DamagedPackError, OSError, ValueError and others for what
+    lfpipe did not write."""
+    rows, cols, frames, height, width = (int(manifest[name]) for name in ("rows", "cols", "frames", "height", "width"))
+    about = manifest["disparity"]
+    disparity = None
+    if manifest["complete"] and about["source"] != "none":
+        disparity = _mapped(folder / "disparity.npy", (frames, rows, cols, (height + 1) // 2, (width + 1) // 2), np.int8)
+    offsets = np.zeros((rows, cols, 2)) if manifest["offsets"] is None else manifest["offsets"]
+    return LightField(
+        views=_mapped(folder / "views.npy", (frames, rows, cols, int(manifest["channels"]), height, width), np.uint8),
+        disparity=disparity,
+        disparity_scale_px=about["scale_px"],
+        disparity_min_px=about["min_px"],
+        disparity_max_px=about["max_px"],
+        disparity_source=about["source"],
+        offsets=np.asarray(offsets, np.float32).reshape(rows, cols, 2),
+        present=np.asarray(manifest["present"], bool).reshape(rows, cols),
+        geometry=Geometry(**manifest["geometry"]),
+        frame_rate_hz=manifest["frame_rate_hz"],
+        name=manifest["name"],
+        method=manifest["method"],
+        manifest=manifest,
+        folder=str(folder),
+        hold=hold,
+    )
+
+
+def summarize(field: LightField) -> SceneSummary:
+    """What a session needs to know of an opened pack."""
+    known = field.geometry
+    return SceneSummary(
+        pack=field.folder,
+        name=field.name,
+        rows=field.rows,
+        cols=field.cols,
+        height_px=field.height_px,
+        width_px=field.width_px,
+        method=field.method,
+        has_disparity=field.disparity is not None,
+        complete=field.complete,
+        scores={name: float(score) for name, score in field.manifest["scores"].items()},
+        baseline_mm=known.baseline_mm,
+        focus_distance_mm=known.focus_distance_mm,
+        focal_length_px=known.focal_length_px,
+        disparity_min_px=float(field.disparity_min_px),
+        disparity_max_px=float(field.disparity_max_px),
+        half_turned=field.half_turned,
+    )

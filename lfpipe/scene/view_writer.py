@@ -15,7 +15,7 @@ from lfpipe.host.processes import usable_cores
 from lfpipe.scene import screen_values
 from lfpipe.scene.grid_geometry import nearest_present
 from lfpipe.scene.orientation import Orientation
-from lfpipe.scene.pack_files import PlaneFile
+from lfpipe.scene.pack import PlaneFile
 from lfpipe.scene.source import SceneSource
 
 Progress = Callable[[str, int, int], None]  # task, steps done, steps in total

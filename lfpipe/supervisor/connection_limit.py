@@ -28,18 +28,21 @@ class ConnectionLimit:
             each.setsockopt(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
         self.sockets = [each.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED) for each in self._watched]
 
-    def serve(self) -> None:
-        """Processes the events since the last call."""
+    def serve(self) -> set[int]:
+        """Processes the events since the last call; returns the connections that have ended."""
+        gone: set[int] = set()
         for monitor in self.sockets:
             while monitor.poll(0):
                 event = parse_monitor_message(monitor.recv_multipart())
                 if event["event"] == zmq.EVENT_DISCONNECTED:
                     self._open.discard(event["value"])
+                    gone.add(event["value"])
                 elif len(self._open) < self._limit:
                     self._open.add(event["value"])
                     self._refusing = False
                 else:
                     self._refuse(event["value"])
+        return gone
 
     def _refuse(self, fd: int) -> None:
         if not self._refusing:

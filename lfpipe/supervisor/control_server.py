@@ -8,16 +8,20 @@ import logging
 import traceback
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import attrs
 import zmq
 
+from lfpipe.config import SceneSummary
 from lfpipe.errors import UserError
 from lfpipe.host import endpoints
+from lfpipe.host.worker import Worker
+from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor.connection_limit import ConnectionLimit
-from lfpipe.supervisor.file_checker import FileChecker
+from lfpipe.supervisor.file_check import FileCheck
+from lfpipe.supervisor.file_requests import FileRequest, FileRequests
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY
 from lfpipe.supervisor.requests import Reply, respond, respond_checked
 from lfpipe.supervisor.session_store import SessionStore
@@ -30,10 +34,10 @@ from lfpipe.transport.session import Session
 logger = logging.getLogger(__name__)
 APPLY_NS = SECOND_NS  # time limit for the stages to apply a change before the answer
 APPLY_POLL_MS = 4  # polling period meanwhile
-STEP_NS = SECOND_NS // 5  # between two reports of progress
 ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
-MAX_ERROR_CHARS, MAX_NAME_CHARS = 2000, 200
+MAX_ERROR_CHARS = 2000
 INTERNAL = {"ok": False, "error": "internal error", "remedy": "the session continues; please report the stack in its log"}
+REPLACED = {"ok": False, "error": "another scene was requested meanwhile", "remedy": "load it again", "replaced": True}
 
 
 @attrs.define
@@ -44,17 +48,6 @@ class _Waiting:
     answer: dict[str, Any]
     rev: int
     until_ns: int
-
-
-@attrs.define
-class _Checking:
-    """A client whose request waits for a check of its files."""
-
-    client: bytes
-    message: dict[str, Any]
-    checker: FileChecker
-    step: str = ""  # reported last
-    report_ns: int = 0  # of the next
 
 
 class ControlServer:
@@ -86,12 +79,11 @@ class ControlServer:
             endpoints.bind(socket, session.run_dir, name)
         self._requests, self._telemetry = ThrottledSocket(self._ctl), ThrottledSocket(self._bus)
         self._waiting: deque[_Waiting] = deque()  # by revision, so by time as well
-        self._checking: list[_Checking] = []
+        self._files = FileRequests(self._report_step)
 
     def close(self) -> None:
         """Ends the running checks and closes the sockets."""
-        for checking in self._checking:
-            checking.checker.close()
+        self._files.close()
         self._connections.close()
         for socket in (self._ctl, self._bus, self._tap):
             socket.close()
@@ -103,9 +95,8 @@ class ControlServer:
                 poller.register(intake.socket, zmq.POLLIN)
         for each in self._connections.sockets:
             poller.register(each, zmq.POLLIN)
-        for checking in self._checking:
-            for fd in checking.checker.fds:
-                poller.register(fd, zmq.POLLIN)
+        for fd in self._files.fds:
+            poller.register(fd, zmq.POLLIN)
 
     def wait_ms(self, most_ms: int) -> int:
         """How long the supervisor may sleep, at most most_ms, unless a registered descriptor wakes it."""
@@ -132,29 +123,52 @@ class ControlServer:
 
     def serve(self) -> None:
         """Processes arrived messages, within its share of time."""
-        for identity, *parts in self._requests.messages():
-            self._guard(identity, lambda client=identity, parts=parts: self._take(client, parts))  # type: ignore[misc]
-        for parts in self._telemetry.messages():
-            self._guard(None, lambda parts=parts: self._pass_on(parts))  # type: ignore[misc]
+        for (client, *parts), connection in self._requests.messages():
+            self._guard(client, partial(self._take, client, parts, connection))
+        for parts, _ in self._telemetry.messages():
+            self._guard(None, partial(self._pass_on, parts))
         while self._tap.poll(0):
             self._tap.recv()  # discard subscription messages, which would accumulate
-        self._connections.serve()
-        for checking in list(self._checking):
-            checking.checker.read()
-            self._report_step(checking, checking.checker.progress)
-            if checking.checker.done:
-                self._checking.remove(checking)
-                self._report_step(checking, "")
-                self._guard(checking.client, lambda each=checking: self._checked(each))  # type: ignore[misc]
+        for request in self._files.serve(self._connections.serve()):
+            self._guard(request.client or None, partial(self._served, request))
         self.flush()
         self._answer_applied()
 
-    def _report_step(self, checking: _Checking, step: str) -> None:
-        """Sends the stage that shows pictures how far a scene is loaded, whoever asked for it; "" at the end."""
-        if checking.message["cmd"] == "load" and step != checking.step and (not step or now_ns() >= checking.report_ns):
-            checking.step, checking.report_ns = step, now_ns() + STEP_NS
-            scene = Path(checking.checker.path).name[:MAX_NAME_CHARS]
-            self.send(SHOWN_BY, control.encode({"cmd": "loading", "scene": scene, "step": step}))
+    def _report_step(self, news: dict[str, Any]) -> None:
+        """Tells the stage that shows pictures how far a scene is loaded, whoever asked for it; step "" is the end."""
+        self.send(SHOWN_BY, control.encode({"cmd": "loading", **news}))
+
+    def follow(self, packing: Packing) -> None:
+        """Goes on with the packer of the scene that the session begins with."""
+        self._files.add(FileRequest(b"", {"cmd": "load"}, packing, shown=True))
+
+    def _served(self, request: FileRequest) -> None:
+        """Carries out a request whose child has news."""
+        worker = request.worker
+        if not worker.done:
+            assert isinstance(worker, Packing) and worker.views is not None
+            self._files.end_shown()
+            request.shown = True
+            result = attrs.asdict(worker.views)
+        else:
+            try:
+                result = worker.result()
+            finally:
+                self._files.end(request)
+            if request.message["cmd"] == "load":
+                result = result["summary"]
+                if request.shown:
+                    self._completed(SceneSummary(**result))
+                    return
+                self._files.end_shown()
+        self._carry_out(request.client, request.message, respond_checked(self._store.state, request.message, result, now_ns()))
+
+    def _completed(self, scene: SceneSummary) -> None:
+        """The packer has finished the scene on the screen: the stages open its pack again."""
+        state = self._store.state
+        if state.options.scene is not None and state.options.scene.pack == scene.pack:
+            logger.info("%s: disparity is complete, method %s", scene.name, scene.method)
+            self._store.apply(state.loaded(scene))
 
     def refuse_waiting(self, why: str) -> None:
         """Answers every client that waits for a change: it was rolled back."""
@@ -180,23 +194,32 @@ class ControlServer:
                 self._log(f"{answer['error']}{' (' + str(answer['remedy']) + ')' if answer.get('remedy') else ''}")
             self._answer(client, answer)
 
-    def _take(self, client: bytes, parts: list[bytes]) -> None:
+    def _take(self, client: bytes, parts: list[bytes], connection: int) -> None:
         if len(parts) != 1:
             raise BadMessage(f"a message has {len(parts)} parts; one is allowed")
         message = control.decode(parts[0])
         logger.log(logging.DEBUG if message.get("cmd") in ASKED_OFTEN else logging.INFO, "request %.500s", message)
-        self._carry_out(client, message, respond(self._store.state, message, now_ns()))
+        self._carry_out(client, message, respond(self._store.state, message, now_ns()), connection)
 
-    def _checked(self, checking: _Checking) -> None:
-        result = checking.checker.result()
-        self._carry_out(checking.client, checking.message, respond_checked(self._store.state, checking.message, result, now_ns()))
+    def _begin(self, client: bytes, message: dict[str, Any], check: dict[str, Any], connection: int) -> None:
+        """Starts the child that a request waits for. A load replaces the one that is under way."""
+        worker: Worker
+        if check["check"] == "scene":
+            for request in self._files.running("load"):
+                self._files.end(request)
+                self._answer(request.client, REPLACED)
+            settings = attrs.evolve(self._store.state.config.scene, **check["settings"])
+            worker = Packing([check["path"]], settings, remember=True)
+        elif self._files.running(message["cmd"]):
+            raise UserError(f"another {message['cmd']} is running", "wait until it is done")
+        else:
+            worker = FileCheck(check)
+        self._files.add(FileRequest(client, message, worker, connection))
 
-    def _carry_out(self, client: bytes, message: dict[str, Any], reply: Reply) -> None:
+    def _carry_out(self, client: bytes, message: dict[str, Any], reply: Reply, connection: int = -1) -> None:
         """Carries out a reply, and answers now or when it is done."""
         if reply.check is not None:
-            if any(each.message["cmd"] == message["cmd"] for each in self._checking):
-                raise UserError(f"another {message['cmd']} is running", "wait until it is done")
-            self._checking.append(_Checking(client, message, FileChecker(reply.check, self._store.state.config)))
+            self._begin(client, message, reply.check, connection)
             return
         answer = {"ok": True, **reply.answer, **(self._stages() if reply.with_stages else {})}
         if reply.broadcast is not None:

@@ -1,7 +1,8 @@
 """The requests of a session on ctl. Each handler is a pure function of state and request; it returns a reply or refuses.
 
 Requests that name files come in two steps: `respond` asks for a check by a child process (`file_check`), `respond_checked`
-processes its result. A refusal is a BadMessage (not a request at all) or a UserError (with a remedy); either changes nothing.
+processes its result; for a scene, that child is the packer. A refusal is a BadMessage (not a request at all) or a UserError (with
+a remedy); either changes nothing.
 """
 
 from collections.abc import Callable
@@ -102,7 +103,7 @@ def _load(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
         raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
     how: dict[str, Any] = {key: message[key] for key in ("layout", "grid") if key in message}
     config_module.updated(state.config, {f"scene.{key}": value for key, value in how.items()})  # only for its checks
-    return Reply(check={"check": "scene", "path": scene, **how})
+    return Reply(check={"check": "scene", "path": scene, "settings": how})
 
 
 def _place(state: SessionState, message: dict[str, Any]) -> int | None:

@@ -18,6 +18,7 @@ from lfpipe import __version__, log
 from lfpipe.config import Config, SessionOptions
 from lfpipe.host import limits, signals, streams
 from lfpipe.host.processes import sentinels, usable_cores
+from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import child, placement, rundir
 from lfpipe.supervisor.config_rollback import ConfigRollback
 from lfpipe.supervisor.control_server import ControlServer
@@ -40,13 +41,20 @@ logger = logging.getLogger(__name__)
 
 
 class Supervisor:
-    """A session. log: receives lines for people.
+    """A session. log: receives lines for people. packing: the packer, while it works on the disparity of the first scene.
 
     Raises UserError if a stage is configured for a missing core or an invalid niceness.
     """
 
-    def __init__(self, session: Session, config: Config, options: SessionOptions, log: Callable[[str], None] = print) -> None:
-        self._session, self._tell = session, log
+    def __init__(
+        self,
+        session: Session,
+        config: Config,
+        options: SessionOptions,
+        log: Callable[[str], None] = print,
+        packing: Packing | None = None,
+    ) -> None:
+        self._session, self._tell, self._packing = session, log, packing
         self._outcome: Outcome | None = None
         self._signals: list[int] = []
         where = "none" if options.lossless and config.governor.affinity == "auto" else config.governor.affinity
@@ -127,6 +135,8 @@ class Supervisor:
         server = self._server = ControlServer(
             ctx, self._session, self._store, self._applied, self._snapshot, self._stop, self._hear, self._log
         )
+        if self._packing is not None:
+            server.follow(self._packing)
         return server, stages
 
     def _remove_memory(self) -> None:

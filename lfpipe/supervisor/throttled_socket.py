@@ -18,13 +18,14 @@ class ThrottledSocket:
     _left: int = SLICE
     _until_ns: int = 0
 
-    def messages(self) -> Iterator[list[bytes]]:
-        """The messages that have arrived and may be read now."""
+    def messages(self) -> Iterator[tuple[list[bytes], int]]:
+        """The messages that have arrived and may be read now, with the connection of each, as `ConnectionLimit` numbers them."""
         if now_ns() >= self._until_ns:
             self._left, self._until_ns = SLICE, now_ns() + SLICE_NS
         while self._left and self.socket.poll(0):
             self._left -= 1
-            yield self.socket.recv_multipart()
+            frames = self.socket.recv_multipart(copy=False)
+            yield [frame.bytes for frame in frames], int(frames[0].get(zmq.SRCFD))
 
     def rest_ns(self) -> int:
         """Time until more messages may be read."""

@@ -30,9 +30,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import parse_toml
 from lfpipe.host.paths import exists
-from lfpipe.scene import layouts
-from lfpipe.scene.cache import content_key, find_pack
-from lfpipe.scene.truth import without_implausible_truth
+from lfpipe.scene.open_scene import open_scene
 from lfpipe.sequence.folder import FILES, MANIFEST, is_sequence
 from lfpipe.sweep.cell import BENCH, NEEDS_SCENE, NEEDS_SEQUENCE, QUALITY, SUBJECTS, TABLE, Cell
 
@@ -176,9 +174,8 @@ def sequence_id(path: str) -> str:
 
 @lru_cache(maxsize=100_000)
 def scene_id(path: str, sets: tuple[str, ...]) -> str:
-    """Hash of a scene's contents under the scene settings of a configuration. Raises UserError if it cannot be read."""
+    """Hash of a scene's contents under the scene settings of a configuration; packs it if needed. Raises UserError."""
     if not path:
         return ""
     settings = config.load(None, [each for each in sets if each.startswith("scene.")]).scene
-    pack = find_pack(path, settings)
-    return pack.name if pack is not None else content_key(without_implausible_truth(layouts.describe(path, settings)), settings)
+    return Path(open_scene(path, settings).folder).name

@@ -15,7 +15,7 @@ from lfpipe.errors import UserError
 from lfpipe.export.clip import check_clip, write_clip
 from lfpipe.export.scene_pictures import SceneExport, parse_tiles, quilt_name
 from lfpipe.files import h264
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.packing import pack_scene
 from tests.world import write_scene
 
 
@@ -26,7 +26,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="module")
 def made(scene: Path, cache: str) -> SceneExport:
-    return SceneExport(open_scene(scene, Scene(cache_dir=cache)), Config())
+    return SceneExport(pack_scene(scene, Scene(cache_dir=cache)), Config())
 
 
 def decoded(path: Path) -> list[np.ndarray]:
@@ -50,7 +50,7 @@ def test_a_quilt_runs_from_the_bottom_left_and_reads_back(scene: Path, cache: st
     path = export(scene, tmp_path / "tall.png", "--as", "quilt", "--tiles", "1x3", cache=cache)
     column = cv2.imread(str(path))
     assert [column[48 * k, 0, 1] for k in range(3)] == [21, 13, 5]  # the leftmost view at the bottom
-    again = open_scene(path, Scene(cache_dir=cache))
+    again = pack_scene(path, Scene(cache_dir=cache))
     assert (again.rows, again.cols) == (1, 3) and again.views[0, 0, :, 1, 0, 0].tolist() == [5, 13, 21]
 
 
@@ -118,7 +118,7 @@ def test_what_cannot_be_exported_is_refused(made: SceneExport, tmp_path: Path, m
 
 
 def test_a_row_of_one_view_has_no_second_eye(tmp_path: Path, cache: str) -> None:
-    single = SceneExport(open_scene(write_scene(tmp_path / "one", 1, 1), Scene(cache_dir=cache)), Config())
+    single = SceneExport(pack_scene(write_scene(tmp_path / "one", 1, 1), Scene(cache_dir=cache)), Config())
     with pytest.raises(UserError, match="1 columns"):
         single.pair()
 

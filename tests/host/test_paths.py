@@ -27,9 +27,7 @@ def locked(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_what_cannot_be_examined_is_neither_there_nor_missing(locked: Path, as_nobody: list[str]) -> None:
-    code = (
-        "import sys; from lfpipe.host.paths import *; p = sys.argv[1]; print(exists(p), is_file(p), is_dir(p), is_missing(p))"
-    )
+    code = "import sys; from lfpipe.host.paths import *; p = sys.argv[1]; print(exists(p), is_file(p), is_dir(p), is_missing(p))"
     done = subprocess.run([*as_nobody, sys.executable, "-c", code, locked / "in"], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False", "False", "False"]
     assert not paths.exists(LONG) and not paths.is_missing(LONG)
@@ -106,5 +104,3 @@ def test_a_visits_file_with_odd_digits_is_read(tmp_path: Path) -> None:
 
     (tmp_path / "visits.csv").write_text("hour,visits\n2026-11-21 15:00,²\n2026-11-21 16:00,3\n", encoding="utf-8")
     VisitLog(tmp_path / "visits.csv")
-
-

@@ -9,10 +9,10 @@ import pytest
 
 from lfpipe import config
 from lfpipe.bench.holdout import ViewRenderer
-from lfpipe.render.scoring import choose_method, psnr_db
+from lfpipe.render.scoring import psnr_db
 from lfpipe.scene.disparity import quantised
 from lfpipe.scene.lightfield import UNKNOWN
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.packing import pack_scene
 from tests.render.difficult import KINDS, scene
 
 
@@ -49,7 +49,7 @@ def test_unknown_disparity_goes_through_a_pack(tmp_path: Path) -> None:
     for row in range(3):
         for col in range(3):
             cv2.imwrite(str(folder / f"view_{row:02d}_{col:02d}.png"), field.views[0, row, col, 0])
-    packed = open_scene(folder, config.Scene(cache_dir=str(tmp_path / "cache"), force=True), choose_method=choose_method)
+    packed = pack_scene(folder, config.Scene(cache_dir=str(tmp_path / "cache"), force=True))
     assert packed.disparity is not None and (packed.disparity == UNKNOWN).mean() > 0.9 and packed.method == "blend"
     assert np.isfinite([packed.disparity_min_px, packed.disparity_max_px]).all()
 

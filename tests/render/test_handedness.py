@@ -15,7 +15,7 @@ from lfpipe.export.clip import write_clip
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.viewpoint import ViewSolver
 from lfpipe.scene import layouts
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 
 Grid = NDArray[np.uint8]  # (rows, cols, height, width, 3), top left camera first
@@ -212,7 +212,7 @@ def test_every_layout_is_here() -> None:
 @pytest.mark.parametrize("layout", PHOTOGRAPHS)
 def test_near_is_crossed_in_3d_photographs(layout: str, tmp_path: Path) -> None:
     write, cols = PHOTOGRAPHS[layout]
-    field = open_scene(write(tmp_path, photographs(1, cols)), Scene(cache_dir=str(tmp_path / "cache")))
+    field = pack_scene(write(tmp_path, photographs(1, cols)), Scene(cache_dir=str(tmp_path / "cache")))
     assert field.manifest["layout"] == layout
     how = Render(method="auto", anaglyph="colour")
     eyes = [[320 + EYES_PX / 2, 240], [320 - EYES_PX / 2, 240]]
@@ -228,7 +228,7 @@ def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(layout: str, tm
     folder = tmp_path / layout
     folder.mkdir()
     scene = WRITTEN[layout](folder, photographs(rows, cols, near_px, far_px))
-    field = open_scene(scene, Scene(cache_dir=str(tmp_path / "cache")))
+    field = pack_scene(scene, Scene(cache_dir=str(tmp_path / "cache")))
     assert (field.manifest["layout"], field.rows, field.cols) == (layout, rows, cols)
     for method in ("nearest", "auto"):
         how = Render(method=method, anaglyph="colour")

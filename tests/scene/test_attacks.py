@@ -19,7 +19,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene import video as video_module
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.packing import pack_scene
 from tests.hostile_files import PEAK_MB, ended, jpeg_claiming, png_of
 from tests.scene import made
 from tests.scene.hostile_scenes import GRID, PARAMETERS, film, hci, hci_text, pictures
@@ -260,7 +260,7 @@ def test_what_is_no_file_neither_blocks_nor_is_read(
     (tmp_path / "s" / name).unlink()
     put(tmp_path / "s" / name)
     with pytest.raises(UserError, match=name):
-        open_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache")))
+        pack_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache")))
 
 
 @pytest.mark.timeout(60)
@@ -270,7 +270,7 @@ def test_a_scene_that_is_no_file(tmp_path: Path, put: Callable[[Path], None], na
     put(tmp_path / name)
     for layout in ("auto", *layouts.layouts()):
         with pytest.raises(UserError, match="neither a file nor a folder"):
-            open_scene(tmp_path / name, config.Scene(layout=layout, cache_dir=str(tmp_path / "cache")))
+            pack_scene(tmp_path / name, config.Scene(layout=layout, cache_dir=str(tmp_path / "cache")))
 
 
 @pytest.mark.timeout(60)
@@ -279,7 +279,7 @@ def test_things_beside_the_views_do_no_harm(tmp_path: Path) -> None:
     fifo(tmp_path / "s" / "notes.txt")
     (tmp_path / "s" / "loop").symlink_to("loop")
     (tmp_path / "s" / "locked.txt").touch(mode=0)
-    assert open_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache"))).rows == 3
+    assert pack_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache"))).rows == 3
 
 
 def test_implausible_truth_counts_as_missing(tmp_path: Path) -> None:
@@ -287,7 +287,7 @@ def test_implausible_truth_counts_as_missing(tmp_path: Path) -> None:
     truth = made.middle_disparity(32, 40).copy()
     truth[3, 4], truth[5, 6] = 3e38, -3e38
     made.write_pfm(tmp_path / "s" / "gt_disp_lowres.pfm", truth)
-    field = open_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache")))
+    field = pack_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache")))
     assert (field.disparity_source, field.manifest["disparity"]["truth_views"]) == ("estimated", 0)
     assert -4 < field.disparity_min_px < field.disparity_max_px < 4
     assert any("true disparity" in note and "3e+38" in note for note in field.manifest["notes"])
@@ -299,7 +299,7 @@ def test_implausible_depth_counts_as_missing(tmp_path: Path) -> None:
     depth = made.middle_disparity(32, 40).copy()
     depth[3, 4] = 3e38
     (tmp_path / "depth.bin").write_bytes(depth.astype("<f4").tobytes())
-    field = open_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache")))
+    field = pack_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache")))
     assert field.disparity_source == "estimated"
     assert any("true disparity" in note for note in field.manifest["notes"])
 
@@ -310,7 +310,7 @@ def test_hdf5_of_one_plane(tmp_path: Path, planes: str, layout: str) -> None:
     grid = GRID[..., :1] if planes == "grey" else GRID[..., 0]
     with h5py.File(tmp_path / ("lf.h5" if layout == "hci-old" else "a.mat"), "w") as file:
         file["LF"] = grid[:, ::-1] if layout == "hci-old" else grid.transpose()
-    field = open_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache"), flip="cols" if layout == "hci-old" else "none"))
+    field = pack_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache"), flip="cols" if layout == "hci-old" else "none"))
     assert np.array_equal(field.views[0, :, :, 0], GRID[..., 0])
     assert field.channels == 1
 
@@ -324,7 +324,7 @@ def test_ways_to_pack_hdf5(tmp_path: Path, options: dict[str, bool], noise: bool
     grid = np.random.default_rng(1).integers(0, 255, GRID.shape, np.uint8) if noise else GRID
     with h5py.File(tmp_path / "lf.h5", "w") as file:
         file.create_dataset("LF", data=grid[:, ::-1], **options)
-    field = open_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache"), flip="cols"))
+    field = pack_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache"), flip="cols"))
     assert np.array_equal(field.views[0].transpose(0, 1, 3, 4, 2), grid)
 
 
@@ -344,8 +344,8 @@ def test_paths_of_any_bytes_work(tmp_path: Path, name: bytes) -> None:
             file["LF"] = grid
         paths.append((tmp_path / f"made.{end}").rename(tmp_path / os.fsdecode(name + b"." + end.encode())))
     code = (
-        "import sys; from lfpipe import config; from lfpipe.scene.pack import open_scene\n"
-        "for path in sys.argv[2:]: print(open_scene(path, config.Scene(cache_dir=sys.argv[1])).rows)"
+        "import sys; from lfpipe import config; from lfpipe.scene.packing import pack_scene\n"
+        "for path in sys.argv[2:]: print(pack_scene(path, config.Scene(cache_dir=sys.argv[1])).rows)"
     )
     cache = os.fsdecode(os.fsencode(tmp_path / "cache") + name)
     done, out, err, _ = ended([sys.executable, "-c", code, cache, *map(str, paths)])
@@ -366,7 +366,7 @@ def test_messages_escape_what_a_terminal_obeys(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a\nerror: x", "a\rb"])
 def test_a_name_does_not_make_lines_of_its_own(tmp_path: Path, name: str) -> None:
     with pytest.raises(UserError) as refused:
-        open_scene(tmp_path / name, config.Scene(cache_dir=str(tmp_path / "cache")))
+        pack_scene(tmp_path / name, config.Scene(cache_dir=str(tmp_path / "cache")))
     assert len(str(refused.value).splitlines()) == 2
 
 
@@ -391,9 +391,9 @@ def test_permissions_are_named(base: Path) -> None:
     listed.chmod(0o444)
     (holding / "view_01_01.png").chmod(0)
     with pytest.raises(UserError, match="listed: search permission is missing"):
-        open_scene(listed, scene)
+        pack_scene(listed, scene)
     with pytest.raises(UserError, match=r"view_01_01\.png: cannot be read: Permission denied"):
-        open_scene(holding, scene)
+        pack_scene(holding, scene)
 
 
 def test_a_decoder_that_hangs_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -401,7 +401,7 @@ def test_a_decoder_that_hangs_is_given_up(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(video_module, "PROBE", ("-c", "import time; print('{}', flush=True); time.sleep(1000)"))
     monkeypatch.setattr(video_module, "SILENT_S", 1.0)
     with pytest.raises(UserError, match="no frame in 1 s"):
-        open_scene(tmp_path / "film.mkv", config.Scene(cache_dir=str(tmp_path / "cache")))
+        pack_scene(tmp_path / "film.mkv", config.Scene(cache_dir=str(tmp_path / "cache")))
 
 
 def test_a_decoder_that_crashes_is_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -409,7 +409,7 @@ def test_a_decoder_that_crashes_is_a_message(tmp_path: Path, monkeypatch: pytest
     code = 'import os; print(\'{"width_px": 8, "height_px": 8, "rate_hz": 25.0}\\n...\', end="", flush=True); os.abort()'
     monkeypatch.setattr(video_module, "PROBE", ("-c", code))
     with pytest.raises(UserError, match="stopped or crashed after 3 frames"):
-        open_scene(tmp_path / "film.mkv", config.Scene(cache_dir=str(tmp_path / "cache")))
+        pack_scene(tmp_path / "film.mkv", config.Scene(cache_dir=str(tmp_path / "cache")))
 
 
 @pytest.mark.parametrize("error", [MemoryError(), cv2.error("size.height > 0")])
@@ -421,4 +421,4 @@ def test_libraries_that_give_up_are_a_message(tmp_path: Path, error: Exception, 
 
     monkeypatch.setattr("lfpipe.scene.axis_evidence.flow", fail)
     with pytest.raises(UserError, match=r"not enough memory|OpenCV cannot read it"):
-        open_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache")))
+        pack_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache")))

@@ -20,7 +20,7 @@ from lfpipe.scene import layouts
 from lfpipe.scene.files import MAX_FILES, list_scene, read_pfm
 from lfpipe.scene.layouts import hci_text, mat
 from lfpipe.scene.layouts._grid import parse_grid
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 
 GRID = made.views(3, 3, 48, 64)
@@ -267,7 +267,7 @@ def test_bad_scene_is_told_clearly(tmp_path: Path, make: Callable[[Path], Path],
     path = make(tmp_path / "scene")
     scene = config.Scene(cache_dir=str(tmp_path / "cache"))
     with pytest.raises(UserError, match=message) as told:
-        open_scene(path, scene)
+        pack_scene(path, scene)
     assert told.value.remedy
     if (tmp_path / "cache" / "scenes").exists():
         assert list((tmp_path / "cache" / "scenes").iterdir()) == []

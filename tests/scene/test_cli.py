@@ -12,8 +12,7 @@ from click.testing import CliRunner, Result
 
 from lfpipe.cli.scene import scene
 from lfpipe.errors import UserError
-from lfpipe.scene import files
-from lfpipe.scene.pack_files import open_pack
+from lfpipe.scene.pack import open_pack
 from tests.scene import made
 
 
@@ -57,24 +56,6 @@ def test_info_as_json(shell: Shell, folder: Path) -> None:
     assert told["disparity"]["max"] == pytest.approx(2, abs=0.3)
     assert set(told["geometry"]) == {"baseline_mm", "focus_distance_mm", "focal_length_px"}
     assert set(told["scores_db"]) == {"nearest", "blend", "warp", "warp2"}
-
-
-def test_info_of_many_files_reads_few_and_packs_nothing(shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made.write_grid(tmp_path / "many", made.views(16, 16, 48, 64), "v{n:03d}.jpg")
-    decoded, headers = [], []
-    imread, read_header = cv2.imread, files.read_header
-    monkeypatch.setattr(cv2, "imread", lambda *words: decoded.append(1) or imread(*words))
-    monkeypatch.setattr(files, "read_header", lambda read: headers.append(1) or read_header(read))
-    told = shell.json("info", tmp_path / "many")
-    assert (told["rows"], told["cols"], told["pack"], told["scores_db"]) == (16, 16, None, {})
-    assert told["disparity"]["max"] == pytest.approx(2, abs=0.5)
-    assert len(decoded) < 110
-    assert len(headers) - len(decoded) == 256  # each file's once, besides those that are decoded
-    assert shell.json("list")["packs"] == []
-    shell.text("pack", tmp_path / "many")
-    packed = shell.json("info", tmp_path / "many")
-    assert packed["pack"] and set(packed) == set(told)
-    assert packed["flips"] == told["flips"] and packed["orientation_evidence"] == told["orientation_evidence"]
 
 
 def test_info_for_people_names_the_override(shell: Shell, folder: Path, tmp_path: Path) -> None:
@@ -148,19 +129,6 @@ def test_pack_list_clean(shell: Shell, folder: Path) -> None:
     assert "removed 1 packs" in shell.text("clean", "--all")
 
 
-def test_check_reads_the_pack_whole(shell: Shell, folder: Path) -> None:
-    assert isinstance(shell("check", folder).exception, UserError)
-    pack = Path(shell.text("pack", folder).strip())
-    assert shell.text("check", folder).startswith("intact: ")
-    assert shell.text("check", pack).startswith("intact: ")
-    with (pack / "views.npy").open("r+b") as file:
-        file.seek(-5, 2)
-        file.write(b"12345")
-    for path in (folder, pack):
-        refused = shell("check", path).exception
-        assert isinstance(refused, UserError) and "views.npy: wrong checksum" in refused.message
-
-
 def test_clean_leaves_what_is_in_use(shell: Shell, folder: Path) -> None:
     pack = Path(shell.text("pack", folder).strip())
     field = open_pack(pack)
@@ -185,5 +153,7 @@ def test_words_of_the_user_are_checked(shell: Shell, folder: Path) -> None:
 
 
 def test_help_imports_no_room() -> None:
-    code = "import sys, lfpipe.cli.scene; print([m for m in ('cv2', 'numpy', 'h5py', 'lfpipe.scene.pack') if m in sys.modules])"
+    code = (
+        "import sys, lfpipe.cli.scene; print([m for m in ('cv2', 'numpy', 'h5py', 'lfpipe.scene.packing') if m in sys.modules])"
+    )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"

@@ -81,7 +81,6 @@ def test_a_photograph_and_its_depth_are_turned_upright_together(tmp_path: Path) 
     assert np.allclose(relief[1], np.rot90(relief[0], -1), atol=1e-4)
 
 
-
 @pytest.mark.parametrize("at", [30, 300, 900, 4000, 6500])
 def test_a_damaged_portrait_is_refused_or_opens_flat(tmp_path: Path, at: int) -> None:
     for kind, make in PORTRAITS.items():

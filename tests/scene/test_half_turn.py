@@ -13,7 +13,7 @@ from lfpipe.scene import half_turn
 from lfpipe.scene.info import describe_pack
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.orientation import hides
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 
 PLACES = [((1.2, 1.3), (1.2, 3.4)), ((0.0, 0.5), (0.0, 2.5)), ((2.0, 2.0), (2.0, 2.0)), ((3.9, -0.7), (3.9, 1.5))]
@@ -35,8 +35,8 @@ def pictures(field: LightField, method: str) -> list[np.ndarray]:
 
 
 def test_exchanged_it_is_bit_for_bit_a_pack_of_the_turned_grid(scene: Path, scene_config: config.Scene) -> None:
-    pack = open_scene(scene, attrs.evolve(scene_config, flip="none"))
-    turned = open_scene(scene, attrs.evolve(scene_config, flip="both"))
+    pack = pack_scene(scene, attrs.evolve(scene_config, flip="none"))
+    turned = pack_scene(scene, attrs.evolve(scene_config, flip="both"))
     exchanged = pack.exchanged()
     assert turned.manifest["key"] != pack.manifest["key"] and exchanged.manifest["flips"] == turned.manifest["flips"]
     assert np.array_equal(exchanged.views, turned.views)
@@ -69,36 +69,36 @@ def test_unknown_disparity_stays_unknown() -> None:
 
 def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(scene: Path, scene_config: config.Scene) -> None:
     def turned(setting: str = "auto") -> bool:
-        return open_scene(scene, attrs.evolve(scene_config, half_turn=setting)).half_turned
+        return pack_scene(scene, attrs.evolve(scene_config, half_turn=setting)).half_turned
 
-    field = open_scene(scene, scene_config)
+    field = pack_scene(scene, scene_config)
     plain = field.half_turned
     half_turn.remember(field, "asked")
     assert turned() == plain, "a question is no answer"
     for word in ("yes", "no"):
         half_turn.remember(field, word)
         assert turned() == (word == "yes") and turned("yes") and not turned("no")
-        facts = describe_pack(open_scene(scene, scene_config), scene_config)
+        facts = describe_pack(pack_scene(scene, scene_config))
         assert facts["flips"]["rows"] == facts["flips"]["cols"] == (word == "yes")
     assert len(list((Path(scene_config.cache_dir) / "scenes").iterdir())) == 1, "nothing is packed again"
 
 
 @pytest.mark.parametrize("content", [b"perhaps", b"\xff\xfe", b"x" * 100])
 def test_a_damaged_memory_counts_as_none(scene: Path, scene_config: config.Scene, content: bytes) -> None:
-    field = open_scene(scene, scene_config)
+    field = pack_scene(scene, scene_config)
     half_turn.remember(field, "yes")
     file = next(file for file in half_turn.folder().iterdir())
     file.write_bytes(content)
-    assert open_scene(scene, scene_config).half_turned == field.half_turned
+    assert pack_scene(scene, scene_config).half_turned == field.half_turned
 
 
 def test_the_reversed_grid_is_packed_once_and_shown_as_its_pictures_say(scene_config: config.Scene, tmp_path: Path) -> None:
     grid = made.views(5, 5)
     scene = made.write_grid(tmp_path / "reversed", grid[::-1, ::-1])
-    field = open_scene(scene, scene_config)
+    field = pack_scene(scene, scene_config)
     assert field.half_turned and not half_turn.undecided(field, "auto")
     assert np.array_equal(field.views[0, 0, 0], grid[0, 0].transpose(2, 0, 1))
-    assert describe_pack(field, scene_config)["flips"] == {"rows": True, "cols": True, "transpose": False}
+    assert describe_pack(field)["flips"] == {"rows": True, "cols": True, "transpose": False}
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.packing import pack_scene
 from tests.hostile_files import PEAK_MB, ended
 from tests.scene.hostile_scenes import SCENES, damage, scene_path
 
@@ -31,7 +31,7 @@ def attempt(base: Path, name: str, seed: int) -> str:
     layout = "auto" if rng.random() < 0.8 else rng.choice(sorted(layouts.layouts()))
     grid = rng.choice(("",) * 12 + ("3x3", "1x1", "9999x9999", "100x200"))
     try:
-        field = open_scene(scene_path(folder), config.Scene(cache_dir=str(base / "cache"), layout=layout, grid=grid))
+        field = pack_scene(scene_path(folder), config.Scene(cache_dir=str(base / "cache"), layout=layout, grid=grid))
     except UserError as error:
         assert error.message and error.remedy
         return str(error)

@@ -16,7 +16,7 @@ from lfpipe.scene import layouts
 from lfpipe.scene.layouts._names import read_names
 from lfpipe.scene.layouts._running import find_columns
 from lfpipe.scene.layouts._views import GridViews, whole_part
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.packing import pack_scene
 from tests.hostile_files import with_exif
 from tests.scene import made
 
@@ -190,7 +190,7 @@ def test_a_missing_view_is_made_and_told(tmp_path: Path) -> None:
     views = made.views(5, 5, 96, 128)
     made.write_grid(tmp_path / "s", views, "v_{r}_{c}.png")
     (tmp_path / "s" / "v_2_2.png").unlink()
-    field = open_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache")))
+    field = pack_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache")))
     assert any("1 of 5x5 views missing, made from others: row 2 column 2" in note for note in field.manifest["notes"])
     assert not field.present[2, 2]
     true, made_view, beside = (

@@ -13,7 +13,7 @@ from lfpipe.cli import cli
 from lfpipe.errors import UserError
 from lfpipe.scene.cache import packs, sweep
 from lfpipe.scene.layouts import describe
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 
 
@@ -26,19 +26,19 @@ def sparse(path: Path) -> None:
 def test_an_entry_of_the_index_that_is_no_small_file_is_passed_over(tmp_path: Path, put: Callable[[Path], None]) -> None:
     scene = config.Scene(cache_dir=str(tmp_path / "cache"))
     folder = made.write_grid(tmp_path / "scene", made.views(2, 2, 24, 32))
-    first = open_scene(folder, scene)
+    first = pack_scene(folder, scene)
     entry = next((tmp_path / "cache" / "index").iterdir())
     entry.unlink()
     put(entry)
     sweep(scene)
     if not entry.is_dir():
-        assert open_scene(folder, scene).manifest["key"] == first.manifest["key"]
+        assert pack_scene(folder, scene).manifest["key"] == first.manifest["key"]
 
 
 def test_a_link_in_one_pack_hides_no_other(tmp_path: Path) -> None:
     scene = config.Scene(cache_dir=str(tmp_path / "cache"))
     for name in ("a", "b"):
-        open_scene(made.write_grid(tmp_path / name, made.views(2, 2, 24, 32 + 8 * (name == "b"))), scene)
+        pack_scene(made.write_grid(tmp_path / name, made.views(2, 2, 24, 32 + 8 * (name == "b"))), scene)
     for pack in (tmp_path / "cache" / "scenes").iterdir():
         (pack / "loop").symlink_to("loop")
     assert len(packs(scene)) == 2

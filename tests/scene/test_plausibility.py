@@ -10,7 +10,7 @@ import pytest
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.packing import pack_scene
 from lfpipe.scene.plausibility import examine
 from lfpipe.scene.source import SceneSource
 from tests.scene import made
@@ -159,13 +159,13 @@ def test_force_opens_what_was_refused(tmp_path: Path) -> None:
     made.write_grid(tmp_path / "s", UNRELATED[:9].reshape(3, 3, 120, 160))
     scene = config.Scene(cache_dir=str(tmp_path / "cache"))
     with pytest.raises(UserError, match="do not fit together") as caught:
-        open_scene(tmp_path / "s", scene)
+        pack_scene(tmp_path / "s", scene)
     assert "--force" in caught.value.remedy
     assert list((tmp_path / "cache" / "scenes").iterdir()) == []
-    forced = open_scene(tmp_path / "s", attrs.evolve(scene, force=True))
+    forced = pack_scene(tmp_path / "s", attrs.evolve(scene, force=True))
     assert (forced.rows, forced.cols) == (3, 3)
     assert forced.manifest["orientation"]["undecided"]
-    assert open_scene(tmp_path / "s", scene).rows == 3  # packed once, it opens
+    assert pack_scene(tmp_path / "s", scene).rows == 3  # packed once, it opens
 
 
 @pytest.mark.filterwarnings("error")

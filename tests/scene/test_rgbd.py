@@ -12,7 +12,7 @@ from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.missing_views import warped_disparity, warped_view
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.pack import open_scene
+from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 
 AUTO = config.Scene()
@@ -74,7 +74,7 @@ def test_what_was_hidden_is_filled_from_behind() -> None:
 
 def test_a_depth_picture_becomes_a_scene(tmp_path: Path) -> None:
     path = FORMS["two files"](tmp_path / "s")
-    field = open_scene(path, config.Scene(cache_dir=str(tmp_path / "cache"), grid="3x3"))
+    field = pack_scene(path, config.Scene(cache_dir=str(tmp_path / "cache"), grid="3x3"))
     assert (field.rows, field.cols, field.disparity_source) == (3, 3, "truth")
     assert field.disparity_max_px == pytest.approx(0.512, abs=0.05)
 
@@ -103,7 +103,7 @@ def test_white_that_stands_high_may_be_far(far_white: bool, tmp_path: Path) -> N
     assert ("whether white is near" in found.undecided) == far_white and found.half_turn_sure != far_white
     for flip in ("auto", "both"):
         scene = config.Scene(cache_dir=str(tmp_path / flip), grid="3x3", flip=flip)
-        disparity = open_scene(tmp_path / "s", scene).disparity
+        disparity = pack_scene(tmp_path / "s", scene).disparity
         assert disparity is not None
         top, bottom = (disparity[0, 1, 1, row].mean() for row in (2, -2))
         assert (bottom > top) == (far_white == (flip == "both"))

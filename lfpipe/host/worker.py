@@ -1,0 +1,169 @@
+"""A child process with limits that answers one request: a JSON object in, lines of JSON out.
+
+The parent writes one line to the child's standard input and keeps the pipe open: its end tells the child that the parent is gone.
+The child prints a JSON object for each step and, last, its verdict: {"ok": true, "result": {...}} or {"ok": false, "error": ...,
+"remedy": ...}. The parent never waits longer than it wants, keeps little of the output, and survives whatever the child does.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from lfpipe.errors import UserError
+from lfpipe.host.limits import limit_memory
+from lfpipe.host.pipes import PipeReader
+
+MAX_LINE_BYTES = 1 << 20  # of the child's output; a longer line is not one of ours
+MAX_LOG_BYTES = 2000  # the end of what the child wrote to stderr
+LAST_WORDS_S = 0.5  # how long what a child wrote before its end may take to arrive
+
+Report = Callable[..., None]  # report(key=value, ...): one line for the parent
+Serve = Callable[[dict[str, Any], Report], dict[str, Any]]  # (request, report) -> result; raises UserError
+
+
+class Worker:
+    """The parent's side of a running child.
+
+    module: run as `python -m`. subject: what the request is about, for messages. limit_s: time without a step. fds: for a poller;
+    call `read` when they are readable. heard: called with every step.
+    """
+
+    def __init__(self, module: str, request: dict[str, Any], subject: str, limit_s: float) -> None:
+        self.subject, self._limit_s = subject, limit_s
+        self._verdict: dict[str, Any] | None = None
+        self._delay_end()
+        pipe = subprocess.PIPE
+        command = [sys.executable, "-P", "-m", module]  # -P: imports nothing from the working directory, which may be anybody's
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe)
+        assert self._process.stdin is not None and self._process.stdout is not None and self._process.stderr is not None
+        self._stdin = self._process.stdin
+        self._out, self._log = bytearray(), bytearray()
+        self._pipes = ((PipeReader(self._process.stdout), self._out), (PipeReader(self._process.stderr), self._log))
+        self._ended: list[PipeReader] = []
+        try:
+            self._stdin.write(json.dumps(request).encode() + b"\n")
+            self._stdin.flush()
+        except BrokenPipeError:  # `result` says how it ended
+            pass
+
+    def heard(self, step: dict[str, Any]) -> None:
+        """A step of the child, not checked. Subclasses keep what they need."""
+
+    def _delay_end(self) -> None:
+        self._end_s = time.monotonic() + self._limit_s
+
+    @property
+    def fds(self) -> list[int]:
+        """Descriptors that wake the parent."""
+        return [fd for pipe, _ in self._pipes if pipe not in self._ended for fd in pipe.fds]
+
+    @property
+    def done(self) -> bool:
+        """Whether the child has ended, or has exceeded its time."""
+        return self._process.poll() is not None or time.monotonic() >= self._end_s
+
+    def read(self) -> None:
+        """Reads the child's output, at most 1 MB of it: an endless writer does not block the parent."""
+        for pipe, kept in self._pipes:
+            for _ in range(16):
+                if pipe in self._ended or (data := pipe.read()) is None:
+                    break
+                if not data:
+                    self._ended.append(pipe)
+                kept += data
+                if kept is self._log:
+                    del kept[:-MAX_LOG_BYTES]
+                    continue
+                *lines, rest = bytes(kept).split(b"\n")
+                kept[:] = rest[-MAX_LINE_BYTES:]
+                for line in lines:
+                    self._take(line)
+
+    def _take(self, line: bytes) -> None:
+        try:
+            step = json.loads(line)
+        except (ValueError, RecursionError):
+            return
+        if not isinstance(step, dict):
+            return
+        self._delay_end()
+        if "ok" in step:
+            self._verdict = step
+        else:
+            self.heard(step)
+
+    def wait(self, until: Callable[[], bool] = lambda: False) -> None:
+        """Waits until the child has ended, or `until` holds."""
+        while not self.done and not until():
+            if (out := self._pipes[0][0]) not in self._ended:
+                out.wait(0.1)
+            else:
+                self._process.wait(max(0.0, self._end_s - time.monotonic()))
+            self.read()
+
+    def result(self) -> dict[str, Any]:
+        """The child's result, once it is done. Raises UserError if it refused, failed or took too long."""
+        ended = self._process.poll()
+        self.read()
+        for pipe, _ in self._pipes if ended is not None else ():
+            while pipe not in self._ended and pipe.wait(LAST_WORDS_S):
+                self.read()
+        self.close()
+        if ended is None:
+            raise UserError(f"{self.subject}: no progress within {self._limit_s:g} s", "check its disk or network drive")
+        verdict = self._verdict or {}
+        if verdict.get("ok") is True and isinstance(verdict.get("result"), dict):
+            return dict(verdict["result"])
+        if verdict.get("ok") is False and isinstance(verdict.get("error"), str):
+            raise UserError(verdict["error"], str(verdict.get("remedy", "")))
+        how = f"signal {-ended}" if ended < 0 else f"exit code {ended}"
+        log = self._log.decode(errors="replace").strip()
+        why = f"{self.subject}: the process that read it ended with {how}" + (f": {log.splitlines()[-1]}" if log else "")
+        raise UserError(why, "use smaller or fewer pictures, or convert them with another program")
+
+    def close(self) -> None:
+        """Kills the child."""
+        self._process.kill()
+        self._process.wait()
+        self._stdin.close()
+        for pipe, _ in self._pipes:
+            pipe.close()
+
+
+def serve(work: Serve, memory_bytes: int) -> None:
+    """The child's side: reads the request, works with limited memory, prints the verdict and ends the process."""
+    out = os.dup(1)
+    os.dup2(2, 1)  # what libraries print does not belong into the answer
+    lock = threading.Lock()
+
+    def report(**step: Any) -> None:
+        data = json.dumps(step).encode() + b"\n"
+        with lock:
+            while data:
+                data = data[os.write(out, data) :]
+
+    request = json.loads(sys.stdin.buffer.readline())
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    limit_memory(memory_bytes)
+    try:
+        report(ok=True, result=work(request, report))
+    except UserError as error:
+        report(ok=False, error=error.message, remedy=error.remedy)
+    except MemoryError:
+        report(
+            ok=False,
+            error=f"reading it needs more than {memory_bytes >> 20} MB of memory",
+            remedy="use smaller or fewer pictures",
+        )
+    os._exit(0)  # the thread still blocks in read
+
+
+def _end_with_parent() -> None:
+    while os.read(0, 4096):
+        pass
+    os._exit(1)

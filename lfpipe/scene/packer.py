@@ -1,0 +1,54 @@
+"""The packer: the only program that reads a person's pictures, as a child with limits on memory, time and output.
+
+`python -m lfpipe.scene.packer`, by `open_scene.Packing`. Request: {"do": "pack" or "info", "scenes": [path, ...],
+"expand": whether folders of light fields stand for what is in them, "remember": whether to note the scene as recent, "config":
+the table [scene]}. Steps, one JSON object each:
+
+    {"scenes": [path, ...]}                     expand: the light fields; the first of them is opened
+    {"step": "views", "done": 7, "total": 81}   progress
+    {"summary": {...}}                          the pack can be shown, still without disparity
+
+Result: {"summary": {...}} of the pack, or {"info": {...}}.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+from lfpipe import config
+from lfpipe.host.worker import Report, serve
+from lfpipe.scene import packing
+from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.info import describe_examined
+from lfpipe.scene.pack import open_pack, summarize
+from lfpipe.scene.playlist import playlist
+from lfpipe.scene.recent_scenes import remember_scene
+
+MEMORY_BYTES = 1 << 30  # mapped files do not count
+
+
+def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
+    """The result of a request. Raises UserError."""
+    settings = config.Scene(**request["config"])
+
+    def progress(what: str, done: int, total: int) -> None:
+        report(step=what, done=done, total=total)
+
+    def views_ready(pack: Path) -> None:
+        report(summary=attrs.asdict(summarize(open_pack(pack, settings.half_turn))))
+
+    paths = [Path(text) for text in request["scenes"]]
+    if request["expand"]:
+        paths = playlist(paths, settings)
+        report(scenes=[str(path) for path in paths])
+    if request["do"] == "info":
+        return {"info": describe_examined(packing.examine_scene(paths[0], settings))}
+    field = packing.pack_scene(paths[0], settings, progress, views_ready)
+    if request["remember"] and not paths[0].is_relative_to(cache_dir(settings)):  # the demo is always there
+        remember_scene(paths[0])
+    return {"summary": attrs.asdict(summarize(field))}
+
+
+if __name__ == "__main__":
+    serve(work, MEMORY_BYTES)

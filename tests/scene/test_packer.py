@@ -1,0 +1,144 @@
+"""The packer as a child: what it gives, what it refuses, and what is left when it is killed or the disk is full."""
+
+import json
+import os
+import resource
+import signal
+import struct
+import subprocess
+import sys
+import time
+import zlib
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.scene import cache
+from lfpipe.scene.open_scene import Packing, open_scene, open_scenes, packed, scene_facts
+from lfpipe.scene.pack import open_pack
+from tests.scene import made
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    made.write_grid(tmp_path / "scene", made.views(3, 3), "input_Cam{n:03d}.png")
+    return tmp_path / "scene"
+
+
+def test_a_scene_is_packed_by_a_child_once(folder: Path, scene_config: config.Scene) -> None:
+    steps: list[str] = []
+    field = open_scene(folder, scene_config, lambda what, *_: steps.append(what))
+    assert (field.rows, field.cols, field.complete) == (3, 3, True) and field.disparity is not None
+    assert steps.index("views") < steps.index("disparity")
+    steps.clear()
+    assert open_scene(folder, scene_config, lambda what, *_: steps.append(what)).folder == field.folder and not steps
+
+
+def test_the_views_come_first(folder: Path, scene_config: config.Scene) -> None:
+    with closing(Packing([folder], scene_config)) as packing:
+        packing.wait(lambda: packing.views is not None)
+        assert packing.views is not None and not packing.views.complete
+        packing.wait()
+        summary = packing.summary()
+    assert summary.complete and summary.has_disparity and summary.pack == packing.views.pack
+
+
+def test_a_folder_of_scenes_stands_for_them(folder: Path, scene_config: config.Scene) -> None:
+    made.write_grid(folder.parent / "scene2", made.views(2, 2), "input_Cam{n:03d}.png")
+    (folder.parent / "notes").mkdir()
+    opened = open_scenes([folder.parent], scene_config)
+    assert opened.scenes == [folder, folder.parent / "scene2"] and opened.field.rows == 3
+    if opened.packing is not None:
+        opened.packing.close()
+
+
+def test_facts_need_no_pack(folder: Path, scene_config: config.Scene) -> None:
+    facts = scene_facts(folder, scene_config)
+    assert (facts["rows"], facts["cols"], facts["pack"]) == (3, 3, None)
+    assert packed(folder, scene_config) is None
+
+
+def test_a_killed_packer_leaves_a_pack_that_the_next_completes(folder: Path, scene_config: config.Scene) -> None:
+    with closing(Packing([folder], scene_config)) as packing:
+        packing.wait(lambda: packing.views is not None)
+        os.kill(packing._process.pid, signal.SIGKILL)
+        packing.wait()
+        with pytest.raises(UserError, match="signal 9"):
+            packing.result()
+    found = cache.find_pack(folder, scene_config)
+    assert found is not None and not open_pack(found).complete
+    field = open_scene(folder, scene_config)
+    assert field.complete and field.folder == str(found)
+
+
+FULL = """
+import resource, signal, sys
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.scene.packing import pack_scene
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+def full(*_):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), resource.RLIM_INFINITY))
+
+try:
+    if sys.argv[4] == "views":
+        full()
+    pack_scene(sys.argv[1], config.Scene(cache_dir=sys.argv[2]), views_ready=full)
+except UserError as error:
+    sys.exit(f"refused: {error}")
+"""
+
+
+@pytest.mark.parametrize(("during", "packs"), [("views", 0), ("disparity", 1)])
+def test_a_full_disk_is_a_refusal_and_never_a_whole_pack(
+    folder: Path, scene_config: config.Scene, during: str, packs: int
+) -> None:
+    command = [sys.executable, "-c", FULL, str(folder), scene_config.cache_dir, "5000", during]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.stderr.startswith("refused:") and "scene.cache_dir" in run.stderr, run.stderr
+    assert [manifest["complete"] for _, manifest, _ in cache.packs(scene_config)] == [False] * packs
+    assert open_scene(folder, scene_config).complete
+
+
+def png_of_zeros(path: Path, width: int, height: int) -> None:
+    """A picture of zeros; takes no memory to write."""
+    packer, row, data = zlib.compressobj(9), bytes(1 + 3 * width), b""
+    for _ in range(height):
+        data += packer.compress(row)
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", head), (b"IDAT", data + packer.flush()), (b"IEND", b""))
+    body = b"".join(struct.pack(">I", len(c)) + kind + c + struct.pack(">I", zlib.crc32(kind + c)) for kind, c in chunks)
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+
+
+def test_too_much_memory_is_a_refusal(tmp_path: Path, scene_config: config.Scene) -> None:
+    """A deflate bomb: 256 MB of zeros in a file of 250 kB."""
+    png_of_zeros(tmp_path / "big.png", 9000, 9500)
+    with pytest.raises(UserError) as error:
+        open_scene(tmp_path / "big.png", scene_config)
+    assert error.value.remedy
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < 300_000
+
+
+def test_the_packer_ends_with_its_parent(folder: Path, scene_config: config.Scene) -> None:
+    code = (
+        "import sys, os; from lfpipe import config; from lfpipe.scene.open_scene import Packing\n"
+        "packing = Packing([sys.argv[1]], config.Scene(cache_dir=sys.argv[2]))\n"
+        "print(packing._process.pid, flush=True); os.kill(os.getpid(), 9)"
+    )
+    os.mkfifo(folder / "x")
+    run = subprocess.run([sys.executable, "-c", code, str(folder), scene_config.cache_dir], capture_output=True, text=True)
+    pid, end = int(run.stdout), time.monotonic() + 20
+    while Path(f"/proc/{pid}").exists() and "Z" not in Path(f"/proc/{pid}/stat").read_text().split(")")[1]:
+        assert time.monotonic() < end, "the child is still there"
+        time.sleep(0.05)
+
+
+def test_a_path_that_is_not_utf8_arrives_whole(tmp_path: Path, scene_config: config.Scene) -> None:
+    with pytest.raises(UserError, match=r"udcff|xff"):
+        open_scene(os.fsdecode(os.fsencode(tmp_path) + b"/\xff"), scene_config)
+    assert json.loads(json.dumps({"path": "/tmp/\udcff"}))["path"] == "/tmp/\udcff"
