@@ -14,7 +14,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.layouts._running import Running
-from lfpipe.scene.layouts._tiling import Tiling
+from lfpipe.scene.layouts._tiles import Tiling
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import SceneSource
 from tests.scene import made

@@ -13,8 +13,8 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing, library_errors, list_scene
 from lfpipe.scene.layouts._folders import inner_listing, note_of
-from lfpipe.scene.layouts._mosaic import single_picture
 from lfpipe.scene.layouts._plenoptic import is_honeycomb
+from lfpipe.scene.layouts._tiles import single_picture
 from lfpipe.scene.source import SceneSource
 
 _LAST_RESORT = 10  # a mark that pictures below the folder outweigh

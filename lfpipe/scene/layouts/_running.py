@@ -74,16 +74,23 @@ def _positions(count: int, there: Sequence[bool], tries: Sequence[Running]) -> l
     return list(found)[:_MAX_PICTURES]
 
 
-def find_columns(read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool], grid: ViewIndex | None = None) -> Running:
-    """The grid of a run of views. read(position): a view, any size; there: by position, whether there is a view.
+@attrs.frozen
+class Likeliest:
+    """The candidate that explains the likeness of the pictures best. score: correlation of unlikeness with distance in the grid.
+    near: other grids that explain it nearly as well; others: the next ones."""
 
-    Raises ValueError where the user's grid fits no part of the run.
-    """
-    tries = candidates(len(there), grid)
-    if not tries:
-        raise ValueError
-    if len(tries) == 1:
-        return tries[0]
+    run: Running
+    score: float
+    near: tuple[Running, ...]
+    others: tuple[Running, ...]
+
+    @property
+    def clear(self) -> bool:
+        return self.score >= _SURE and not self.near
+
+
+def likeliest(read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool], tries: Sequence[Running]) -> Likeliest:
+    """The candidate that the pictures speak for. read(position): a view, any size; there: by position, whether there is one."""
     at = _positions(len(there), there, tries)
 
     @cache
@@ -97,13 +104,24 @@ def find_columns(read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool]
     unlike = np.array([np.abs(small(a) - small(b)).mean() if small(a).shape == small(b).shape else 2.0 for a, b in pairs])
     scores = {run: _explained(run, pairs, unlike) - (_EXTRA_COST if run.rows * run.cols < len(there) else 0) for run in tries}
     order = sorted(tries, key=lambda run: (-round(scores[run], 4), abs(run.rows - run.cols), run.snake, run.first))
-    best = order[0]
-    near = [run for run in order[1:] if run.shape != best.shape and scores[run] > scores[best] - _CLEAR]
-    if scores[best] >= _SURE and not near:
-        return best
-    best = next((run for run in near if run.rows == 1), best)  # people more often make lines than narrow grids
-    others = list(dict.fromkeys(f"{run.rows}x{run.cols}" for run in order if run.shape != best.shape))
-    return attrs.evolve(best, doubt=f"the grid: {best.rows}x{best.cols}, or {' or '.join(others[:2])} (--grid ROWSxCOLS)")
+    best, others = order[0], tuple(run for run in order if run.shape != order[0].shape)
+    return Likeliest(best, scores[best], tuple(run for run in others if scores[run] > scores[best] - _CLEAR), others)
+
+
+def find_columns(read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool], grid: ViewIndex | None = None) -> Running:
+    """The grid of a run of views, by the pictures. Raises ValueError where the user's grid fits no part of the run."""
+    tries = candidates(len(there), grid)
+    if not tries:
+        raise ValueError
+    if len(tries) == 1:
+        return tries[0]
+    found = likeliest(read, there, tries)
+    if found.clear:
+        return found.run
+    best = next((run for run in found.near if run.rows == 1), found.run)  # people more often make lines than narrow grids
+    others = dict.fromkeys(f"{run.rows}x{run.cols}" for run in (found.run, *found.others) if run.shape != best.shape)
+    doubt = f"the grid: {best.rows}x{best.cols}, or {' or '.join(list(others)[:2])} (--grid ROWSxCOLS)" if others else ""
+    return attrs.evolve(best, doubt=doubt)
 
 
 def _explained(run: Running, pairs: NDArray[np.int64], unlike: NDArray[np.float64]) -> float:

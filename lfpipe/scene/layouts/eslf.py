@@ -14,8 +14,8 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import parse_grid
-from lfpipe.scene.layouts._mosaic import single_picture
 from lfpipe.scene.layouts._plenoptic import bright_part
+from lfpipe.scene.layouts._tiles import single_picture
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "eslf"

@@ -4,8 +4,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts._mosaic import picture_loader, single_picture, tiling
-from lfpipe.scene.layouts._tile_detection import find_tiles
+from lfpipe.scene.layouts._tiles import find_tiles, picture_loader, single_picture, tiling
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "mosaic"
@@ -36,5 +35,6 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         certain=False, layout=NAME, path=listing.path, files=(path,), rows=cut.grid[0], cols=cut.grid[1],
         read=lambda frame, row, col: cut.cut(load(frame), row, col),
         height_px=cut.height_px, width_px=cut.width_px, max_value=full,
-        turn=Turn() if cut.quilt else None, turn_firm=False, turn_by="a quilt runs from the leftmost camera" if cut.quilt else "",
+        doubt=cut.doubt, turn=Turn() if cut.quilt else None, turn_firm=False,
+        turn_by="a quilt runs from the leftmost camera" if cut.quilt else "",
     )  # fmt: skip

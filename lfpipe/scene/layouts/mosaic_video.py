@@ -11,8 +11,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture
 from lfpipe.scene.files import VIDEOS, Listing
-from lfpipe.scene.layouts._mosaic import LastPictures, picture_loader, tiling
-from lfpipe.scene.layouts._tile_detection import find_tiles
+from lfpipe.scene.layouts._tiles import LastPictures, find_tiles, picture_loader, tiling
 from lfpipe.scene.layouts._views import named_views
 from lfpipe.scene.layouts.stereo import are_a_pair
 from lfpipe.scene.source import SceneSource, Turn
@@ -81,6 +80,6 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         certain=False, layout=NAME, path=listing.path, files=tuple(paths), rows=cut.grid[0], cols=cut.grid[1],
         read=lambda frame, row, col: cut.cut(load(frame), row, col),
         height_px=cut.height_px, width_px=cut.width_px, max_value=full, frames=frames, frame_rate_hz=rate,
-        turn=Turn() if cut.quilt else None, turn_firm=False,
+        doubt=cut.doubt, turn=Turn() if cut.quilt else None, turn_firm=False,
         turn_by="a quilt runs from the leftmost camera" if cut.quilt else "", notes=notes,
     )  # fmt: skip

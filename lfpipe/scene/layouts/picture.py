@@ -11,7 +11,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import PICTURES, Listing
 from lfpipe.scene.layouts._grid import files_source
-from lfpipe.scene.layouts._mosaic import single_picture
+from lfpipe.scene.layouts._tiles import single_picture
 from lfpipe.scene.optical_flow import confirmed, flow, textured
 from lfpipe.scene.source import SceneSource, Turn
 

@@ -10,8 +10,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import parse_grid
-from lfpipe.scene.layouts._mosaic import picture_loader, single_picture
-from lfpipe.scene.layouts._tiling import UNEVEN, Tiling
+from lfpipe.scene.layouts._tiles import UNEVEN, Tiling, find_tiles, picture_loader, single_picture
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "quilt"
@@ -30,9 +29,11 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     named, grid = _NAME.search(path.stem), parse_grid(scene.grid)
     if grid is None and named:
         grid = int(named[2]), int(named[1])
+    picture, full = read_picture(path)
+    if grid is None and (tiles := find_tiles(picture, path.stem)) is not None:
+        grid = tiles.shape
     if grid is None:
         raise UserError(f"{path}: the name does not define the tiles (_qsCOLSxROWS)", "give them with --set scene.grid=ROWSxCOLS")
-    picture, full = read_picture(path)
     height, width = picture.shape[:2]
     rows, cols = grid
     if rows * cols == 0 or ((height % rows or width % cols) and UNEVEN.get((width, height)) != (cols, rows)):

@@ -19,7 +19,7 @@ from lfpipe.files.pictures import open_header, read_picture, upright
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
 from lfpipe.scene.layouts._grid import parse_grid, require_grid
-from lfpipe.scene.layouts._mosaic import single_picture
+from lfpipe.scene.layouts._tiles import single_picture
 from lfpipe.scene.missing_views import warped_disparity, warped_view
 from lfpipe.scene.source import SceneSource, Turn
 

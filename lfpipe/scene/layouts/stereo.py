@@ -18,8 +18,8 @@ from lfpipe.files.decoding import picture_of
 from lfpipe.files.pictures import header_of, read_picture
 from lfpipe.scene.files import Listing, read_bytes
 from lfpipe.scene.layouts._grid import files_source
-from lfpipe.scene.layouts._mosaic import single_picture
 from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT
+from lfpipe.scene.layouts._tiles import single_picture
 from lfpipe.scene.layouts._views import some
 from lfpipe.scene.optical_flow import confirmed, flow, textured
 from lfpipe.scene.source import SceneSource, Turn

@@ -1,0 +1,249 @@
+"""Pictures of many tiles, one view each: finds the tiles by lines of one colour between them, or because neighbours are alike,
+and whether they are a grid of views or, as in a quilt, one line."""
+
+import re
+import threading
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.files.pictures import open_header, read_picture
+from lfpipe.scene.files import Listing
+from lfpipe.scene.layouts._grid import parse_grid
+from lfpipe.scene.layouts._running import Running, likeliest
+
+# Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the remainder is at the right and the bottom.
+UNEVEN = {(4096, 4096): (5, 9), (8192, 8192): (5, 9)}
+_LARGE_BYTES = 64_000_000  # of a picture
+
+
+MOST_TILES = 64  # along one side
+_SMALLEST_TILE_PX = 24
+_GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
+_TWO_AXES, _ONE_AXIS, _PLAIN = 0.5, 0.2, 0.8  # limits of `_unlike` for neighbouring tiles; above the last, there are none
+_LINE_LEVELS, _LINE_SHARE = (4, 16, 48), 0.98  # grey levels from the colour of lines (JPEG blurs them), and share of a line
+_LINE_SAMPLES = 64  # along a line
+_SOFT_PX = 2  # by which lines and tiles differ where lines have soft edges
+
+
+@attrs.frozen
+class Tiling:
+    """Where the tiles of a picture lie: tops and lefts in px, and their common size; what lies between them belongs to none.
+    quilt: one row of views from the bottom left tile to the right, then upwards (downwards with `down`). doubt: what the pictures
+    leave open, "" for nothing."""
+
+    tops: tuple[int, ...]
+    lefts: tuple[int, ...]
+    height_px: int
+    width_px: int
+    quilt: bool = False
+    down: bool = False
+    doubt: str = ""
+
+    @classmethod
+    def even(cls, picture: NDArray[Any], rows: int, cols: int, quilt: bool = False) -> "Tiling":
+        """Tiles of one size without gaps; a remainder at the right and the bottom belongs to none."""
+        height, width = picture.shape[0] // rows, picture.shape[1] // cols
+        return cls(tuple(height * r for r in range(rows)), tuple(width * c for c in range(cols)), height, width, quilt)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of tiles."""
+        return len(self.tops), len(self.lefts)
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of views."""
+        return (1, len(self.tops) * len(self.lefts)) if self.quilt else self.shape
+
+    def cut(self, picture: NDArray[Any], row: int, col: int) -> NDArray[Any]:
+        """One view."""
+        if self.quilt:
+            row, col = divmod(col, len(self.lefts))
+            row = row if self.down else len(self.tops) - 1 - row
+        top, left = self.tops[row], self.lefts[col]
+        return picture[top : top + self.height_px, left : left + self.width_px]
+
+
+def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
+    """By number of tiles along an axis: mean square difference at a shift of one tile, relative to shifts of half a tile more or
+    less. A mosaic has a dip there; the difference of an ordinary picture only grows with the shift."""
+    size = grey.shape[axis]
+
+    def difference(shift: int) -> float:
+        a, b = (grey[shift:], grey[:-shift]) if axis == 0 else (grey[:, shift:], grey[:, :-shift])
+        return float(np.mean((a - b) ** 2))
+
+    found: dict[int, float] = {}
+    for count in range(2, MOST_TILES + 1):
+        shift = size / count
+        if shift < 8:
+            break
+        beside = min(difference(round(shift * 0.5)), difference(round(shift * 1.5)))
+        found[count] = difference(round(shift)) / beside if beside > 1e-3 else 1.0
+    return found
+
+
+def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
+    """The number of tiles whose neighbours are most alike, and their difference; (1, 1.0) if no number divides."""
+    fits = {n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= _SMALLEST_TILE_PX}
+    best = min(fits, key=lambda n: fits[n], default=1)
+    return best, fits.get(best, 1.0)
+
+
+def _between_lines(picture: NDArray[Any]) -> list[tuple[int, int]]:
+    """(first, last + 1) of the rows between lines of one colour, where these divide the picture evenly; else all rows as one."""
+    height, width = picture.shape[:2]
+    some = np.asarray(picture[:, :: max(1, width // _LINE_SAMPLES)], np.float32).reshape(height, -1, picture[0, 0].size)
+    some *= np.float32(255 / max(1.0, float(some.max())))
+    middle = np.median(some, axis=1, keepdims=True)
+    colour = middle[np.abs(some - middle).max(axis=2).mean(axis=1).argmin()]
+    off = np.abs(some - colour).max(axis=2)
+    found = [(0, height)]
+    for levels in _LINE_LEVELS:
+        runs = _runs((off < levels).mean(axis=1) > _LINE_SHARE)
+        if len(runs) == 1 == len(found) or (len(runs) > len(found) and _even(runs, height)):
+            least = min(last - first for first, last in runs)  # soft edges of a line belong to it
+            found = [(first, first + least) for first, _ in runs]
+    return found
+
+
+def _runs(plain: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """(first, last + 1) of the places between plain ones."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([True], plain, [True])).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _even(runs: list[tuple[int, int]], whole_px: int) -> bool:
+    """Whether runs have one size and lines between them another, smaller one."""
+    sizes, gaps = [last - first for first, last in runs], [b[0] - a[1] for a, b in pairwise(runs)]
+    if len(runs) > MOST_TILES or min(sizes) < _SMALLEST_TILE_PX or max(sizes) - min(sizes) > _SOFT_PX:
+        return False
+    around = runs[0][0] + whole_px - runs[-1][1]
+    margins = 0 < around <= 1.5 * min(gaps)  # of tiles with a plain background: they belong to the tiles
+    return not margins and max(gaps) - min(gaps) <= _SOFT_PX and 4 * max(gaps) < min(sizes)
+
+
+def _by_lines(picture: NDArray[Any]) -> Tiling | None:
+    """The tiles of a picture with lines between them, as contact sheets and plots have; None without such lines."""
+    down = _between_lines(picture)
+    across = _between_lines(picture.swapaxes(0, 1))
+    if len(down) * len(across) < 3:  # one photograph in a frame, or two, is no mosaic
+        return None
+    (top, bottom), (left, right) = down[0], across[0]
+    return Tiling(tuple(first for first, _ in down), tuple(first for first, _ in across), bottom - top, right - left)
+
+
+def find_tiles(picture: NDArray[Any], name: str) -> Tiling | None:
+    """The tiles of a picture, or None: a mosaic has lines between its tiles, or nearly repeats itself after one tile.
+
+    name: of the file or folder; a grid named in it (9x9) is used unless the picture contradicts it.
+    """
+    height, width = picture.shape[:2]
+    lined = _by_lines(picture)
+    if lined is not None:
+        return lined
+    if (width, height) in UNEVEN:
+        cols, rows = UNEVEN[width, height]
+        found = find_tiles(picture[: height - height % rows, : width - width % cols], name)
+        if found is not None and found.shape == (rows, cols):
+            return found
+    scale = min(1.0, _GLANCE_PX / max(height, width))
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)  # of a single plane it would be a copy
+    plane = (small if small.ndim == 2 else small[..., 1]).astype(np.float32)
+    down, across = _unlike(plane, 0), _unlike(plane, 1)
+    for named in re.finditer(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", name):
+        rows, cols = int(named[1]), int(named[2])
+        if rows * cols > 1 and not (height % rows or width % cols) and (down.get(rows, 0) < 0.8 and across.get(cols, 0) < 0.8):
+            return Tiling.even(picture, rows, cols)
+    (rows, row_unlike), (cols, col_unlike) = _period(down, height), _period(across, width)
+    if row_unlike < _TWO_AXES and col_unlike < _TWO_AXES:
+        return Tiling.even(picture, rows, cols)
+    strip = (1, cols) if col_unlike < _ONE_AXIS and cols > 2 else (rows, 1) if row_unlike < _ONE_AXIS and rows > 2 else None
+    if strip is None:
+        return None
+    if max(row_unlike, col_unlike) > _PLAIN:
+        return Tiling.even(picture, *strip)
+    doubt = f"the tiles: {rows}x{cols}, or {strip[0]}x{strip[1]} (--grid ROWSxCOLS)"
+    return attrs.evolve(Tiling.even(picture, rows, cols), doubt=doubt)
+
+
+def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
+    """The tiles as one line of views, from the bottom left (or the top left) one, where that explains the likeness of tiles
+    better than their grid does."""
+    rows, cols = plain.shape
+    if min(rows, cols) < 2:
+        return plain
+    line, readings = Running(1, rows * cols, False, 0), {}
+    for down in (False, True):
+        quilt = attrs.evolve(plain, quilt=True, down=down)
+        grid = Running(rows, cols, False, 0)
+        best = likeliest(lambda at, quilt=quilt: _glance(quilt.cut(picture, 0, at)), [True] * rows * cols, [grid, line])  # type: ignore[misc]
+        readings[down] = best, quilt
+    lines = [reading for reading in readings.values() if reading[0].run.rows == 1]
+    doubt = f"one line of {rows * cols} views (--layout quilt), or a grid of {rows}x{cols} (--layout mosaic)"
+    if not lines:
+        return plain if all(best.clear for best, _ in readings.values()) else attrs.evolve(plain, doubt=doubt)
+    best, quilt = max(lines, key=lambda reading: reading[0].score)
+    return quilt if best.clear else attrs.evolve(quilt, doubt=doubt)
+
+
+def _glance(tile: NDArray[Any]) -> NDArray[np.uint8]:
+    plane = tile if tile.ndim == 2 else tile[..., 1]
+    return np.ascontiguousarray(plane if plane.dtype == np.uint8 else (plane >> 8).astype(np.uint8))
+
+
+class LastPictures:
+    """A cache of the last two pictures by frame number (one if they are large), for readers in several threads."""
+
+    def __init__(self, load: Callable[[int], NDArray[Any]]) -> None:
+        self._load = load
+        self._lock = threading.Lock()
+        self._kept: dict[int, NDArray[Any]] = {}
+
+    def __call__(self, frame: int) -> NDArray[Any]:
+        with self._lock:
+            if frame not in self._kept:
+                while self._kept and (len(self._kept) > 1 or next(iter(self._kept.values())).nbytes > _LARGE_BYTES):
+                    del self._kept[min(self._kept)]
+                self._kept[frame] = self._load(frame)
+            return self._kept[frame]
+
+
+def single_picture(listing: Listing) -> Path | None:
+    """The picture of a scene of one picture: the given file, or the only picture of the folder."""
+    pictures = listing.pictures()
+    return listing.file(pictures[0]) if len(pictures) == 1 else None
+
+
+def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling | None:
+    """The tiling of the picture at path: from scene.grid, else detected. Raises UserError if scene.grid does not divide it."""
+    height, width = picture.shape[:2]
+    grid, found = parse_grid(scene.grid), find_tiles(picture, f"{path.parent.name}/{path.stem}")
+    if grid is not None and (found is None or found.shape != grid):
+        if (height % grid[0] or width % grid[1]) and UNEVEN.get((width, height)) != grid[::-1]:
+            raise UserError(
+                f"{path}: {width}x{height} px do not divide into {grid[0]} rows and {grid[1]} columns of tiles",
+                "give the grid that was rendered with --set scene.grid=ROWSxCOLS",
+            )
+        return Tiling.even(picture, *grid)
+    return _as_quilt(picture, found) if grid is None and found is not None else found
+
+
+def picture_loader(paths: list[Path]) -> LastPictures:
+    """Pictures by frame number. Raises UserError if their sizes differ, and on reading a damaged one."""
+    headers = [open_header(path) for path in paths]
+    sizes = [f"{header.width_px}x{header.height_px}" for header in headers]
+    for path, size in zip(paths, sizes, strict=True):
+        if size != sizes[0]:
+            what = f"{path}: {size} px, {paths[0].name} has {sizes[0]}"
+            raise UserError(what, "all frames of a light-field video must have the same size")
+    return LastPictures(lambda frame: read_picture(paths[frame], headers[frame])[0])
