@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from lfpipe.api.attachment import Attachment as Attachment
     from lfpipe.api.attachment import Frame as Frame
     from lfpipe.api.attachment import attach as attach
+    from lfpipe.api.replay import replay as replay
     from lfpipe.api.scenes import open_scene as open_scene
     from lfpipe.api.scenes import render_anaglyph as render_anaglyph
     from lfpipe.api.scenes import render_view as render_view
     from lfpipe.api.tracker import Eyes as Eyes
     from lfpipe.api.tracker import Tracker as Tracker
     from lfpipe.errors import UserError as UserError
-    from lfpipe.replay.subprocess_run import replay as replay
     from lfpipe.scene.lightfield import LightField as LightField
     from lfpipe.share.head import Head as Head
 
@@ -36,6 +36,7 @@ _MODULES = {
     "open_scene": "api.scenes",
     "render_anaglyph": "api.scenes",
     "render_view": "api.scenes",
+    "replay": "api.replay",
 }
 
 __all__ = [
@@ -60,8 +61,6 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
 def __getattr__(name: str) -> Any:
-    if name == "replay":
-        return importlib.import_module("lfpipe.replay")
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = globals()[name] = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -16,7 +16,7 @@ LAYERS = (
     {"scene", "sequence"},
     {"capture", "track", "render", "record", "share"},
     {"supervisor"},
-    {"replay", "observe", "export"},
+    {"replays", "observe", "export"},
     {"bench", "api"},
     {"sweep"},
     {"cli"},

@@ -20,8 +20,7 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
 @with_camera
 @click.option("--distance", "distance_mm", type=click.FloatRange(100, 5000), default=600.0, show_default=True, metavar="MM",
               help="Distance from the camera to your eyes, or to the card.")  # fmt: skip
-@click.option("--by", type=click.Choice(["eyes", "card", "leaning"]), default="eyes", show_default=True,
-              help="eyes, card: by your eyes or a bank card. leaning: find the camera's position.")  # fmt: skip
+@click.option("--by", type=click.Choice(["eyes", "card"]), default="eyes", show_default=True, help="By your eyes or a bank card.")
 @click.option("--latency", is_flag=True, help="Measure the total delay of camera and display, which prediction uses.")
 @click.option("--eyes-mm", type=click.FloatRange(40, 80), metavar="MM", help="Distance between your pupils; 63 is the mean.")
 @with_config
@@ -34,13 +33,10 @@ def calibrate(
     sets: tuple[str, ...],
     config_file: str | None,
 ) -> None:
-    """Measure the camera's focal length (stored under its name), its position, or the delay of the loop.
+    """Measure the camera's focal length (stored under its name), or the delay of the loop.
 
     Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there, flat to the camera) and follow
     the window. Without a screen, the eyes are measured as soon as they are detected.
-
-    --by leaning measures the camera's position, once its focal length is known: look straight at the middle of the screen,
-    with your eyes level with it, and lean slowly in and out.
 
     --latency measures what camera and display add to the age of a picture: a window flickers for 10 to 20 s
     while the camera watches it. Turn the camera to the screen, or show it the screen in a hand mirror.
@@ -49,23 +45,16 @@ def calibrate(
 
     from lfpipe.capture.open_source import camera_name
     from lfpipe.config import load, user_file
-    from lfpipe.config.camera_file import camera_file, with_measured_focal
+    from lfpipe.config.camera_file import camera_file
     from lfpipe.config.camera_pose import EYES_MM
     from lfpipe.errors import UserError
-    from lfpipe.observe.calibrate import by_card, by_eyes, by_leaning
+    from lfpipe.observe.calibrate import by_card, by_eyes
     from lfpipe.render.geometry import BANK_CARD_MM, focal_px_from
 
     config = load(config_file, sets)
     name = camera_name(camera or config.camera.source)
     if latency:
         _latency(config, camera, name)
-        return
-    if by == "leaning":
-        above_mm, tilt_deg = by_leaning(with_measured_focal(config, name), camera, eyes_mm or EYES_MM)
-        pose = {"above_mm": round(above_mm, 1), "tilt_deg": round(tilt_deg, 1)}
-        _store(user_file(), "camera", pose)
-        click.echo(f"camera {pose['above_mm']} mm above the middle of the screen, looking down by {pose['tilt_deg']} degrees")
-        click.echo(f"camera.above_mm and camera.tilt_deg written to {user_file()}")
         return
     size_px = by_card(config, camera, distance_mm) if by == "card" else by_eyes(config, camera, distance_mm)
     size_mm = BANK_CARD_MM if by == "card" else eyes_mm or EYES_MM

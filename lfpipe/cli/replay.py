@@ -40,7 +40,7 @@ class JUnitCommand(click.Command):
             raise
 
     def invoke(self, ctx: click.Context) -> Any:
-        from lfpipe.replay.run import ReplayFailed
+        from lfpipe.replays.run import ReplayFailed
 
         junit, name, began = ctx.params["junit"], ctx.params["path"].name, time.monotonic()
         _write(junit, name, "it did not finish")  # before the run, because the run may be killed
@@ -66,7 +66,7 @@ def _junit_of(words: list[str]) -> Path | None:
 
 
 def _write(junit: Path | None, name: str, error: str, seconds: float = 0.0) -> None:
-    from lfpipe.replay.junit import write_junit
+    from lfpipe.replays.junit import write_junit
 
     if junit is not None:
         write_junit(junit, name, [], error, seconds)
@@ -80,7 +80,6 @@ def _write(junit: Path | None, name: str, error: str, seconds: float = 0.0) -> N
 @click.option("--out", type=PATH, metavar="DIR", help="Folder for report.json, trace.jsonl and pictures.")
 @click.option("--expect", type=PATH, metavar="REF", help="Compare with this folder, written by --out or --update.")
 @click.option("--update", is_flag=True, help="Write the reference of --expect instead of comparing with it.")
-@click.option("--budget", "budget_file", type=PATH, metavar="FILE", help="Fail if a figure exceeds its budget.")
 @click.option("--junit", type=PATH, metavar="FILE", help="Write the outcome as JUnit XML.")
 @with_config
 def replay(
@@ -90,18 +89,16 @@ def replay(
     out: Path | None,
     expect: Path | None,
     update: bool,
-    budget_file: Path | None,
     junit: Path | None,
     sets: tuple[str, ...],
     config_file: str | None,
 ) -> int:
-    """Run SEQ through the pipeline; exit code 0: as expected, 1: it differs or is over budget, 2: bad input."""
+    """Run SEQ through the pipeline; exit code 0: as expected, 1: it differs, 2: bad input."""
     from lfpipe.cli.scene_options import opened
-    from lfpipe.replay import run
-    from lfpipe.replay.budgets import broken, read_budgets
-    from lfpipe.replay.compare import Comparison, check_reference, compare
-    from lfpipe.replay.junit import cases_of, write_junit
-    from lfpipe.replay.report import about_scene, about_sequence, read_report
+    from lfpipe.replays import run
+    from lfpipe.replays.compare import Comparison, check_reference, compare
+    from lfpipe.replays.junit import cases_of, write_junit
+    from lfpipe.replays.report import about_scene, about_sequence, read_report
     from lfpipe.sequence.folder import open_sequence
 
     began = time.monotonic()
@@ -110,7 +107,6 @@ def replay(
     if not sequence.complete:
         say(f"{path} was cut off during recording: replaying its {len(sequence.packets)} whole frames")
     config = run.replay_config(sequence, config_file, sets)
-    budgets = read_budgets(budget_file) if budget_file else None
     if expect is not None:
         run.check_out(expect) if update else read_report(expect)
     with _folder(out) as folder:
@@ -130,26 +126,23 @@ def replay(
             compared = compare(expect, folder)
             if compared.differences and out is None:
                 _keep_difference(folder)
-        over = broken(budgets, report, read_report(expect) if expect and not update else None) if budgets else None
     for note in compared.notes:
         click.echo(note)
     for difference in compared.differences:
         click.echo(f"differs: {difference}")
-    for line in over or ():
-        click.echo(f"over budget: {line}")
     against = expect is not None and not update
     if against and not compared.differences:
         click.echo(f"matches {expect}")
     sys.stdout.flush()  # detects a closed pipe here, while it still counts as a failure
     if junit is not None:
-        write_junit(junit, path.name, cases_of(against, compared.differences, over), "", time.monotonic() - began)
-    return 1 if compared.differences or over else 0
+        write_junit(junit, path.name, cases_of(against, compared.differences), "", time.monotonic() - began)
+    return 1 if compared.differences else 0
 
 
 def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> None:
     """Raises UserError for options that exclude each other."""
     from lfpipe.capture.spec import parse_source
-    from lfpipe.replay.report import STEADY
+    from lfpipe.replays.report import STEADY
 
     if pace != "step":
         try:

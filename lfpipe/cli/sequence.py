@@ -122,14 +122,7 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
 @click.argument("out", type=PATH)
 @click.option("--truth", type=PATH, metavar="CSV", help="True eye positions, as tools/make_sequence.py writes them.")
 def import_(video: Path, out: Path, truth: Path | None) -> None:
-    """Make the sequence OUT from VIDEO, or from an MCAP file of `export`. Motion JPEG frames are copied unchanged."""
-    if video.suffix.lower() == ".mcap":
-        from lfpipe.sequence.mcap_folder import import_mcap
-
-        if truth is not None:
-            raise UserError(f"--truth with {video}: the MCAP file has its own", "leave --truth out")
-        click.echo(f"{out}: {import_mcap(video, out)} frames")
-        return
+    """Make the sequence OUT from VIDEO. Motion JPEG frames are copied unchanged."""
     from lfpipe.scene.video import examine
     from lfpipe.sequence import edit
 
@@ -141,14 +134,7 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
 @click.argument("path", type=PATH, metavar="SEQ")
 @click.argument("video", type=PATH)
 def export(path: Path, video: Path) -> None:
-    """Write SEQ as VIDEO: .mkv or .avi without loss, with stamps and eyes in a CSV next to it, or .mcap with everything, for
-    Foxglove."""
-    if video.suffix.lower() == ".mcap":
-        from lfpipe.sequence.folder import open_sequence
-        from lfpipe.sequence.mcap_folder import export_mcap
-
-        click.echo(f"{video}: {export_mcap(open_sequence(path), video)} frames")
-        return
+    """Write SEQ as VIDEO, .mkv or .avi without loss, with stamps and eyes in a CSV next to it."""
     from lfpipe.sequence import edit
     from lfpipe.sequence.folder import open_sequence
 

@@ -40,18 +40,3 @@ def stop(out: Path | None, session_name: str | None) -> None:
 
     done = finish_trace(SessionCommands(session_name or default_name()).ask, out)
     click.echo(f"{done}: open it at ui.perfetto.dev, which does not upload it, or in chrome://tracing")
-
-
-@trace.command()
-@click.argument("source", metavar="TRACE.jsonl", type=click.Path(path_type=Path))
-@click.argument("out", metavar="OUT.json|OUT.mcap", type=click.Path(path_type=Path))
-def convert(source: Path, out: Path) -> None:
-    """Turn the lines of `lfpipe up --trace` into a timeline for Perfetto, or .mcap for Foxglove."""
-    if out.suffix.lower() == ".mcap":
-        from lfpipe.observe.trace_mcap import convert_mcap
-
-        click.echo(f"{out}: {convert_mcap(source, out)} pictures")
-        return
-    from lfpipe.observe.timeline import convert as converted
-
-    click.echo(f"{out}: {converted(source, out)} events")

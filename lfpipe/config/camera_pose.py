@@ -15,11 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config.tree import Config
-from lfpipe.errors import UserError
 
 EYES_MM = 63.0  # mean distance between adult eyes (Dodgson 2004); most people 50..75
 LEAST_Z_MM = 50.0  # eyes are never nearer to the screen
-LEAN_MM = 100.0  # leaning by less does not determine the camera's tilt
 
 
 def camera_focal_px(config: Config, frame_width_px: int) -> float:
@@ -72,20 +70,3 @@ class CameraPose:
         down_mm = (slope[:, 1] * depth_mm * c - depth_mm * s + self.above_mm) / (c + slope[:, 1] * s)
         z_mm = np.maximum(depth_mm * c - down_mm * s, LEAST_Z_MM)
         return self.focal_px / depth_mm * np.stack([slope[:, 0] * z_mm, down_mm], axis=1) + self.middle_px
-
-
-def pose_from_leaning(down_mm: NDArray[np.float64], depth_mm: NDArray[np.float64]) -> tuple[float, float]:
-    """Returns (above_mm, tilt_deg). The inputs are positions (n,) of a viewer's eyes on the camera's axes, down and ahead. The
-    viewer leaned in and out on a line through a mark in the middle of the screen, at right angles to the screen.
-
-    Raises UserError if the viewer leaned too little.
-    """
-    low_mm, high_mm = np.percentile(depth_mm, [5, 95])
-    if not high_mm - low_mm >= LEAN_MM:
-        raise UserError(
-            f"the eyes moved by only {high_mm - low_mm:.0f} mm towards and away from the screen",
-            f"lean in and out by at least {LEAN_MM:g} mm, with the eyes level with the mark",
-        )
-    slope, down_at_camera_mm = np.polyfit(depth_mm, down_mm, 1)
-    tilt = -math.atan(float(slope))
-    return float(down_at_camera_mm) * math.cos(tilt), math.degrees(tilt)

@@ -23,13 +23,18 @@ def parse_address(text: str, option: str) -> tuple[str, int]:
 
 
 def url_of(host: str, port: int) -> str:
-    """The address of a server, for a browser. A server on all interfaces is addressed by the machine's name."""
+    """The address of a server, for a browser; a server on all interfaces is named by the outgoing one, for phones."""
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
         return f"http://{host}:{port}"
     if address.is_unspecified:
-        return f"http://{socket.gethostname()}:{port}"
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.connect(("192.0.2.1", 9))  # a documentation address; connecting a datagram socket sends nothing
+                return f"http://{probe.getsockname()[0]}:{port}"
+            except OSError:  # no network
+                return f"http://{socket.gethostname()}:{port}"
     return f"http://[{host}]:{port}" if address.version == 6 else f"http://{host}:{port}"
 
 

@@ -8,13 +8,11 @@ from numpy.typing import NDArray
 
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
-from lfpipe.config.camera_pose import camera_focal_px, pose_from_leaning
 from lfpipe.errors import UserError
 from lfpipe.render.display import has_display
 from lfpipe.track.calibration import EyeGauge
 from lfpipe.track.engines import make_engine
 
-LEAN_FRAMES = 300  # ten seconds of leaning in and out
 PATIENCE_FRAMES = 600  # frames without a still face before giving up
 EDGES = ("Click the middle of one short edge.", "First edge marked. Click the middle of the other short edge.")
 AGAIN = UserError("nothing was measured", "start again when you are ready")
@@ -112,38 +110,4 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
             frozen = frozen or guide.enter
     finally:
         guide.close()
-        source.close()
-
-
-def by_leaning(config: Config, camera: str | None, eyes_mm: float) -> tuple[float, float]:
-    """(camera.above_mm, camera.tilt_deg) from a viewer who leans in and out in front of the screen, for LEAN_FRAMES frames.
-
-    Raises UserError if no face is detected, the viewer leans too little, or the user cancels.
-    """
-    source = open_source(camera or config.camera.source, config.camera)
-    engine, guide, picture = make_engine(config.track), None, _frame(config)
-    focal_px, middle = camera_focal_px(config, config.camera.frame_px[0]), config.camera.frame_px[1] / 2
-    down_mm: list[float] = []
-    depth_mm: list[float] = []
-    try:
-        if has_display():
-            from lfpipe.render.calibration_window import CalibrationWindow
-
-            guide = CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")
-        while len(depth_mm) < LEAN_FRAMES and source.read(picture) is not None:
-            if (face := engine.detect(picture)) is not None and face.apart_px > 0:
-                depth_mm.append(focal_px * eyes_mm / face.apart_px)
-                down_mm.append((float(face.eyes_px[:, 1].mean()) - middle) * eyes_mm / face.apart_px)
-            if guide is not None:
-                ask = "Look straight at the middle of the screen, eyes level with it, and lean slowly in and out."
-                guide.step(picture, [ask, f"{len(depth_mm)} of {LEAN_FRAMES} frames, Esc cancels"])
-                if guide.quit:
-                    raise AGAIN
-        if not depth_mm:
-            raise NOBODY
-        return pose_from_leaning(np.array(down_mm), np.array(depth_mm))
-    finally:
-        if guide is not None:
-            guide.close()
-        engine.close()
         source.close()

@@ -1,12 +1,10 @@
 """The loops of `lfpipe monitor` in a terminal or a pipe."""
 
 import contextlib
-import csv
 import json
 import os
 import sys
 import time
-from typing import Any
 
 from lfpipe.errors import UserError
 from lfpipe.host.keyboard import Keyboard
@@ -15,52 +13,32 @@ from lfpipe.observe.screen import Screen, SessionActivity
 from lfpipe.observe.session_commands import SessionCommands
 from lfpipe.observe.session_reader import FollowingReader, Watch
 from lfpipe.supervisor.rundir import find
-from lfpipe.supervisor.snapshot import spans
 from lfpipe.transport.status import Table
 
 PERIOD_S = 0.25
 NOTE_S = 5.0  # display time of the answer to a key
 
 
-def run(name: str, once: bool, form: str) -> None:
-    """Shows the session of that name. form: "json", "csv" or "" for people. Raises UserError if it does not run."""
-    if form or once:
-        stream(name, once, form)
+def run(name: str, once: bool, as_json: bool) -> None:
+    """Shows the session of that name. as_json: for programs. Raises UserError if it does not run."""
+    if as_json or once:
+        stream(name, once, as_json)
     elif sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown"):  # dumb terminals cannot redraw
         session = find(name)  # at the start, a missing session is probably a mistake
         with contextlib.suppress(FileNotFoundError):
             Table(session.segment("status")).close()  # fails here for a table of another version
         screen(name)
     else:
-        stream(name, once, form, 1.0)
+        stream(name, once, as_json, 1.0)
 
 
-def flat(state: dict[str, Any]) -> dict[str, Any]:
-    """A snapshot as one row: numbers by dotted names."""
-    head = ("session", "uptime_s", "camera_fps", "camera_light", "viewer", "level", "level_words")
-    row: dict[str, Any] = {key: state[key] for key in head}
-    whole = ("end_to_end", "judder", "horizon", "motion_to_photon")
-    for part, values in (*state["stages"].items(), *((name, state[name]) for name in whole)):
-        for key, value in values.items():
-            if not isinstance(value, dict):
-                row[f"{part}.{key}"] = spans(value) if isinstance(value, list) else value
-    return row
-
-
-def stream(name: str, once: bool, form: str, period_s: float = PERIOD_S) -> None:
+def stream(name: str, once: bool, as_json: bool, period_s: float = PERIOD_S) -> None:
     """Prints samples on stdout until the session ends."""
     with Watch(find(name)) as watch:
         head = True
         while True:
             state = watch.read()
-            if form == "csv":
-                row = flat(state)
-                writer = csv.DictWriter(sys.stdout, list(row), lineterminator="\n")
-                if head:
-                    writer.writeheader()
-                writer.writerow(row)
-                head = False
-            elif form == "json":
+            if as_json:
                 sys.stdout.write(json.dumps(state) + "\n")
             else:
                 sys.stdout.write("" if head else "\n\n")

@@ -15,7 +15,6 @@ from lfpipe.errors import UserError
 from lfpipe.files.untrusted import json_fields
 from lfpipe.observe.access import NO_TOKEN, NOT_OURS, Access, named, parse_address, same_origin, url_of
 from lfpipe.observe.feed import PICTURES, Feed
-from lfpipe.observe.qr_code import is_reachable, phone_url, qr_lines
 from lfpipe.observe.server import Handler, Missing, listen, run
 
 STATIC = Path(__file__).parent / "static"
@@ -174,6 +173,4 @@ def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
     site = Site(host, int(sockets[0].getsockname()[1]), Feed(name), access, _files(access.path))
     cv2.setNumThreads(1)  # the session's stages need the cores
     tell(f"session {name!r} on {url_of(site.host, site.port)}/?token={access.token} (Ctrl-C ends)")
-    if is_reachable(site.host):
-        tell(qr_lines(f"{phone_url(site.host, site.port)}/?token={access.token}"))
     run(application(site), sockets, site.feed.end)

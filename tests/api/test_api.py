@@ -30,9 +30,9 @@ def test_every_name_is_there_and_documented() -> None:
 
 
 def test_replay_is_callable_whether_its_package_was_imported_or_not() -> None:
-    import lfpipe.replay.run
+    import lfpipe.replays.run
 
-    assert callable(lfpipe.replay) and lfpipe.replay.run.replay is not None
+    assert callable(lfpipe.replay) and lfpipe.replays.run.replay is not None
     with pytest.raises(lfpipe.UserError, match="no such folder") as caught:
         lfpipe.replay("/nowhere")
     assert caught.value.remedy

@@ -76,14 +76,6 @@ def test_blocks_of_data_are_well_formed(page: Path) -> None:
         json.loads(block)
 
 
-def test_the_budgets_of_the_replay_page_are_accepted(tmp_path: Path) -> None:
-    from lfpipe.replay.budgets import read_budgets
-
-    path = tmp_path / "budgets.toml"
-    path.write_text(blocks(ROOT / "docs" / "replay.md", "toml")[0])
-    assert len(read_budgets(path)) == 3
-
-
 def test_the_ring_example_reads_a_frame(live: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     example = next(block for block in blocks(ROOT / "docs" / "contracts.md", "python") if "Reader" in block)
     path = live.root / "ring_example.py"

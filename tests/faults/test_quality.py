@@ -1,8 +1,6 @@
 """Quality on a machine that is too slow: real sessions beside programs that occupy both cores."""
 
 import contextlib
-import csv
-import io
 import json
 import os
 import signal
@@ -188,8 +186,6 @@ def test_cores_and_niceness_are_those_of_the_configuration(world: World, scene: 
     assert [stages[name]["cpus"] for name in ("track", "render")] == [[first], [first]]
     assert stages["capture"]["cpus"] == sorted(os.sched_getaffinity(0))
     assert [stages[name]["nice"] for name in ("capture", "track", "render")] == [own, 3, 1]
-    row = next(csv.DictReader(io.StringIO(world.run("monitor", "--session", world.name, "--once", "--csv").stdout)))
-    assert (row["level"], row["level_words"], row["track.cpus"], row["track.nice"]) == ("0", "full", str(first), "3")
     shown = world.run("monitor", "--session", world.name, "--once").stdout
     assert "quality: full" in shown and f"track {first} nice 3" in shown
 

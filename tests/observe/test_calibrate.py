@@ -1,7 +1,6 @@
 """Calibration: what is written, and a whole run on the demo's face."""
 
 import json
-import math
 import shutil
 import subprocess
 import tomllib
@@ -17,7 +16,6 @@ from lfpipe.config import Camera
 from lfpipe.config.user_settings import write_key
 from lfpipe.track.calibration import FRAMES, EyeGauge
 from lfpipe.track.engine import Face
-from lfpipe.track.litert_engine import LitertEngine
 from tests.world import World
 from tests.xvfb_screen import Screen, outline
 
@@ -86,29 +84,6 @@ def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
     assert card.returncode == 2 and "needs a screen" in card.stderr and "--by eyes" in card.stderr
     listed = world.run("cameras", "--json")
     assert listed.returncode == 0 and isinstance(json.loads(listed.stdout)["cameras"], list)
-
-
-def test_who_leans_in_and_out_tells_where_the_camera_stands(world: World, tmp_path: Path) -> None:
-    """A video of the demo's face, scaled as it nears a camera 150 mm above the middle of the screen that looks straight ahead."""
-    frame, source = np.empty((480, 640, 3), np.uint8), open_source("demo", Camera())
-    source.read(frame)
-    source.close()
-    face = LitertEngine().detect(frame)
-    assert face is not None
-    focal_px = 640 / 2 / math.tan(math.radians(56.0) / 2)
-    writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
-    for k in range(150):
-        z_mm = 600.0 + 150.0 * math.sin(k / 12)
-        scale = focal_px * 63.0 / z_mm / face.apart_px
-        x, y = face.eyes_px.mean(axis=0)
-        down = 240 + focal_px * 150.0 / z_mm
-        matrix = np.array([[scale, 0, 320 - scale * x], [0, scale, down - scale * y]])
-        writer.write(cv2.warpAffine(frame, matrix, (640, 480), borderMode=cv2.BORDER_REPLICATE))
-    writer.release()
-    done = world.run("calibrate", "--camera", f"file:{tmp_path / 'v.avi'}?loop=0&pace=max", "--by", "leaning")
-    assert done.returncode == 0, done.stderr
-    written = tomllib.loads((world.root / "settings" / "lfpipe" / "config.toml").read_text())["camera"]
-    assert written["above_mm"] == pytest.approx(150, abs=15) and abs(written["tilt_deg"]) < 2
 
 
 def test_each_camera_keeps_its_own_focal_length(world: World, scene: Path, clip: Path) -> None:

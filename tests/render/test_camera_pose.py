@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Camera, Config, Render
-from lfpipe.config.camera_pose import EYES_MM, CameraPose, camera_focal_px, pose_from_leaning
-from lfpipe.errors import UserError
+from lfpipe.config.camera_pose import EYES_MM, CameraPose, camera_focal_px
 from lfpipe.eyes import EYES
 from lfpipe.render.viewer import Viewer
 from tests.render import rendered
@@ -70,18 +69,3 @@ def test_leaning_in_does_not_look_like_moving_down(above_mm: float, tilt_deg: fl
     assert abs(with_pose[-1] - with_pose[89]) < 0.1
     worst, was = (max(abs(row - found[89]) for row in found[89:]) for found in (with_pose, without))
     assert worst < 0.5 * was, "and on the way, while the distance is followed"
-
-
-@given(heights, tilts, st.floats(0.0, 2.0))
-def test_the_pose_is_found_from_a_viewer_who_leans_in_and_out(above_mm: float, tilt_deg: float, noise_mm: float) -> None:
-    t, z = math.radians(tilt_deg), np.linspace(750.0, 400.0, 200)
-    noise = np.random.default_rng(3).normal(0, noise_mm, (2, 200))
-    down, depth = above_mm * math.cos(t) - z * math.sin(t), above_mm * math.sin(t) + z * math.cos(t)
-    found_mm, found_deg = pose_from_leaning(down + noise[0], depth + noise[1])
-    assert found_deg == pytest.approx(tilt_deg, abs=0.5)
-    assert found_mm == pytest.approx(above_mm, abs=6.0)
-
-
-def test_who_hardly_leans_is_told_so() -> None:
-    with pytest.raises(UserError, match="lean in and out"):
-        pose_from_leaning(np.full(50, 100.0), np.linspace(600.0, 640.0, 50))

@@ -18,8 +18,8 @@ import pytest
 from lfpipe.errors import UserError
 from lfpipe.host.versions import OPENCV, versions
 from lfpipe.render.replay_writer import PICTURES
-from lfpipe.replay.compare import LEAST_DB, compare, likeness_db
-from lfpipe.replay.report import read_trace
+from lfpipe.replays.compare import LEAST_DB, compare, likeness_db
+from lfpipe.replays.report import read_trace
 from lfpipe.sequence.index import read_index
 from lfpipe.sequence.packets import PacketWriter, decoded, encoded
 

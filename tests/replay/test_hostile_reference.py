@@ -1,4 +1,4 @@
-"""References and budgets that were damaged by chance or on purpose: compared, or refused by file, field and value."""
+"""References that were damaged by chance or on purpose: compared, or refused by file, field and value."""
 
 import json
 import random
@@ -11,11 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.replay import compare as comparison
-from lfpipe.replay.budgets import broken, read_budgets
-from lfpipe.replay.compare import compare
-from lfpipe.replay.report import REPORT, TRACE
-from lfpipe.replay.run import clear_out, update_reference
+from lfpipe.replays import compare as comparison
+from lfpipe.replays.compare import compare
+from lfpipe.replays.report import REPORT, TRACE
+from lfpipe.replays.run import clear_out, update_reference
 from lfpipe.sequence.index import INDEX, PACKETS
 from tests import hostile_files as hostile
 from tests import hostile_sequences
@@ -92,40 +91,6 @@ def test_a_reference_with_thousands_of_other_settings_is_told_in_a_few_lines(run
     (tmp_path / "ref" / REPORT).write_text(json.dumps(report))
     found = [str(each) for each in compare(tmp_path / "ref", run).differences]
     assert len(found) == comparison.MOST_FIELDS + 1 and found[-1].endswith("more keys")
-
-
-BUDGET = '[[budget]]\nfigure = "rate_hz"\nleast = {least}\nmachine = "any"\n[[budget]]\nfigure = "a"\nover = "b"\nmost = 2\n'
-
-
-@settings(max_examples=100)
-@given(seed=st.integers(0, 2**32))
-def test_damaged_budgets_are_read_or_refused(seed: int) -> None:
-    rng = random.Random(seed)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "budgets.toml"
-        text = BUDGET.format(least=rng.choice(hostile.TOML_TEXTS if seed % 2 else ("1",))).encode("utf-8", "surrogatepass")
-        path.write_bytes(hostile.damaged_bytes(rng, text) if seed % 3 else text)
-        try:
-            found = read_budgets(path)
-            assert broken(found, {"rate_hz": 1e308, "a": 1.0, "b": 1e-320}, None) is not None
-        except UserError as error:
-            assert "budget" in error.message and error.remedy and len(str(error)) <= 2000
-
-
-@pytest.mark.parametrize("kind", sorted(set(hostile.NO_FILES)))
-def test_budgets_that_are_no_file(kind: str, tmp_path: Path) -> None:
-    hostile.NO_FILES[kind](tmp_path / "budgets.toml")
-    with pytest.raises(UserError, match=r"budgets\.toml: "):
-        read_budgets(tmp_path / "budgets.toml")
-
-
-def test_all_wrong_budgets_are_named_and_the_message_is_short(tmp_path: Path) -> None:
-    (tmp_path / "b.toml").write_text("".join(f'[[budget]]\nfigure = "f{n}"\n' for n in range(900)))
-    with pytest.raises(UserError, match=r"(?s)entry 1 \(f0\).*entry 5 \(f4\).*and 895 more"):
-        read_budgets(tmp_path / "b.toml")
-    (tmp_path / "b.toml").write_text("budget = [1, {}, []]\n")
-    with pytest.raises(UserError, match=r"(?s)entry 1 is 1, not a table.*entry 2: no figure.*entry 3 is \[\]"):
-        read_budgets(tmp_path / "b.toml")
 
 
 def test_an_update_without_room_leaves_the_reference(run: Path, tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
-"""Budgets, truth and the kept pictures, called as plain functions."""
+"""Truth and the kept pictures, called as plain functions."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,65 +10,9 @@ from hypothesis import strategies as st
 from lfpipe.errors import UserError
 from lfpipe.render import replay_writer
 from lfpipe.render.replay_writer import ReplayWriter
-from lfpipe.replay.budgets import broken, read_budgets
 from lfpipe.sequence.index import read_index
 from lfpipe.sequence.truth import Truth, read_truth
 from lfpipe.transport.ring import Stamp
-
-ROOT = Path(__file__).parents[2]
-REPORT: dict[str, Any] = {"rate_hz": 30.0, "latency": {"track": {"busy": {"p95_ms": 6.0}}, "render": {"busy": {"p95_ms": 3.0}}}}
-
-
-def _budgets(tmp_path: Path, text: str) -> Any:
-    path = tmp_path / "budgets.toml"
-    path.write_text(text)
-    return read_budgets(path)
-
-
-def test_a_broken_budget_names_stage_and_figure(tmp_path: Path) -> None:
-    track = "latency.track.busy.p95_ms"
-    found = _budgets(
-        tmp_path,
-        f'[[budget]]\nfigure = "{track}"\nmost = 5\nmachine = "any"\n[[budget]]\nfigure = "{track}"\nmost = 6\nmachine = "any"\n'
-        f'[[budget]]\nfigure = "{track}"\nmost = 1.9\nover = "latency.render.busy.p95_ms"\n'
-        '[[budget]]\nfigure = "rate_hz"\nleast = 0.9\nover = "reference"\n',
-    )
-    over = broken(found, REPORT, {"rate_hz": 40.0})
-    assert over == [
-        f"track: {track} is 6, above the limit 5 (on any)",
-        f"track: {track} is 2, above the limit 1.9 (x latency.render.busy.p95_ms)",
-        "run: rate_hz is 0.75, below the limit 0.9 (x reference)",
-    ]
-    with pytest.raises(UserError, match="needs a reference"):
-        broken(found, REPORT, None)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("[[budget]]\nmost = 1\n", "entry 1: no figure"),
-        ('[[budget]]\nfigure = "a"\nmachine = "any"\n', "needs a number as most or least"),
-        ('[[budget]]\nfigure = "a"\nmost = true\nmachine = "any"\n', "needs a number as most or least"),
-        ('[[budget]]\nfigure = "a"\nmost = 1\n', "needs over or machine"),
-        ('[[budget]]\nfigure = "a"\nmosst = 1\n', "unknown key 'mosst'"),
-        ("[budget]\n", "expected .*budget.* entries"),
-        ("[[", "not valid TOML"),
-    ],
-)
-def test_a_wrong_budget_is_named(tmp_path: Path, text: str, said: str) -> None:
-    with pytest.raises(UserError, match=said):
-        _budgets(tmp_path, text)
-
-
-def test_the_projects_budgets_name_figures_that_a_report_holds() -> None:
-    report = json.loads((Path(__file__).parent / "reference" / "report.json").read_text())
-    assert isinstance(broken(read_budgets(ROOT / "profiling" / "budgets.toml"), report, None), list)
-
-
-def test_a_figure_that_is_not_there_is_said(tmp_path: Path) -> None:
-    found = _budgets(tmp_path, '[[budget]]\nfigure = "latency.trak"\nmost = 1\nmachine = "any"\n')
-    with pytest.raises(UserError, match=r"latency\.trak is not a figure"):
-        broken(found, REPORT, None)
 
 
 @given(st.integers(0, 1_000_000_000), st.floats(-50, 50), st.floats(-50, 50))

@@ -13,8 +13,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from lfpipe.replay.compare import likeness_db
-from lfpipe.replay.report import Line, pair, read_trace
+from lfpipe.replays.compare import likeness_db
+from lfpipe.replays.report import Line, pair, read_trace
 from tests.world import World
 
 ROOT = Path(__file__).parents[2]

@@ -172,7 +172,6 @@ def test_commands_name_what_is_wrong(short: Path, tmp_path: Path, monkeypatch: p
         (("replay", short, "--update"), "name it with --expect"),
         (("replay", short, "--expect", tmp_path / "none"), "cannot be read"),
         (("replay", short, "--expect", tmp_path, "--pace", "recorded"), "depend on the clock"),
-        (("replay", short, "--budget", tmp_path / "none"), "--budget"),
         (("record", folder, "--camera", "demo"), "already exists"),
         (("sequence", "cut", short, tmp_path / "cut", "--from", "9"), "no frame from 9 s"),
         (("sequence", "import", blocked, tmp_path / "new"), "not a readable video"),

@@ -26,8 +26,8 @@ from lfpipe.cli import cli
 from lfpipe.errors import UserError
 from lfpipe.files.line_file import LineFile
 from lfpipe.files.trace import TraceFile
-from lfpipe.replay.report import about_sequence
-from lfpipe.replay.run import replay_config
+from lfpipe.replays.report import about_sequence
+from lfpipe.replays.run import replay_config
 from lfpipe.sequence import edit
 from lfpipe.sequence.folder import EYES, MANIFEST, TRUTH, open_sequence
 from lfpipe.sequence.index import INDEX, PACKETS

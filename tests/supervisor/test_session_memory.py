@@ -195,7 +195,7 @@ def test_a_monitor_says_that_a_session_is_of_another_version(base: Path, name: s
     (session.run_dir / "session.json").write_text("{}")
     memory = segment.create(session.segment("status"), 1 << 16, session.run_dir)
     segment.buffer(memory)[:8] = b"LFSTAT0\0"
-    for words in (["--once"], ["--json"], ["--csv"]):
+    for words in (["--once"], ["--json"]):
         done = subprocess.run(
             [sys.executable, "-m", "lfpipe", "monitor", "--session", name, *words], capture_output=True, text=True
         )

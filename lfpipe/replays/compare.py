@@ -20,7 +20,7 @@ from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host.descriptors import read_at
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.render.scoring import psnr_db
-from lfpipe.replay.report import REPORT, WRITTEN, Line, pair, read_report, read_trace
+from lfpipe.replays.report import REPORT, WRITTEN, Line, pair, read_report, read_trace
 from lfpipe.sequence.index import INDEX, Packet, read_index
 from lfpipe.sequence.index import PACKETS as PACKET_FILE
 from lfpipe.sequence.packets import decoded, encoded

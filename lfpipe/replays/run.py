@@ -21,7 +21,7 @@ from lfpipe.files.output import written_by_lfpipe
 from lfpipe.files.safe_files import PRIVATE_FOLDER, reason
 from lfpipe.host.paths import is_dir
 from lfpipe.render.replay_writer import PICTURES
-from lfpipe.replay.report import REPORT, STEADY, TRACE, make_report, write_report
+from lfpipe.replays.report import REPORT, STEADY, TRACE, make_report, write_report
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import summarize
 from lfpipe.sequence.folder import MANIFEST

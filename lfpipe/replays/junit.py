@@ -1,4 +1,4 @@
-"""The outcome of a replay as JUnit XML, for CI systems: one test case per part of the comparison, one for budgets."""
+"""The outcome of a replay as JUnit XML, for CI systems: one test case per part of the comparison."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,19 +6,14 @@ from xml.etree import ElementTree
 
 from lfpipe.errors import plain
 from lfpipe.files.output import check_output, write_output
-from lfpipe.replay.compare import PARTS, Difference
+from lfpipe.replays.compare import PARTS, Difference
 
 TEXT_CHARS = 20_000  # of one test case
 
 
-def cases_of(compared: bool, differences: Sequence[Difference], budgets: Sequence[str] | None) -> list[tuple[str, list[str]]]:
-    """(test case, its failures) of a finished replay. budgets: the exceeded ones, None without --budget."""
-    cases: list[tuple[str, list[str]]] = []
-    if compared:
-        cases += [(part, [str(each) for each in differences if each.part == part]) for part in PARTS]
-    if budgets is not None:
-        cases.append(("budgets", list(budgets)))
-    return cases
+def cases_of(compared: bool, differences: Sequence[Difference]) -> list[tuple[str, list[str]]]:
+    """(test case, its failures) of a finished replay; none without a comparison."""
+    return [(part, [str(each) for each in differences if each.part == part]) for part in PARTS] if compared else []
 
 
 def write_junit(path: Path, name: str, cases: Sequence[tuple[str, list[str]]], error: str, seconds: float) -> None:
