@@ -91,7 +91,7 @@ class SessionOptions:
     """Paths are absolute; "" means none.
 
     source, source_hz: the camera or file, fully named. jpeg_px: (width, height) of the JPEGs that it delivers, None without.
-    tracking: whether eyes are tracked. show: whether pictures are made. trace: file of one line per picture. still: file for the
+    tracking: whether eyes are tracked. mouse: no camera, the mouse is the viewer. show: whether pictures are made. trace: file of one line per picture. still: file for the
     last picture. timeline: file of a trace that was started later. record, record_eyes: folder of a running recording.
     pictures, packets: names of rings that exist only on demand. lossless: no frame may be dropped, writers wait for readers.
     lock_step: besides, a frame passes every stage before the next one starts. share: where eyes are sent to, as
@@ -105,6 +105,7 @@ class SessionOptions:
     source_hz: float = 0.0
     jpeg_px: tuple[int, int] | None = None
     tracking: bool = True
+    mouse: bool = False
     show: bool = True
     display: str = "none"
     trace: str = ""

@@ -55,6 +55,18 @@ class DisplayNotice:
     lost: bool
 
 
+@attrs.frozen
+class Pointer:
+    """The mouse over the window. x, y: share of the window, from its top left corner. left, right: buttons held. wheel: steps away
+    from the person since the last call."""
+
+    x: float = 0.5
+    y: float = 0.5
+    left: bool = False
+    right: bool = False
+    wheel: int = 0
+
+
 class Display(Protocol):
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """Puts uint8 (height, width, 3) BGR on the screen, scaled to fit; returns the time of hand-over, monotonic ns.
@@ -83,6 +95,10 @@ class Display(Protocol):
         """Keys and clicks since the last call: names from KEYS, of arrows and Enter, "drop PATH", "click X Y". Call it often: it
         keeps a window alive.
         """
+        ...
+
+    def pointer(self) -> Pointer:
+        """The mouse, as the last call of `events` left it."""
         ...
 
     def notices(self) -> list[DisplayNotice]:
@@ -128,6 +144,9 @@ class NullDisplay:
 
     def events(self) -> list[str]:
         return []
+
+    def pointer(self) -> Pointer:
+        return Pointer()
 
     def notices(self) -> list[DisplayNotice]:
         return []

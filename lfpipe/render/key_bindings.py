@@ -59,6 +59,7 @@ class KeyBindings:
             self._presenter.redraw()
             if not self.menu.takes(event):
                 self._carry_out(event)
+        self._presenter.mouse.follow(self._display.pointer(), now_ns())
         self.pass_on_notices()
         self._follow_width()
         t_ns = now_ns()

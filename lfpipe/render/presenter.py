@@ -1,13 +1,15 @@
-"""Puts pictures on the display: takes the newest eyes, composes only changes, stamps and traces what was shown."""
+"""Puts pictures on the display: takes the newest eyes, composes only changes, and records what was shown.
 
-from __future__ import annotations
+What does not change the next picture happens after the hand-over: counts, reports, trace.
+"""
 
 import time
-from collections.abc import Callable, Hashable
-from functools import partial
+from collections import deque
+from collections.abc import Hashable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,13 +18,13 @@ from lfpipe.config.quality import level_number
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, MAX_HORIZON_S
 from lfpipe.files.trace import TraceFile
+from lfpipe.host.presentation import Presented
 from lfpipe.render.display import Display
 from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.motion_latency import MotionLatency
+from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.outputs import OptionalOutputs, ViewerReports
-from lfpipe.render.pair_layout import Pair
-from lfpipe.render.refresh import LeadTime, ScreenClock
-from lfpipe.render.shown_pictures import HANDOVER, REPLACED, ShownPictures
+from lfpipe.render.refresh import Refresh, ScreenRefresh
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer, Viewpoints
 from lfpipe.transport.clock import MS_NS, now_ns, sleep_until
 from lfpipe.transport.context import Context
@@ -33,12 +35,69 @@ if TYPE_CHECKING:
     from lfpipe.render.replay_writer import ReplayWriter
 
 NO_ROOM = "make room there, or another --out"  # of a replay
+ANSWER_NS = 250 * MS_NS  # a hidden window gets no report
+HANDOVER, REPLACED = "handover", "replaced"
 STALE_NS = 500 * MS_NS  # no camera is that slow: a record so old comes from a tracker that has died
-COST_SHARE = 0.1  # weight of the newest in the running mean of a picture's cost
+HORIZON_NS = int(MAX_HORIZON_S * 1e9)
+
+
+@attrs.define
+class Showing:
+    """What one refresh, or one camera frame, showed. number: of the picture; 0: the one on the screen stayed. stamp: of the frame
+    it was made for, with its measured eyes and the time of tracking; None: nobody was seen yet. target_ns: the refresh it was made
+    for, 0 for none; seen_ns: when a viewer sees it, loop_ns of it for camera and display. t_presented_ns: 0: never seen, or not
+    known yet; by: the protocol that reported it, empty: not known yet."""
+
+    number: int
+    stamp: Stamp | None
+    face: bool
+    raw_px: list[list[float]]
+    t_tracked_ns: int
+    viewpoints: Viewpoints
+    seq: int
+    target_ns: int
+    seen_ns: int
+    loop_ns: int
+    t_sensor_ns: int
+    t_started_ns: int
+    t_composed_ns: int
+    t_handed_ns: int
+    waited_ns: int
+    cost_ns: int
+    more: dict[str, Any]
+    t_presented_ns: int = 0
+    by: str = ""
+
+
+class WaitingPictures:
+    """Pictures between hand-over and light, in their order."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Showing] = deque()
+
+    def add(self, showing: Showing) -> None:
+        """Adds a picture that was handed over, or a refresh that repeats the picture on the screen (`by` is set then)."""
+        self._waiting.append(showing)
+
+    def take(self, answers: Iterable[Presented], by: str, t_ns: int) -> list[Showing]:
+        """Those whose time of display is known at t_ns: their blank, 0 if the next picture replaced them before one, or their
+        hand-over if no report came within ANSWER_NS."""
+        waiting = {showing.number: showing for showing in self._waiting if showing.number and not showing.by}
+        for answer in answers:
+            if (showing := waiting.get(answer.serial)) is not None:
+                showing.t_presented_ns, showing.by = answer.t_ns, by if answer.t_ns else REPLACED
+        known = []
+        while self._waiting and (self._waiting[0].by or t_ns - self._waiting[0].t_handed_ns > ANSWER_NS):
+            showing = self._waiting.popleft()
+            if not showing.by:
+                showing.t_presented_ns, showing.by = showing.t_handed_ns, HANDOVER
+            known.append(showing)
+        return known
 
 
 class Presenter:
-    """One display's pictures. cost_ns: running mean of composing and showing one. picture: the last one, for a screenshot."""
+    """One display's pictures. picture: the last one, for a screenshot. refresh: the display's clock, None with one picture per
+    camera frame. mouse: the viewer without a camera, or while the right button is held. pattern: shown instead of the scene."""
 
     def __init__(self, context: Context, viewer: Viewer, display: Display) -> None:
         self._context, self._viewer, self._display = context, viewer, display
@@ -47,7 +106,7 @@ class Presenter:
         self._record: NDArray[np.void] | None = None
         self._stamp: Stamp | None = None
         self._t_taken_ns = 0
-        self._pending = False  # no picture was made yet for the newest record
+        self._pending = self._fresh = False  # no picture was made yet for the newest record; its eyes are not accounted yet
         self._key: Hashable = None
         trace, began = context.options.trace, context.spec.session.run_dir / "session.json"
         self._trace = TraceFile(Path(trace) if trace else None, self._lost, began if context.row["restarts"] else None)
@@ -58,14 +117,14 @@ class Presenter:
             from lfpipe.render.replay_writer import ReplayWriter
 
             self._replay = ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
-        self.cost_ns = 0
-        self._shown = ShownPictures()
+        self._waiting = WaitingPictures()
         self._latency = MotionLatency()
         self._number = 0
-        self.clock: ScreenClock | None = None  # of a screen that reports its blanks
-        self.lead = LeadTime()
+        self.refresh: Refresh | ScreenRefresh | None = None
+        self.cost_ns = 0  # running mean of composing and showing a picture
+        self.mouse = MouseLook(context, viewer)
         self.picture: NDArray[np.uint8] | None = None
-        self.pattern: GlassesTest | None = None  # shown instead of the scene
+        self.pattern: GlassesTest | None = None
 
     def _lost(self, why: str) -> None:
         if self._context.options.replay:  # a replay needs its trace
@@ -83,11 +142,12 @@ class Presenter:
     def take(self) -> Stamp | None:
         """Reads the newest eyes record if there is one; returns its stamp."""
         stamp = self._eyes.take(self._buffer)
-        if stamp is not None:
+        if stamp is None or self._context.options.mouse:  # then the mouse wrote it, in this process
+            return None
+        if self._pending:
             self.leave_out()
-            self._pending = True
-            self._record, self._stamp, self._t_taken_ns = self._buffer, stamp, now_ns()
-            self._latency.measured(stamp.t_sensor_ns, self._buffer["raw_px"].tolist() if self._buffer["face"] else None)
+        self._pending = self._fresh = True
+        self._record, self._stamp, self._t_taken_ns = self._buffer, stamp, now_ns()
         return stamp
 
     def leave_out(self) -> None:
@@ -100,129 +160,116 @@ class Presenter:
 
         A picture that stays for a refresh is made for the middle of it, where the error over its time is least.
         """
-        t_start_ns = now_ns()
+        t_started_ns = now_ns()
         self._pending = False
-        options = self._context.options  # a file has no light, and without a clock replay.latency_ms is the whole delay
-        on_screen = not options.lossless and not options.display.startswith("file:")
-        loop_ns = int(self._viewer.config.render.loop_ms * 1e6) * on_screen
+        viewer, refresh, options = self._viewer, self.refresh, self._context.options
+        # a file has no light, and without a clock replay.latency_ms is the whole delay
+        lit = not options.lossless and not options.display.startswith("file:")
+        loop_ns = int(viewer.config.render.loop_ms * 1e6) * lit
         seen_ns = target_ns + loop_ns + refresh_ns // 2
-        t_sensor_ns = self._stamp.t_sensor_ns if self._stamp else t_start_ns
-        if self._record is not None and not options.lossless and t_start_ns - t_sensor_ns > STALE_NS:
-            self._record["face"], t_sensor_ns = 0, t_start_ns  # the tracker died or hangs: nobody is seen
-        self._viewer.video_lead_ns = round(VIDEO_LEAD * refresh_ns) if self.clock is not None else 0
-        viewpoints = self._viewer.viewpoints(self._record, t_sensor_ns, seen_ns)
-        key = self._viewer.key(viewpoints)
+        record, stamp = self._record, self._stamp
+        t_sensor_ns = stamp.t_sensor_ns if stamp else t_started_ns
+        if self.mouse.looks:
+            record, stamp = self.mouse.eyes(record, stamp, t_started_ns)
+            t_sensor_ns = t_started_ns
+        elif record is not None and not options.lossless and t_started_ns - t_sensor_ns > STALE_NS:
+            record["face"], t_sensor_ns = 0, t_started_ns  # the tracker died or hangs: nobody is seen
+        on_blanks = refresh is not None and refresh.on_blanks
+        viewer.video_lead_ns = round(VIDEO_LEAD * refresh_ns) if on_blanks else 0
+        viewpoints = viewer.viewpoints(record, t_sensor_ns, seen_ns)
+        key = viewer.key(viewpoints)
         composed = key != self._key or not refresh_ns  # the paper draws for every camera frame
-        pair: Pair | None = None
+        pair = None
         if composed:
-            self.picture, pair = self._viewer.compose(viewpoints), self._viewer.compositor.pair
+            self.picture, pair = viewer.compose(viewpoints), viewer.compositor.pair
             self._key = key
             if self.pattern is not None:
-                self.pattern.draw(self._viewer.config.render, (self._viewer.field.width_px, self._viewer.field.height_px))
+                self.pattern.draw(viewer.config.render, (viewer.field.width_px, viewer.field.height_px))
                 self.picture, pair = self.pattern.picture, self.pattern.pair
         t_composed_ns = now_ns()
-        if refresh_ns:
-            sleep_until(target_ns if self.clock is None else self.lead.earliest_ns(target_ns, self.clock.period_ns))
-        t_shown_ns, cpu_ns = now_ns(), time.process_time_ns()
-        t_handed_ns = t_shown_ns
+        if refresh is not None and refresh_ns:
+            sleep_until(refresh.earliest_ns(target_ns))
+        t_handing_ns, cpu_ns, t_handed_ns, cost_ns = now_ns(), 0, 0, 0
         if composed and self.picture is not None:
-            t_handed_ns = self._display.show(self.picture, pair, self._viewer.config.render.anaglyph)
-        row, stamp = self._context.row, self._stamp
-        measured: tuple[int, int] | None = None
-        if composed:
-            handing_ns = t_handed_ns - t_shown_ns
-            if self.clock is not None:  # a swap may wait for the screen, which is not work
+            cpu_ns = time.process_time_ns() if on_blanks else 0
+            t_handed_ns = self._display.show(self.picture, pair, viewer.config.render.anaglyph)
+            handing_ns = t_handed_ns - t_handing_ns
+            if on_blanks:  # a swap may wait for the screen, which is not work
                 handing_ns = min(handing_ns, time.process_time_ns() - cpu_ns)
-            cost_ns = t_composed_ns - t_start_ns + handing_ns
+            cost_ns = t_composed_ns - t_started_ns + handing_ns
+            self._number += 1
+        face, raw_px, t_tracked_ns, more = False, [], 0, {}
+        if record is not None:
+            face, raw_px, t_tracked_ns = bool(record["face"]), record["raw_px"].tolist(), int(record["t_tracked_ns"])
+        if stamp is not None and record is not None and self._replay is not None:
+            filtered_px, used_px = record["filtered_px"], viewpoints.eyes_px
+            more = self._replay.keep(stamp, filtered_px, used_px, seen_ns, self.picture, composed)
+        showing = Showing(
+            self._number if composed else 0, stamp if record is not None else None, face, raw_px, t_tracked_ns, viewpoints,
+            self._context.row["seq"], target_ns if refresh_ns else 0, seen_ns, loop_ns, t_sensor_ns, t_started_ns, t_composed_ns,
+            t_handed_ns or t_handing_ns, self._t_taken_ns - stamp.t_publish_ns if stamp else 0, cost_ns, more,
+        )  # fmt: skip
+        self._account(showing)
+
+    def _account(self, showing: Showing) -> None:
+        """Counts and reports after the hand-over, and what is known of the display without its reports."""
+        row, stamp, refresh, composed = self._context.row, showing.stamp, self.refresh, bool(showing.number)
+        if self._fresh:
+            self._fresh = False
+            self._latency.measured(showing.t_sensor_ns, showing.raw_px if showing.face else None)
+        if composed:
             self._outputs.picture(self.picture, stamp)
-            self.cost_ns += int(COST_SHARE * (cost_ns - self.cost_ns))
-            if self.clock is not None:
-                self.lead.took(cost_ns + max(t_start_ns - (target_ns - self.lead.ns), 0), self.clock.period_ns)
-            if stamp is not None:
-                measured = self._t_taken_ns - stamp.t_publish_ns, cost_ns
+            self.cost_ns += int(Refresh.COST_SHARE * (showing.cost_ns - self.cost_ns))
+            if refresh is not None:
+                refresh.took(showing.cost_ns, showing.t_started_ns, showing.target_ns, self.cost_ns)
         row.tick(stamp.source_seq if stamp else -1)
         row["cpu_ns"] = time.process_time_ns()
-        line: dict[str, Any] | None = None
-        shown: Callable[[int], None] | None = None
-        if stamp is not None and self._record is not None:
-            row["face"] = int(self._record["face"])
-            if row["face"]:
-                row["t_face_ns"] = t_start_ns
+        if stamp is not None:
+            row["face"] = int(showing.face)
+            if showing.face:
+                row["t_face_ns"] = showing.t_started_ns
+                row.horizon.add_ns(min(showing.seen_ns - showing.t_sensor_ns, HORIZON_NS))
             self._reports.follow_state()
-            if row["face"]:
-                row.horizon.add_ns(min(seen_ns - t_sensor_ns, int(MAX_HORIZON_S * 1e9)))
-            self._outputs.emit_viewpoints(viewpoints, bool(row["face"]))
-            shown = partial(self._was_shown, viewpoints, stamp, bool(row["face"]), composed, seen_ns - target_ns, loop_ns)
-            if self._trace.wanted or self._outputs.traced:
-                line = self._line(stamp, self._record, viewpoints, composed, t_start_ns, t_composed_ns)
-                if self._replay is not None:
-                    filtered_px, used_px = self._record["filtered_px"], viewpoints.eyes_px
-                    line |= self._replay.keep(stamp, filtered_px, used_px, seen_ns, self.picture, composed)
-        self._await_light(target_ns if refresh_ns else 0, composed, t_handed_ns, t_sensor_ns, measured, line, shown)
-        self._reports.follow_parallax()
-
-    def _was_shown(
-        self, viewpoints: Viewpoints, stamp: Stamp, face: bool, composed: bool, after_ns: int, loop_ns: int, t_ns: int
-    ) -> None:
-        """Records a picture presented at t_ns, made for the eyes at after_ns later."""
-        self._outputs.shown(viewpoints, stamp, face, composed, t_ns)
-        if face and composed:
-            self._latency.pictured(t_ns, after_ns, loop_ns, viewpoints.eyes_px.tolist())
-        if loop_ns and self._context.options.display != "none":  # else there is no light, or its delay is unknown
-            self._context.row["onset_ns"], self._context.row["steady_ns"] = self._latency.onset_ns, self._latency.steady_ns
-
-    def _await_light(
-        self,
-        target_ns: int,
-        composed: bool,
-        t_handed_ns: int,
-        t_sensor_ns: int,
-        measured: tuple[int, int] | None,
-        line: dict[str, Any] | None,
-        shown: Callable[[int], None] | None,
-    ) -> None:
-        """Counts and traces a picture once its time of display is known. target_ns: the blank it was made for, 0 for none."""
-
-        def report(t_presented_ns: int, by: str) -> None:
-            seen = by != REPLACED
-            if measured is not None:
-                self._context.row.measure(*measured, t_presented_ns - t_sensor_ns if seen else None)
-            if by not in ("", HANDOVER) and composed and target_ns and self.clock is not None:
-                self._judge(target_ns, t_handed_ns, t_presented_ns)
-            if shown is not None and seen:
-                shown(t_presented_ns)
-            if line is not None:
-                line["t_presented_ns"] = t_presented_ns
-                if by:
-                    line["presented_by"] = by
-                self._trace.write(line)
-                self._outputs.line(line)
-
-        if line is not None:
+            self._outputs.emit_viewpoints(showing.viewpoints, showing.face)
+        if (self._trace.wanted or self._outputs.traced) and stamp is not None:
             self._eyes.done()
         if not self._display.blanks_by:
-            report(t_handed_ns, "")
-            return
-        self._context.row["planned"] += bool(target_ns)
-        if composed:
-            self._number += 1
-            self._shown.add(self._number, t_handed_ns, report)
+            showing.t_presented_ns = showing.t_handed_ns
+            self._report(showing)
         else:
-            self._shown.stays(target_ns or t_handed_ns, self._display.blanks_by, report)
+            row["planned"] += bool(showing.target_ns)
+            if not composed:
+                showing.t_presented_ns, showing.by = showing.target_ns or showing.t_handed_ns, self._display.blanks_by
+            self._waiting.add(showing)
+        self._reports.follow_parallax()
 
-    def _judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> None:
-        """Judges a picture shown at its planned blank, at another one, or never (0) because the next one replaced it."""
-        assert self.clock is not None
-        if not t_presented_ns:
-            self._context.row["juddered"] += 1
-        elif self.clock.measured:
-            self._context.row["juddered"] += self.lead.judge(target_ns, t_handed_ns, t_presented_ns, self.clock.period_ns)
+    def _report(self, showing: Showing) -> None:
+        """Counts and traces a picture whose time of display is known."""
+        row, stamp, composed, t_ns = self._context.row, showing.stamp, bool(showing.number), showing.t_presented_ns
+        seen = showing.by != REPLACED
+        if composed and showing.target_ns and showing.by not in ("", HANDOVER) and self.refresh is not None:
+            row["juddered"] += self.refresh.judge(showing.target_ns, showing.t_handed_ns, t_ns)
+        if stamp is None:
+            return
+        if composed:
+            row.measure(showing.waited_ns, showing.cost_ns, t_ns - showing.t_sensor_ns if seen else None)
+        if seen:
+            self._outputs.shown(showing.viewpoints, stamp, showing.face, composed, t_ns)
+            if showing.face and composed:
+                after_ns = showing.seen_ns - (showing.target_ns or showing.t_handed_ns)
+                self._latency.pictured(t_ns, after_ns, showing.loop_ns, showing.viewpoints.eyes_px.tolist())
+                if showing.loop_ns and self._context.options.display != "none":  # else no light, or its delay is unknown
+                    row["onset_ns"], row["steady_ns"] = self._latency.onset_ns, self._latency.steady_ns
+        if self._trace.wanted or self._outputs.traced:
+            line = self._line(showing, stamp)
+            self._trace.write(line)
+            self._outputs.line(line)
 
     def missed(self, count: int) -> None:
         """Counts refreshes that passed with no new picture begun: the previous one stayed."""
         row = self._context.row
         row["missed"] += count
-        if self.clock is not None:
+        if self._display.blanks_by:
             row["planned"] += count
             row["juddered"] += count
 
@@ -231,48 +278,41 @@ class Presenter:
         if not self._display.blanks_by:
             return
         answers = self._display.presented()
-        if self.clock is not None and answers:
-            self.clock.claim(self._display.nominal_hz())
-            for answer in answers:
-                if answer.t_ns:
-                    self.clock.blank(answer.t_ns, answer.period_ns)
-        self._shown.take(answers, self._display.blanks_by, now_ns())
+        if answers and self.refresh is not None:
+            self.refresh.blanks(answers, self._display.nominal_hz())
+        for showing in self._waiting.take(answers, self._display.blanks_by, now_ns()):
+            self._report(showing)
 
-    def _line(
-        self,
-        stamp: Stamp,
-        record: NDArray[np.void],
-        viewpoints: Viewpoints,
-        composed: bool,
-        t_started_ns: int,
-        t_composed_ns: int,
-    ) -> dict[str, Any]:
-        def sides(pair: Any) -> dict[str, Any]:
-            return {"left": list(pair[0]), "right": list(pair[1])}
-
-        return {
-            "seq": self._context.row["seq"] - 1,
+    def _line(self, showing: Showing, stamp: Stamp) -> dict[str, Any]:
+        (left_px, right_px), (raw_left, raw_right) = showing.viewpoints.eyes_px.tolist(), showing.raw_px
+        line = {
+            "seq": showing.seq,
             "source_seq": stamp.source_seq,
             "epoch": stamp.epoch,
             "t_sensor_ns": stamp.t_sensor_ns,
             "t_read_ns": stamp.t_read_ns,
             "stamp": StampKind(stamp.kind).word,
-            "t_tracked_ns": int(record["t_tracked_ns"]),
-            "t_started_ns": t_started_ns,
-            "t_composed_ns": t_composed_ns,
-            "t_presented_ns": 0,  # known later; the order stays
-            "face": bool(record["face"]),
-            "eyes_raw": sides(record["raw_px"].tolist()),
-            "eyes_used": sides(viewpoints.eyes_px.tolist()),
-            "view": sides((viewpoints.left, viewpoints.right)),
+            "t_tracked_ns": showing.t_tracked_ns,
+            "t_started_ns": showing.t_started_ns,
+            "t_composed_ns": showing.t_composed_ns,
+            "t_presented_ns": showing.t_presented_ns,
+            "face": showing.face,
+            "eyes_raw": {"left": raw_left, "right": raw_right},
+            "eyes_used": {"left": left_px, "right": right_px},
+            "view": {"left": list(showing.viewpoints.left), "right": list(showing.viewpoints.right)},
             "method": self._viewer.method,
             "level": level_number(self._context.options),
-            "composed": composed,
+            "composed": bool(showing.number),
+            **showing.more,
         }
+        if showing.by:
+            line["presented_by"] = showing.by
+        return line
 
     def close(self) -> None:
         """Ends the trace."""
-        self._shown.flush()
+        for showing in self._waiting.take((), self._display.blanks_by, now_ns() + 2 * ANSWER_NS):
+            self._report(showing)
         self._trace.close()
         try:
             if self._replay is not None:

@@ -2,6 +2,7 @@
 
 import math
 
+from lfpipe.host.presentation import Presented
 from lfpipe.transport.clock import MS_NS, SECOND_NS, Ticker
 
 SLACK = 0.2  # of a period, at most 3 ms: tolerated lateness of eyes
@@ -14,8 +15,13 @@ NEAR_RATIO = 0.01  # tolerance of the ratio of both rates to a whole number
 class Refresh:
     """The display's clock, rate_hz, first due at t0_ns."""
 
+    COST_SHARE = 0.1  # weight of the newest in the running mean of a picture's cost
+    MARGIN_NS = MS_NS  # additional lead of composing
+    on_blanks = False
+
     def __init__(self, rate_hz: float, t0_ns: int) -> None:
         self.rate_hz = rate_hz
+        self._cost_ns = 0
         self._ticker = Ticker(rate_hz, t0_ns)
         self._period_ns = 1e9 / rate_hz
         self._camera_period_ns = 0.0
@@ -35,9 +41,40 @@ class Refresh:
         """When the next picture is due on the screen."""
         return self._ticker.due_ns()
 
-    def advance(self, t_ns: int) -> None:
-        """Advances to the next refresh after t_ns."""
+    def lead_ns(self) -> int:
+        """The time before its due time at which a picture must be begun."""
+        return self._cost_ns + self.MARGIN_NS
+
+    def start_ns(self) -> int:
+        """When the next picture must be begun."""
+        return self._ticker.due_ns() - self._cost_ns - self.MARGIN_NS
+
+    def earliest_ns(self, target_ns: int) -> int:
+        """The earliest hand-over of a picture for target_ns."""
+        return target_ns
+
+    def took(self, cost_ns: int, t_started_ns: int, target_ns: int, mean_cost_ns: int) -> None:
+        """Adds what a picture for target_ns cost."""
+        self._cost_ns = mean_cost_ns
+
+    def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
+        """Whether a picture was shown at another refresh than target_ns: unknown without reports."""
+        return False
+
+    def blanks(self, reports: list[Presented], nominal_hz: float) -> None:
+        """Takes reports of the screen: there are none."""
+
+    def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
+        """Takes `render.rate_hz` now in force; nominal_hz: the rate if it is "auto"."""
+        if nominal_hz != self.rate_hz:
+            self.rate_hz, self._period_ns, self._locked = nominal_hz, 1e9 / nominal_hz, False
+            self._ticker = Ticker(nominal_hz, self.due_ns())
+
+    def advance(self, t_ns: int) -> int:
+        """Advances to the next refresh after t_ns; returns how many were missed."""
+        missed = self._ticker.missed
         self._ticker.advance(t_ns)
+        return self._ticker.missed - missed
 
     def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int, lead_ns: int) -> None:
         """Records that new eyes, of that frame, arrived at t_eyes_ns; a picture takes lead_ns from its start to the screen."""
@@ -169,6 +206,8 @@ class ScreenRefresh:
     """Refreshes on a screen's blanks: as `Refresh`, but pictures are due at blanks. limit_hz: at most this many pictures a
     second, 0 for every blank."""
 
+    on_blanks = True
+
     def __init__(self, clock: ScreenClock, lead: LeadTime, limit_hz: float, t0_ns: int) -> None:
         self.clock, self._lead, self._limit_hz = clock, lead, limit_hz
         self._due_ns = t0_ns
@@ -191,8 +230,42 @@ class ScreenRefresh:
         """The time before that blank at which the picture must be begun."""
         return self._lead.ns
 
-    def advance(self, t_ns: int) -> None:
-        """Advances to the next blank whose picture can still be begun in time at t_ns; counts skipped ones as missed."""
+    def start_ns(self) -> int:
+        """When that picture must be begun."""
+        return self.due_ns() - self._lead.ns
+
+    def earliest_ns(self, target_ns: int) -> int:
+        """The earliest hand-over of a picture for the blank target_ns."""
+        return self._lead.earliest_ns(target_ns, self.clock.period_ns)
+
+    def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int, lead_ns: int) -> None:
+        """New eyes arrived: the screen's blanks do not follow them."""
+
+    def took(self, cost_ns: int, t_started_ns: int, target_ns: int, mean_cost_ns: int) -> None:
+        """Adds what a picture for target_ns cost."""
+        self._lead.took(cost_ns + max(t_started_ns - (target_ns - self._lead.ns), 0), self.clock.period_ns)
+
+    def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
+        """Whether a picture was shown at another blank than target_ns, or never (t_presented_ns = 0)."""
+        if not t_presented_ns:
+            return True
+        return self.clock.measured and self._lead.judge(target_ns, t_handed_ns, t_presented_ns, self.clock.period_ns)
+
+    def blanks(self, reports: list[Presented], nominal_hz: float) -> None:
+        """Takes the window system's reports. nominal_hz: the rate that the window's monitor claims."""
+        self.clock.claim(nominal_hz)
+        for report in reports:
+            if report.t_ns:
+                self.clock.blank(report.t_ns, report.period_ns)
+
+    def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
+        """Takes `render.rate_hz` now in force: "auto" is every blank."""
+        self._limit_hz = 0.0 if rate_hz == "auto" else nominal_hz
+
+    def advance(self, t_ns: int) -> int:
+        """Advances to the next blank whose picture can still be begun in time at t_ns; returns how many were skipped, which
+        `missed` counts."""
+        missed = self.missed
         period_ns = self.period_ns
         self._due_ns = self.due_ns() + period_ns
         late_ns = t_ns - (self._due_ns - self._lead.ns)
@@ -201,3 +274,4 @@ class ScreenRefresh:
             passed = math.ceil((late_ns - slack_ns) / period_ns)
             self.missed += passed
             self._due_ns += passed * period_ns
+        return self.missed - missed

@@ -1,128 +1,167 @@
 """Render: one picture for each refresh of the display, or for each camera frame.
 
 Reads: ring "eyes", the newest record; the packed scene named by option "pack".
-Writes: the display of option "display"; the trace of option "trace"; the last picture to option "still".
+Writes: the display of option "display"; the trace of option "trace"; the last picture to option "still"; without a camera, ring
+"eyes" from the mouse.
 Commands: recentre, loading (progress), stop; settings and another scene by configuration, a lowered quality by option "level".
-Asks: set, recentre, load, pause, resume, stop (keys of the window).
+Asks: set, recentre, load, pause, resume, record, stop (keys and bar of the window).
 Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost, exchanged), notice (an output was lost).
 """
 
+import logging
 from pathlib import Path
 
 from lfpipe.config import Config
 from lfpipe.config.quality import lowered
-from lfpipe.render.display import Display, open_display
+from lfpipe.render.display import open_display
 from lfpipe.render.file_display import save
 from lfpipe.render.key_bindings import KeyBindings
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.refresh import Refresh, ScreenClock, ScreenRefresh
+from lfpipe.render.refresh import LeadTime, Refresh, ScreenClock, ScreenRefresh
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, shown_as
-from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 
-MARGIN_NS = MS_NS  # additional lead of composing
+logger = logging.getLogger(__name__)
 
 
-def new_refresh(config: Config, display: Display, presenter: Presenter) -> Refresh | ScreenRefresh:
-    """The display's clock: the screen's blanks if they are reported, else an even rate."""
-    if not display.blanks_by:
-        return Refresh(config.render.nominal_hz, now_ns())
-    presenter.clock = presenter.clock or ScreenClock(display.nominal_hz(), now_ns())
-    limit_hz = 0.0 if config.render.rate_hz == "auto" else config.render.nominal_hz
-    return ScreenRefresh(presenter.clock, presenter.lead, limit_hz, now_ns())
+class RenderStage:
+    """The scene, its viewer and its display, under the configuration in force."""
 
+    def __init__(self, context: Context) -> None:
+        self._context, self._asked, self._options = context, context.config, context.options
+        self._config = lowered(self._asked, self._options)
+        options = self._options
+        with context.setting_up("opening the scene"):
+            self._field = open_pack(Path(options.pack), self._config.scene.half_turn)
+            self._viewer = Viewer(self._field, self._config, bool(options.kiosk))
+        self._keep_choice()
+        # without a clock, pictures depend on the frames alone
+        self.on_camera = (options.lossless or self._config.render.clock == "camera") and options.tracking
+        rate_hz = float(options.source_hz) if self.on_camera else self._asked.render.nominal_hz
+        size_px, monitor = (self._field.width_px, self._field.height_px), str(self._config.screen.monitor)
+        restarts = context.row["restarts"]
+        name = f"lfpipe: {self._field.name}"
+        self._display = open_display(options.display, size_px, name, rate_hz, monitor, restarts, options.kiosk)
+        self._viewer.shown_as_wide(self._display.width_mm())
+        self._presenter = Presenter(context, self._viewer, self._display)
+        self._keys = KeyBindings(context, self._viewer, self._presenter, self._display)
+        if options.start and not restarts:
+            self._keys.menu.open()
+        middle = ((self._field.rows - 1) / 2, (self._field.cols - 1) / 2)
+        self._viewer.compositor.compose(middle, middle)  # builds tables and touches pages before the first picture is due
+        context.row["t_face_ns"] = now_ns()
 
-def lead_ns(refresh: Refresh | ScreenRefresh, presenter: Presenter) -> int:
-    """The time before its due time at which a picture must be begun."""
-    return presenter.cost_ns + MARGIN_NS if isinstance(refresh, Refresh) else refresh.lead_ns()
+    def on_frames(self) -> None:
+        """One picture per camera frame, as in the paper, until the stop."""
+        presenter, context = self._presenter, self._context
+        while context.wait():
+            self._follow_session()
+            fresh = presenter.take()
+            if context.paused:
+                presenter.leave_out()
+            elif fresh is not None:
+                latency_ns = int(self._config.replay.latency_ms * MS_NS)
+                lossless = self._options.lossless
+                presenter.show(fresh.t_sensor_ns + latency_ns if lossless else now_ns() + presenter.cost_ns)
+            self._after_picture()
 
+    def on_refreshes(self) -> None:
+        """One picture per refresh of the display, until the stop."""
+        presenter, context = self._presenter, self._context
+        refresh = presenter.refresh = self._new_refresh()
+        while context.wait(refresh.start_ns()):
+            self._follow_session()
+            refresh.limit(self._config.render.rate_hz, self._config.render.nominal_hz)
+            if (fresh := presenter.take()) is not None:
+                refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns(), refresh.lead_ns())
+            if now_ns() >= refresh.start_ns():
+                if not context.paused:
+                    presenter.show(refresh.due_ns(), refresh.period_ns)
+                presenter.missed(refresh.advance(now_ns()))
+            self._after_picture()
 
-def keep_choice(context: Context, field: LightField) -> None:
-    """Remembers near and far as a person chose them; a replay only applies what was chosen."""
-    if (word := context.config.scene.half_turn) != "auto" and not context.options.lossless:
-        remember(field, word)
+    def _new_refresh(self) -> Refresh | ScreenRefresh:
+        """The display's clock: the screen's blanks if they are reported, else an even rate."""
+        if not self._display.blanks_by:
+            return Refresh(self._config.render.nominal_hz, now_ns())
+        clock = ScreenClock(self._display.nominal_hz(), now_ns())
+        return ScreenRefresh(clock, LeadTime(), 0.0, now_ns())
+
+    def _follow_session(self) -> None:
+        """Applies changes of configuration, scene and quality, and commands."""
+        context, viewer, presenter = self._context, self._viewer, self._presenter
+        old, new = self._options, context.options
+        other_pack = (new.pack, new.complete) != (old.pack, old.complete)
+        if other_pack or context.config != self._asked:
+            with context.setting_up("opening the scene"):
+                self._open_scene(other_pack)
+            presenter.redraw()
+        elif context.options is not self._options:
+            self._options = context.options
+            config: Config = lowered(self._asked, context.options)
+            if config != self._config:
+                self._config = config
+                logger.info("quality: %s at %s Hz", config.render.method, config.render.rate_hz)
+                viewer.redraw_by(config)
+                presenter.redraw()
+        presenter.follow(context.options)
+        context.ack_config()
+        for word, message in context.commands():
+            if word == "recentre":
+                if not presenter.mouse.recentre():
+                    viewer.recentre()
+                presenter.redraw()
+            elif word == "loading":
+                self._keys.scenes.report(message)
+            elif not word:
+                self._keys.scenes.answered(message)
+
+    def _open_scene(self, other_pack: bool) -> None:
+        """Takes over configuration and options, with their scene. other_pack: it was packed anew, or further."""
+        context, half_turn = self._context, self._context.config.scene.half_turn
+        completed = context.options.pack == self._options.pack and context.config == self._asked
+        if other_pack:
+            self._field = open_pack(Path(context.options.pack), half_turn)
+            logger.info("scene %s%s", context.options.pack, "" if context.options.complete else ", views only")
+        elif half_turn != self._asked.scene.half_turn:
+            self._field = shown_as(self._field, half_turn)
+        self._keep_choice()
+        self._asked, self._options = context.config, context.options
+        self._config = lowered(self._asked, self._options)
+        (self._viewer.complete if completed else self._viewer.set)(self._field, self._config)
+
+    def _keep_choice(self) -> None:
+        """Remembers near and far as a person chose them; a replay only applies what was chosen."""
+        if (word := self._context.config.scene.half_turn) != "auto" and not self._context.options.lossless:
+            remember(self._field, word)
+
+    def _after_picture(self) -> None:
+        self._keys.serve()
+        self._presenter.follow_screen()
+
+    def close(self) -> None:
+        """Writes what is left to write."""
+        if self._options.still and self._presenter.picture is not None:
+            if failure := save(Path(self._options.still), self._presenter.picture):
+                self._context.report_lost(failure)
+            else:
+                self._context.emit("notice", text=f"picture saved as {self._options.still}")
+        self._presenter.close()
+        self._display.close()
+        self._keys.pass_on_notices()
 
 
 def main(context: Context) -> None:
     """Runs the stage until the stop command."""
-    asked, options = context.config, context.options
-    config = lowered(asked, options)
-    with context.setting_up("opening the scene"):
-        field = open_pack(Path(options.pack), config.scene.half_turn)
-        viewer = Viewer(field, config, bool(options.kiosk))
-    keep_choice(context, field)
-    lossless = options.lossless  # then pictures depend on the frames alone, not on a clock
-    on_camera = (lossless or config.render.clock == "camera") and options.tracking
-    full_hz = float(options.source_hz) if on_camera else asked.render.nominal_hz
-    size_px, monitor = (field.width_px, field.height_px), str(config.screen.monitor)
-    part = context.row["restarts"]
-    display = open_display(options.display, size_px, f"lfpipe: {field.name}", full_hz, monitor, part, options.kiosk)
-    viewer.shown_as_wide(display.width_mm())
-    presenter = Presenter(context, viewer, display)
-    keys = KeyBindings(context, viewer, presenter, display)
-    if options.start and not part:
-        keys.menu.open()
-    refresh = None if on_camera else new_refresh(config, display, presenter)
-    middle = ((field.rows - 1) / 2, (field.cols - 1) / 2)
-    viewer.compositor.compose(middle, middle)  # builds tables and touches pages before the first picture is due
-    context.row["t_face_ns"] = now_ns()
+    stage = RenderStage(context)
     context.ready()
     try:
-        while context.wait(None if refresh is None else refresh.due_ns() - lead_ns(refresh, presenter)):
-            if (context.options.pack, context.options.complete) != (options.pack, options.complete) or context.config != asked:
-                with context.setting_up("opening the scene"):
-                    if (context.options.pack, context.options.complete) != (options.pack, options.complete):
-                        field = open_pack(Path(context.options.pack), context.config.scene.half_turn)
-                    elif context.config.scene.half_turn != asked.scene.half_turn:
-                        field = shown_as(field, context.config.scene.half_turn)
-                    keep_choice(context, field)
-                    completed = context.options.pack == options.pack and context.config == asked
-                    asked, options = context.config, context.options
-                    config = lowered(asked, options)
-                    (viewer.complete if completed else viewer.set)(field, config)
-                presenter.redraw()
-            elif (now := lowered(asked, context.options)) != config:
-                if refresh is not None and now.render.rate_hz != config.render.rate_hz:
-                    refresh = new_refresh(now, display, presenter)
-                config = now
-                viewer.redraw_by(config)
-                presenter.redraw()
-            presenter.follow(context.options)
-            context.ack_config()
-            for word, message in context.commands():
-                if word == "recentre":
-                    viewer.recentre()
-                    presenter.redraw()
-                elif word == "loading":
-                    keys.scenes.report(message)
-                elif not word:
-                    keys.scenes.answered(message)
-            fresh = presenter.take()
-            if fresh is not None and isinstance(refresh, Refresh):
-                refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns(), lead_ns(refresh, presenter))
-            if refresh is None:
-                if context.paused:
-                    presenter.leave_out()
-                elif fresh is not None:
-                    latency_ns = int(config.replay.latency_ms * MS_NS)
-                    presenter.show(fresh.t_sensor_ns + latency_ns if lossless else now_ns() + presenter.cost_ns)
-            elif now_ns() >= refresh.due_ns() - lead_ns(refresh, presenter):
-                if not context.paused:
-                    presenter.show(refresh.due_ns(), refresh.period_ns)
-                before = refresh.missed
-                refresh.advance(now_ns())
-                presenter.missed(refresh.missed - before)
-            keys.serve()  # after the picture: keys can wait for the next one
-            presenter.follow_screen()
+        if stage.on_camera:
+            stage.on_frames()
+        else:
+            stage.on_refreshes()
     finally:
-        if options.still and presenter.picture is not None:
-            if failure := save(Path(options.still), presenter.picture):
-                context.report_lost(failure)
-            else:
-                context.emit("notice", text=f"picture saved as {options.still}")
-        presenter.close()
-        display.close()
-        keys.pass_on_notices()
+        stage.close()

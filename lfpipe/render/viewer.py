@@ -68,6 +68,7 @@ class Viewer:
         self._easing = EyeEasing()
         self._idle = IdleMotion() if exhibition else None
         self._shown_mm: float | None = None
+        self.neutral_is_fixed = False  # the viewer is the mouse, which says itself where the neutral position is
         self.shown: Viewpoints | None = None  # the last viewpoints
         self.set(field, config)
 
@@ -198,7 +199,7 @@ class Viewer:
         here = None if eyes_px is None else Rest(x_px, y_px, self._near_px)
         beyond = eyes_px is not None and solver.beyond(eyes_px)
         rest = self.presence.update(t_sensor_ns, here, int(record["generation"]), beyond)
-        if rest is not None and self._auto:
+        if rest is not None and self._auto and not self.neutral_is_fixed:
             self._target_px = np.array((rest.x_px, rest.y_px))
             self._choose(rest.apart_px)
 

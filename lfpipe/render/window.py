@@ -4,6 +4,7 @@ import contextlib
 import time
 from collections.abc import Callable
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +12,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.presentation import Presentation, Presented
 from lfpipe.render import window_system
-from lfpipe.render.display import KEYS, DisplayNotice
+from lfpipe.render.display import KEYS, DisplayNotice, Pointer
 from lfpipe.render.monitors import Monitor, find_monitor, monitor_of, monitors
 from lfpipe.render.overlay import panel
 from lfpipe.render.painters import Painter, Panels, open_painter
@@ -19,6 +20,7 @@ from lfpipe.render.pair_layout import Pair, laid_out
 from lfpipe.render.window_system import KeyLock, nominal_hz, open_presentation, pygame
 
 SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of the monitor's width; the first window enlarges small light fields
+MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
 HINT_S = 6.0
 SCREEN_SHARE, MENU_SHARE = 0.85, 0.9  # of the monitor, at most, for a window; of the window for a menu
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: TEXT_PX is too small on a fine monitor
@@ -83,6 +85,7 @@ class Window:
         self._menu_of: Callable[[tuple[int, int]], pygame.Surface] | None = None
         self._menu: pygame.Surface | None = None
         self._pair: Pair | None = None
+        self._pointer = Pointer()
         self._how = ""
         self._laid: NDArray[np.uint8] | None = None
         self._make_panel()
@@ -216,6 +219,8 @@ class Window:
             elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._menu is not None:
                 (x, y), scale = self._menu_at(), self._painter.size_px()[0] / self._window.size[0]
                 pressed.append(f"click {round(event.pos[0] * scale) - x} {round(event.pos[1] * scale) - y}")
+            elif event.type in MOUSE and not self._lock:
+                self._pointer = self._moved(event)
             elif event.type == pygame.DROPFILE:
                 pressed.append(f"drop {event.file}".rstrip())
             elif event.type == pygame.WINDOWEXPOSED:
@@ -239,6 +244,22 @@ class Window:
         if again or resized:
             self._draw()
         return pressed
+
+    def pointer(self) -> Pointer:
+        """See `Display.pointer`."""
+        pointer, self._pointer = self._pointer, attrs.evolve(self._pointer, wheel=0)
+        return pointer
+
+    def _moved(self, event: pygame.Event) -> Pointer:
+        """The pointer after an event of the mouse."""
+        if event.type == pygame.MOUSEWHEEL:
+            return attrs.evolve(self._pointer, wheel=self._pointer.wheel + event.y)
+        width, height = self._window.size
+        x, y = min(max(event.pos[0] / width, 0.0), 1.0), min(max(event.pos[1] / height, 0.0), 1.0)
+        held = {"left": self._pointer.left, "right": self._pointer.right}
+        if event.type != pygame.MOUSEMOTION and event.button in (1, 3):
+            held["left" if event.button == 1 else "right"] = event.type == pygame.MOUSEBUTTONDOWN
+        return Pointer(x, y, **held, wheel=self._pointer.wheel)
 
     def notices(self) -> list[DisplayNotice]:
         return []

@@ -1,0 +1,109 @@
+"""The mouse as the viewer: without a camera, and with one while the right button is held.
+
+The pointer's place over the window is the place of the eyes before the grid of views: at the left edge they see the leftmost view,
+at the top the topmost. The wheel is the distance, dragging moves the neutral position, and the eyes follow as smoothly as a head.
+"""
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config.camera_pose import EYES_MM, camera_focal_px
+from lfpipe.eyes import EYES
+from lfpipe.render.display import Pointer
+from lfpipe.render.geometry import SEAT_MM
+from lfpipe.render.viewer import Viewer
+from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.context import Context
+from lfpipe.transport.ring import Stamp
+from lfpipe.transport.ring_ends import RingOutput
+
+EASE_S = 0.06  # time constant of two low-passes in a row: a move of the mouse becomes one of a head
+BACK_NS = SECOND_NS // 2  # the way back to the camera's eyes
+NEAR_MM, FAR_MM, STEP = 250.0, 4000.0, 1.1  # range of the wheel, and one of its steps
+
+
+class MouseLook:
+    """Makes eyes records from the pointer. Is the writer of ring "eyes" in a session without a camera (option "mouse")."""
+
+    def __init__(self, context: Context, viewer: Viewer) -> None:
+        self._context, self._viewer = context, viewer
+        self._pointer = Pointer()
+        self._anchor = 0.5, 0.5  # where the pointer must be for the neutral position
+        self._focal_px = camera_focal_px(context.config, context.config.camera.width_px)
+        distance_mm = context.config.screen.distance_mm
+        self._distance_mm = SEAT_MM if distance_mm == "auto" else float(distance_mm)
+        self._middle_px: NDArray[np.float64] | None = None  # of the eyes, eased
+        self._between_px: NDArray[np.float64] | None = None  # the same after one low-pass only
+        self._t_ns = self._released_ns = 0
+        self._alone = context.options.mouse
+        self._ring: RingOutput | None = context.output("eyes") if self._alone else None
+        self._count = 0
+        viewer.neutral_is_fixed = self._alone
+
+    @property
+    def looks(self) -> bool:
+        """Whether the mouse is the viewer now."""
+        return self._alone or self._pointer.right or self._middle_px is not None
+
+    def follow(self, pointer: Pointer, t_ns: int) -> None:
+        """Takes the pointer's state at t_ns."""
+        before, self._pointer = self._pointer, pointer
+        if pointer.left and before.left and self.looks:
+            self._anchor = self._anchor[0] + pointer.x - before.x, self._anchor[1] + pointer.y - before.y
+        if pointer.wheel and self.looks:
+            self._distance_mm = min(max(self._distance_mm * STEP**-pointer.wheel, NEAR_MM), FAR_MM)
+        if before.right and not pointer.right:
+            self._released_ns = t_ns
+
+    def recentre(self) -> bool:
+        """Makes the pointer's place the neutral one; returns whether the mouse is the viewer."""
+        if self._alone:
+            self._anchor = self._pointer.x, self._pointer.y
+        return self._alone
+
+    def eyes(self, record: NDArray[np.void] | None, stamp: Stamp | None, t_ns: int) -> tuple[NDArray[np.void], Stamp]:
+        """The record and stamp of the eyes at t_ns. record, stamp: of the camera, if there is one."""
+        size_px, solver = self._context.config.camera.frame_px, self._viewer.solver
+        camera_px = None
+        if record is not None and record["face"]:
+            camera_px = record["filtered_px"].mean(axis=0)
+        centre_px = np.array(size_px) / 2.0 if solver is None or self._alone else np.array(solver.centre_px)
+        target_px = centre_px
+        if not self._alone and not self._pointer.right:
+            target_px = centre_px if camera_px is None else camera_px
+        elif solver is not None:
+            field = self._viewer.field
+            x, y = self._pointer.x - self._anchor[0], self._pointer.y - self._anchor[1]
+            across, down = max(field.cols - 1, 1) * solver.alpha_px, max(field.rows - 1, 1) * solver.alpha_px
+            target_px = centre_px + (-x * across, y * down)  # who moves right is further left in the camera's picture
+        if self._middle_px is None or self._between_px is None:
+            self._middle_px = self._between_px = centre_px if camera_px is None else camera_px
+            self._t_ns = t_ns
+        ratio = max(t_ns - self._t_ns, 0) / 1e9 / EASE_S
+        self._t_ns = t_ns
+        self._between_px = self._between_px + (target_px - self._between_px) * ratio / (1 + ratio)
+        self._middle_px = self._middle_px + (self._between_px - self._middle_px) * ratio / (1 + ratio)
+        made, made_stamp = self._record(record, target_px), stamp
+        if self._alone or made_stamp is None:
+            self._count += 1
+            made_stamp = Stamp(self._count, self._count, 0, t_ns, t_ns, t_ns, 0)
+        if self._ring is not None:
+            self._ring.begin()[...] = made
+            self._ring.publish(self._count, t_ns, t_ns, 0, 0)
+        if not self._alone and not self._pointer.right and t_ns - self._released_ns > BACK_NS:
+            self._middle_px = None  # the camera's eyes again
+        return made, made_stamp
+
+    def _record(self, record: NDArray[np.void] | None, target_px: NDArray[np.float64]) -> NDArray[np.void]:
+        made = np.zeros((), EYES) if record is None else record.copy()
+        apart_px = self._focal_px * EYES_MM / self._distance_mm
+        if not self._alone and record is not None and record["face"]:
+            apart_px = float(record["apart_px"]) or float(np.hypot(*(record["filtered_px"][0] - record["filtered_px"][1])))
+        half = np.array([[apart_px / 2, 0.0], [-apart_px / 2, 0.0]])
+        assert self._middle_px is not None
+        made["raw_px"], made["filtered_px"], made["velocity_px_s"] = target_px + half, self._middle_px + half, 0.0
+        made["apart_px"], made["confidence"], made["face"] = apart_px, 1.0, 1
+        made["width_px"], made["height_px"] = self._context.config.camera.frame_px
+        made["t_tracked_ns"] = self._t_ns
+        return made
