@@ -10,6 +10,7 @@ from lfpipe.capture.frame_source import FrameSource, SourceInfo, decoding, orien
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
 from lfpipe.errors import UserError
 
+MOUSE = "mouse"
 CAMERA_S, FILE_S = 15.0, 60.0  # longest time a source may take to open
 
 
@@ -81,7 +82,7 @@ def open_reconnecting(text: str, camera: config.Camera) -> FrameSource:
 
 @attrs.frozen
 class CheckedSource:
-    """A source that has been opened once. text: its definite name. jpeg_px: (width, height) of its JPEGs, None if it
+    """A source that has been opened once. text: its definite name, or MOUSE. jpeg_px: (width, height) of its JPEGs, None if it
     delivers none.
     """
 
@@ -92,9 +93,15 @@ class CheckedSource:
     @property
     def options(self) -> config.SessionOptions:
         """Options of a session on this source; text "" for none."""
-        spec = parse_source(self.text) if self.text else None
+        spec = parse_source(self.text) if self.text and not self.is_mouse else None
         lossless = isinstance(spec, FileSpec) and spec.pace == "max"
-        return config.SessionOptions(source=self.text, source_hz=self.rate_hz, jpeg_px=self.jpeg_px, lossless=lossless)
+        options = config.SessionOptions(source=self.text, source_hz=self.rate_hz, jpeg_px=self.jpeg_px, lossless=lossless)
+        return attrs.evolve(options, mouse=self.is_mouse, tracking=not self.is_mouse)
+
+    @property
+    def is_mouse(self) -> bool:
+        """Whether the mouse is the viewer: there is no camera."""
+        return self.text == MOUSE
 
 
 def _tried(text: str, camera: config.Camera) -> SourceInfo:

@@ -173,7 +173,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     field, scenes = opening.field, opening.scenes
     config = _with_measured_focal(config, camera)
     scene = summarize(field)
-    config = _with_engine(config) if scene.needs_tracking else config
+    config = _with_engine(config) if scene.needs_tracking and not camera.is_mouse else config
     check_geometry(config, scene)
     if arguments.scenes and arguments.kiosk is None and not arguments.start:
         remember_scene(scenes[0])
@@ -182,7 +182,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     options = attrs.evolve(
         camera.options,
         scene=scene,
-        tracking=scene.needs_tracking,
+        tracking=scene.needs_tracking and not camera.is_mouse,
         display=display,
         kiosk=arguments.kiosk or "",
         visits=str(arguments.visits.resolve()) if arguments.visits else "",
@@ -192,7 +192,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         still=str(still.resolve()) if still else "",
         share=share,
     )
-    loop = loop_lines(config, camera.text, display)
+    loop = [] if camera.is_mouse else loop_lines(config, camera.text, display)
     for line in (*startup_lines(config, field, plan, camera.text, display), *loop, *sharing_lines(share)):
         say(line)
     duration_s = arguments.duration_s or (DEMO_S if no_screen else None)
@@ -222,7 +222,7 @@ def _checked(
     arguments: UpArguments, config: Config, display: str, opened: Callable[[], Opened] | None
 ) -> tuple[Opened | None, CheckedSource, tuple[str, ...]]:
     """The scene, the source of frames, and the targets to share with. Raises one UserError for all mistakes in the arguments."""
-    from lfpipe.capture.open_source import CheckedSource, check_source
+    from lfpipe.capture.open_source import CheckedSource
     from lfpipe.capture.spec import source_file
     from lfpipe.files.output import check_outputs
     from lfpipe.render.display import check_display
@@ -243,7 +243,7 @@ def _checked(
     opening: Opened | None = None if opened is None else attempt(opened)
     # a single view needs no eyes, and no camera
     single = opening is not None and opening.field.rows * opening.field.cols == 1 and len(opening.scenes) < 2
-    found = CheckedSource("", 0.0) if single else attempt(lambda: check_source(_once(camera, display), config.camera))
+    found = CheckedSource("", 0.0) if single else attempt(lambda: _source(camera, display, config, arguments.kiosk is not None))
     attempt(lambda: check_display(display, str(config.screen.monitor)))
     share = attempt(lambda: check_targets(arguments.share))
     if single and arguments.share:
@@ -263,6 +263,28 @@ def _checked(
     return opening, found, share
 
 
+def _source(camera: str, display: str, config: Config, kiosk: bool) -> CheckedSource:
+    """The source of frames; without a camera, the mouse over a window, but not in an exhibition, which has none. Raises
+    UserError."""
+    from lfpipe.capture.open_source import MOUSE, CheckedSource, NoCamera, check_source
+
+    has_mouse = display in ("window", "fullscreen") and not kiosk
+    if camera == MOUSE:
+        if has_mouse:
+            return CheckedSource(MOUSE, 0.0)
+        where = "--kiosk" if kiosk else f"--display {display}"
+        raise UserError(
+            f"--camera mouse with {where}: there is no mouse", "use --display window, or another source: --camera demo"
+        )
+    try:
+        return check_source(_once(camera, display), config.camera)
+    except NoCamera:
+        if not has_mouse:
+            raise
+        say("no camera: move the mouse to look around")
+        return CheckedSource(MOUSE, 0.0)
+
+
 def _once(camera: str, display: str) -> str:
     """The source. If pictures go to a file, a source file without ?loop= plays once and then ends the session."""
     from lfpipe.capture.spec import playing_once
@@ -275,4 +297,4 @@ def _with_measured_focal(config: Config, camera: CheckedSource) -> Config:
     from lfpipe.capture.open_source import camera_name
     from lfpipe.config.camera_file import with_measured_focal
 
-    return with_measured_focal(config, camera_name(camera.text)) if camera.text else config
+    return with_measured_focal(config, camera_name(camera.text)) if camera.text and not camera.is_mouse else config

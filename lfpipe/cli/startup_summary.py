@@ -37,7 +37,9 @@ def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, di
     return [
         f"scene   {field.name}: {field.rows}x{field.cols} views of {field.width_px}x{field.height_px}",
         f"plan    views by {plan.method}{left_out}",
-        f"camera  {camera}; eyes by {config.track.engine}, filter {config.track.filter}",
+        "camera  none, and no tracking: move the mouse to look around"
+        if camera == "mouse"
+        else f"camera  {camera}; eyes by {config.track.engine}, filter {config.track.filter}",
         f"alpha   {chosen.alpha_px:.1f} px/view ({asked}): {chosen.views_between_eyes:.1f} views between the eyes{depth}",
         f"picture {render.anaglyph} in {render.light} light, {clock}, to {display}{by}",
     ]

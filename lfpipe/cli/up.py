@@ -25,7 +25,7 @@ Examples:
     "camera",
     metavar="SRC",
     shell_complete=completions.sources,
-    help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo.",
+    help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ], demo or mouse.",
 )
 @click.option(
     "--display",

@@ -57,8 +57,8 @@ class DisplayNotice:
 
 @attrs.frozen
 class Pointer:
-    """The mouse over the window. x, y: share of the window, from its top left corner. left, right: buttons held. wheel: steps away
-    from the person since the last call."""
+    """The mouse over the window. x, y: share of the window, from its top left corner. left, right: buttons held. wheel: steps
+    away from the person since the last call."""
 
     x: float = 0.5
     y: float = 0.5

@@ -1,20 +1,20 @@
 """The mouse as the viewer: without a camera, and with one while the right button is held.
 
-The pointer's place over the window is the place of the eyes before the grid of views: at the left edge they see the leftmost view,
-at the top the topmost. The wheel is the distance, dragging moves the neutral position, and the eyes follow as smoothly as a head.
+The pointer's place over the window is the place of the eyes before the grid of views: at the left edge they see the leftmost
+view, at the top the topmost. The wheel is the distance, dragging moves the neutral position, and the eyes follow as smoothly as a
+head.
 """
 
-import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import Config
 from lfpipe.config.camera_pose import EYES_MM, camera_focal_px
 from lfpipe.eyes import EYES
 from lfpipe.render.display import Pointer
 from lfpipe.render.geometry import SEAT_MM
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS
-from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 from lfpipe.transport.ring_ends import RingOutput
 
@@ -24,20 +24,19 @@ NEAR_MM, FAR_MM, STEP = 250.0, 4000.0, 1.1  # range of the wheel, and one of its
 
 
 class MouseLook:
-    """Makes eyes records from the pointer. Is the writer of ring "eyes" in a session without a camera (option "mouse")."""
+    """Makes eyes records from the pointer. ring: "eyes", which it writes in a session without a camera; None with a camera."""
 
-    def __init__(self, context: Context, viewer: Viewer) -> None:
-        self._context, self._viewer = context, viewer
+    def __init__(self, config: Config, viewer: Viewer, ring: RingOutput | None) -> None:
+        self._viewer, self._size_px = viewer, config.camera.frame_px
         self._pointer = Pointer()
         self._anchor = 0.5, 0.5  # where the pointer must be for the neutral position
-        self._focal_px = camera_focal_px(context.config, context.config.camera.width_px)
-        distance_mm = context.config.screen.distance_mm
+        self._focal_px = camera_focal_px(config, self._size_px[0])
+        distance_mm = config.screen.distance_mm
         self._distance_mm = SEAT_MM if distance_mm == "auto" else float(distance_mm)
         self._middle_px: NDArray[np.float64] | None = None  # of the eyes, eased
         self._between_px: NDArray[np.float64] | None = None  # the same after one low-pass only
         self._t_ns = self._released_ns = 0
-        self._alone = context.options.mouse
-        self._ring: RingOutput | None = context.output("eyes") if self._alone else None
+        self._ring, self._alone = ring, ring is not None
         self._count = 0
         viewer.neutral_is_fixed = self._alone
 
@@ -64,11 +63,11 @@ class MouseLook:
 
     def eyes(self, record: NDArray[np.void] | None, stamp: Stamp | None, t_ns: int) -> tuple[NDArray[np.void], Stamp]:
         """The record and stamp of the eyes at t_ns. record, stamp: of the camera, if there is one."""
-        size_px, solver = self._context.config.camera.frame_px, self._viewer.solver
+        solver = self._viewer.solver
         camera_px = None
         if record is not None and record["face"]:
             camera_px = record["filtered_px"].mean(axis=0)
-        centre_px = np.array(size_px) / 2.0 if solver is None or self._alone else np.array(solver.centre_px)
+        centre_px = np.array(self._size_px) / 2.0 if solver is None or self._alone else np.array(solver.centre_px)
         target_px = centre_px
         if not self._alone and not self._pointer.right:
             target_px = centre_px if camera_px is None else camera_px
@@ -76,7 +75,7 @@ class MouseLook:
             field = self._viewer.field
             x, y = self._pointer.x - self._anchor[0], self._pointer.y - self._anchor[1]
             across, down = max(field.cols - 1, 1) * solver.alpha_px, max(field.rows - 1, 1) * solver.alpha_px
-            target_px = centre_px + (-x * across, y * down)  # who moves right is further left in the camera's picture
+            target_px = centre_px + np.array((-x * across, y * down))  # who moves right is further left in the camera's picture
         if self._middle_px is None or self._between_px is None:
             self._middle_px = self._between_px = centre_px if camera_px is None else camera_px
             self._t_ns = t_ns
@@ -104,6 +103,6 @@ class MouseLook:
         assert self._middle_px is not None
         made["raw_px"], made["filtered_px"], made["velocity_px_s"] = target_px + half, self._middle_px + half, 0.0
         made["apart_px"], made["confidence"], made["face"] = apart_px, 1.0, 1
-        made["width_px"], made["height_px"] = self._context.config.camera.frame_px
+        made["width_px"], made["height_px"] = self._size_px
         made["t_tracked_ns"] = self._t_ns
         return made

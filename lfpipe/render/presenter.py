@@ -44,9 +44,9 @@ HORIZON_NS = int(MAX_HORIZON_S * 1e9)
 @attrs.define
 class Showing:
     """What one refresh, or one camera frame, showed. number: of the picture; 0: the one on the screen stayed. stamp: of the frame
-    it was made for, with its measured eyes and the time of tracking; None: nobody was seen yet. target_ns: the refresh it was made
-    for, 0 for none; seen_ns: when a viewer sees it, loop_ns of it for camera and display. t_presented_ns: 0: never seen, or not
-    known yet; by: the protocol that reported it, empty: not known yet."""
+    it was made for, with its measured eyes and the time of tracking; None: nobody was seen yet. target_ns: the refresh it was
+    made for, 0 for none; seen_ns: when a viewer sees it, loop_ns of it for camera and display. t_presented_ns: 0: never seen, or
+    not known yet; by: the protocol that reported it, empty: not known yet."""
 
     number: int
     stamp: Stamp | None
@@ -95,6 +95,14 @@ class WaitingPictures:
         return known
 
 
+def _replay_writer(options: SessionOptions) -> "ReplayWriter | None":
+    if options.replay is None:
+        return None
+    from lfpipe.render.replay_writer import ReplayWriter
+
+    return ReplayWriter(Path(options.replay.folder), options.replay.sequence, options.replay.pictures)
+
+
 class Presenter:
     """One display's pictures. picture: the last one, for a screenshot. refresh: the display's clock, None with one picture per
     camera frame. mouse: the viewer without a camera, or while the right button is held. pattern: shown instead of the scene."""
@@ -112,17 +120,13 @@ class Presenter:
         self._trace = TraceFile(Path(trace) if trace else None, self._lost, began if context.row["restarts"] else None)
         self._outputs = OptionalOutputs(context, viewer)
         self._reports = ViewerReports(context, viewer)
-        self._replay: ReplayWriter | None = None
-        if replay := context.options.replay:
-            from lfpipe.render.replay_writer import ReplayWriter
-
-            self._replay = ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
+        self._replay = _replay_writer(context.options)
         self._waiting = WaitingPictures()
         self._latency = MotionLatency()
         self._number = 0
         self.refresh: Refresh | ScreenRefresh | None = None
         self.cost_ns = 0  # running mean of composing and showing a picture
-        self.mouse = MouseLook(context, viewer)
+        self.mouse = MouseLook(context.config, viewer, context.output("eyes") if context.options.mouse else None)
         self.picture: NDArray[np.uint8] | None = None
         self.pattern: GlassesTest | None = None
 
@@ -207,7 +211,7 @@ class Presenter:
         showing = Showing(
             self._number if composed else 0, stamp if record is not None else None, face, raw_px, t_tracked_ns, viewpoints,
             self._context.row["seq"], target_ns if refresh_ns else 0, seen_ns, loop_ns, t_sensor_ns, t_started_ns, t_composed_ns,
-            t_handed_ns or t_handing_ns, self._t_taken_ns - stamp.t_publish_ns if stamp else 0, cost_ns, more,
+            t_handed_ns or t_handing_ns, max(self._t_taken_ns - stamp.t_publish_ns, 0) if stamp else 0, cost_ns, more,
         )  # fmt: skip
         self._account(showing)
 

@@ -213,7 +213,9 @@ class Viewer:
         wanted = self.parallax.views_between_eyes
         self._views = self._views + (wanted - self._views) * _share(dt_s, NEUTRAL_S) if self._views else wanted
         solver.alpha_px = self._apart_px / self._views
-        if self.presence.state in (ViewerState.ARRIVING, ViewerState.EXCHANGED):
+        if self.neutral_is_fixed:
+            pass
+        elif self.presence.state in (ViewerState.ARRIVING, ViewerState.EXCHANGED):
             if eyes_px is not None:
                 self._centre_px = solver.dragged(self._centre_px, eyes_px)
         elif self._target_px is not None:

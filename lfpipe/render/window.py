@@ -14,8 +14,7 @@ from lfpipe.host.presentation import Presentation, Presented
 from lfpipe.render import window_system
 from lfpipe.render.display import KEYS, DisplayNotice, Pointer
 from lfpipe.render.monitors import Monitor, find_monitor, monitor_of, monitors
-from lfpipe.render.overlay import panel
-from lfpipe.render.painters import Painter, Panels, open_painter
+from lfpipe.render.painters import Painter, Panels, open_painter, panel
 from lfpipe.render.pair_layout import Pair, laid_out
 from lfpipe.render.window_system import KeyLock, nominal_hz, open_presentation, pygame
 

@@ -8,8 +8,6 @@ import functools
 import os
 from collections import deque
 
-import pygame as pygame
-
 from lfpipe.host.graphics import has_gpu
 from lfpipe.host.presentation import Presentation
 from lfpipe.host.wayland_presentation import WaylandPresentation
@@ -19,6 +17,8 @@ os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")  # the process has its own handlers
 os.environ.setdefault("SDL_VIDEO_X11_WMCLASS", "lfpipe")  # desktops group and name windows by it
 
+import pygame as pygame
+from pygame._sdl2 import video as video
 
 ICON_PX = 64
 KEY_CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_LEFT: "less", pygame.K_RIGHT: "more"}

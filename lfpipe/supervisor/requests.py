@@ -148,6 +148,8 @@ def _record(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
         raise UserError(f"a recording to {running} is already running", "`lfpipe ctl record stop` ends it")
     if not path and not running:
         raise UserError("no recording is running", "`lfpipe ctl record start OUT` starts one")
+    if path and state.options.mouse:
+        raise UserError("no camera is in use: the mouse is the viewer", "`lfpipe up SCENE --camera demo` has pictures to record")
     if path and not state.options.tracking:
         raise UserError("no camera is in use: the scene is a single view", "`lfpipe record OUT` records without a scene")
     if path:
@@ -166,7 +168,7 @@ def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
             raise UserError("no target given", FORMS)
         if len(start) > MAX_TARGETS:
             raise BadMessage(f"share: {len(start)} targets; at most {MAX_TARGETS} are allowed")
-        if not state.options.tracking:
+        if not state.options.tracking and not state.options.mouse:
             raise UserError("no eyes are tracked: the scene is a single view", "use `lfpipe up --no-picture --share TARGET`")
         return Reply(check={"check": "share", "path": ", ".join(start)[:200], "targets": start, "running": list(running)})
     named = {text: [each for each in running if text in (each, each.partition("?")[0])] for text in texts}

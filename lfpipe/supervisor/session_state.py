@@ -103,13 +103,13 @@ class SessionState:
     def loaded(self, scene: SceneSummary) -> SessionState:
         """With another scene, at the zero plane of its last showing, or the default: a zero plane is in px of its own scene.
         Near and far are as chosen for that scene before."""
-        old = self.options.scene
+        old, tracking = self.options.scene, scene.needs_tracking and not self.options.mouse
         if old is None or old.pack == scene.pack:
-            return self.changed(scene=scene, tracking=scene.needs_tracking)
+            return self.changed(scene=scene, tracking=tracking)
         known = {**self.zero_planes_px, old.pack: self.config.render.zero_plane_px}
         render = attrs.evolve(self.config.render, zero_plane_px=known.get(scene.pack, Render().zero_plane_px))
         order = attrs.evolve(self.config.scene, half_turn="auto")
-        new = self.changed(attrs.evolve(self.config, render=render, scene=order), scene=scene, tracking=scene.needs_tracking)
+        new = self.changed(attrs.evolve(self.config, render=render, scene=order), scene=scene, tracking=tracking)
         return attrs.evolve(new, zero_planes_px=known)
 
     def with_level(self, number: int) -> SessionState:

@@ -1,0 +1,123 @@
+"""The mouse as the viewer, without a camera and beside one."""
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfpipe.config import Config
+from lfpipe.eyes import EYES
+from lfpipe.render.display import Pointer
+from lfpipe.render.mouse_look import MouseLook
+from lfpipe.render.viewer import Viewer
+from lfpipe.transport.ring import Stamp
+from tests.render.rendered import field
+from tests.world import World
+from tests.xvfb_screen import Screen
+
+REFRESH_NS = 16_666_667
+
+
+class Sink:
+    """Takes what a ring would take."""
+
+    def __init__(self) -> None:
+        self.record = np.zeros((), EYES)
+
+    def begin(self) -> np.ndarray:
+        return self.record
+
+    def publish(self, *_: Any) -> int:
+        return 0
+
+
+class Session:
+    """A viewer whose eyes are those of the mouse, one refresh after the other."""
+
+    def __init__(self, alone: bool = True) -> None:
+        self.viewer = Viewer(field(5, 9), Config())
+        self.mouse = MouseLook(Config(), self.viewer, Sink() if alone else None)  # type: ignore[arg-type]
+        self.t_ns = 10**9
+
+    def cols(self, pointer: Pointer, refreshes: int = 90, camera: np.ndarray | None = None) -> list[float]:
+        """The column between both eyes at each refresh with the pointer there."""
+        found = []
+        for _ in range(refreshes):
+            self.t_ns += REFRESH_NS
+            self.mouse.follow(pointer, self.t_ns)
+            record, t_ns = camera, self.t_ns
+            if self.mouse.looks:
+                record, _ = self.mouse.eyes(camera, Stamp(1, 1, 0, t_ns, t_ns, t_ns, 0), t_ns)
+            views = self.viewer.viewpoints(record, t_ns, t_ns)
+            found.append((views.left[1] + views.right[1]) / 2)
+        return found
+
+
+def test_edge_to_edge_of_the_window_is_edge_to_edge_of_the_grid_without_a_jump() -> None:
+    session = Session()
+    assert session.cols(Pointer(0.5, 0.5))[-1] == pytest.approx(4, abs=0.05)
+    way = session.cols(Pointer(0.0, 0.5))
+    assert way[-1] < 1.5 and max(np.abs(np.diff(way))) < 0.6
+    assert session.cols(Pointer(1.0, 0.5), 400)[-1] > 6.5
+    rows = [session.cols(Pointer(0.5, y), 200) and session.viewer.shown.left[0] for y in (0.0, 1.0)]  # type: ignore[union-attr]
+    assert rows[0] < 1 and rows[1] > 3
+
+
+def test_resting_aside_keeps_the_view_dragging_and_the_key_move_the_neutral_position() -> None:
+    session = Session()
+    session.cols(Pointer(0.5, 0.5))
+    aside = session.cols(Pointer(0.7, 0.5), 600)
+    assert aside[-1] == pytest.approx(aside[120], abs=0.05), "a rest is no new neutral position"
+    dragged = [session.cols(Pointer(0.7 - k / 50, 0.5, left=True), 2)[-1] for k in range(10)]
+    assert dragged == pytest.approx([aside[-1]] * 10, abs=0.1)
+    session.cols(Pointer(0.9, 0.5), 5)
+    assert session.mouse.recentre()
+    assert session.cols(Pointer(0.9, 0.5))[-1] == pytest.approx(4, abs=0.05)
+
+
+def test_the_wheel_is_the_distance() -> None:
+    session = Session()
+    session.cols(Pointer(0.5, 0.5), 200)
+    assert session.viewer.parallax is not None
+    before_mm = session.viewer.parallax.distance_mm
+    session.cols(Pointer(0.5, 0.5, wheel=5), 1)
+    session.cols(Pointer(0.5, 0.5), 600)
+    assert session.viewer.parallax.distance_mm < 0.75 * before_mm
+
+
+def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_jump() -> None:
+    session, camera = Session(alone=False), np.zeros((), EYES)
+    camera["filtered_px"] = camera["raw_px"] = [[350.0, 240.0], [290.0, 240.0]]
+    camera["face"], camera["apart_px"], camera["width_px"], camera["height_px"], camera["generation"] = 1, 60.0, 640, 480, 1
+    still = session.cols(Pointer(0.1, 0.5), 200, camera)
+    assert not session.mouse.looks
+    away = session.cols(Pointer(0.1, 0.5, right=True), 120, camera)
+    back = session.cols(Pointer(0.1, 0.5), 200, camera)
+    assert away[-1] < still[-1] - 1.5 and back[-1] == pytest.approx(still[-1], abs=0.3)
+    assert max(np.abs(np.diff([*still, *away, *back]))) < 0.6 and not session.mouse.looks
+
+
+@pytest.mark.live
+@pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
+def test_without_a_camera_no_capture_and_no_tracking_runs(world: World, scene: Path, screen: Screen) -> None:
+    world.env["DISPLAY"] = screen.name
+    process = world.start("up", scene, "--camera", "mouse", "--trace", world.trace, "--session", world.name)
+    world.pictures(5)
+    for x in ("200", "1000"):
+        subprocess.run(["xdotool", "mousemove", x, "400"], check=True, env=world.env)
+        world.pictures(len(world.lines()) + 60)
+    cols = [line["view"]["left"][1] for line in world.lines()]
+    assert max(cols) - min(cols) > 0.5 and all(line["face"] for line in world.lines())
+    states = {name: stage["state"] for name, stage in world.monitor()["stages"].items()}
+    assert states.pop("render") == "RUNNING" and set(states.values()) <= {"NONE"}
+    assert world.run("ctl", "--session", world.name, "stop").returncode == 0
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 0 and "no tracking" in err
+
+
+def test_nobody_moves_a_mouse_without_a_window(world: World, scene: Path) -> None:
+    done = world.run("up", scene, "--camera", "mouse", "--display", "none")
+    assert done.returncode == 2 and "no mouse" in done.stderr and "remedy" in done.stderr
