@@ -84,16 +84,19 @@ def test_the_picture_says_how_far_a_scene_is_loaded_whoever_asked() -> None:
         scenes.serve(now_ns())
         return notices.lines(now_ns())
 
-    scenes.report_step("boxes", "views 3 of 81")
+    def report(scene: str, step: str) -> None:
+        scenes.report({"scene": scene, "step": step, "shown": False, "share": None})
+
+    report("boxes", "views 3 of 81")
     assert shown() == ["loading boxes, views 3 of 81"]
-    scenes.report_step("boxes", "")
+    report("boxes", "")
     assert shown() == []
     scenes.step(1)
-    scenes.report_step("b", "disparity 3 of 81")
+    report("b", "disparity 3 of 81")
     assert shown() == ["loading b: 2 of 2, disparity 3 of 81"]
-    scenes.step(1)  # from the one that is on its way: the first
-    scenes.answered({"ok": True, "pack": "/pack"})
+    scenes.step(1)  # from the one that is on its way: the first, which replaces it
+    scenes.answered({"ok": False, "error": "replaced", "replaced": True})
     assert asked == [{"load": {"scene": "/b"}}, {"load": {"scene": "/a"}}]
-    scenes.report_step("a", "")
+    report("a", "")
     scenes.answered({"ok": False, "error": "/a: the folder is empty"})
     assert shown() == ["loading a: 1 of 2: refused", "/a: the folder is empty"]
