@@ -20,7 +20,7 @@ from lfpipe.host.descriptors import path_of
 
 MAX_FILES = 20_000  # a light field of 100x100 views has half of this; a larger folder is something else
 MAX_FILE_BYTES = 1 << 36  # of any file of a scene; an hour of lossless light-field video is smaller
-PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".pnm", ".bmp", ".tif", ".tiff", ".webp", ".avif")
+PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".pnm", ".bmp", ".tif", ".tiff", ".webp", ".avif", ".gif")
 MAX_MAP_BYTES = 80_000_000  # of a float32 map, which is in memory twice while it is read
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
 _CHECK = "check the file and its permissions"

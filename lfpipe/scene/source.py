@@ -45,6 +45,7 @@ class SceneSource:
     coordinates: float64 (rows, cols, 2), where each camera stood, (down, right) in any one unit, or None.
     truth: true disparity by file index, as functions that read float32 (h, w) in px per canonical grid step, positive
         nearer, and hold with `turn` (no turn where that is None).
+    rendered: views and truth are computed from one picture and agree: nothing to check or to estimate.
     linear: the values are linear light. doubt: what the layout leaves open, "" for nothing.
     certain: whether the format says that this is a light field; False where names or a look at a picture suggest it.
     notes: for people, one sentence each.
@@ -68,6 +69,7 @@ class SceneSource:
     turn_firm: bool = True
     coordinates: NDArray[np.float64] | None = None
     truth: Mapping[tuple[int, int], Callable[[], NDArray[np.float32]]] = attrs.field(factory=dict)
+    rendered: bool = False
     geometry: Geometry = attrs.field(factory=Geometry)
     linear: bool = False
     doubt: str = ""

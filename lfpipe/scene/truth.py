@@ -13,6 +13,8 @@ def without_implausible_truth(source: SceneSource) -> SceneSource:
     Such values would stretch the range until the whole scene looks flat. Raises UserError if a map differs in size from the
     views, holds NaN, or cannot be read.
     """
+    if source.rendered:
+        return source
     size, remedy = (source.height_px, source.width_px), "remove the map to have disparity estimated"
     largest: dict[tuple[int, int], float] = {}
     for (row, col), read in source.truth.items():

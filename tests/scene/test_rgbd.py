@@ -11,8 +11,8 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.missing_views import warped_disparity, warped_view
-from lfpipe.scene.orientation import orient
 from lfpipe.scene.packing import pack_scene
+from lfpipe.scene.source import SceneSource
 from tests.scene import made
 
 AUTO = config.Scene()
@@ -94,16 +94,69 @@ def test_depth_in_false_colours_is_refused(tmp_path: Path) -> None:
     assert "in grey" in caught.value.remedy
 
 
-@pytest.mark.parametrize("far_white", [False, True])
-def test_white_that_stands_high_may_be_far(far_white: bool, tmp_path: Path) -> None:
-    ramp = np.repeat(np.linspace(20, 230, 96).astype(np.uint8)[:, None], 128, axis=1)  # a floor: lower is nearer
-    made.write(tmp_path / "s" / "x.png", PICTURE)
-    made.write(tmp_path / "s" / "x_depth.png", 255 - ramp if far_white else ramp)
-    found = orient(layouts.describe(tmp_path / "s", AUTO), AUTO)
-    assert ("whether white is near" in found.undecided) == far_white and found.half_turn_sure != far_white
-    for flip in ("auto", "both"):
-        scene = config.Scene(cache_dir=str(tmp_path / flip), grid="3x3", flip=flip)
-        disparity = pack_scene(tmp_path / "s", scene).disparity
-        assert disparity is not None
-        top, bottom = (disparity[0, 1, 1, row].mean() for row in (2, -2))
-        assert (bottom > top) == (far_white == (flip == "both"))
+FLOOR = np.repeat(np.linspace(20, 230, 96).astype(np.uint8)[:, None], 128, axis=1)  # brighter below, where a floor is nearer
+
+
+def relief(source: SceneSource) -> tuple[float, float]:
+    """Disparity above and below in the middle view."""
+    disparity = source.truth[source.rows // 2, source.cols // 2]()
+    return float(disparity[2].mean()), float(disparity[-3].mean())
+
+
+@pytest.mark.parametrize("black_near", [False, True])
+def test_what_stands_lower_says_whether_white_is_near(black_near: bool, tmp_path: Path) -> None:
+    made.write(tmp_path / "x.png", PICTURE)
+    made.write(tmp_path / "x_depth.png", 255 - FLOOR if black_near else FLOOR)
+    source = layouts.describe(tmp_path, AUTO)
+    above, below = relief(source)
+    assert below > above and bool(source.doubt) == black_near
+
+
+def test_without_a_cue_white_is_near_and_the_doubt_is_told(tmp_path: Path) -> None:
+    source = layouts.describe(FORMS["two files"](tmp_path), AUTO)
+    assert "whether white is near" in source.doubt and "half_turn" in source.doubt
+
+
+@pytest.mark.parametrize("per_m", [1000, 5000, 256])
+def test_sixteen_bits_are_a_distance_with_holes(per_m: int, tmp_path: Path) -> None:
+    distance = (per_m * np.linspace(4, 1, 96)[:, None] * np.ones(128)).astype(np.uint16)  # Kinect, RealSense; TUM; KITTI
+    holes = np.zeros(distance.shape, bool)
+    holes[60:70, 30:50] = holes[:, :6] = True
+    made.write(tmp_path / "x.png", PICTURE)
+    made.write(tmp_path / "x_depth.png", np.where(holes, 0, distance).astype(np.uint16))
+    source = layouts.describe(tmp_path, AUTO)
+    above, below = relief(source)
+    disparity = source.truth[2, 4]()
+    assert below > above and not source.doubt and "distances" in source.notes[0]
+    assert np.abs(disparity[62:68, 32:48] - disparity[62:68, 60:76]).max() < 0.2 * (below - above)  # no pit, no peak
+
+
+def test_sixteen_bits_over_the_whole_range_are_no_distance(tmp_path: Path) -> None:
+    made.write(tmp_path / "x.png", PICTURE)
+    made.write(tmp_path / "x_depth.png", ((FLOOR.astype(np.float32) - 20) / 210 * 65535).astype(np.uint16))
+    above, below = relief(layouts.describe(tmp_path, AUTO))
+    assert below > above
+
+
+def test_two_files_of_one_name_are_a_picture_and_its_depth_or_one_picture(tmp_path: Path) -> None:
+    made.write(tmp_path / "car" / "car.jpg", PICTURE)
+    made.write(tmp_path / "car" / "car.png", FLOOR)
+    source = layouts.describe(tmp_path / "car", AUTO)
+    assert (source.layout, [path.name for path in source.files]) == ("rgbd", ["car.jpg", "car.png"])
+    for name, picture in (("moon", PICTURE[..., 1]), ("sun", PICTURE)):
+        made.write(tmp_path / name / f"{name}.jpg", picture)
+        made.write(tmp_path / name / f"{name}.png", picture)
+        source = layouts.describe(tmp_path / name, AUTO)
+        assert (source.layout, source.files) == ("picture", (tmp_path / name / f"{name}.png",))
+        assert any(f"{name}.jpg" in note for note in source.notes)
+    made.write(tmp_path / "grey" / "a.jpg", PICTURE[..., 1])
+    made.write(tmp_path / "grey" / "a.png", FLOOR)
+    source = layouts.describe(tmp_path / "grey", AUTO)
+    assert [path.name for path in source.files] == ["a.jpg", "a.png"] and "whether a.png is the depth" in source.doubt
+
+
+def test_a_photograph_of_a_phone_is_made_small(tmp_path: Path) -> None:
+    made.write(tmp_path / "x.jpg", made.texture(1500, 2000, 1))
+    made.write(tmp_path / "x_depth.png", cv2.resize(FLOOR, (640, 480)))
+    source = layouts.describe(tmp_path, AUTO)
+    assert source.height_px * source.width_px <= 1_010_000 and any("for speed" in note for note in source.notes)

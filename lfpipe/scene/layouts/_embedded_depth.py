@@ -6,6 +6,7 @@ picture; XMP Part 3 (Adobe) for its parts in a JPEG. In both, larger values are 
 
 import base64
 import binascii
+import io
 import re
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import header_of
@@ -26,17 +28,15 @@ _REMEDY = "export the picture and its depth as x.png and x_depth.png, and give t
 
 
 def _packets(data: bytes) -> tuple[bytes, bytes]:
-    """The XMP of a JPEG and the extended XMP, its parts in order."""
-    at, packet, parts = 2, b"", dict[int, bytes]()
-    while data[at : at + 1] == b"\xff" and data[at + 1] != 0xDA and at + 4 <= len(data):
-        size = int.from_bytes(data[at + 2 : at + 4])
-        body = data[at + 4 : at + 2 + size]
-        if data[at + 1] == 0xE1 and body.startswith(_XMP):
-            packet = body[len(_XMP) :]
-        elif data[at + 1] == 0xE1 and body.startswith(_MORE):
-            head = len(_MORE) + 32
-            parts[int.from_bytes(body[head + 4 : head + 8])] = body[head + 8 :]
-        at += 2 + max(2, size)
+    """The XMP of a JPEG and the extended XMP, its parts in order. Raises OSError."""
+    packet, parts = b"", dict[int, bytes]()
+    with Image.open(io.BytesIO(data), formats=["JPEG"]) as image:
+        for name, body in getattr(image, "applist", ()):
+            if name == "APP1" and body.startswith(_XMP):
+                packet = body[len(_XMP) :]
+            elif name == "APP1" and body.startswith(_MORE):
+                head = len(_MORE) + 32
+                parts[int.from_bytes(body[head + 4 : head + 8])] = body[head + 8 :]
     return packet, b"".join(parts[start] for start in sorted(parts))
 
 
@@ -65,7 +65,7 @@ def has_depth(path: Path) -> bool:
         return False
     try:
         packet, _ = _packets(read_bytes(path, MAX_BYTES))
-    except (UserError, IndexError):
+    except (UserError, OSError, SyntaxError, ValueError):  # the last two: Pillow, of damage
         return False
     items = _ITEM.findall(packet)
     listed = any((_value(item, rb"\w*Item:Semantic") or b"").lower() == b"depth" for item in items)
@@ -75,7 +75,10 @@ def has_depth(path: Path) -> bool:
 def embedded_depth(path: Path) -> NDArray[Any]:
     """The depth map of a photograph, (h, w) float32, larger is nearer. Raises UserError."""
     data = read_bytes(path, MAX_BYTES)
-    packet, more = _packets(data)
+    try:
+        packet, more = _packets(data)
+    except (OSError, SyntaxError, ValueError):
+        packet = more = b""
     whole = packet + more
     stored = _value(whole, b"GDepth:Data")
     try:

@@ -14,6 +14,7 @@ from lfpipe.files.pictures import MAX_DECODING_BYTES, open_header, read_picture,
 from lfpipe.scene.files import MAX_FILES, Listing
 from lfpipe.scene.source import SceneSource, ViewIndex
 
+LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
 MAX_SIDE = 10_000  # views along one side of a grid
 MAX_VIEWS = MAX_FILES
 

@@ -4,6 +4,7 @@ and whether they are a grid of views or, as in a quilt, one line."""
 import re
 import threading
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,13 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture
 from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts._grid import parse_grid
+from lfpipe.scene.layouts._grid import LOSSY, parse_grid
 from lfpipe.scene.layouts._running import Running, likeliest
 
 # Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the remainder is at the right and the bottom.
 UNEVEN = {(4096, 4096): (5, 9), (8192, 8192): (5, 9)}
 _LARGE_BYTES = 64_000_000  # of a picture
+_SAME_PICTURE = 0.98  # correlation of two files of one picture
 
 
 MOST_TILES = 64  # along one side
@@ -186,7 +188,7 @@ def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
     for down in (False, True):
         quilt = attrs.evolve(plain, quilt=True, down=down)
         grid = Running(rows, cols, False, 0)
-        best = likeliest(lambda at, quilt=quilt: _glance(quilt.cut(picture, 0, at)), [True] * rows * cols, [grid, line])  # type: ignore[misc]
+        best = likeliest(lambda at, quilt=quilt: _plane(quilt.cut(picture, 0, at)), [True] * rows * cols, [grid, line])  # type: ignore[misc]
         readings[down] = best, quilt
     lines = [reading for reading in readings.values() if reading[0].run.rows == 1]
     doubt = f"one line of {rows * cols} views (--layout quilt), or a grid of {rows}x{cols} (--layout mosaic)"
@@ -196,7 +198,7 @@ def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
     return quilt if best.clear else attrs.evolve(quilt, doubt=doubt)
 
 
-def _glance(tile: NDArray[Any]) -> NDArray[np.uint8]:
+def _plane(tile: NDArray[Any]) -> NDArray[np.uint8]:
     plane = tile if tile.ndim == 2 else tile[..., 1]
     return np.ascontiguousarray(plane if plane.dtype == np.uint8 else (plane >> 8).astype(np.uint8))
 
@@ -218,10 +220,36 @@ class LastPictures:
             return self._kept[frame]
 
 
+@lru_cache(maxsize=4)
+def glance(path: Path) -> NDArray[Any]:
+    """A picture, reduced to 128x128 values of 8 bits. Raises UserError."""
+    picture, full = read_picture(path)
+    small = cv2.resize(picture, (128, 128), interpolation=cv2.INTER_AREA)
+    return small if full == 255 else np.asarray(small * (255 / max(1, int(small.max()))), np.uint8)
+
+
+def one_picture_twice(listing: Listing) -> str | None:
+    """Of two files of one name with the same picture (moon.jpg, moon.png), the lossless one; None for anything else."""
+    names = listing.pictures() if not listing.is_file else []
+    if len(names) != 2 or Path(names[0]).stem.lower() != Path(names[1]).stem.lower():
+        return None
+    try:
+        a, b = (glance(listing.file(name)) for name in names)
+    except UserError:
+        return None
+    greys = [(look if look.ndim == 2 else look.mean(axis=2)).ravel() for look in (a, b)]
+    if a.ndim != b.ndim or min(float(grey.std()) for grey in greys) < 1:
+        return None
+    if float(np.corrcoef(greys[0], greys[1])[0, 1]) < _SAME_PICTURE:
+        return None
+    return min(names, key=lambda name: name.lower().endswith(LOSSY))
+
+
 def single_picture(listing: Listing) -> Path | None:
     """The picture of a scene of one picture: the given file, or the only picture of the folder."""
     pictures = listing.pictures()
-    return listing.file(pictures[0]) if len(pictures) == 1 else None
+    twice = one_picture_twice(listing)
+    return listing.file(pictures[0]) if len(pictures) == 1 else listing.file(twice) if twice else None
 
 
 def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling | None:

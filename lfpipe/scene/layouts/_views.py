@@ -14,7 +14,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import Header, open_header, small_grey
 from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts._grid import files_source, parse_grid, require_grid
+from lfpipe.scene.layouts._grid import LOSSY, files_source, parse_grid, require_grid
 from lfpipe.scene.layouts._names import NumberedNames, read_names
 from lfpipe.scene.layouts._running import find_columns
 from lfpipe.scene.source import SceneSource, ViewIndex
@@ -23,7 +23,6 @@ _MADE_SHARE = 0.25  # of a grid that may be missing: those views are made from t
 _SMALL_PX = 96 * 128  # of pictures that the columns of a running number follow from
 _MAX_CELLS = 4000  # of a grid with holes
 _RENAME = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
-_LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
 _log = logging.getLogger(__name__)
 
 
@@ -52,7 +51,7 @@ def _one_per_stem(listing: Listing) -> tuple[str, ...]:
 
     def rank(name: str) -> tuple[bool, bool]:
         try:
-            return open_header(listing.file(name)).grey, name.lower().endswith(_LOSSY)
+            return open_header(listing.file(name)).grey, name.lower().endswith(LOSSY)
         except UserError:
             return True, True
 

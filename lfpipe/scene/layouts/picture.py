@@ -53,4 +53,6 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             f"{path}: a red/cyan anaglyph: each eye's picture has lost its other colours, so they cannot be shown apart",
             "give the stereo pair that it was made of; --force shows it flat",
         )
-    return files_source(NAME, listing, {(0, 0): path}, 1, 1, turn=Turn(), turn_by="there is one view")
+    others = [name for name in listing.pictures() if name != path.name]
+    notes = tuple(f"{name} is the same picture" for name in others)
+    return files_source(NAME, listing, {(0, 0): path}, 1, 1, turn=Turn(), turn_by="there is one view", notes=notes)

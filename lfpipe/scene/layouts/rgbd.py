@@ -1,7 +1,7 @@
 """A picture with its depth map: side by side or one below the other in one file (Looking Glass RGB-D), in two files, or inside
 a JPEG as phones write it.
 
-White is near. Views around the picture are synthesised from it: shifted by depth, holes filled from behind.
+Views around the picture are made from it: shifted by depth, holes filled from behind.
 """
 
 import re
@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -19,23 +20,75 @@ from lfpipe.files.pictures import open_header, read_picture, upright
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
 from lfpipe.scene.layouts._grid import parse_grid, require_grid
-from lfpipe.scene.layouts._tiles import single_picture
+from lfpipe.scene.layouts._tiles import glance, one_picture_twice, single_picture
 from lfpipe.scene.missing_views import warped_disparity, warped_view
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "rgbd"
 _NAMED = re.compile(r"rgb-?[dz](?![a-z])")
-_DEPTH = re.compile(r"depth|disparity|(?<![a-z])dpt")
+_DEPTH = re.compile(r"depth|disparity|(?<![a-z])(dpt|disp)(?![a-z])")
+_INVERSE = re.compile(r"disp|inverse|inv[-_ ]?depth")  # larger is nearer by definition
 _GRID = (5, 9)
+_MOST_PX = 1_000_000  # of the made views: 45 of them are packed in seconds
 _SAME_SHAPE = 1.2  # most ratio of the aspects of a picture and its depth map
-_LOWER = 0.35  # correlation of height with depth that means something
 _RANGE_SHARE = 0.008  # of the width: disparity between the nearest and the farthest, per view
 _GREY, _COLOURED = 2.0, 6.0  # levels between channels: at most for a depth map, at least for a picture
+_LOWER = 0.35  # correlation of height with nearness that means something
+_HOLE_PX = 7  # around holes, where the edge of what is in front may lie
+_LEFT_OPEN = "press d in the window, or set scene.half_turn=yes, if they are exchanged"
+
+
+@attrs.frozen(eq=False)
+class Depth:
+    """nearness: float32 (h, w), larger is nearer, NaN where it was not measured. why: how it was read. doubt: what that leaves
+    open, "" for nothing."""
+
+    nearness: NDArray[np.float32]
+    why: str
+    doubt: str = ""
+
+
+def read_depth(stored: NDArray[Any], name: str, by_format: bool = False) -> Depth:
+    """A stored depth map, uint8 or uint16 (h, w), as nearness.
+
+    16 bits that are not stretched to the whole range are a distance: near is small, 0 was not measured. In other maps white is
+    near, unless what stands lower, which usually is nearer, is darker. by_format: the format says that white is near.
+    """
+    values = stored.astype(np.float32)
+    stretched = stored.dtype == np.uint8 or (int(stored.min()) == 0 and int(stored.max()) == 65535)
+    inverse = bool(_INVERSE.search(name))
+    if not stretched and not inverse and not by_format:
+        with np.errstate(divide="ignore"):
+            near = np.where(stored > 0, 1 / values, np.float32(np.nan)).astype(np.float32)
+        against = _lower_is_nearer(near) < -_LOWER
+        doubt = f"whether the depth map holds distances: what stands lower would be farther; {_LEFT_OPEN}" if against else ""
+        return Depth(near, "near is small in the depth map, as in distances; 0 was not measured", doubt)
+    lower = _lower_is_nearer(values)
+    if by_format or inverse:
+        return Depth(values, "white is near")
+    if lower < -_LOWER:
+        what = f"whether black is near in the depth map: what stands lower is darker; {_LEFT_OPEN}"
+        return Depth(-values, "black is near: what stands lower in the depth map is darker", what)
+    doubt = "" if lower > _LOWER else f"whether white is near in the depth map; {_LEFT_OPEN}"
+    return Depth(values, "white is near", doubt)
+
+
+def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:
+    """Correlation of height in the picture with nearness: positive if lower parts are nearer."""
+    small = nearness[:: max(1, nearness.shape[0] // 200), :: max(1, nearness.shape[1] // 200)]
+    y = np.broadcast_to(np.arange(small.shape[0])[:, None], small.shape)
+    use = np.isfinite(small)
+    if use.sum() < 100 or float(small[use].std()) < 1e-9:
+        return 0.0
+    return float(np.corrcoef(y[use], small[use])[0, 1])
 
 
 def _pair(listing: Listing) -> tuple[str, str] | None:
     """Names of a picture and of its depth: of two pictures in a folder, or of three if its name contains the picture's."""
-    stems = {Path(name).stem.lower(): name for name in listing.pictures()} if not listing.is_file else {}
+    names = listing.pictures() if not listing.is_file else []
+    if len(names) == 2 and Path(names[0]).stem.lower() == Path(names[1]).stem.lower():
+        return _by_content(listing, names)
+    stems = {Path(name).stem.lower(): name for name in names}
     depths = [stem for stem in stems if _DEPTH.search(stem)]
     if len(depths) != 1 or len(stems) > 3:
         return None
@@ -44,12 +97,29 @@ def _pair(listing: Listing) -> tuple[str, str] | None:
     return (stems[pictures[0]], stems[depths[0]]) if len(pictures) == 1 else None
 
 
+def _by_content(listing: Listing, names: list[str]) -> tuple[str, str] | None:
+    """Of two pictures of one name, the picture and its depth: that is grey, and the smoother one of two grey ones."""
+    if one_picture_twice(listing) is not None:
+        return None
+    try:
+        looks = {name: glance(listing.file(name)) for name in names}
+    except UserError:
+        return None
+    colours = {name: _colour(look) for name, look in looks.items()}
+    grey = [name for name in names if colours[name] < _GREY]
+    if (len(grey) == 1 and max(colours.values()) < _COLOURED) or not grey:
+        return None
+    detail = {name: float(np.abs(cv2.Laplacian(looks[name], cv2.CV_32F)).mean()) for name in grey}
+    depth = min(grey, key=lambda name: detail[name])
+    return next(name for name in names if name != depth), depth
+
+
 def _colour(part: NDArray[Any]) -> float:
-    """Difference between the channels of a picture, in levels."""
+    """Difference between the channels of a picture, in levels of 8 bits."""
     if part.ndim == 2:
         return 0.0
     small = cv2.resize(part, (64, 64), interpolation=cv2.INTER_AREA).astype(np.float32)
-    return float(np.percentile(np.ptp(small, axis=2), 90))
+    return float(np.percentile(np.ptp(small, axis=2), 90)) / (257 if part.dtype == np.uint16 else 1)
 
 
 def _beside(picture: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]] | None:
@@ -57,8 +127,7 @@ def _beside(picture: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]] | None:
     if picture.ndim == 2:
         return None
     height, width = picture.shape[0] // 2, picture.shape[1] // 2
-    splits = [(picture[:, :width], picture[:, width : 2 * width]), (picture[:height], picture[height : 2 * height])]
-    for first, second in splits:
+    for first, second in ((picture[:, :width], picture[:, width : 2 * width]), (picture[:height], picture[height : 2 * height])):
         for image, depth in ((first, second), (second, first)):
             if _colour(depth) < _GREY and _colour(image) > _COLOURED:
                 return image, depth
@@ -79,47 +148,79 @@ def detect(listing: Listing) -> int | None:
         return None
 
 
-def _read(listing: Listing) -> tuple[tuple[Path, ...], NDArray[Any], NDArray[Any], int]:
-    """(files, picture, depth, full value of the picture). Raises UserError."""
+@attrs.frozen(eq=False)
+class _Photo:
+    """A picture with its depth, and the picture's full value."""
+
+    paths: tuple[Path, ...]
+    picture: NDArray[Any]
+    full: int
+    depth: Depth
+
+
+def _read(listing: Listing) -> _Photo:
+    """Raises UserError."""
     pair = _pair(listing)
     if pair is not None:
         paths = tuple(listing.file(name) for name in pair)
-        (picture, full), (depth, _) = read_picture(paths[0]), read_picture(paths[1])
-        return paths, picture, depth, full
+        (picture, full), (stored, _) = read_picture(paths[0]), read_picture(paths[1])
+        if _colour(stored) > _COLOURED:
+            raise UserError(f"{paths[1]}: a depth map in false colours", "save it in grey, with near things white")
+        both = Path(pair[0]).stem.lower() == Path(pair[1]).stem.lower()
+        depth = read_depth(stored if stored.ndim == 2 else stored[..., 1], Path(pair[1]).stem.lower())
+        doubt = f"whether {pair[1]} is the depth of {pair[0]}" if both and picture.ndim == 2 else ""
+        return _Photo(paths, picture, full, attrs.evolve(depth, doubt="; ".join(filter(None, (doubt, depth.doubt)))))
     path = single_picture(listing)
     if path is None:
         raise UserError(f"{listing.path}: no picture with a depth map", "name them x.png and x_depth.png, alone in a folder")
     picture, full = read_picture(path)
     if has_depth(path):
-        return (path,), picture, upright(255 * embedded_depth(path), open_header(path).orientation), full
-    found = _beside(picture)
-    if found is None:
+        near = upright(embedded_depth(path), open_header(path).orientation)
+        return _Photo((path,), picture, full, Depth(np.asarray(near, np.float32), "as the photograph's own depth says"))
+    halves = _beside(picture)
+    if halves is None:
         raise UserError(
             f"{path}: neither half is a grey depth map beside a coloured picture",
             "give picture and depth side by side, or as x.png and x_depth.png in a folder of their own",
         )
-    return (path,), *found, full
+    return _Photo((path,), halves[0], full, read_depth(halves[1][..., 1], path.stem.lower(), by_format=True))
+
+
+def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
+    """Disparity for each pixel of a view, px per view. Raises UserError."""
+    near, of = photo.depth.nearness, photo.picture.shape
+    if not 1 / _SAME_SHAPE < (near.shape[1] / near.shape[0]) / (of[1] / of[0]) < _SAME_SHAPE:
+        what = f"{photo.paths[-1]}: a depth map of {near.shape[1]}x{near.shape[0]} px for a picture of {of[1]}x{of[0]}"
+        raise UserError(what, "turn or crop one of them to the shape of the other")
+    if near.shape[0] * near.shape[1] > height * width:
+        near = np.asarray(cv2.resize(near, (width, height), interpolation=cv2.INTER_NEAREST), np.float32)
+    known = np.isfinite(near)
+    low, high = (float(v) for v in np.percentile(near[known], (1, 99))) if known.any() else (0.0, 0.0)
+    if not high > low:
+        raise UserError(f"{photo.paths[-1]}: a depth map of one value", "use one in which near and far differ")
+    share = np.clip((near - np.float32(low)) / np.float32(high - low), 0, 1)
+    if not known.all():  # what was not measured lies behind what is beside it
+        behind = cv2.erode(np.where(known, share, np.float32(1)), np.ones((_HOLE_PX, _HOLE_PX), np.uint8))
+        _, labels = cv2.distanceTransformWithLabels((~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+        nearest = np.zeros(int(labels.max()) + 1, np.float32)
+        nearest[labels[known]] = np.asarray(behind)[known]
+        share = np.where(known, share, nearest[labels])
+    share = np.asarray(cv2.resize(share.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR))
+    return np.asarray((share - np.float32(0.5)) * np.float32(_RANGE_SHARE * width), np.float32)
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
-    paths, picture, depth, full = _read(listing)
-    height, width = picture.shape[:2]
+    photo = _read(listing)
     rows, cols = parse_grid(scene.grid) or _GRID
     require_grid(rows, cols, str(listing.path))
-    plane = np.asarray(depth if depth.ndim == 2 else depth[..., 1], np.float32)
-    if not 1 / _SAME_SHAPE < (plane.shape[1] / plane.shape[0]) / (width / height) < _SAME_SHAPE:
-        what = f"{paths[-1]}: a depth map of {plane.shape[1]}x{plane.shape[0]} px for a picture of {width}x{height}"
-        raise UserError(what, "turn or crop one of them to the shape of the other")
-    plane = np.asarray(cv2.resize(plane, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
-    if _colour(depth) > _COLOURED:
-        raise UserError(f"{paths[-1]}: a depth map in false colours", "save it in grey, with near things white")
-    low, high = (float(v) for v in np.percentile(plane, (1, 99)))
-    if high - low < 1:
-        raise UserError(f"{paths[-1]}: a depth map of one value", "use one in which near is white and far is black")
-    below = np.broadcast_to(np.arange(plane.shape[0])[:, None], plane.shape)
-    lower_is_darker = float(np.corrcoef(below.ravel(), plane.ravel())[0, 1]) < -_LOWER
-    doubt = "whether white is near: what stands lower is darker; press d in the window, or set scene.half_turn=yes"
-    disparity = np.asarray((np.clip((plane - low) / (high - low), 0, 1) - 0.5) * (_RANGE_SHARE * width), np.float32)
+    picture, notes = photo.picture, [f"{rows}x{cols} views are made from one picture and its depth; {photo.depth.why}"]
+    scale = (_MOST_PX / (picture.shape[0] * picture.shape[1])) ** 0.5
+    if scale < 1:
+        picture = np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+        notes.append(f"made at {picture.shape[1]}x{picture.shape[0]} px, for speed")
+    picture = np.ascontiguousarray(picture)
+    height, width = picture.shape[:2]
+    disparity = _disparity(photo, height, width)
 
     @lru_cache(maxsize=8)
     def made(row: int, col: int) -> NDArray[np.float32]:
@@ -130,8 +231,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
 
     truth = {(row, col): (lambda r=row, c=col: made(r, c)) for row in range(rows) for col in range(cols)}
     return SceneSource(
-        layout=NAME, path=listing.path, files=paths, rows=rows, cols=cols, read=read, height_px=height, width_px=width,
-        max_value=full, truth=truth, turn=Turn(), turn_by="the views are made in order, white of the depth map is near",
-        doubt=doubt if lower_is_darker else "",
-        notes=(f"{rows}x{cols} views are made from one picture and its depth; white is near",),
+        layout=NAME, path=listing.path, files=photo.paths, rows=rows, cols=cols, read=read, height_px=height, width_px=width,
+        max_value=photo.full, truth=truth, rendered=True, turn=Turn(), turn_by=f"the views are made in order; {photo.depth.why}",
+        doubt=photo.depth.doubt, notes=tuple(notes),
     )  # fmt: skip

@@ -5,20 +5,21 @@ another, .jps, .mpo). Two views, left eye first.
 """
 
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import picture_of
-from lfpipe.files.pictures import header_of, read_picture
-from lfpipe.scene.files import Listing, read_bytes
+from lfpipe.files.pictures import read_frames, read_picture
+from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source
-from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT
+from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
 from lfpipe.scene.layouts._tiles import single_picture
 from lfpipe.scene.layouts._views import some
 from lfpipe.scene.optical_flow import confirmed, flow, textured
@@ -34,7 +35,6 @@ _HALF = re.compile(r"(?<![a-z])(h|half[-_ ]?)(sbs|ou|tb|width|over|top|side)")
 _VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape holds halves squeezed to half their width
 _GLANCE_PX = 384  # longer side of the compared halves
 _ALIKE, _AGREED = 0.5, 0.5  # correlation of two halves; share of their detail that flow matches
-_MAX_MPO_BYTES, _MAX_MPO_DECODED_BYTES = 40_000_000, 60_000_000  # of the file, and of each picture
 
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
@@ -54,7 +54,9 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
         if words:
             rest = stem[: words[-1].start()] + "*" + stem[words[-1].end() :]
             sides.setdefault(rest, {})[words[-1][1] in LEFT] = name
-    return [(both[True], both[False]) for both in sides.values() if len(both) == 2]
+    pairs = [(both[True], both[False]) for both in sides.values() if len(both) == 2]
+    cameras = read_names(tuple(left for left, _ in pairs)) if len(pairs) > 3 else None
+    return [] if cameras is not None and not cameras.runs else pairs  # two grids of cameras, left and right, are no album
 
 
 def _alone(listing: Listing) -> Path | None:
@@ -92,18 +94,39 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
     return float(found[detail].mean()) > _AGREED
 
 
-def _arrangement(path: Path) -> tuple[bool, bool, bool] | None:
-    """(one above the other, half width or height, named so) of a picture of two; None if it is not one."""
+@attrs.frozen
+class _Arrangement:
+    """How a picture holds two: one above the other; with half the width or height; and whether its name says so."""
+
+    above: bool
+    half: bool
+    named: bool
+
+
+@attrs.frozen(eq=False)
+class _Halves:
+    """Views in file order, their full value, the turn or None, and why."""
+
+    views: list[NDArray[Any]]
+    full: int
+    turn: Turn | None = None
+    why: str = ""
+
+
+@lru_cache(maxsize=2)
+def _arrangement(path: Path) -> _Arrangement | None:
+    """How a picture holds two; None if it does not."""
     name = path.stem.lower().replace("_", " ")
     if path.suffix.lower() == ".jps":
-        return False, bool(_HALF.search(name)), True
+        return _Arrangement(False, bool(_HALF.search(name)), True)
     picture, _ = read_picture(path)
     aspect = picture.shape[1] / picture.shape[0]
     for above, word in ((False, _BESIDE), (True, _ABOVE)):
         named = bool(word.search(name))
         likely = aspect > 1.2 if not above else aspect < 1.0 or _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1]
         if (named or likely) and are_a_pair(*_halves(picture, above)):
-            return above, bool(_HALF.search(name)) or _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1], named
+            half = bool(_HALF.search(name)) or _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1]
+            return _Arrangement(above, half, named)
     return None
 
 
@@ -125,7 +148,7 @@ def detect(listing: Listing) -> int | None:
     except UserError:
         return None
     # the halves of a mosaic are also alike: without a word in the name, tiles come first
-    return None if found is None else 65 if found[2] else 55
+    return None if found is None else 65 if found.named else 55
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
@@ -138,16 +161,16 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     if path is None:
         what = f"{listing.path}: no stereo pair among {len(listing.pictures())} pictures"
         raise UserError(what, "name two of them x_left.png and x_right.png")
-    views, full, turn, why = _mpo(path) if path.suffix.lower() == ".mpo" else _divided(path)
+    pair = _mpo(path) if path.suffix.lower() == ".mpo" else _divided(path)
     return SceneSource(
-        certain=turn is not None, layout=NAME, path=listing.path, files=(path,), rows=1, cols=2,
-        read=lambda frame, row, col: views[col], height_px=views[0].shape[0], width_px=views[0].shape[1], max_value=full,
-        turn=turn, turn_by=why,
+        certain=pair.turn is not None, layout=NAME, path=listing.path, files=(path,), rows=1, cols=2,
+        read=lambda frame, row, col: pair.views[col], height_px=pair.views[0].shape[0], width_px=pair.views[0].shape[1],
+        max_value=pair.full, turn=pair.turn, turn_by=pair.why,
     )  # fmt: skip
 
 
-def _divided(path: Path) -> tuple[list[NDArray[Any]], int, Turn | None, str]:
-    """(views in file order, full value, turn or None, why) of a picture of two. Raises UserError."""
+def _divided(path: Path) -> _Halves:
+    """The views of a picture of two. Raises UserError."""
     found = _arrangement(path)
     if found is None:
         raise UserError(
@@ -155,52 +178,26 @@ def _divided(path: Path) -> tuple[list[NDArray[Any]], int, Turn | None, str]:
             "give two files x_left.png and x_right.png",
         )
     picture, full = read_picture(path)
-    above, half, named = found
-    views = [np.ascontiguousarray(part) for part in _halves(picture, above)]
-    if half:
+    views = [np.ascontiguousarray(part) for part in _halves(picture, found.above)]
+    if found.half:
         height, width = views[0].shape[:2]
-        size = (width, 2 * height) if above else (2 * width, height)
+        size = (width, 2 * height) if found.above else (2 * width, height)
         views = [np.asarray(cv2.resize(view, size, interpolation=cv2.INTER_LINEAR)) for view in views]
     if path.suffix.lower() == ".jps":
-        return views, full, Turn(cols=True), "a .jps file begins with the right eye's picture"
+        return _Halves(views, full, Turn(cols=True), "a .jps file begins with the right eye's picture")
     if _CROSSED.search(path.stem.lower().replace("_", " ")):
-        return views, full, Turn(cols=True), "the name says that it is for crossed eyes"
-    if named:
-        return views, full, Turn(), "the name gives a format that begins with the left eye's picture"
-    return views, full, None, ""
+        return _Halves(views, full, Turn(cols=True), "the name says that it is for crossed eyes")
+    if found.named:
+        return _Halves(views, full, Turn(), "the name gives a format that begins with the left eye's picture")
+    return _Halves(views, full)
 
 
-def _mpo(path: Path) -> tuple[list[NDArray[Any]], int, Turn | None, str]:
-    """The first two pictures of an .mpo file, as `_divided`. Raises UserError."""
-    whole = read_bytes(path, _MAX_MPO_BYTES)
-    data = np.frombuffer(whole, np.uint8)
-    views: list[NDArray[Any]] = []
-    for start in (0, _second_jpeg(whole)):
-        header = header_of(data[start:].data) if start is not None else None
-        small = header is not None and header.decoded_bytes <= _MAX_MPO_DECODED_BYTES
-        found = picture_of(data[start:]) if small else None
-        if found is None:
-            raise UserError(f"{path}: no two JPEGs in this .mpo file", "copy it from the camera again")
-        views.append(np.asarray(cv2.cvtColor(found, cv2.COLOR_BGR2RGB, dst=found)))
+def _mpo(path: Path) -> _Halves:
+    """The first two pictures of an .mpo file. Raises UserError."""
+    views = read_frames(path)[:2]
+    if len(views) < 2:
+        raise UserError(f"{path}: no two JPEGs in this .mpo file", "copy it from the camera again")
     if views[0].shape != views[1].shape:
         sizes = " and ".join(f"{view.shape[1]}x{view.shape[0]}" for view in views)
         raise UserError(f"{path}: pictures of {sizes} px are not a stereo pair", "give a file of two equal pictures")
-    return views, 255, Turn(), "an .mpo file begins with the left eye's picture"
-
-
-def _second_jpeg(data: bytes) -> int | None:
-    """The offset of the second JPEG of an .mpo file, from its index (APP2 "MPF": a TIFF whose tag 0xB002 lists the pictures)."""
-    mark = data.find(b"MPF\0", 0, 1 << 17)
-    tiff = mark + 4
-    if mark < 0 or data[tiff : tiff + 4] not in (b"II*\0", b"MM\0*"):
-        return None
-
-    def number(at: int, size: int) -> int:
-        return int.from_bytes(data[at : at + size], "little" if data[tiff] == ord("I") else "big")
-
-    table = tiff + number(tiff + 4, 4)
-    for entry in range(table + 2, table + 2 + 12 * min(number(table, 2), 64), 12):
-        if number(entry, 2) == 0xB002 and number(entry + 4, 4) >= 32:
-            start = tiff + number(tiff + number(entry + 8, 4) + 16 + 8, 4)
-            return start if data[start : start + 3] == b"\xff\xd8\xff" else None
-    return None
+    return _Halves(list(views), 255, Turn(), "an .mpo file begins with the left eye's picture")
