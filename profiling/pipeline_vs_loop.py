@@ -49,7 +49,7 @@ def main() -> None:
     settings = load().scene
     cache = cache_dir(settings)
     video = args.video or demo_sequence(cache / "bench", MOVING_S[1])
-    scene = args.scene or demo_scene(cache, lambda *_: None)
+    scene = args.scene or demo_scene(cache)
     field = open_scene(scene, settings)
     views, fast = write_views(field, cache / "bench" / "views" / str(field.manifest["key"])), args.pace == "max"
     pace_hz = 0.0 if fast else float(args.pace)

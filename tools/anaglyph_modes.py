@@ -26,7 +26,7 @@ def main() -> None:
     out = parser.parse_args().out
     modes = get_args(get_args(get_type_hints(Render, include_extras=True)["anaglyph"])[0])
     with tempfile.TemporaryDirectory() as folder:
-        scene = demo_scene(Path(folder), lambda *_: None, size_px=SIDE_PX)
+        scene = demo_scene(Path(folder), size_px=SIDE_PX)
         field = open_scene(scene, Scene(cache_dir=folder))
         middle = (field.rows - 1) / 2
         tiles = []

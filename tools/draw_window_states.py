@@ -40,7 +40,7 @@ def main() -> None:
     ):
         screen = Screen(name, Path(folder) / "Xvfb_screen0")
         env = {key: value for key, value in world.env.items() if key != "XDG_CACHE_HOME"} | {"DISPLAY": name}
-        scenes = [str(demo_scene(cache_dir(Scene()), lambda *_: None, *size)) for size in ((), (5, 256))]
+        scenes = [str(demo_scene(cache_dir(Scene()), *size)) for size in ((), (5, 256))]
         python, given = sys.executable, ["up", *scenes, "--camera", "demo"]
         if args.before:
             python, given = str(args.before.resolve() / ".venv" / "bin" / "python"), ["up", "--demo"]

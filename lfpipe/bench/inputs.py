@@ -165,6 +165,6 @@ def make_inputs(scenes: tuple[Path, ...], sequence: Path | None, quick: bool, se
     path = sequence or demo_sequence(work, MOVING_S[0 if quick else 1])
     frames = read_sequence(path, MAX_FRAMES[0 if quick else 1], work)
     if not scenes:
-        scenes = (demo_scene(cache, say, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache, say),)
+        scenes = (demo_scene(cache, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache),)
     fields = tuple((scene, open_scene(scene, settings.scene, say)) for scene in scenes)
     return Inputs(fields, frames, quick, sequence is None, work)

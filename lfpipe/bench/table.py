@@ -135,7 +135,11 @@ def _median_ms(renderer: ViewRenderer, made: Sequence[tuple[int, int]], step: in
 
 
 def measure(
-    scenes: Sequence[tuple[Path, Callable[[], LightField]]], protocol: Protocol, identity: str, out: Path, say: Say,
+    scenes: Sequence[tuple[Path, Callable[[], LightField]]],
+    protocol: Protocol,
+    identity: str,
+    out: Path,
+    say: Say,
     timed: bool = True,
 ) -> list[Line]:
     """Measures what is missing in out/FILE, appends a line for each result, and returns all lines of these scenes.

@@ -85,7 +85,13 @@ for _name in NAMES:
 @click.option("--untimed", is_flag=True, help="PSNR and SSIM only.")
 @with_config
 def table(
-    scenes: tuple[Path, ...], keep: str, crop: str, border: int, out: Path, untimed: bool, config_file: str | None,
+    scenes: tuple[Path, ...],
+    keep: str,
+    crop: str,
+    border: int,
+    out: Path,
+    untimed: bool,
+    config_file: str | None,
     sets: tuple[str, ...],
 ) -> int:
     """Measure every method by the protocol of angular super-resolution, 2x2 -> 7x7 views.

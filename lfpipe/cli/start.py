@@ -6,7 +6,6 @@ def start() -> int:
     from lfpipe import config as config_module
     from lfpipe.capture.open_source import check_source
     from lfpipe.cli.launch import UpArguments, say, up
-    from lfpipe.cli.progress import progress
     from lfpipe.errors import UserError
     from lfpipe.scene.cache import cache_dir
     from lfpipe.scene.demo import demo_scene
@@ -19,6 +18,5 @@ def start() -> int:
     except UserError as error:
         say(f"using the demo's face instead of a camera: {error.message}")
         camera = "demo"
-    with progress() as bar:
-        demo = demo_scene(cache_dir(config.scene), bar)
+    demo = demo_scene(cache_dir(config.scene))
     return up(UpArguments(camera=camera, scenes=(demo, *recent_scenes()), start=True))

@@ -75,7 +75,7 @@ def _estimate(job: PackJob, views: PlaneFile, interim: PlaneFile) -> dict[str, A
     def one(place: FrameIndex) -> None:
         frame, row, col = place
         here, around = grey(*place), neighbours_of(partial(grey, frame), row, col, job.present, job.offsets)
-        use = view_disparity(here, around) if around else None
+        use = view_disparity(here, around) if around and not source.rendered else None
         true = _truth(job, place)
         if true is not None:
             true_ranges.append((float(true.min()), float(true.max())))

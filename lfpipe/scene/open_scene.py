@@ -79,7 +79,7 @@ def open_scenes(paths: Sequence[Path], settings: config.Scene, progress: Progres
 
     An empty sequence stands for the demo. progress: called from this thread. Raises UserError.
     """
-    paths = list(paths) or [demo_scene(cache_dir(settings), progress)]
+    paths = list(paths) or [demo_scene(cache_dir(settings))]
     known = packed(paths[0], settings)
     unclear = [path for path in paths if find_pack(path, settings) is None and is_dir(path)]
     if known is not None and known.complete and not unclear:
@@ -103,7 +103,7 @@ def open_scene(path: str | os.PathLike[str] | None, settings: config.Scene, prog
     progress: called from this thread. Raises UserError.
     """
     if path is None:
-        path = demo_scene(cache_dir(settings), progress)
+        path = demo_scene(cache_dir(settings))
     if (field := packed(path, settings)) is not None and field.complete:
         return field
     with contextlib.closing(Packing([path], settings)) as packing:

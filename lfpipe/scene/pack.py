@@ -2,7 +2,8 @@
 
     views.npy       uint8 (frames, rows, cols, channels, height, width)
     disparity.npy   int8 (frames, rows, cols, half height, half width); only of a complete pack
-    manifest.json   "complete": whether the disparity is there; "checksum": of the rest of the manifest
+    manifest.json   "views": whether all views are there, not only those in the middle; "complete": the disparity, too;
+                    "checksum": of the rest of the manifest
 
 The arrays are written view by view without a map (bounded memory). Views come first: a pack without disparity can be shown.
 """

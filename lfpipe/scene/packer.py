@@ -11,12 +11,14 @@ the table [scene]}. Steps, one JSON object each:
 Result: {"summary": {...}} of the pack, or {"info": {...}}.
 """
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
 import attrs
 
 from lfpipe import config
+from lfpipe.host.processes import set_scheduling
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import packing
 from lfpipe.scene.cache import cache_dir
@@ -25,6 +27,7 @@ from lfpipe.scene.pack import open_pack, summarize
 from lfpipe.scene.playlist import playlist
 from lfpipe.scene.recent_scenes import remember_scene
 
+NICE = 15
 MEMORY_BYTES = 1 << 30  # mapped files do not count
 
 
@@ -36,6 +39,8 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
         report(step=what, done=done, total=total)
 
     def views_ready(pack: Path) -> None:
+        with contextlib.suppress(OSError):
+            set_scheduling((), NICE)  # from now on it works beside the session that shows the pack
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.half_turn))))
 
     paths = [Path(text) for text in request["scenes"]]

@@ -50,8 +50,10 @@ def _room(root: Path, source: SceneSource, channels: int) -> None:
 
 
 def _is_grey(source: SceneSource) -> bool:
-    """Whether the corner views and the middle one are grey."""
-    places = {(0, 0), (0, source.cols - 1), (source.rows // 2, source.cols // 2), (source.rows - 1, source.cols - 1)}
+    """Whether the corner views and the middle one are grey; of rendered views, the middle one says it of all."""
+    middle = source.rows // 2, source.cols // 2
+    corners = {(0, 0), (0, source.cols - 1), (source.rows - 1, source.cols - 1)}
+    places = {middle} if source.rendered else {middle} | corners
     return all(screen_values.is_grey(source.read(0, *place)) for place in places - source.missing)
 
 
@@ -61,6 +63,8 @@ def _gamma(source: SceneSource, scene: config.Scene) -> tuple[float, str]:
         return float(scene.gamma), "set by scene.gamma"
     if source.linear:
         return screen_values.SCREEN_GAMMA, f"{source.layout} holds linear light"
+    if source.rendered:
+        return 1.0, ""
     middle = min(
         ((r, c) for r in range(source.rows) for c in range(source.cols) if (r, c) not in source.missing),
         key=lambda place: abs(place[0] - source.rows // 2) + abs(place[1] - source.cols // 2),
@@ -150,14 +154,20 @@ def _packed(
         examined = attrs.evolve(examined, channels=field.channels)
     job = _job(examined, folder, progress)
     manifest = _manifest(examined, job, key)
-    try:
-        if field is None:
-            _write_views(job, manifest, examined)
+
+    def can_be_shown(pack: Path) -> None:
         cache.remember(root, mark, key)
-        views_ready(folder)
-        _complete(job, manifest)
+        views_ready(pack)
+
+    try:
+        if field is None or not field.manifest["views"]:
+            _write_views(job, manifest, examined, can_be_shown)
+        else:
+            can_be_shown(folder)
+        _complete(job, {**manifest, "views": True})
         return open_pack(folder)
     except NotGreyError:
+        shutil.rmtree(folder, ignore_errors=True)
         return _packed(root, key, mark, attrs.evolve(examined, channels=3), None, progress, views_ready)
     except OSError as error:
         remedy = "free some space, or use another disk with --set scene.cache_dir=DIR"
@@ -182,7 +192,7 @@ def _manifest(examined: Examined, job: PackJob, key: str) -> dict[str, Any]:
     if examined.orientation.half_turn(job.cols):
         low, high = -high, -low
     return {
-        "version": VERSION, "complete": False, "lfpipe": lfpipe.__version__, "key": key,
+        "version": VERSION, "views": False, "complete": False, "lfpipe": lfpipe.__version__, "key": key,
         "name": plain(path.stem if source.path.is_file() else path.name, 300),
         "source": plain(str(path), 10_000), "layout": source.layout, "files": len(source.files),
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "rows": job.rows, "cols": job.cols,
@@ -197,17 +207,24 @@ def _manifest(examined: Examined, job: PackJob, key: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _write_views(job: PackJob, manifest: dict[str, Any], examined: Examined) -> None:
-    """Writes a pack without disparity; it appears whole or not at all."""
+def _write_views(job: PackJob, manifest: dict[str, Any], examined: Examined, can_be_shown: ViewsReady) -> None:
+    """Writes the views of a pack. It appears with the first ones; those that follow replace copies of them."""
     root = job.folder.parent
     _room(root, job.source, job.channels)
     working = root / f".{job.folder.name}.{os.getpid()}"
     working.mkdir()
+
+    def appear() -> None:
+        write_manifest(working, manifest)
+        shutil.rmtree(job.folder, ignore_errors=True)  # a killed packer's
+        working.replace(job.folder)
+        can_be_shown(job.folder)
+
     try:
         with PlaneFile.create(working / "views.npy", job.shape, np.uint8, index_axes=3) as views:
-            write_views(job, views, screen_values.screen_table(job.source.max_value, examined.gamma))
-        write_manifest(working, manifest)
-        working.replace(job.folder)
+            table = screen_values.screen_table(job.source.max_value, examined.gamma)
+            write_views(job, views, table, appear)
+        write_manifest(job.folder, {**manifest, "views": True})
     finally:
         shutil.rmtree(working, ignore_errors=True)
 

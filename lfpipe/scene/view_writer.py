@@ -21,6 +21,7 @@ from lfpipe.scene.source import SceneSource
 Progress = Callable[[str, int, int], None]  # task, steps done, steps in total
 FrameIndex = tuple[int, int, int]  # frame, row, column
 T = TypeVar("T")
+FIRST_VIEWS = 9  # enough for the first picture: a viewer begins in the middle of the grid
 _ROOM_BYTES = 200_000_000  # for views decoded at the same time
 
 
@@ -86,9 +87,12 @@ class PackJob:
         return tick
 
 
-def write_views(job: PackJob, out: PlaneFile, table: NDArray[np.uint8]) -> None:
-    """Decodes every view into out; missing views get a copy of the nearest one. table: from a source value to a screen value.
-    Raises UserError, and NotGreyError if a view has colour but the pack has no planes for it."""
+def write_views(job: PackJob, out: PlaneFile, table: NDArray[np.uint8], can_be_shown: Callable[[], None]) -> None:
+    """Decodes every view into out, the nearest to the middle of the grid first; missing views get a copy of the nearest one.
+
+    table: from a source value to a screen value. can_be_shown: called once, when FIRST_VIEWS are there, and copies of them in all
+    other places. Raises UserError, and NotGreyError if a view has colour but the pack has no planes for it.
+    """
     source = job.source
 
     def one(place: FrameIndex) -> None:
@@ -102,8 +106,20 @@ def write_views(job: PackJob, out: PlaneFile, table: NDArray[np.uint8]) -> None:
             for channel, plane in enumerate(planes):
                 out.write((*place, channel, top), plane)
 
-    there = [place for place in job.view_indices() if job.present[place[1:]]]
-    run_parallel(one, there, job.ticker("views", len(there)), 6 * source.height_px * source.width_px)
+    def away(place: FrameIndex) -> float:
+        return (place[1] - (job.rows - 1) / 2) ** 2 + (place[2] - (job.cols - 1) / 2) ** 2
+
+    there = sorted((place for place in job.view_indices() if job.present[place[1:]]), key=away)
+    first = len(there) if source.frames > 1 else min(len(there), FIRST_VIEWS)
+    written = np.zeros_like(job.present)
+    written[tuple(np.array([place[1:] for place in there[:first]]).T)] = True
+    tick, item_bytes = job.ticker("views", len(there)), 6 * source.height_px * source.width_px
+    run_parallel(one, there[:first], tick, item_bytes)
     for place in job.view_indices():
+        if not written[place[1:]]:
+            out.write(place, out.read((place[0], *nearest_present(written, *place[1:]))))
+    can_be_shown()
+    run_parallel(one, there[first:], tick, item_bytes)
+    for place in job.view_indices() if first < len(there) else ():
         if not job.present[place[1:]]:
             out.write(place, out.read((place[0], *nearest_present(job.present, *place[1:]))))

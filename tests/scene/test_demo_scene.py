@@ -1,6 +1,5 @@
 """The demo's light field: exact by its own geometry, and in the layout that it claims."""
 
-import configparser
 from pathlib import Path
 
 import cv2
@@ -9,38 +8,29 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.demo import demo_scene, parameters
+from lfpipe.scene import layouts
+from lfpipe.scene.demo import demo_scene
 from lfpipe.scene.demo_layers import Ball, Quad, render_view
 from lfpipe.scene.demo_still_life import OFFSET_PX, still_life
-
-
-def quiet(what: str, done: int, total: int) -> None:
-    pass
+from lfpipe.scene.source import SceneSource
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return demo_scene(tmp_path_factory.mktemp("cache"), quiet, grid=3, size_px=256)
+def scene(tmp_path_factory: pytest.TempPathFactory) -> SceneSource:
+    return layouts.describe(demo_scene(tmp_path_factory.mktemp("cache"), grid=3, size_px=256), config.Scene())
 
 
-def view(scene: Path, index: int) -> np.ndarray:
-    return cv2.imread(str(scene / f"input_Cam{index:03d}.png"))
+def view(scene: SceneSource, index: int) -> np.ndarray:
+    return scene.read(0, *divmod(index, 3))
 
 
-def disparity(scene: Path, index: int) -> np.ndarray:
-    return cv2.imread(str(scene / f"gt_disp_lowres_Cam{index:03d}.pfm"), cv2.IMREAD_UNCHANGED)
+def disparity(scene: SceneSource, index: int) -> np.ndarray:
+    return scene.truth[divmod(index, 3)]()
 
 
-def test_the_files_of_the_layout(scene: Path) -> None:
-    assert len(list(scene.glob("input_Cam*.png"))) == 9
-    assert all(view(scene, k).shape == (256, 256, 3) and disparity(scene, k).shape == (256, 256) for k in range(9))
-    assert (scene / "gt_disp_lowres.pfm").read_bytes() == (scene / "gt_disp_lowres_Cam004.pfm").read_bytes()
-    assert (scene / "gt_disp_lowres.pfm").read_bytes().startswith(b"Pf\n256 256\n-1")
-    assert sum(1 for _ in scene.iterdir()) == 9 + 9 + 2
-
-
-def test_every_view_follows_from_the_middle_one_by_its_disparity(scene: Path) -> None:
+def test_every_view_follows_from_the_middle_one_by_its_disparity(scene: SceneSource) -> None:
     """Warped along the true disparity the middle view is the other view, wherever it sees the same; unwarped it is not."""
     y, x = np.mgrid[0:256, 0:256].astype(np.float32)
     middle, middle_d = view(scene, 4), disparity(scene, 4)
@@ -57,52 +47,30 @@ def test_every_view_follows_from_the_middle_one_by_its_disparity(scene: Path) ->
         assert error < 1.5 and error < 0.35 * unwarped
 
 
-def test_the_scene_reaches_before_and_behind_the_screen(scene: Path) -> None:
+def test_the_scene_reaches_before_and_behind_the_screen(scene: SceneSource) -> None:
     d = disparity(scene, 4) * 2  # of 512 px
     assert np.isfinite(d).all()
     assert d.min() == pytest.approx(-2.0) and 1.5 < d.max() < 2.1
     assert (d > 0.3).mean() > 0.1 and (d < -0.3).mean() > 0.3
 
 
-def test_there_is_texture_nearly_everywhere(scene: Path) -> None:
-    grey = cv2.cvtColor(view(scene, 4), cv2.COLOR_BGR2GRAY).astype(np.float32)
+def test_there_is_texture_nearly_everywhere(scene: SceneSource) -> None:
+    grey = cv2.cvtColor(view(scene, 4), cv2.COLOR_RGB2GRAY).astype(np.float32)
     spread = np.sqrt(np.maximum(cv2.blur(grey**2, (15, 15)) - cv2.blur(grey, (15, 15)) ** 2, 0))
     assert (spread > 1.5).mean() > 0.95
 
 
-def test_the_parameters_say_what_the_pictures_show() -> None:
-    told = configparser.ConfigParser()
-    told.read_string(parameters(9, 512))
-    lens, place = told["intrinsics"], told["extrinsics"]
-    focal_px = lens.getfloat("focal_length_mm") / lens.getfloat("sensor_size_mm") * lens.getfloat("image_resolution_x_px")
-    at_infinity = focal_px * place.getfloat("baseline_mm") / 1000 / place.getfloat("focus_distance_m")
-    assert at_infinity == pytest.approx(OFFSET_PX, rel=1e-4)
-    assert (place.getint("num_cams_x"), place.getint("num_cams_y")) == (9, 9)
-
-
-def test_it_is_made_once_and_whole(tmp_path: Path) -> None:
-    calls = []
-    first = demo_scene(tmp_path, lambda *a: calls.append(a), grid=3, size_px=64)
-    assert calls[-1][1:] == (9, 9) and [done for _, done, _ in calls] == list(range(1, 10))
-    again = demo_scene(tmp_path, lambda *a: pytest.fail("rendered twice"), grid=3, size_px=64)
-    assert again == first
-    assert [entry.name for entry in (tmp_path / "demo").iterdir()] == [first.name]
-
-
-def test_a_render_that_is_broken_off_leaves_nothing(tmp_path: Path) -> None:
-    def stop(what: str, done: int, total: int) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        demo_scene(tmp_path, stop, grid=3, size_px=64)
-    assert list((tmp_path / "demo").iterdir()) == []
+def test_the_geometry_says_what_the_pictures_show(scene: SceneSource) -> None:
+    known = scene.geometry
+    at_infinity = known.focal_length_px * known.baseline_mm / known.focus_distance_mm
+    assert at_infinity == pytest.approx(OFFSET_PX / 2, rel=1e-4), "half of 512 px"
 
 
 def test_a_cache_that_cannot_be_written_is_the_users_to_fix(tmp_path: Path) -> None:
     (tmp_path / "demo").write_text("in the way")
-    with pytest.raises(UserError, match="demo scene") as told:
-        demo_scene(tmp_path, quiet, grid=3, size_px=64)
-    assert "scene.cache_dir" in told.value.remedy
+    with pytest.raises(UserError, match="demo scene") as refused:
+        demo_scene(tmp_path, grid=3, size_px=64)
+    assert "scene.cache_dir" in refused.value.remedy
 
 
 def test_the_same_picture_every_time() -> None:

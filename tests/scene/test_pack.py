@@ -280,7 +280,7 @@ def test_views_can_be_shown_before_the_disparity_is_there(folder: Path, scene_co
     whole = pack_scene(folder, scene_config, views_ready=lambda pack: early.append(open_pack(pack)))
     (field,) = early
     assert not field.complete and field.disparity is None and field.method in ("nearest", "blend")
-    assert np.array_equal(field.views, whole.views)
+    assert np.array_equal(field.views, whole.views), "few views: all are there at once"
     assert whole.complete and whole.disparity is not None and whole.folder == field.folder
 
 
@@ -301,3 +301,24 @@ def test_half_a_pack_is_completed_and_never_whole(folder: Path, scene_config: co
     views = (found / "views.npy").stat().st_mtime_ns
     done = pack_scene(folder, scene_config)
     assert done.complete and done.disparity is not None and (found / "views.npy").stat().st_mtime_ns == views
+
+
+def test_the_first_picture_needs_the_views_in_the_middle_only(tmp_path: Path, scene_config: config.Scene) -> None:
+    grid = made.views(5, 5)
+    made.write_grid(tmp_path / "scene", grid, "input_Cam{n:03d}.png")
+    made.write_pfm(tmp_path / "scene" / "gt_disp_lowres.pfm", made.middle_disparity())
+    seen: list[LightField] = []
+
+    def stop(pack: Path) -> None:
+        field = open_pack(pack)
+        assert not field.manifest["views"] and not field.complete
+        assert np.array_equal(field.views[0, 2, 2], grid[2, 2].transpose(2, 0, 1))
+        assert np.array_equal(field.views[0, 0, 0], grid[1, 1].transpose(2, 0, 1)), "a copy of the nearest one"
+        seen.append(field)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pack_scene(tmp_path / "scene", scene_config, views_ready=stop)
+    whole = pack_scene(tmp_path / "scene", scene_config)
+    assert whole.complete and np.array_equal(whole.views[0].transpose(0, 1, 3, 4, 2), grid)
+    assert whole.folder == seen[0].folder and left_over(scene_config) == []
