@@ -1,17 +1,20 @@
 """Filters on the eyes of real people: what is shown beside where the eyes were.
 
-    uv run python profiling/eyes_tracks.py FOLDER
+    uv run python profiling/eyes_tracks.py FOLDER [--loop-ms 80] [--camera-hz 60]
 
 FOLDER holds tracks, one CSV a clip: t_s, face, left_x, left_y, right_x, right_y, in px, as measured in every frame. Each stretch
 of more than 60 frames with a face runs offline as the pipeline runs it: measurements 10 ms old, a refresh every 1/60 s, eyes
 predicted to its middle; the paper's way, the mean of five, changes with the camera's frames instead. Truth is the track smoothed
-without causality: at each frame the parabola through its neighbours, weighted by a Gaussian of 50 ms.
+without causality: at each frame the parabola through its neighbours, weighted by a Gaussian of 50 ms. With --loop-ms light leaves
+the screen that much later, and the eyes are predicted to that moment. With --camera-hz the truth is measured at that rate, with
+the residuals of the real frames in random order as noise.
 
 Figures are medians over the stretches, in % of the distance between the eyes, RMS over both eyes and every 2 ms: moving (over 0.5
 distances/s), still (under 0.1 for 0.2 s), step from picture to picture while still, how far ahead of a head that has just stopped
 the eyes are shown (after it fell from 1.0 to 0.25 distances/s, for 0.2 s), and all. Then, by stretch, the error over all time.
 """
 
+import copy
 import csv
 import math
 from collections.abc import Callable
@@ -57,6 +60,15 @@ class Clip:
             smooth[i], slope[i] = np.linalg.lstsq(powers * weight, self.eyes * weight, rcond=None)[0][:2]
         return smooth, slope
 
+    def measured(self, rate_hz: float) -> "Clip":
+        """The same truth as a camera of that rate measures it."""
+        other, rng = copy.copy(self), np.random.default_rng(1)
+        other.t_s = np.arange(self.fine_s[0], self.fine_s[-1], 1 / rate_hz)
+        k = np.clip(np.searchsorted(self.fine_s, other.t_s), 0, len(self.fine_s) - 1)
+        noise = self.eyes - self._smoothed()[0]
+        other.eyes = self.truth[k] + noise[rng.integers(len(noise), size=len(k))]
+        return other
+
     def stops(self) -> list[tuple[int, Float]]:
         """(place in fine_s, direction) of each time that a fast head has become slow."""
         found, fast = [], -(10**9)
@@ -83,13 +95,13 @@ def clips(folder: Path) -> list[Clip]:
     return out
 
 
-def shown(clip: Clip, one: EyeFilter, display: bool) -> tuple[Float, Float]:
-    """When pictures appeared, and the eyes (n, 4) that they were made for."""
+def shown(clip: Clip, one: EyeFilter, display: bool, loop_s: float = 0.0) -> tuple[Float, Float]:
+    """When the light of pictures appeared, and the eyes (n, 4) that they were made for."""
     times: list[float] = []
     used: list[Float] = []
-    due_s, i = 0.003, 0
+    due_s, i = clip.t_s[0] + 0.003, 0
     if not display:
-        return clip.t_s + AGE_S, np.array(
+        return clip.t_s + AGE_S + loop_s, np.array(
             [one.update(round(t * 1e9), eyes.reshape(2, 2))[0].ravel() for t, eyes in zip(clip.t_s, clip.eyes, strict=True)]
         )
     while due_s < clip.t_s[-1]:
@@ -97,8 +109,8 @@ def shown(clip: Clip, one: EyeFilter, display: bool) -> tuple[Float, Float]:
             one.update(round(clip.t_s[i] * 1e9), clip.eyes[i].reshape(2, 2))
             i += 1
         if i:
-            times.append(due_s)
-            used.append(one.predict(round((due_s + REFRESH_S / 2) * 1e9)).ravel())
+            times.append(due_s + loop_s)
+            used.append(one.predict(round((due_s + REFRESH_S / 2 + loop_s) * 1e9)).ravel())
         due_s += REFRESH_S
     return np.array(times), np.array(used)
 
@@ -121,26 +133,36 @@ def figures(clip: Clip, times: Float, used: Float) -> list[float]:
     return [rms(square[clip.speed > 0.5]), rms(square[clip.still]), step, over, rms(square)]
 
 
+def table(found: list[Clip], ways: list[tuple[str, Callable[[], EyeFilter], bool]], loop_s: float) -> dict[str, Float]:
+    """figures (stretches, 5) of every filter: (name, its maker, whether it predicts on the display's clock)."""
+    return {
+        name: np.array([figures(clip, *shown(clip, make(), display, loop_s)) for clip in found]) for name, make, display in ways
+    }
+
+
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("folder", type=existing)
-    found = clips(parser.parse_args().folder)
+    parser.add_argument("--loop-ms", type=float, default=0.0)
+    parser.add_argument("--camera-hz", type=float, default=0.0)
+    given = parser.parse_args()
+    loop_s, found = given.loop_ms / 1000, clips(given.folder)
+    if given.camera_hz:
+        found = [clip.measured(given.camera_hz) for clip in found]
     ways: list[tuple[str, Callable[[], EyeFilter], bool]] = [
         ("paper, mean 5", lambda: Mean(5), False),
         ("none", lambda: Mean(1), True),
         ("one-euro", lambda: make_filter(Track(filter="one-euro")), True),
         ("kalman", lambda: make_filter(Track(filter="kalman")), True),
-        ("predictive", lambda: make_filter(Track()), True),
+        ("predictive", lambda: make_filter(Track(), loop_s), True),
     ]
+    every = table(found, ways, loop_s)
     print(f"| filter | moving | still | step | overshoot | all |\n|---|{'---:|' * 5}")
-    every = {}
-    for name, make, display in ways:
-        rows = np.array([figures(clip, *shown(clip, make(), display)) for clip in found])
-        every[name] = rows[:, 4]
+    for name, rows in every.items():
         print(f"| {name} | " + " | ".join(f"{value:.2f}" for value in np.nanmedian(rows, axis=0)) + " |")
     print(f"\n| all time | {' | '.join(clip.name for clip in found)} |\n|---|{'---:|' * len(found)}")
     for name in ("paper, mean 5", "none", "predictive"):
-        print(f"| {name} | {' | '.join(f'{value:.2f}' for value in every[name])} |")
+        print(f"| {name} | {' | '.join(f'{value:.2f}' for value in every[name][:, 4])} |")
 
 
 if __name__ == "__main__":

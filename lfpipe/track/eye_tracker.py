@@ -1,6 +1,7 @@
 """Combines engine, filter and the viewer's eye distance: one call per frame. The stage runs this; it needs no processes."""
 
 import logging
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,26 +16,61 @@ from lfpipe.track.smoothing import MAX_STEP_NS
 
 log = logging.getLogger(__name__)
 
+# Logits of the confidence: 20 for a face that nothing hides, 13 to 20 for turned heads, 1 to 10 behind a hand.
+SUREST, FALL, SURE = 20.0, 10.0, 2.0
+USUAL_S = 1.0  # time constant of a face's usual confidence: nothing is held for much longer
+NEAR, SAME = 0.4, 0.1  # in distances between the eyes: what a hand pulls a face by at most; what nobody sees
+
+
+class HiddenFace:
+    """Whether something hides the face: its confidence falls, and landmarks follow a hand instead of the eyes.
+
+    Then the eyes are held where they were before the confidence fell, unless the face moves by more than a hand can pull it.
+    held: hold them. sure: the present frame is one to hold later.
+    """
+
+    def __init__(self) -> None:
+        self._usual = 0.0
+        self._sure_px = (0.0, 0.0)  # between the eyes
+        self.held, self.sure = False, True
+
+    def reset(self, sure: float, middle_px: tuple[float, float]) -> None:
+        """Begins with the first frame of a track."""
+        self._usual, self._sure_px, self.held, self.sure = sure, middle_px, False, True
+
+    def update(self, sure: float, middle_px: tuple[float, float], apart_px: float, dt_s: float) -> bool:
+        """Adds a frame; returns whether the face is elsewhere after it was held. sure: logit of its confidence. dt_s: since the
+        last frame."""
+        self._usual = max(sure, self._usual + min(dt_s / USUAL_S, 1.0) * (sure - self._usual))
+        off = math.dist(middle_px, self._sure_px) / max(apart_px, 1.0)
+        held, self.held = self.held, sure < self._usual - FALL and off < NEAR
+        self.sure = sure > self._usual - SURE or (held and not self.held)
+        if self.sure:
+            self._sure_px = middle_px
+        return held and not self.held and off > SAME
+
 
 class EyeTracker:
     """engine: finds faces. seen: whether the last frame had a face.
 
-    portable: see `LitertEngine`. Raises UserError if an engine's libraries or models are missing.
+    portable: see `LitertEngine`. loop_s: delay of camera and display. Raises UserError if an engine's libraries or models are
+    missing.
     """
 
-    def __init__(self, settings: Track, portable: bool = False) -> None:
+    def __init__(self, settings: Track, portable: bool = False, loop_s: float = 0.0) -> None:
         self.engine = make_engine(settings, portable)
-        self._settings, self._filter, self._apart = settings, make_filter(settings), EyeDistance()
-        self._raw_px = self._position_px = self._velocity_px_s = np.zeros((2, 2))
+        self._settings, self._loop_s, self._filter = settings, loop_s, make_filter(settings, loop_s)
+        self._distance, self._hidden = EyeDistance(), HiddenFace()
+        self._raw_px = self._position_px = self._velocity_px_s = self._sure_position_px = np.zeros((2, 2))
         self._face: Face | None = None
         self._box_px, self._seen_ns = (0.0, 0.0, 0.0, 0.0), 0
         self._epoch, self._generation = -1, 0
         self.seen = False
 
-    def set(self, settings: Track) -> None:
+    def set(self, settings: Track, loop_s: float = 0.0) -> None:
         """Replaces the filter, but not the engine."""
-        if settings != self._settings:
-            self._settings, self._filter = settings, make_filter(settings)
+        if (settings, loop_s) != (self._settings, self._loop_s):
+            self._settings, self._loop_s, self._filter = settings, loop_s, make_filter(settings, loop_s)
 
     def reset(self) -> None:
         """Starts a new choice of the face."""
@@ -47,32 +83,49 @@ class EyeTracker:
         An implausible face counts as none: whoever averages what follows would never forget it.
         """
         if face is not None and not face.plausible:
-            log.debug("implausible face: %s", face)
+            log.info("implausible face: %s", face)
             face = None
         self._face = face
-        if face is not None:
-            away_ns = t_sensor_ns - self._seen_ns
-            if epoch != self._epoch or away_ns >= MAX_STEP_NS or not same_place(self._box_px, face.box_px):
-                self._epoch, self._generation = epoch, self._generation + 1  # earlier runs say nothing about this one
-                self._filter.reset()
-                self._apart.reset()
-            self._apart.update(t_sensor_ns, face)
-            self._raw_px, self._box_px, self._seen_ns = face.eyes_px, face.box_px, t_sensor_ns
-            self._position_px, self._velocity_px_s = self._filter.update(t_sensor_ns, face.eyes_px)
-        else:
+        if face is None:
             self._velocity_px_s = np.zeros((2, 2))  # hold the position: the motion is unknown
             if self._settings.filter == "mean":
                 self._filter.reset()  # the average must not mix positions before and after a loss
+        else:
+            self._follow(face, t_sensor_ns, epoch)
         changed, self.seen = (face is not None) != self.seen, face is not None
         return changed
 
+    def _follow(self, face: Face, t_sensor_ns: int, epoch: int) -> None:
+        (lx, ly), (rx, ry) = face.eyes_px.tolist()
+        middle_px, confidence = ((lx + rx) / 2, (ly + ry) / 2), min(max(face.confidence, 1e-9), 1 - 1e-10)
+        sure = min(math.log(confidence / (1 - confidence)), SUREST)
+        away_ns = t_sensor_ns - self._seen_ns
+        if epoch != self._epoch or away_ns >= MAX_STEP_NS or not same_place(self._box_px, face.box_px):
+            self._epoch, anew = epoch, True  # earlier runs say nothing about this one
+            self._distance.reset()
+            self._hidden.reset(sure, middle_px)
+        else:
+            apart_px = face.apart_px or math.dist((lx, ly), (rx, ry))
+            anew = self._hidden.update(sure, middle_px, apart_px, max(away_ns, 0) / 1e9)
+        self._raw_px, self._box_px, self._seen_ns = face.eyes_px, face.box_px, t_sensor_ns
+        if self._hidden.held and self._settings.filter == "predictive":  # the others are for comparison, as published
+            self._position_px, self._velocity_px_s = self._sure_position_px, np.zeros((2, 2))
+            return
+        if anew:
+            self._generation += 1
+            self._filter.reset()
+        if face.iris_px:
+            self._distance.update(t_sensor_ns, face)
+        self._position_px, self._velocity_px_s = self._filter.update(t_sensor_ns, face.eyes_px)
+        if self._hidden.sure:
+            self._sure_position_px = self._position_px
+
     def write(self, record: NDArray[np.void], image: NDArray[np.uint8]) -> None:
         """Fills a record of dtype EYES, except t_tracked_ns. image: the frame."""
-        face = self._face
-        record["raw_px"], record["filtered_px"] = self._raw_px, self._position_px
-        record["velocity_px_s"] = self._velocity_px_s
-        record["apart_px"] = face.apart_px if face is not None else 0.0
-        record["head_px"] = face.head_px if face is not None and face.head_px is not None else 0.0
-        record["confidence"] = face.confidence if face is not None else 0.0
-        record["width_px"], record["height_px"] = image.shape[1], image.shape[0]
-        record["face"], record["generation"], record["eyes_mm"] = self.seen, self._generation, self._apart.mm
+        face, (height_px, width_px) = self._face, image.shape[:2]
+        apart_px, confidence, head_px = (face.apart_px, face.confidence, face.head_px) if face is not None else (0.0, 0.0, None)
+        record["raw_px"], record["filtered_px"], record["velocity_px_s"] = self._raw_px, self._position_px, self._velocity_px_s
+        record["apart_px"], record["confidence"] = apart_px, confidence
+        record["head_px"] = 0.0 if head_px is None else head_px
+        record["width_px"], record["height_px"] = width_px, height_px
+        record["face"], record["generation"], record["eyes_mm"] = self.seen, self._generation, self._distance.mm

@@ -11,12 +11,12 @@ from lfpipe.track.motion_models import Predictive
 from lfpipe.track.smoothing import EyeFilter, Mean, OneEuro
 
 
-def make_filter(track: Track) -> EyeFilter:
-    """Returns a new filter of the name in track."""
+def make_filter(track: Track, loop_s: float = 0.0) -> EyeFilter:
+    """Returns a new filter of the name in track. loop_s: delay of camera and display that predictions must cover."""
     if track.filter == "mean":
         return Mean(track.mean_k)
     if track.filter == "one-euro":
         return OneEuro(1.0, 2.0, 4.0)
     if track.filter == "kalman":
         return Kalman(1e4)
-    return Predictive()
+    return Predictive(loop_s=loop_s)

@@ -9,7 +9,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host.addition import add
+from lfpipe.eyes import HEAD_POINTS
 
 # The 16 points of each eyelid contour. The viewer's own left eye: at larger x in an unmirrored picture.
 LEFT_EYE = np.array([263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466])
@@ -22,7 +22,8 @@ EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the f
 
 EYE_LINE = (33, 263)  # outer corners of the eyes, right to left: defines the rotation of a face's region
 _LIDS = 9  # corners and lower lid: the first of LEFT_EYE and RIGHT_EYE. A blink moves the upper lid by a third of an eye
-_KEY = np.concatenate([LEFT_EYE[:_LIDS], RIGHT_EYE[:_LIDS], EYE_LINE])
+_KEY = np.concatenate([LEFT_EYE[:_LIDS], RIGHT_EYE[:_LIDS], EYE_LINE, HEAD_POINTS])
+_HEAD = 2 * _LIDS + len(EYE_LINE)  # index of the first of HEAD_POINTS in _KEY
 # From the mean of these points to that of all 16 in open eyes, in distances between the eyes: upwards, and away from the nose.
 # Medians over 60 pictures of 10 people (0.0355, 0.0073) and 429 frames of a talking person (0.0370, 0.0062).
 _RAISE, _SPREAD = 0.036, 0.0067
@@ -39,26 +40,33 @@ class EyePoints:
     apart: float
 
 
-def eye_points(points: NDArray[np.floating], depth: NDArray[np.floating]) -> EyePoints:
-    """Eye centres that a blink does not move, from points (2, 468), x and y of the mesh, and depth (468,), its z.
+def eye_points(points: NDArray[np.floating], depth: NDArray[np.floating]) -> tuple[EyePoints, NDArray[np.float64]]:
+    """(eye centres that a blink does not move, the points of HEAD_POINTS (10, 3)), from points (2, 468), x and y of the mesh, and
+    depth (468,), its z.
 
     A centre is the mean of the eye's corners and lower lid, shifted to the paper's centre: the mean of
     all 16 periocular points of an open eye.
     """
-    xs, ys = points[:, _KEY].tolist()  # plain numbers from here: a numpy call after a pause costs 15 us
-    zs = depth[_KEY[: 2 * _LIDS]].tolist()
-    n = _LIDS
-    lx, ly, lz = add(xs[:n]) / n, add(ys[:n]) / n, add(zs[:n]) / n
-    rx, ry, rz = add(xs[n : 2 * n]) / n, add(ys[n : 2 * n]) / n, add(zs[n:]) / n
+    keys = np.empty((3, len(_KEY)))
+    points.take(_KEY, 1, keys[:2])
+    keys[2] = depth.take(_KEY)
+    xs, ys, zs = keys.tolist()  # plain numbers from here: a numpy call after a pause costs 15 us
+    lx = ly = lz = rx = ry = rz = 0.0
+    for k in range(_LIDS):
+        lx, ly, lz = lx + xs[k], ly + ys[k], lz + zs[k]
+        rx, ry, rz = rx + xs[k + _LIDS], ry + ys[k + _LIDS], rz + zs[k + _LIDS]
+    lx, ly, lz, rx, ry, rz = lx / _LIDS, ly / _LIDS, lz / _LIDS, rx / _LIDS, ry / _LIDS, rz / _LIDS
     dx, dy = lx - rx, ly - ry
     up_x, up_y, out_x, out_y = _RAISE * dy, -_RAISE * dx, _SPREAD * dx, _SPREAD * dy
-    return EyePoints(
+    right, left = 2 * _LIDS, 2 * _LIDS + 1
+    eyes = EyePoints(
         (lx + up_x + out_x, ly + up_y + out_y),
         (rx + up_x - out_x, ry + up_y - out_y),
-        (xs[-1], ys[-1]),
-        (xs[-2], ys[-2]),
+        (xs[left], ys[left]),
+        (xs[right], ys[right]),
         (1 + 2 * _SPREAD) * math.sqrt(dx * dx + dy * dy + (lz - rz) ** 2),
     )
+    return eyes, keys[:, _HEAD:].T
 
 
 def iris_diameter(irises: NDArray[np.float64]) -> float:

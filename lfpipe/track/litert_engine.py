@@ -5,6 +5,7 @@ about once a second in addition. FaceMesh takes the face with the highest score;
 If the landmark network rejects a candidate, it tries the next.
 """
 
+import logging
 import math
 
 import attrs
@@ -12,7 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.eyes import HEAD_POINTS
 from lfpipe.track.detector import FULL, Detection, Detector
 from lfpipe.track.engine import Face
 from lfpipe.track.iris import Irises
@@ -24,7 +24,6 @@ from lfpipe.track.selector import FaceSelector
 
 SIZE_PX = 192
 POINTS = 468
-_HEAD = np.array(HEAD_POINTS)
 # In distances between the eyes. A gaze moves both irises off the middle of the lids equally, and only as far as the lids allow.
 # If the two irises disagree, glasses or glare hide them, and the lids are the better estimate.
 APART, ASIDE = 0.06, 0.13
@@ -32,11 +31,26 @@ FOUND = 0.5  # confidence that a new face needs
 FOUND_FAR = 0.9  # the same for a small face: its detector has many false alarms, and real faces get high confidence
 KEPT = 0.2  # confidence that a followed face needs: a hand in front of it lowers confidence more than accuracy
 CANDIDATES = 6  # faces per picture that the landmark network tries, 1.3 ms each
+SMALL = 0.04  # distance between the eyes over the picture's longer side (1.5 m away): the near detector misses such faces
 FAR_EVERY = 8  # pictures without a face between runs of the full-range detector (10 ms each)
 UPRIGHT_DEG = 80.0  # no head leans further; such a face is in a rotated picture
 LEANING_DEG, REPEATS = 30.0, 4  # a new face that leans further is measured again, at most REPEATS times
 QUARTERS = (math.pi, math.pi / 2, -math.pi / 2)
-ROTATED_FACES = 3  # number of such faces before the hint appears
+SURER = (
+    5.0  # logits by which a face is surer in the region turned by quarters: upside down by 11 to 32, behind a mask by up to 4.3
+)
+ROTATED_FACES = 3  # number of rotated faces before the hint appears
+
+log = logging.getLogger(__name__)
+
+
+@attrs.frozen(eq=False)
+class Measured:
+    """A face, its region in the next picture, and the logit of its confidence."""
+
+    face: Face
+    region: Roi
+    logit: float
 
 
 class LitertEngine:
@@ -76,31 +90,34 @@ class LitertEngine:
         if bgr.shape[:2] != self._size:  # regions in px of another size are invalid
             self._size = bgr.shape[:2]
             self.reset()
-        face = self._measure(bgr, self._roi, KEPT) if self._roi else None
-        face = face or self._search(bgr)
-        self._followed = face
-        if face is None:
-            self._roi = None
+        measured = self._measure(bgr, self._roi, KEPT) if self._roi else None
+        if measured is None or abs(measured.face.lean_deg) > UPRIGHT_DEG:
+            measured = self._search(bgr)
+        if measured is None:
+            self._followed = self._roi = None
             self._without += 1
-        else:
-            self._selector.follow(face.box_px)
-            self._without = 0
-        return face
+            return None
+        self._followed, self._roi = measured.face, measured.region
+        self._selector.follow(measured.face.box_px)
+        self._without = 0
+        return measured.face
 
     def examine(self, image: NDArray[np.uint8]) -> None:
         """See Engine.examine. If another face should be followed, that starts with the next picture."""
         if self._followed is None or not self._selector.due:
             return
-        bgr = as_bgr8(image)
+        bgr, followed = as_bgr8(image), self._followed
         height_px, width_px = bgr.shape[:2]
-        rival = self._selector.rival(self._near.detect(bgr), self._followed.box_px, width_px, height_px)
-        kept = self._roi
-        if rival is None or (face := self._acquire(bgr, _region(rival), FOUND)) is None:
-            self._roi = kept
-            return
-        self._selector.change(face.box_px)
+        candidates = self._near.detect(bgr)
+        if followed.apart_px < SMALL * max(width_px, height_px):
+            candidates += self._far_detector.detect(bgr)
+        rival = self._selector.rival(candidates, followed.box_px, width_px, height_px)
+        if rival is not None and (measured := self._acquire(bgr, _region(rival), FOUND)) is not None:
+            log.info("another face is followed: %s instead of %s", measured.face.box_px, followed.box_px)
+            self._roi = measured.region
+            self._selector.change(measured.face.box_px)
 
-    def _search(self, bgr: NDArray[np.uint8]) -> Face | None:
+    def _search(self, bgr: NDArray[np.uint8]) -> Measured | None:
         """Searches the whole picture for a face."""
         height_px, width_px = bgr.shape[:2]
         looks = [(FOUND, self._near.detect(bgr))]
@@ -108,43 +125,51 @@ class LitertEngine:
             looks.append((FOUND_FAR, self._look_far(bgr)))
         elif self._without % FAR_EVERY == FAR_EVERY // 2:
             self._look_rotated(bgr)
-        for least, found in looks:
-            for candidate in self._selector.rank(found, width_px, height_px)[:CANDIDATES]:
-                if face := self._acquire(bgr, _region(candidate), least):
-                    return face
+        for least, candidates in looks:
+            for candidate in self._selector.rank(candidates, width_px, height_px)[:CANDIDATES]:
+                if measured := self._acquire(bgr, _region(candidate), least):
+                    return measured
         return None
 
-    def _acquire(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Face | None:
+    def _acquire(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Measured | None:
         """Measures a new face in roi. A leaning face is measured again until its own region is found. The detector often takes an
-        upside-down face for an upright one, but the landmark network is more confident in the rotated region."""
-        face = self._measure(bgr, roi, least)
+        upside-down face for an upright one, but the landmark network is surer in the rotated region."""
+        measured = self._measure(bgr, roi, least)
         for _ in range(REPEATS):
-            if face is None or abs(face.lean_deg) < LEANING_DEG:
+            if measured is None or abs(measured.face.lean_deg) < LEANING_DEG:
                 break
-            assert self._roi is not None
-            face = self._measure(bgr, self._roi, KEPT)
-        if face is None or self._roi is None:
+            measured = self._measure(bgr, measured.region, KEPT)
+        if measured is None:
             return None
-        kept, counted, sure = self._roi, sum(self._rotated.values()), self._run(bgr, self._roi)[1]
-        for angle in QUARTERS:
-            turned = attrs.evolve(kept, angle=kept.angle + angle)
-            if self._run(bgr, turned)[1] > sure:
-                self._measure(bgr, turned, FOUND)
-        self._roi = kept
-        return None if sum(self._rotated.values()) > counted else face
+        if abs(measured.face.lean_deg) > UPRIGHT_DEG:
+            self._count_rotated(measured)
+            return None
+        region = measured.region
+        sure = self._run(bgr, region)[1]
+        turned = [attrs.evolve(region, angle=region.angle + angle) for angle in QUARTERS]
+        logit, surest = max(((self._run(bgr, roi)[1], roi) for roi in turned), key=lambda each: each[0])
+        if logit > sure + SURER and (rotated := self._measure(bgr, surest, FOUND)) is not None:
+            self._count_rotated(rotated)
+            if abs(rotated.face.lean_deg) > UPRIGHT_DEG:
+                return None
+        return measured
+
+    @property
+    def _far_detector(self) -> Detector:
+        if self._far is None:
+            self._far = Detector(FULL, self._warp)
+        return self._far
 
     def _look_far(self, bgr: NDArray[np.uint8]) -> list[Detection]:
         """Searches small faces, alternately in the whole picture and, enlarged, in one of three parts that cover its width."""
-        if self._far is None:
-            self._far = Detector(FULL, self._warp)
         height_px, width_px = bgr.shape[:2]
         part = self._without // FAR_EVERY % 4
         if part == 0:
-            return self._far.detect(bgr)
+            return self._far_detector.detect(bgr)
         side_px = 0.6 * max(width_px, height_px)
         x_px, y_px = (min(max(share * length, side_px / 2), max(length - side_px / 2, length / 2)) for share, length in
                       (((0.5, 0.0, 1.0)[part - 1], width_px), (0.4, height_px)))  # fmt: skip
-        return self._far.detect(bgr, Roi(x_px, y_px, side_px, 0.0))
+        return self._far_detector.detect(bgr, Roi(x_px, y_px, side_px, 0.0))
 
     def _look_rotated(self, bgr: NDArray[np.uint8]) -> None:
         """Counts faces that are upside down or sideways; the detector misses many of them unless the picture is rotated."""
@@ -152,7 +177,8 @@ class LitertEngine:
         angle = QUARTERS[self._without // FAR_EVERY % 3]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), angle)
         for candidate in self._near.detect(bgr, whole)[:1]:
-            self._measure(bgr, _region(candidate), FOUND)
+            if measured := self._measure(bgr, _region(candidate), FOUND):
+                self._count_rotated(measured)
 
     def _run(self, bgr: NDArray[np.uint8], roi: Roi) -> tuple[NDArray[np.float32], float]:
         """Returns the network's points in px of the crop, flat, and the logit of its confidence."""
@@ -161,47 +187,51 @@ class LitertEngine:
         values, logit = self._network.run()
         return values, float(logit[0])
 
-    def _measure(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Face | None:
-        """Measures the face in roi; its region is used for the next picture. least: the required confidence."""
+    def _measure(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Measured | None:
+        """Measures the face in roi, however it leans. least: the required confidence."""
         values, logit = self._run(bgr, roi)
         confidence = 1 / (1 + math.exp(-min(max(logit, -80.0), 80.0)))
         if confidence < least:
             return None
         matrix, mesh = roi.matrix(SIZE_PX), values.reshape(POINTS, 3)
-        x, y = matrix[:, 2].tolist()
+        (_, _, x), (_, _, y) = matrix.tolist()
         points = matrix[:, :1] * mesh[:, 0] + matrix[:, 1:2] * mesh[:, 1]  # (2, 468) px from (x, y)
-        (x0, y0), (x1, y1) = points.min(axis=1).tolist(), points.max(axis=1).tolist()
+        (x0, y0), (x1, y1) = np.minimum.reduce(points, axis=1).tolist(), np.maximum.reduce(points, axis=1).tolist()
         scale = roi.side_px / SIZE_PX
-        found = eye_points(points, mesh[:, 2] * np.float32(scale))
+        eyes, head_px = eye_points(points, mesh[:, 2] * np.float32(scale))
         edges = x0 + x, y0 + y, x1 + x, y1 + y
-        region = around(edges, found.right_corner, found.left_corner)
-        lean_deg = math.degrees(region.angle)
-        # narrower than a pixel, or NaN: no region for the next picture
-        if not 1.0 <= region.side_px < math.inf or not self._upright(lean_deg):
+        region = around(edges, eyes.right_corner, eyes.left_corner)
+        if not 1.0 <= region.side_px < math.inf:  # narrower than a pixel, or NaN: no region for the next picture
             return None
-        self._roi = region
-        head_px = np.column_stack((points.T[_HEAD], mesh[_HEAD, 2] * scale))
-        if self._irises is None:
-            eyes = np.add((found.left, found.right), (x, y))
-            return Face(eyes, confidence, edges, apart_px=found.apart, lean_deg=lean_deg, head_px=head_px)
-        mesh_px = points.T + matrix[:, 2]
-        irises = self._irises.find(bgr, mesh_px)
-        frontal = abs(turn(mesh_px[list(TURN)])) <= FRONTAL
-        lids = np.add((found.left, found.right), (x, y))
-        off = (irises[:, 0] - lids) / max(found.apart, 1.0)
-        seen = float(np.hypot(*(off[0] - off[1]))) <= APART and float(np.abs(off).max()) <= ASIDE
-        eyes, iris_px = (irises[:, 0], iris_diameter(irises) if frontal else 0.0) if seen else (lids, 0.0)
-        return Face(eyes, confidence, edges, iris_px, found.apart, lean_deg, head_px)
+        lean_deg = math.degrees(region.angle)
+        (lx, ly), (rx, ry) = eyes.left, eyes.right
+        eyes_px = np.array(((lx + x, ly + y), (rx + x, ry + y)))
+        iris_px = 0.0
+        if self._irises is not None:
+            eyes_px, iris_px = self._refined(self._irises, bgr, points.T + matrix[:, 2], eyes_px, eyes.apart)
+        return Measured(Face(eyes_px, confidence, edges, iris_px, eyes.apart, lean_deg, head_px), region, logit)
 
-    def _upright(self, lean_deg: float) -> bool:
-        """Whether a head can lean this far, clockwise. Counts faces that lean further, because the picture may be rotated."""
-        if abs(lean_deg) <= UPRIGHT_DEG:
-            return True
-        turned = round(-lean_deg / 90) * 90 % 360
+    @staticmethod
+    def _refined(
+        irises: Irises, bgr: NDArray[np.uint8], mesh_px: NDArray[np.float64], lids_px: NDArray[np.float64], apart_px: float
+    ) -> tuple[NDArray[np.float64], float]:
+        """(eyes, diameter of the irises), both in px: those of the irises where they are seen, else lids_px and 0."""
+        found = irises.find(bgr, mesh_px)
+        off = (found[:, 0] - lids_px) / max(apart_px, 1.0)
+        if float(np.hypot(*(off[0] - off[1]))) > APART or float(np.abs(off).max()) > ASIDE:
+            return lids_px, 0.0
+        frontal = abs(turn(mesh_px[list(TURN)])) <= FRONTAL
+        return found[:, 0], iris_diameter(found) if frontal else 0.0
+
+    def _count_rotated(self, measured: Measured) -> None:
+        """Counts a face that leans further than a head can: the picture may be rotated. The most frequent one is the hint."""
+        if abs(measured.face.lean_deg) <= UPRIGHT_DEG:
+            return
+        turned = round(-measured.face.lean_deg / 90) * 90 % 360
         self._rotated[turned] = self._rotated.get(turned, 0) + 1
-        if self._rotated[turned] >= ROTATED_FACES:
-            self.rotated_deg = turned
-        return False
+        if not self.rotated_deg and sum(self._rotated.values()) >= ROTATED_FACES:
+            self.rotated_deg = max(self._rotated, key=lambda each: self._rotated[each])
+            log.info("faces are rotated: %s", self._rotated)
 
 
 def _region(face: Detection) -> Roi:

@@ -16,7 +16,8 @@ from lfpipe.transport.context import Context
 
 def main(context: Context) -> None:
     """Runs the stage until it is stopped."""
-    tracker = EyeTracker(context.config.track, portable=context.options.replay is not None)
+    config = context.config
+    tracker = EyeTracker(config.track, context.options.replay is not None, config.render.loop_ms / 1e3)
     engine = tracker.engine
     frames, eyes = context.input("frames"), context.output("eyes")
     hinted = 0
@@ -24,7 +25,7 @@ def main(context: Context) -> None:
     context.ready()
     try:
         while context.wait():
-            tracker.set(context.config.track)
+            tracker.set(context.config.track, context.config.render.loop_ms / 1e3)
             context.ack_config()
             if any(word == "recentre" for word, _ in context.commands()):
                 tracker.reset()
