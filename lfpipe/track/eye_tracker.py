@@ -17,9 +17,9 @@ from lfpipe.track.smoothing import MAX_STEP_NS
 log = logging.getLogger(__name__)
 
 # Logits of the confidence: 20 for a face that nothing hides, 13 to 20 for turned heads, 1 to 10 behind a hand.
-SUREST, FALL, SURE = 20.0, 10.0, 2.0
+SUREST, FALL, BACK, SURE = 20.0, 10.0, 4.0, 2.0
 USUAL_S = 1.0  # time constant of a face's usual confidence: nothing is held for much longer
-NEAR, SAME = 0.4, 0.1  # in distances between the eyes: what a hand pulls a face by at most; what nobody sees
+NEAR, SAME = 0.7, 0.1  # in distances between the eyes: by what a hand pulls a face at most; what nobody sees
 
 
 class HiddenFace:
@@ -43,7 +43,7 @@ class HiddenFace:
         last frame."""
         self._usual = max(sure, self._usual + min(dt_s / USUAL_S, 1.0) * (sure - self._usual))
         off = math.dist(middle_px, self._sure_px) / max(apart_px, 1.0)
-        held, self.held = self.held, sure < self._usual - FALL and off < NEAR
+        held, self.held = self.held, sure < self._usual - (BACK if self.held else FALL) and off < NEAR
         self.sure = sure > self._usual - SURE or (held and not self.held)
         if self.sure:
             self._sure_px = middle_px
@@ -100,7 +100,8 @@ class EyeTracker:
         middle_px, confidence = ((lx + rx) / 2, (ly + ry) / 2), min(max(face.confidence, 1e-9), 1 - 1e-10)
         sure = min(math.log(confidence / (1 - confidence)), SUREST)
         away_ns = t_sensor_ns - self._seen_ns
-        if epoch != self._epoch or away_ns >= MAX_STEP_NS or not same_place(self._box_px, face.box_px):
+        same = self._hidden.held or same_place(self._box_px, face.box_px)  # a hidden face's box is as wrong as its eyes
+        if epoch != self._epoch or away_ns >= MAX_STEP_NS or not same:
             self._epoch, anew = epoch, True  # earlier runs say nothing about this one
             self._distance.reset()
             self._hidden.reset(sure, middle_px)

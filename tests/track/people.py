@@ -1,4 +1,4 @@
-"""Videos of real people, composed from portraits with known eyes, and whole sessions that watch them.
+"""Pictures of real people, composed from portraits with known eyes, and the tracking that watches them.
 
 The portraits are the sample faces beside the checkout; where they are absent, tests that need them are skipped.
 """
@@ -7,15 +7,17 @@ import csv
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
+import attrs
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfpipe.config import Track
+from lfpipe.eyes import EYES
+from lfpipe.track.eye_tracker import EyeTracker
 from lfpipe.track.models import package_folder
-from tests.world import World
 
 FACES = Path(__file__).parents[3] / "shared" / "data" / "faces"  # beside the checkout
 SIZE = (640, 480)
@@ -90,36 +92,34 @@ def placed(picture: Picture, name: str, x: float, y: float, apart_px: float, rol
     return np.asarray(cv2.blendLinear(drawn, picture, share, 1 - share), np.uint8)
 
 
-@lru_cache(maxsize=1)
-def _noise(shape: tuple[int, ...]) -> list[NDArray[np.int16]]:
-    """A little sensor noise for a few frames; drawing it anew for each takes longer than all else."""
+@attrs.frozen(eq=False)
+class Seen:
+    """What tracking made of a frame. raw_px, used_px: the point between the eyes, as measured and after the filter."""
+
+    face: bool
+    raw_px: NDArray[np.float64]
+    used_px: NDArray[np.float64]
+    apart_px: float
+    generation: int
+
+
+def watched(frames: Iterable[Picture], refine: bool = False) -> list[Seen]:
+    """What the stage's own engine and tracker make of frames at RATE_HZ, with a little sensor noise."""
+    tracker, record, seen = EyeTracker(Track(refine=refine)), np.zeros((), EYES), []
     rng = np.random.default_rng(7)
-    return [np.asarray(np.rint(rng.normal(0, 2, shape)), np.int16) for _ in range(7)]
-
-
-def write_video(path: Path, frames: Iterable[Picture]) -> Path:
-    """frames as Motion JPEG of high quality, with a little sensor noise."""
-    writer = None
+    noise = np.asarray(np.rint(rng.normal(0, 2, (SIZE[1] + 97, SIZE[0], 3))), np.int16)
     for k, frame in enumerate(frames):
-        if writer is None:
-            writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), RATE_HZ, (frame.shape[1], frame.shape[0]))
-            writer.set(cv2.VIDEOWRITER_PROP_QUALITY, 95)
-        noise = _noise(frame.shape)
-        writer.write(np.asarray(cv2.add(frame, noise[k % len(noise)], dtype=cv2.CV_8U), np.uint8))
-    assert writer is not None
-    writer.release()
-    return path
+        shifted = noise[13 * k % 97 :][: frame.shape[0], : frame.shape[1]]
+        noisy = np.asarray(cv2.add(frame, shifted, dtype=cv2.CV_8U), np.uint8) if frame.shape == shifted.shape else frame
+        tracker.update(tracker.engine.detect(noisy), round(k * 1e9 / RATE_HZ))
+        tracker.write(record, noisy)
+        tracker.engine.examine(noisy)
+        middles = (record[name].mean(axis=0) for name in ("raw_px", "filtered_px"))
+        seen.append(Seen(bool(record["face"]), *middles, float(record["apart_px"]), int(record["generation"])))
+    tracker.engine.close()
+    return seen
 
 
-def watched(world: World, scene: Path, video: Path, *sets: str) -> list[dict[str, Any]]:
-    """The trace of a whole session that plays video once, a line per frame."""
-    fixed = ("--set", "render.clock=camera", *(word for text in sets for word in ("--set", text)))
-    process = world.up(scene, *fixed, camera=f"file:{video}?loop=0&pace=max")
-    _, err = process.communicate(timeout=120)
-    assert process.returncode == 0, err
-    return world.lines()
-
-
-def middle(line: dict[str, Any]) -> NDArray[np.float64]:
-    """The point between the eyes as measured in the frame of a line, px."""
-    return np.mean([line["eyes_raw"]["left"], line["eyes_raw"]["right"]], axis=0)
+def near(seen: Iterable[Seen], x: float, y: float, within_px: float = 12) -> bool:
+    """Whether the viewer is there in all of these frames."""
+    return all(one.face and np.hypot(*(one.raw_px - (x, y))) < within_px for one in seen)

@@ -1,16 +1,20 @@
-"""Behaviour of people before a camera, in whole sessions: composed videos of real portraits."""
+"""Behaviour of people before a camera: real portraits in composed pictures, tracked as the stage tracks them."""
 
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
+import attrs
 import cv2
 import numpy as np
 import pytest
 
+from lfpipe import config
+from lfpipe.capture.frame_source import Frame, SourceInfo, orient
+from lfpipe.config import Config
+from lfpipe.eyes import EYES
+from lfpipe.render.viewer import Viewer
 from lfpipe.track.litert_engine import LitertEngine
-from tests.track.people import FACES, SIZE, Picture, backdrop, eyes_apart_px, middle, needs_faces, placed, watched, write_video
-from tests.world import World
+from tests.render import rendered
+from tests.track.people import FACES, SIZE, Picture, backdrop, eyes_apart_px, near, needs_faces, placed, watched
 
 pytestmark = needs_faces
 VIEWER, BYSTANDER, OTHER = "01-1m", "04-1m", "08-1f"
@@ -36,24 +40,17 @@ def poster(picture: Picture, seed: int, x: int, y: int, side: int) -> Picture:
     return out
 
 
-@pytest.mark.parametrize("seed", [6, 18, 20, 39])
-def test_a_viewer_beside_a_poster_is_found(world: World, scene: Path, seed: int) -> None:
+@pytest.mark.parametrize("seed", [6, 39])
+def test_a_viewer_beside_a_poster_is_found(seed: int) -> None:
     """The poster is larger and more central than the viewer, so it is tried first."""
-    video = write_video(world.root / "v.avi", [placed(poster(backdrop(), seed, 60, 150, 180), VIEWER, 480, 220, 40)] * 20)
-    lines = watched(world, scene, video)
-    assert sum(line["face"] for line in lines) >= 18
-    assert all(np.hypot(*(middle(line) - (480, 220))) < 8 for line in lines if line["face"])
+    seen = watched([placed(poster(backdrop(), seed, 60, 150, 180), VIEWER, 480, 220, 40)] * 10)
+    assert near(seen[2:], 480, 220, 8)
 
 
-@pytest.mark.parametrize(
-    ("name", "apart_px"), [("02-1m", 25.0), ("05-1m", 19.0), ("08-1f", 15.0), ("02-1m", 12.6), ("05-1m", 12.6), ("08-1f", 12.6)]
-)
-def test_a_viewer_is_found_from_1_to_3_m(world: World, scene: Path, name: str, apart_px: float) -> None:
-    video = write_video(world.root / "v.avi", [placed(backdrop(), name, 250, 190, apart_px)] * 60)
-    lines = watched(world, scene, video)
-    seen = [line for line in lines if line["face"]]
-    assert len(seen) >= 20 and lines[-1]["face"], "found within a second and kept"
-    assert np.hypot(*(middle(lines[-1]) - (250, 190))) < 0.15 * apart_px
+@pytest.mark.parametrize(("name", "apart_px"), [("02-1m", 25.0), ("08-1f", 15.0), ("05-1m", 12.6)])
+def test_a_viewer_is_found_from_1_to_3_m(name: str, apart_px: float) -> None:
+    seen = watched([placed(backdrop(), name, 250, 190, apart_px)] * 45)
+    assert sum(one.face for one in seen) >= 10 and near(seen[-1:], 250, 190, 0.15 * apart_px)
 
 
 def passing(who: str, apart_px: float, step_px: float) -> Iterator[Picture]:
@@ -65,10 +62,9 @@ def passing(who: str, apart_px: float, step_px: float) -> Iterator[Picture]:
         yield placed(frame, who, x, 215, apart_px)
 
 
-@pytest.mark.parametrize(("who", "apart_px", "step_px"), [(OTHER, 62, 12), ("04-1m", 66, 4), ("09-1m", 70, 8)])
-def test_a_passer_by_does_not_keep_the_picture(world: World, scene: Path, who: str, apart_px: float, step_px: float) -> None:
-    lines = watched(world, scene, write_video(world.root / "v.avi", passing(who, apart_px, step_px)))
-    assert all(np.hypot(*(middle(line) - (260, 220))) < 12 for line in lines[-45:])
+@pytest.mark.parametrize(("who", "apart_px", "step_px"), [(OTHER, 62, 12), ("09-1m", 70, 8)])
+def test_a_passer_by_does_not_keep_the_picture(who: str, apart_px: float, step_px: float) -> None:
+    assert near(watched(passing(who, apart_px, step_px))[-45:], 260, 220)
 
 
 def returning() -> Iterator[Picture]:
@@ -78,26 +74,29 @@ def returning() -> Iterator[Picture]:
         yield frame if 60 <= k < 240 else placed(frame, VIEWER, 260 if k < 60 else 330, 230, 62)
 
 
-def test_a_bystander_gives_way_to_the_viewer_who_comes_back_elsewhere(world: World, scene: Path) -> None:
-    lines = watched(world, scene, write_video(world.root / "v.avi", returning()))
-    assert all(np.hypot(*(middle(line) - (480, 180))) < 12 for line in lines[100:230]), "somebody is better than nobody"
-    assert all(np.hypot(*(middle(line) - (330, 230))) < 12 for line in lines[-30:])
+def test_a_bystander_gives_way_to_the_viewer_who_comes_back_elsewhere() -> None:
+    seen = watched(returning())
+    assert near(seen[100:230], 480, 180), "somebody is better than nobody"
+    assert near(seen[-30:], 330, 230)
 
 
-@pytest.mark.parametrize(("behind", "before"), [("04-1m", "01-1m"), ("08-1f", "06-1m"), ("05-1m", "08-1f")])
-def test_who_sits_down_in_front_of_a_bystander_is_the_viewer(world: World, scene: Path, behind: str, before: str) -> None:
+@pytest.mark.parametrize(("behind", "before"), [("04-1m", "01-1m"), ("05-1m", "08-1f")])
+def test_who_sits_down_in_front_of_a_bystander_is_the_viewer(behind: str, before: str) -> None:
     frames = [placed(backdrop(), behind, 440, 190, 26)] * 40
-    frames += [placed(frames[0], before, 300, 240, 65)] * 80
-    lines = watched(world, scene, write_video(world.root / "v.avi", frames))
-    assert all(np.hypot(*(middle(line) - (440, 190))) < 12 for line in lines[10:40])
-    assert all(np.hypot(*(middle(line) - (300, 240))) < 12 for line in lines[-20:])
+    seen = watched(frames + [placed(frames[0], before, 300, 240, 65)] * 80)
+    assert near(seen[10:40], 440, 190) and near(seen[-20:], 300, 240)
 
 
-def test_two_equals_never_change_places(world: World, scene: Path) -> None:
-    frames = [placed(backdrop(), VIEWER, 230, 220, 50)] * 10
-    both = placed(frames[0], OTHER, 420, 220, 54)
-    lines = watched(world, scene, write_video(world.root / "v.avi", frames + [both] * 200))
-    assert all(np.hypot(*(middle(line) - (230, 220))) < 12 for line in lines)
+def test_a_nearer_person_takes_over_far_away_too() -> None:
+    """At 3 and 2 m, where only the far detector sees them."""
+    far = placed(backdrop(), "02-1m", 150, 190, 12)
+    seen = watched([far] * 40 + [placed(far, "05-1m", 420, 210, 18.5)] * 80)
+    assert near(seen[30:40], 150, 190, 5) and near(seen[-10:], 420, 210, 5)
+
+
+def test_two_equals_never_change_places() -> None:
+    first = placed(backdrop(), VIEWER, 230, 220, 50)
+    assert near(watched([first] * 10 + [placed(first, OTHER, 420, 220, 54)] * 130), 230, 220)
 
 
 def blinking() -> tuple[Picture, Picture]:
@@ -118,70 +117,101 @@ def blinking() -> tuple[Picture, Picture]:
     return opened, np.asarray(np.rint(share * moved + (1 - share) * opened), np.uint8)
 
 
-def test_a_blink_moves_the_eyes_less_than_its_lids(world: World, scene: Path) -> None:
+def test_a_blink_moves_the_eyes_less_than_its_lids() -> None:
     opened, closed = blinking()
-    lines = watched(world, scene, write_video(world.root / "v.avi", [opened] * 30 + [closed] * 6 + [opened] * 10))
-    before, during = (np.mean([middle(line) for line in part], axis=0) for part in (lines[20:30], lines[31:36]))
-    apart_px = abs(lines[25]["eyes_raw"]["left"][0] - lines[25]["eyes_raw"]["right"][0])
-    assert abs(during[1] - before[1]) < 0.032 * apart_px, "the mean over both lids sinks by 4.1 %, this one by 2.6 %"
+    seen = watched([opened] * 20 + [closed] * 6)
+    before, during = (np.mean([one.raw_px for one in some], axis=0) for some in (seen[10:20], seen[21:26]))
+    assert abs(during[1] - before[1]) < 0.032 * seen[15].apart_px, "the mean over both lids sinks by 4.1 %, this one by 2.6 %"
 
 
 @pytest.mark.parametrize("person", ["01", "03", "06", "09"])
-def test_a_head_that_turns_stays_at_its_distance(world: World, scene: Path, person: str) -> None:
-    """Seen from the side the eyes stand closer together; alpha, which follows the viewer's distance, must not.
+def test_a_head_that_turns_stays_at_its_distance(person: str) -> None:
+    """Seen from the side the eyes stand closer together; the distance that alpha follows must not.
 
     Both portraits keep the scale of their photographs, which were taken from the same place.
     """
     frontal_px, aside_px = (eyes_apart_px(f"{person}-{kind}m") for kind in (1, 3))
     frontal = placed(backdrop(), f"{person}-1m", 300, 220, 60.0)
     aside = placed(backdrop(), f"{person}-3m", 300, 220, 60.0 * aside_px / frontal_px)
-    lines = watched(world, scene, write_video(world.root / "v.avi", [frontal] * 60 + [aside] * 150))
-
-    def alpha_px(line: dict[str, Any]) -> float:
-        return abs(line["eyes_used"]["left"][0] - line["eyes_used"]["right"][0]) / abs(
-            line["view"]["left"][1] - line["view"]["right"][1]
-        )
-
-    assert alpha_px(lines[-1]) == pytest.approx(alpha_px(lines[55]), rel=0.05)
+    seen = watched([frontal] * 5 + [aside] * 10)
+    assert seen[-1].apart_px == pytest.approx(seen[4].apart_px, rel=0.06)
 
 
-@pytest.mark.parametrize("turn", [90, 180, 270])
-def test_a_camera_mounted_otherwise_is_set_right(world: World, scene: Path, turn: int) -> None:
-    """Frames as they come from a camera turned so; camera.rotate gives back the upright picture, and its eyes."""
+class Mounted:
+    """A camera that is mounted otherwise: one picture for ever."""
+
+    def __init__(self, picture: Picture) -> None:
+        self.picture, self.info = picture, SourceInfo("mounted", picture.shape[1], picture.shape[0], 30.0, live=True)
+
+    def read(self, out: Picture) -> Frame:
+        out[:] = self.picture
+        return Frame(0, 0, 0)
+
+    def close(self) -> None: ...
+
+
+@pytest.mark.parametrize(("turn", "mirror"), [(90, False), (180, True), (270, False), (0, True)])
+def test_a_camera_mounted_otherwise_is_set_right(turn: int, mirror: bool) -> None:
+    """Frames as they come from a camera turned so; camera.rotate and camera.mirror give back the upright picture."""
     upright = placed(backdrop(), VIEWER, 300, 220, 60)
-    code = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_CLOCKWISE}[turn]
-    frames = [np.asarray(cv2.rotate(upright, code), np.uint8)] * 20
-    size = [f"camera.{name}_px={value}" for name, value in zip(("height", "width"), frames[0].shape, strict=False)]
-    lines = watched(world, scene, write_video(world.root / "v.avi", frames), f"camera.rotate={turn}", *size)
-    assert sum(line["face"] for line in lines) >= 18
-    assert np.hypot(*(middle(lines[-1]) - (300, 220))) < 5
-    assert lines[-1]["eyes_raw"]["left"][0] > lines[-1]["eyes_raw"]["right"][0] + 40
-
-
-def test_a_mirroring_driver_is_set_right(world: World, scene: Path) -> None:
-    frames = [np.ascontiguousarray(placed(backdrop(), VIEWER, 200, 220, 60)[:, ::-1])] * 20
-    lines = watched(world, scene, write_video(world.root / "v.avi", frames), "camera.mirror=true")
-    assert np.hypot(*(middle(lines[-1]) - (200, 220))) < 5
+    picture = np.ascontiguousarray(np.rot90(upright[:, ::-1] if mirror else upright, turn // 90))
+    camera = attrs.evolve(config.Camera(), width_px=picture.shape[1], height_px=picture.shape[0], rotate=turn, mirror=mirror)
+    out = np.empty((SIZE[1], SIZE[0], 3), np.uint8)
+    orient(Mounted(picture), camera).read(out)
+    np.testing.assert_array_equal(out, upright)
 
 
 @pytest.mark.parametrize("turn", [90, 180, 270])
-def test_a_face_that_does_not_stand_upright_is_a_hint_and_no_viewer(world: World, scene: Path, turn: int) -> None:
-    video = write_video(world.root / "v.avi", [placed(backdrop(), VIEWER, 300, 220, 60, -turn)] * 60)
-    process = world.up(scene, "--set", "render.clock=camera", camera=f"file:{video}?loop=0&pace=max")
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 0 and f"camera.rotate={turn}" in out + err
-    assert not any(line["face"] for line in world.lines()), "upside down, left is right"
+def test_a_face_that_does_not_stand_upright_is_a_hint_and_no_viewer(turn: int) -> None:
+    for name in (VIEWER, "06-1m"):
+        engine, picture = LitertEngine(), placed(backdrop(), name, 300, 220, 60, -turn)
+        hints = []
+        for _ in range(60):
+            assert engine.detect(picture) is None, "upside down, left is right"
+            hints.append(engine.rotated_deg)
+        assert set(hints) == {0, turn}, "decided once"
+
+
+MASKED = [("06-5m", (90, 60, 160), 20), ("10-2m", (200, 190, 170), 10), ("10-1m", (30, 30, 30), 20), ("10-6m", (240, 240, 240), 10)]
+
+
+@pytest.mark.parametrize(("name", "colour", "up_px"), MASKED)
+def test_a_face_behind_a_mask_is_found(name: str, colour: tuple[int, int, int], up_px: int) -> None:
+    """In a region turned by quarters the network is a trace surer of it; upside down it would be surer by far."""
+    picture = placed(backdrop(), name, 300, 200, 60)
+    cv2.ellipse(picture, (300, int(270 - 0.6 * up_px)), (60, 52), 0, 0, 360, colour, -1)
+    assert near(watched([picture] * 4)[1:], 300, 200, 8)
+
+
+@pytest.mark.parametrize("name", ["01-1m", "06-1m", "09-1m"])
+def test_a_hand_before_the_face_does_not_pull_the_eyes(name: str) -> None:
+    """A hand sweeps across the face and away; landmarks follow it by up to a third of the distance between the eyes."""
+    picture, frames = placed(backdrop(), name, 300, 220, 60), []
+    for x in range(520, 100, -10):
+        frames.append(picture.copy())
+        cv2.ellipse(frames[-1], (x, 250), (45, 70), 0, 0, 360, (110, 140, 190), -1)
+    seen = watched([picture] * 30 + frames + [picture] * 30)
+    pulled = [float(np.hypot(*(one.used_px - (300, 220)))) for one in seen if one.face]
+    assert max(pulled) < 0.14 * 60 and pulled[-1] < 2
+
+
+def test_a_head_that_moves_behind_an_uncertain_network_is_followed() -> None:
+    """Holding ends where the face moves by more than a hand can pull it."""
+    dark = [placed(backdrop(), VIEWER, 200 + 6 * max(k - 20, 0), 220, 60) for k in range(50)]
+    frames = [frame if k < 20 else np.asarray(cv2.GaussianBlur(frame, (0, 0), 5), np.uint8) for k, frame in enumerate(dark)]
+    seen = watched(frames)
+    assert seen[-1].face and np.hypot(*(seen[-1].used_px - (374, 220))) < 12
 
 
 def test_dark_glasses_leave_refined_eyes_where_the_lids_are() -> None:
     """The iris network answers whatever it is shown: behind painted glasses its answers for the two eyes disagree."""
     worse = []
-    for name in ("01-1m", "02-1m", "03-1m", "05-1m", "06-1m", "09-1m"):
+    for name in ("01-1m", "03-1m", "05-1m"):
         picture = placed(backdrop(), name, 300, 220, 80)
         for x in (260, 340):
             cv2.ellipse(picture, (x, 223), (30, 21), 0, 0, 360, (20, 20, 20), -1)
         plain, refined = (LitertEngine(refine=refine) for refine in (False, True))
-        faces = [[engine.detect(picture) for _ in range(6)][-1] for engine in (plain, refined)]
+        faces = [[engine.detect(picture) for _ in range(3)][-1] for engine in (plain, refined)]
         assert faces[0] is not None and faces[1] is not None
         off = [float(np.abs(face.eyes_px.mean(axis=0) - (300, 220)).max()) for face in faces if face is not None]
         worse.append(off[1] > off[0] + 4)
@@ -212,13 +242,15 @@ def test_hands_before_the_face_lose_no_frame() -> None:
     assert found < followed
 
 
-def test_who_walks_in_from_the_side_and_sits_down_sees_the_middle(world: World, scene: Path) -> None:
+def test_who_walks_in_from_the_side_and_sits_down_sees_the_middle() -> None:
     """The first sight of a viewer is no neutral position: they would look from beyond the grid for the rest of the session."""
-    places = [(40 + 280 * k / 30, 30 + 30 * k / 30) for k in range(30)] + [(320.0, 60.0)] * 120
-    video = write_video(world.root / "v.avi", (placed(backdrop(), VIEWER, x, 220, apart) for x, apart in places))
-    process = world.up(scene, "--set", "render.clock=camera", camera=f"file:{video}?loop=0")
-    _, err = process.communicate(timeout=120)
-    assert process.returncode == 0, err
-    line = world.lines()[-1]
-    (row, left), (_, right) = line["view"]["left"], line["view"]["right"]
+    viewer, record = Viewer(rendered.field(3, 3), Config()), np.zeros((), EYES)
+    record["face"], record["width_px"], record["height_px"], record["generation"] = 1, *SIZE, 1
+    for k in range(150):
+        share = min(k / 30, 1)
+        x, apart_px = 40 + 280 * share, 30 + 30 * share
+        record["raw_px"] = record["filtered_px"] = [[x + apart_px / 2, 220], [x - apart_px / 2, 220]]
+        record["apart_px"] = apart_px
+        view = viewer.viewpoints(record, round(k * 1e9 / 30), round(k * 1e9 / 30))
+    (row, left), (_, right) = view.left, view.right
     assert abs((left + right) / 2 - 1) < 0.1 and abs(row - 1) < 0.1 and right > left
