@@ -1,9 +1,8 @@
-"""Untrusted HDF5 files: opened read-only, links to other files refused, claimed sizes checked first."""
+"""HDF5 files: opened read-only, links to other files refused. The packer's limits on memory and time bound what damage costs."""
 
 import contextlib
 import math
 import threading
-import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,10 +14,6 @@ from lfpipe.errors import UserError
 from lfpipe.scene.files import descriptor_path, open_file
 
 _WHOLE_BYTES = 1 << 30  # a compressed data set up to this size is unpacked in one go
-_SMALL_BYTES = 150_000_000  # bytes to unpack before the checks below apply
-_MAX_RATIO = 100  # unpacked over stored size, above that; pictures compress 2 to 10 times, black ones more
-_MAX_PIECES = 200_000
-_DEFLATE, _SHUFFLE, _FLETCHER32, _LZF, _LZF_RATIO = 1, 2, 3, 32000, 90
 _REMEDY = "fetch the file again"
 # What h5py raises for damage, besides MemoryError.
 _TROUBLE = (OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError)
@@ -41,8 +36,7 @@ class Hdf5:
         self._h5py = h5py
 
     def shape(self, key: str) -> tuple[int, ...] | None:
-        """Shape of a numeric data set, None if there is none. Raises UserError if it leads out of the file or claims more than
-        the file can hold."""
+        """Shape of a numeric data set, None if there is none. Raises UserError if it leads out of the file."""
         with self._guarded(key):
             link = self._file.get(key, getlink=True)
             if isinstance(link, self._h5py.ExternalLink | self._h5py.SoftLink):  # a chain of them may end anywhere
@@ -53,9 +47,7 @@ class Hdf5:
                 return None
             if item.external or item.is_virtual:
                 raise UserError(f"{self.path}: {key} is stored in other files", "download the whole scene as one file")
-            shape = tuple(int(n) for n in item.shape)
-            self._require_plausible(key, item, shape)
-            return shape
+            return tuple(int(n) for n in item.shape)
 
     @contextlib.contextmanager
     def _guarded(self, what: str) -> Iterator[None]:
@@ -65,17 +57,6 @@ class Hdf5:
                 yield
             except _TROUBLE as error:
                 raise UserError(f"{self.path}: {what} cannot be read: {_first_line(error)}", _REMEDY) from None
-
-    def _require_plausible(self, key: str, item: Any, shape: tuple[int, ...]) -> None:
-        size, stored = math.prod(shape) * item.dtype.itemsize, int(item.id.get_storage_size())
-        claim = f"{self.path}: {key} claims {shape} values of {item.dtype}, {size / 1e6:.0f} MB"
-        if size > _SMALL_BYTES and size > _MAX_RATIO * stored:
-            raise UserError(f"{claim}, but {stored} bytes are stored", _REMEDY)
-        if item.chunks:
-            piece = math.prod(item.chunks) * item.dtype.itemsize
-            pieces = math.prod(-(-n // c) for n, c in zip(shape, item.chunks, strict=True))
-            if piece > _SMALL_BYTES or pieces > _MAX_PIECES:
-                raise UserError(f"{claim} in {pieces} pieces of {piece} bytes", "save it again with smaller or fewer chunks")
 
     def type(self, key: str) -> np.dtype[Any]:
         """Number type of a data set that `shape` has found."""
@@ -105,37 +86,10 @@ class Hdf5:
             if key not in self._whole:
                 found = self._file[key]
                 # a view may cross every compressed chunk: unpacking all of them once beats unpacking for each view
-                if found.chunks:
-                    _require_bounded(found)
-                    found = found[()] if found.nbytes <= _WHOLE_BYTES else found
+                if found.chunks and found.nbytes <= _WHOLE_BYTES:
+                    found = found[()]
                 self._whole[key] = found
             return np.asarray(self._whole[key][index])
-
-
-def _require_bounded(dataset: Any) -> None:
-    """Raises ValueError if a chunk does not unpack, or unpacks to more than its size, which the library does not limit."""
-    size = math.prod(dataset.chunks) * dataset.dtype.itemsize
-    made = dataset.id.get_create_plist()
-    filters = [made.get_filter(number)[0] for number in range(made.get_nfilters())]
-    packers = [number for number, word in enumerate(filters) if word not in (_SHUFFLE, _FLETCHER32)]
-    if not packers:
-        return
-    if len(packers) > 1 or filters[packers[0]] not in (_DEFLATE, _LZF) or _SHUFFLE in filters[packers[0] :]:
-        raise ValueError(f"filters {filters} are not supported; save it with gzip")
-    stored: list[tuple[tuple[int, ...], int]] = []
-    dataset.id.chunk_iter(lambda about: stored.append((about.chunk_offset, about.size)))
-    for offset, packed in stored:
-        if packed > size * 1.1 + 1024 or (filters[packers[0]] == _LZF and packed * _LZF_RATIO > _SMALL_BYTES):
-            raise ValueError(f"a chunk of {size} bytes is compressed to {packed}")
-        mask, data = dataset.id.read_direct_chunk(offset)
-        if filters[packers[0]] == _DEFLATE and not mask >> packers[0] & 1:
-            engine = zlib.decompressobj()
-            try:
-                whole = len(engine.decompress(data, size + 5)) <= size + 4 and engine.eof  # 4 of a checksum within
-            except zlib.error:
-                whole = False
-            if not whole:
-                raise ValueError(f"the chunk at {offset} does not decompress to its {size} bytes")
 
 
 def _first_line(error: Exception) -> str:

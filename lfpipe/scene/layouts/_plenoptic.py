@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,12 +42,19 @@ def is_honeycomb(picture: NDArray[Any]) -> bool:
     return True
 
 
-def bright_part(
-    read: Callable[[int, int], NDArray[Any] | None], rows: int, cols: int
-) -> tuple[int, int, int, int, set[ViewIndex]]:
-    """(first row, first column, rows, columns, missing places of the part) of the lit views.
+@attrs.frozen
+class BrightPart:
+    """The lit views of a plenoptic camera. top, left: of the first one; missing: dark places within the part."""
 
-    Removes whole sides, evenly from both ends, while the middle of a side is dark; dark views in the corners count as missing.
+    top: int
+    left: int
+    rows: int
+    cols: int
+    missing: set[ViewIndex]
+
+
+def bright_part(read: Callable[[int, int], NDArray[Any] | None], rows: int, cols: int) -> BrightPart:
+    """Removes whole sides, evenly from both ends, while the middle of a side is dark; dark views in the corners count as missing.
     read(row, col): a view, or None.
     """
 
@@ -68,4 +76,4 @@ def bright_part(
             corner = min(row, inner_rows - 1 - row) + min(col, inner_cols - 1 - col) < max(1, min(inner_rows, inner_cols) // 4)
             if corner and light(row + top, col + left) < _DARK_VIEW * middle:
                 missing.add((row, col))
-    return top, left, inner_rows, inner_cols, missing
+    return BrightPart(top, left, inner_rows, inner_cols, missing)

@@ -72,7 +72,8 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     def view(row: int, col: int) -> NDArray[Any]:
         return np.ascontiguousarray(picture[row::all_rows, col::all_cols])
 
-    top, left, rows, cols, dark = bright_part(view, all_rows, all_cols)
+    lit = bright_part(view, all_rows, all_cols)
+    top, left, rows, cols, dark = lit.top, lit.left, lit.rows, lit.cols, lit.missing
     notes = (f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used; the others are dark",) if top or left else ()
     return SceneSource(
         certain="eslf" in path.stem.lower(), layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,

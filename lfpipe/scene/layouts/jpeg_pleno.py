@@ -33,7 +33,8 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     def read(row: int, col: int) -> NDArray[Any] | None:
         return read_picture(files[row, col])[0] if (row, col) in files else None
 
-    top, left, rows, cols, dark = bright_part(read, rows, cols)
+    lit = bright_part(read, rows, cols)
+    top, left, rows, cols, dark = lit.top, lit.left, lit.rows, lit.cols, lit.missing
     inside = {(r - top, c - left): path for (r, c), path in files.items() if 0 <= r - top < rows and 0 <= c - left < cols}
     reach = max(1, min(rows, cols) // 4)
     for r in range(rows):
