@@ -1,18 +1,16 @@
-"""What stands in the cache, or behind the last variable of a .mat file, is no file that lfpipe wrote."""
+"""What stands in the cache is no file that lfpipe wrote."""
 
 import os
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import scipy.io
 from click.testing import CliRunner
 
 from lfpipe import config
 from lfpipe.cli import cli
 from lfpipe.errors import UserError
 from lfpipe.scene.cache import packs, sweep
-from lfpipe.scene.layouts import describe
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 
@@ -42,13 +40,6 @@ def test_a_link_in_one_pack_hides_no_other(tmp_path: Path) -> None:
     for pack in (tmp_path / "cache" / "scenes").iterdir():
         (pack / "loop").symlink_to("loop")
     assert len(packs(scene)) == 2
-
-
-def test_zeros_behind_the_variables_of_a_mat_file_are_not_read_one_by_one(tmp_path: Path) -> None:
-    scipy.io.savemat(tmp_path / "a.mat", {"LF": made.views(2, 2, 24, 32)})
-    os.truncate(tmp_path / "a.mat", 1 << 35)
-    with pytest.raises(UserError, match="variables"):
-        describe(tmp_path, config.Scene())
 
 
 def test_a_picture_is_not_written_under_an_ending_that_is_not_utf8(tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ import difflib
 import importlib
 import os
 import pkgutil
+from collections import Counter
+from pathlib import Path
 from typing import Protocol, cast
 
 import attrs
@@ -11,7 +13,7 @@ import attrs
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
-from lfpipe.scene.files import Listing, library_errors, list_scene
+from lfpipe.scene.files import PICTURES, Listing, library_errors, list_scene
 from lfpipe.scene.layouts._folders import inner_listing, note_of
 from lfpipe.scene.layouts._plenoptic import is_honeycomb
 from lfpipe.scene.layouts._tiles import single_picture
@@ -73,7 +75,7 @@ _CONVERTED = {  # what other programs turn into pictures, by the ends of names
         "`heif-convert FILE.heic FILE.jpg`, or export it as JPEG; with its depth: `heif-convert --with-aux`, then the two as "
         "x.jpg and x_depth.jpg in a folder",
     ),
-    (".avif", ".jxl", ".psd", ".exr"): (
+    (".jxl", ".psd", ".exr"): (
         "a picture of a kind that is not decoded here",
         "export it as PNG or JPEG, and give that",
     ),
@@ -85,12 +87,33 @@ _CONVERTED = {  # what other programs turn into pictures, by the ends of names
 }
 
 
+_BESIDE = (  # what lies beside views and says nothing of them
+    ".txt", ".md", ".cfg", ".ini", ".json", ".xml", ".xmp", ".csv", ".dat", ".yaml", ".yml", ".toml", ".log", ".db", ".html",
+    ".pdf", ".py", ".pfm", ".bin", ".npy", ".exif", ".aae", ".bak", *(end for ends in _CONVERTED for end in ends),
+)  # fmt: skip
+
+
 def _require_readable(listing: Listing) -> None:
     """Raises UserError where no file is a picture, and most need another program first."""
     for ends, (what, remedy) in _CONVERTED.items():
         such = [name for name in listing.names if name.lower().endswith(ends)]
         if such and not listing.pictures() and 2 * len(such) >= len(listing.names):
             raise UserError(f"{listing.file(such[0])}: {what}", remedy)
+
+
+def _require_pictures(listing: Listing) -> None:
+    """Raises UserError where a folder holds more files of some kind that is not read here than pictures."""
+    kinds = Counter(Path(name).suffix.lower() for name in listing.names if not name.lower().endswith((*PICTURES, *_BESIDE)))
+    kind, count = kinds.most_common(1)[0] if kinds else ("", 0)
+    pictures = listing.pictures()
+    if count > max(3, len(pictures)):
+        some = ", ".join([name for name in listing.names if Path(name).suffix.lower() == kind][:3])
+        remedy = "convert them to PNG and give their folder"
+        if pictures:
+            remedy += f"; {pictures[0]} alone: give {listing.folder / pictures[0]}"
+        raise UserError(
+            f"{listing.path}: {count} of {len(listing.names)} files are of a kind that is not read: {some}, ...", remedy
+        )
 
 
 def _described(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> SceneSource:
@@ -120,6 +143,8 @@ def _chosen(known: dict[str, Layout], marks: list[tuple[int, Layout]], listing: 
             remedy = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
         raise UserError(f"{listing.path}: no layout of a light field recognised ({some}, ...)", remedy)
     mark, layout = max(marks, key=lambda pair: pair[0])
+    if mark < 80 and not listing.is_file and not scene.force:
+        _require_pictures(listing)
     path = single_picture(listing) if mark < 90 else None  # others say what they are
     if path is not None and is_honeycomb(read_picture(path)[0]):
         if not scene.force:

@@ -14,7 +14,7 @@ from lfpipe.scene.files import Listing, list_scene
 from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
 from lfpipe.scene.layouts._views import some
 
-_DEEPEST = 3
+_DEEPEST = 8
 _LOOK_PX, _COPY = 32, 0.9  # side of a reduced picture, and correlation of two of one picture
 _BESIDE = ("__macosx", "raw", "thumbs", "thumbnails", "original", "originals", "backup")
 
