@@ -1,14 +1,21 @@
-"""`lfpipe kiosk`: an exhibition that starts with the desktop."""
+"""`lfpipe kiosk` and `lfpipe up --kiosk`: exhibitions, which have no operator."""
 
+import os
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 
 from lfpipe.cli import completions
-from lfpipe.host.paths import exists
+from lfpipe.errors import UserError
 
+AGAIN_S = 2.0  # pause between a failed session and the next
+CODE_BYTES = 256
+VARIABLE = "LFPIPE_KIOSK_CODE"
 UNIT = """\
+# written by lfpipe
 [Unit]
 Description=lfpipe: a light field you look into
 PartOf=graphical-session.target
@@ -27,39 +34,81 @@ WantedBy=graphical-session.target
 """
 
 
+def kiosk_code(file: Path | None) -> str:
+    """The code that ends an exhibition, from file or the environment: a command line can be read by every user of the machine.
+
+    Raises UserError if there is none, or if it cannot be typed.
+    """
+    from lfpipe.config.session_options import check_code
+    from lfpipe.files.safe_files import read_text
+
+    if file is not None:
+        code = read_text(file, CODE_BYTES, f"--code-file {file}", "name a file that holds the code").strip()
+    elif not (code := os.environ.get(VARIABLE, "")):
+        raise UserError("an exhibition needs a code that ends it", f"write one to a file: --code-file FILE, or set {VARIABLE}")
+    check_code(code)
+    return code
+
+
+def check_exhibition(code: str | None, counted: bool, display: str) -> None:
+    """Raises UserError if an exhibition has no screen. counted: visitors are counted."""
+    if counted and code is None:
+        raise UserError("--visits without --kiosk: only an exhibition counts visitors", "add --kiosk, or leave it out")
+    if code is not None and display not in ("window", "fullscreen"):
+        raise UserError(f"--kiosk with --display {display}: an exhibition needs a screen", "leave out one or the other")
+
+
+def until_it_ends(first: Callable[[], int], again: Callable[[], int]) -> int:
+    """Runs sessions until one ends without failure: an exhibition has no operator to restart it."""
+    run = first
+    while True:
+        try:
+            if not run():
+                return 0
+        except UserError as error:  # the camera is still unplugged, the disk still full
+            click.echo(f"error: {error}", err=True)
+        click.echo(f"the exhibition restarts in {AGAIN_S:g} s", err=True)
+        time.sleep(AGAIN_S)
+        run = again
+
+
 @click.group()
 def kiosk() -> None:
-    """Run an exhibition: see also `lfpipe up --kiosk CODE`."""
+    """Run an exhibition: see also `lfpipe up --kiosk`."""
 
 
 @kiosk.command()
 @click.argument("scenes", nargs=-1, required=True, metavar="SCENE...", type=click.Path(path_type=Path),
                 shell_complete=completions.scenes)  # fmt: skip
-@click.option("--code", required=True, metavar="CODE", help="Typing CODE on its keyboard ends the session.")
-@click.option("--user", is_flag=True, required=True, help="Install the unit for this user's desktop.")
+@click.option("--code-file", type=click.Path(path_type=Path), metavar="FILE", help=f"It holds the code; or {VARIABLE}.")
 @click.option("--visits", type=click.Path(path_type=Path), metavar="FILE", help="Count visitors by the hour, as CSV.")
-def install(scenes: tuple[Path, ...], code: str, user: bool, visits: Path | None) -> None:
+def install(scenes: tuple[Path, ...], code_file: Path | None, visits: Path | None) -> None:
     """Write a systemd unit that shows SCENE in full screen when this user's desktop starts, and restarts it after any failure."""
     import platformdirs
 
-    from lfpipe.config.session_options import check_code
-    from lfpipe.errors import UserError
+    from lfpipe.config import user_file
+    from lfpipe.files.output import check_outputs, write_output
     from lfpipe.files.safe_files import reason, replaced
+    from lfpipe.host.paths import exists
 
-    check_code(code)
+    code = kiosk_code(code_file)
     if missing := [str(path) for path in scenes if not exists(path)]:
         raise UserError(f"{', '.join(missing)}: not found", "name light fields, or a folder of them")
-    words = [sys.executable, "-m", "lfpipe", "up", "--session", "kiosk", "--kiosk", code]
+    unit = Path(platformdirs.user_config_dir("systemd")) / "user" / "lfpipe-kiosk.service"
+    kept = user_file().parent / "kiosk-code"
+    words = [sys.executable, "-m", "lfpipe", "up", "--session", "kiosk", "--kiosk", "--code-file", str(kept)]
     words += ["--visits", str(visits.resolve())] if visits else []
     words += [str(path.resolve()) for path in scenes]
-    path = Path(platformdirs.user_config_dir("systemd")) / "user" / "lfpipe-kiosk.service"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(path, 0o600) as file:  # it holds the code
-            file.write(UNIT.format(command=" ".join(map(_quoted, words))).encode(errors="surrogateescape"))
+        unit.parent.mkdir(parents=True, exist_ok=True)
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        check_outputs({"the unit": unit, "--visits": visits}, scenes)
+        with replaced(kept) as file:
+            file.write(code.encode())
     except OSError as error:
-        raise UserError(f"{path}: {reason(error)}", "make that folder writable") from None
-    click.echo(path)
+        raise UserError(f"{error.filename or unit}: {reason(error)}", "make that folder writable") from None
+    write_output(unit, UNIT.format(command=" ".join(map(_quoted, words))).encode(errors="surrogateescape"))
+    click.echo(unit)
     click.echo("start it, now and with every desktop: systemctl --user enable --now lfpipe-kiosk", err=True)
 
 

@@ -71,7 +71,7 @@ def up(arguments: UpArguments) -> int:
 
     An exhibition that fails after it has run restarts until it succeeds: it has no operator.
     """
-    from lfpipe.cli.exhibition import until_it_ends
+    from lfpipe.cli.kiosk import until_it_ends
 
     session = Session(arguments.session_name or default_name())
     plan = _planned(session, arguments)
@@ -140,7 +140,7 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
 
 def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     """Checks all arguments, packs the scene unless it is packed, and prints the settings in force."""
-    from lfpipe.cli.exhibition import check_exhibition
+    from lfpipe.cli.kiosk import check_exhibition
     from lfpipe.cli.progress import progress
     from lfpipe.cli.startup_summary import loop_lines, sharing_lines, size_line, startup_lines
     from lfpipe.render.display import has_display

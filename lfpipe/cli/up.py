@@ -42,7 +42,10 @@ Examples:
     metavar="TARGET",
     help="Send eyes and head to opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]; add ?rate=HZ for predicted eyes. Repeatable.",
 )
-@click.option("--kiosk", metavar="CODE", help="Run an exhibition: full screen, all keys ignored; typing CODE ends it.")
+@click.option("--kiosk", is_flag=True, help="Run an exhibition: full screen, all keys ignored; typing its code ends it.")
+@click.option(
+    "--code-file", type=click.Path(path_type=Path), metavar="FILE", help="With --kiosk: holds the code; or LFPIPE_KIOSK_CODE."
+)
 @click.option("--visits", type=click.Path(path_type=Path), metavar="FILE", help="With --kiosk: count visitors by the hour.")
 @click.option("--force", is_flag=True, help="Replace output files that lfpipe did not write.")
 @click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")
@@ -56,7 +59,8 @@ def up(
     trace: Path | None,
     demo: bool,
     share: tuple[str, ...],
-    kiosk: str | None,
+    kiosk: bool,
+    code_file: Path | None,
     visits: Path | None,
     force: bool,
     no_picture: bool,
@@ -70,10 +74,11 @@ def up(
     Camera, layout, method and alpha are detected and printed in five lines. In the window, h shows the keys.
     """
     from lfpipe.cli import launch
+    from lfpipe.cli.kiosk import kiosk_code
 
     scene = scenes[0] if scenes else None
     arguments = launch.UpArguments(
         scene, camera, display, duration_s, trace, demo, share, no_picture, session_name, sets, config_file, scenes
     )
-    arguments = attrs.evolve(arguments, kiosk=kiosk, visits=visits, force=force)
+    arguments = attrs.evolve(arguments, kiosk=kiosk_code(code_file) if kiosk else None, visits=visits, force=force)
     return launch.up(arguments)

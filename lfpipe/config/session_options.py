@@ -16,7 +16,7 @@ from lfpipe.errors import UserError
 def check_code(code: str) -> None:
     """Raises UserError for a code that cannot be typed, or that a child could type by chance."""
     if not (4 <= len(code) <= 64 and code.isascii() and code.isprintable() and len(set(code)) > 1):
-        raise UserError("the code must have 4 to 64 ASCII characters, not all the same", "for example: --kiosk leave2026")
+        raise UserError("the code must have 4 to 64 ASCII characters, not all the same", "for example: leave2026")
 
 
 def needs_tracking(rows: int, cols: int) -> bool:

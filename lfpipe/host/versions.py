@@ -24,7 +24,7 @@ def processor() -> str:
 
 def versions() -> dict[str, str]:
     """Name -> version of lfpipe, Python, the packages that compute, and the processor."""
-    found = {"lfpipe": __version__, "python": platform.python_version(), "processor": processor()}
+    found = {"lfpipe": __version__, "python": platform.python_version(), "machine": platform.machine(), "processor": processor()}
     for name in PACKAGES:
         try:
             found[name] = version(name)

@@ -1,7 +1,8 @@
 """Compares a run with a reference: the first difference, its cause, and pictures that show it.
 
 With the same versions on the same kind of processor, everything must be equal to the last bit. Otherwise, numbers may differ by
-the effect of different rounding (TOLERANCES), and pictures by invisible amounts (LEAST_DB).
+the effect of different rounding (TOLERANCES; between x86 and ARM networks round more, MACHINE_PX), a whole view may flip where
+the eyes are within that of its boundary, and pictures may differ by invisible amounts (LEAST_DB).
 """
 
 import os
@@ -13,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import Config, to_dict
 from lfpipe.errors import UserError, shown
 from lfpipe.files.output import PLACE, marked_picture, write_output
 from lfpipe.files.picture_header import header_of
@@ -25,12 +27,15 @@ from lfpipe.sequence.index import INDEX, Packet, read_index
 from lfpipe.sequence.index import PACKETS as PACKET_FILE
 from lfpipe.sequence.packets import decoded, encoded
 
+VERSION_PX = 0.05  # of eyes
 TOLERANCES = {  # name in the trace -> (absolute, relative), where versions differ
-    "eyes_raw": (0.05, 1e-4),
-    "eyes_filtered": (0.05, 1e-4),
-    "eyes_used": (0.05, 1e-4),
-    "view": (0.01, 0.0),  # whole numbers, of method nearest, must then be equal
+    "eyes_raw": (VERSION_PX, 1e-4),
+    "eyes_filtered": (VERSION_PX, 1e-4),
+    "eyes_used": (VERSION_PX, 1e-4),
+    "view": (0.01, 0.0),  # 1/5 of a px at the smallest alpha in use
 }
+MACHINE_PX = 0.1  # between x86-64 and ARM: 0.02 median, 0.08 at most were measured
+FLIPPED_SHARE = 0.05  # of frames: eyes uncertain by 0.1 px are near a boundary of views 4 px wide; more is another map
 LEAST_DB = 50.0
 MOST_FIELDS = 20  # listed per part
 CAUSES = {  # in the order of the pipeline: an earlier difference causes the later ones
@@ -112,14 +117,22 @@ def _fields(part: str, was: dict[str, Any], now: dict[str, Any], skipped: tuple[
     return [Difference(part, what) for what in found + more]
 
 
-def _equal(name: str, was: Line, now: Line, exact: bool) -> bool:
+def _equal(name: str, was: Line, now: Line, eyes_px: float) -> bool:
+    """Whether an entry of two lines agrees. eyes_px: tolerance of eyes, 0 for the last bit."""
     if name not in TOLERANCES:
         return bool(was[name] == now[name])
     a, b = np.array(pair(was, name)), np.array(pair(now, name))
-    if exact or (name == "view" and now["method"] == "nearest"):
+    if not eyes_px or (name == "view" and now["method"] == "nearest"):
         return bool(np.array_equal(a, b))
     absolute, relative = TOLERANCES[name]
+    absolute *= eyes_px / VERSION_PX
     return bool(np.all(np.abs(a - b) <= np.maximum(absolute, relative * np.maximum(np.abs(a), np.abs(b)))))
+
+
+def _flipped(was: Line, now: Line) -> bool:
+    """Whether whole views are neighbours and the eyes differ a little: they may be on both sides of a boundary."""
+    apart = np.abs(np.subtract(pair(was, "view"), pair(now, "view")))
+    return bool(now["method"] == "nearest" and apart.max() <= 1 and pair(was, "eyes_used") != pair(now, "eyes_used"))
 
 
 class _Pictures:
@@ -176,8 +189,10 @@ def compare(reference: Path, folder: Path) -> Comparison:
     """
     was, now = read_report(reference), read_report(folder)
     check_reference(reference, now)
-    exact = was["versions"] == now["versions"]
-    found = _fields("config", was["config"], now["config"], OF_NO_EFFECT)
+    eyes_px = _tolerance_px(was["versions"], now["versions"])
+    # a key that one of them does not know had its default's effect
+    before, after = (_flat(to_dict(Config())) | _flat(report["config"]) for report in (was, now))
+    found = _fields("config", before, after, OF_NO_EFFECT)
     found += _fields("plan", was["plan"], now["plan"])
     if was["scene"] != now["scene"]:
         same_views = was["scene"]["views"] == now["scene"]["views"]
@@ -185,32 +200,54 @@ def compare(reference: Path, folder: Path) -> Comparison:
     counted = ("frames", "pictures", "faces")
     a, b = ({key: report["counts"][key] for key in counted} for report in (was, now))
     found += _fields("counts", a, b)
-    before, after = read_trace(reference, most_lines=was["counts"]["pictures"]), read_trace(folder)
-    if len(before) != was["counts"]["pictures"]:
-        told = f"{len(before)} lines in its trace, {was['counts']['pictures']} pictures in its report"
+    lines_before, lines_now = read_trace(reference, most_lines=was["counts"]["pictures"]), read_trace(folder)
+    if len(lines_before) != was["counts"]["pictures"]:
+        told = f"{len(lines_before)} lines in its trace, {was['counts']['pictures']} pictures in its report"
         raise UserError(f"{reference}: {told}", "copy the whole folder again, or --update to rewrite it")
-    in_frames, notes = _frames(reference, folder, before, after, exact)
-    if not exact:
+    in_frames, notes = _frames(reference, folder, lines_before, lines_now, eyes_px)
+    if eyes_px:
         notes.insert(0, f"compared with tolerances, not bit by bit: {_other_versions(was['versions'], now['versions'])}")
     return Comparison(found + in_frames, notes)
 
 
+def _kind(versions: dict[str, str]) -> str:
+    """The kind of processor; older references name it only where its model is unknown."""
+    return versions.get("machine", "x86_64").lower().replace("arm64", "aarch64").replace("amd64", "x86_64")
+
+
+def _tolerance_px(was: dict[str, str], now: dict[str, str]) -> float:
+    if _kind(was) != _kind(now):
+        return MACHINE_PX
+    return VERSION_PX if any(was[name] != now[name] for name in was.keys() & now.keys()) else 0.0
+
+
 def _other_versions(was: dict[str, str], now: dict[str, str]) -> str:
-    names = [name for name in sorted(was | now) if was.get(name) != now.get(name)]
+    names = [name for name in sorted(was.keys() & now.keys()) if was[name] != now[name]]
+    if _kind(was) != _kind(now) and "machine" not in names:
+        return f"{_kind(was)} in the reference, {_kind(now)} now; {_other_versions(was, {**now, 'machine': _kind(was)})}"
     return ", ".join(f"{name} {was.get(name)} in the reference, {now.get(name)} now" for name in names)
 
 
 def _frames(
-    reference: Path, folder: Path, before: list[Line], after: list[Line], exact: bool
+    reference: Path, folder: Path, before: list[Line], after: list[Line], eyes_px: float
 ) -> tuple[list[Difference], list[str]]:
     """The first difference of each part, frame by frame, and notes."""
+    flipped = {
+        now["source_seq"]
+        for was, now in zip(before, after, strict=False)
+        if eyes_px and not _equal("view", was, now, eyes_px) and _flipped(was, now)
+    }
+    if len(flipped) > FLIPPED_SHARE * len(after):
+        flipped = set()
     first: dict[str, tuple[int, str, Line, Line]] = {}
     counts: dict[str, int] = {}
     drawn: list[tuple[Line, Line]] = []
     for was, now in zip(before, after, strict=False):
         for name in CAUSES:
-            if _equal(name, was, now, exact):
+            if _equal(name, was, now, eyes_px):
                 continue
+            if name == "view" and now["source_seq"] in flipped:
+                break  # its picture is another one, too
             if name == "picture":
                 drawn.append((was, now))
                 continue
@@ -223,7 +260,10 @@ def _frames(
         values = f"{name} {_told(was[name])} in the reference, {_told(now[name])} now"
         what = f"{values}; {CAUSES[name]}; {counts[part]} of {len(after)} frames"
         found.append(Difference(part, what, frame))
-    pictures, notes = _drawn(reference, folder, before, after, drawn, exact)
+    same_views = [(was, now) for was, now in zip(before, after, strict=False) if now["source_seq"] not in flipped]
+    pictures, notes = _drawn(reference, folder, same_views, drawn, not eyes_px)
+    if flipped:
+        notes.append(f"views: {len(flipped)} of {len(after)} flipped, with eyes within {eyes_px:g} px of a boundary")
     return found + pictures, notes
 
 
@@ -232,11 +272,12 @@ def _told(value: Any) -> str:
 
 
 def _drawn(
-    reference: Path, folder: Path, before: list[Line], after: list[Line], drawn: list[tuple[Line, Line]], exact: bool
+    reference: Path, folder: Path, lines: list[tuple[Line, Line]], drawn: list[tuple[Line, Line]], exact: bool
 ) -> tuple[list[Difference], list[str]]:
-    """Differences of pictures with equal views, and the pictures of the first frame that differs in anything; notes."""
-    ours, theirs = _Pictures(folder, after), _Pictures(reference, before)
-    pairs = [(was, now) for was, now in zip(before, after, strict=False) if was["picture"] != now["picture"]]
+    """Differences of pictures with equal views, and the pictures of the first frame that differs in anything; notes.
+    lines: (reference, now) of each frame."""
+    theirs, ours = (_Pictures(place, [line[k] for line in lines]) for k, place in enumerate((reference, folder)))
+    pairs = [(was, now) for was, now in lines if was["picture"] != now["picture"]]
     first: tuple[int, NDArray[np.uint8], NDArray[np.uint8]] | None = None
     least_db = 100.0
     for was, now in pairs:
@@ -246,12 +287,12 @@ def _drawn(
             least_db = min(least_db, likeness_db(a, b))
     wrong = bool(drawn) and (exact or first is None or least_db < LEAST_DB)
     if not wrong and len(pairs) == len(drawn):
-        told = f"pictures: {len(drawn)} of {len(after)} digests differ, least PSNR {least_db:.1f} dB ({LEAST_DB:g} wanted)"
+        told = f"pictures: {len(drawn)} of {len(lines)} digests differ, least PSNR {least_db:.1f} dB ({LEAST_DB:g} wanted)"
         return [], [told] if drawn else []
     where = f"least PSNR {least_db:.1f} dB, see {_save(folder, *first)}" if first else "no frame has a stored picture in both"
     if wrong:
         was, now = drawn[0]
         what = f"digest {was['picture']} in the reference, {now['picture']} now; {CAUSES['picture']}"
-        return [Difference("pictures", f"{what}; {len(drawn)} of {len(after)} frames; {where}", now["source_seq"])], []
-    what = f"{len(pairs)} of {len(after)} differ, as a result of the differences above; {where}"
+        return [Difference("pictures", f"{what}; {len(drawn)} of {len(lines)} frames; {where}", now["source_seq"])], []
+    what = f"{len(pairs)} of {len(lines)} differ, as a result of the differences above; {where}"
     return [Difference("pictures", what, pairs[0][1]["source_seq"])], []

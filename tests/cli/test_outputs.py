@@ -42,8 +42,8 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
         ("up views --camera file:me.avi --display file:link.mkv --force", "link.mkv"),
         ("up views --camera demo --display file:fifo.mkv --force", "fifo.mkv"),
         ("up views --camera demo --display file:new.mkv --trace new.mkv", "new.mkv"),
-        ("up views --camera demo --kiosk enough --visits notes.txt", "notes.txt"),
-        ("up views --camera demo --kiosk enough --visits visits.csv", "visits.csv"),
+        ("up views --camera demo --kiosk --visits notes.txt", "notes.txt"),
+        ("up views --camera demo --kiosk --visits visits.csv", "visits.csv"),
         ("scene sheet views -o views/view_01_01.png", "view_01_01.png"),
         ("scene view views --row 0 --col 0 -o notes.txt", "notes.txt"),
         ("scene view views --row 0 --col 0 -o me.png", "me.png"),
@@ -53,6 +53,7 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
 )
 def test_a_file_of_a_person_is_kept(owned: Path, monkeypatch: pytest.MonkeyPatch, args: str, named: str) -> None:
     monkeypatch.chdir(owned)
+    monkeypatch.setenv("LFPIPE_KIOSK_CODE", "leave2026")
     (owned / "me.png").write_bytes((owned / "views" / next(iter(sorted(os.listdir(owned / "views"))))).read_bytes())  # noqa: PTH208
     before = _content(owned)
     error = CliRunner().invoke(cli, args.split()).exception

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.cli import exhibition
+from lfpipe.cli import kiosk as exhibition
 from lfpipe.errors import UserError
 from lfpipe.render.outputs import VisitLog
 from lfpipe.render.overlay import Notices
@@ -72,13 +72,13 @@ def test_an_exhibition_starts_again_until_it_ends_well(
 def test_the_picture_moves_with_nobody_there_and_keys_do_nothing_until_the_code_is_typed(
     world: World, scene: Path, screen: Screen
 ) -> None:
-    world.env["DISPLAY"] = screen.name
+    world.env |= {"DISPLAY": screen.name, "LFPIPE_KIOSK_CODE": "bye42"}
     writer = cv2.VideoWriter(str(world.root / "empty.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
     for _ in range(10):
         writer.write(np.full((480, 640, 3), 90, np.uint8))
     writer.release()
     fixed = ("--trace", world.trace, "--session", world.name, "--visits", world.root / "visits.csv")
-    process = world.start("up", scene, "--camera", f"file:{world.root}/empty.avi", *fixed, "--kiosk", "bye42")
+    process = world.start("up", scene, "--camera", f"file:{world.root}/empty.avi", *fixed, "--kiosk")
     world.wait_for(lambda: len({line["view"]["left"][1] for line in world.lines()}) > 20, "views in motion")
     first = screen.shown()[: len(screen.shown()) // 2]
     world.wait_for(lambda: not np.array_equal(first, screen.shown()[: len(screen.shown()) // 2]), "another picture on the screen")
@@ -93,17 +93,21 @@ def test_the_picture_moves_with_nobody_there_and_keys_do_nothing_until_the_code_
 def test_the_unit_starts_it_again_and_quotes_what_systemd_would_expand(world: World, scene: Path) -> None:
     odd = world.root / 'a "100 %" $HOME'
     scene_there = shutil.copytree(scene, odd)
-    done = world.run("kiosk", "install", "--user", "--code", "bye42", scene_there)
+    code = world.root / "code"
+    code.write_text("bye42\n")
+    done = world.run("kiosk", "install", "--code-file", code, scene_there)
     assert done.returncode == 0, done.stderr
     unit = Path(done.stdout.strip())
     text = unit.read_text()
-    assert unit == world.root / "settings" / "systemd" / "user" / "lfpipe-kiosk.service" and unit.stat().st_mode & 0o077 == 0
-    assert "Restart=always" in text and "RestartPreventExitStatus=0" in text and '"--kiosk" "bye42"' in text
+    assert unit == world.root / "settings" / "systemd" / "user" / "lfpipe-kiosk.service" and "bye42" not in text
+    assert "Restart=always" in text and "RestartPreventExitStatus=0" in text and '"--kiosk" "--code-file"' in text
     assert 'a \\"100 %%\\" $$HOME"' in text and "systemctl --user enable --now lfpipe-kiosk" in done.stderr
     if shutil.which("systemd-analyze"):
         checked = subprocess.run(["systemd-analyze", "--user", "verify", str(unit)], capture_output=True, text=True)
         assert "lfpipe-kiosk" not in checked.stderr, checked.stderr
-    for words in (("--code", "1111", scene_there), ("--code", "bye42", "nowhere")):
-        assert world.run("kiosk", "install", "--user", *words).returncode == 2
-    assert world.run("up", scene, "--kiosk", "bye42", "--display", "none").returncode == 2
+    kept = world.root / "settings" / "lfpipe" / "kiosk-code"
+    assert kept.read_text() == "bye42" and kept.stat().st_mode & 0o077 == 0
+    for words in ((scene_there,), ("--code-file", code, "nowhere")):
+        assert world.run("kiosk", "install", *words).returncode == 2
+    assert world.run("up", scene, "--kiosk", "--code-file", code, "--display", "none").returncode == 2
     assert world.run("up", scene, "--visits", "visits.csv").returncode == 2

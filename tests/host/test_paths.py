@@ -36,7 +36,7 @@ def test_what_cannot_be_examined_is_neither_there_nor_missing(locked: Path, as_n
 
 def run(world: World, *command: str | Path, before: str = "", **env: str) -> subprocess.CompletedProcess[str]:
     words = ["sh", "-c", f'{before} exec "$@"', "sh", *map(str, command)]
-    return subprocess.run(words, capture_output=True, text=True, cwd=world.root, env=world.env | env, timeout=60)
+    return subprocess.run(words, capture_output=True, text=True, cwd=world.root, env=world.env | {"LFPIPE_KIOSK_CODE": "leave2026"} | env, timeout=60)
 
 
 LFPIPE = [sys.executable, "-m", "lfpipe"]
@@ -47,7 +47,7 @@ COMMANDS: dict[str, tuple[str | Path, ...]] = {
     "scene info": ("scene", "info", "PATH"),
     "scene check": ("scene", "check", "PATH"),
     "scene clean": ("scene", "clean", "PATH"),
-    "kiosk install": ("kiosk", "install", "--user", "--code", "leave2026", "PATH"),
+    "kiosk install": ("kiosk", "install", "PATH"),
     "ctl load": ("ctl", "load", "PATH"),
     "replay": ("replay", "PATH"),
     "sequence": ("sequence", "info", "PATH"),
@@ -66,7 +66,7 @@ def test_a_path_that_cannot_be_examined_is_refused(
 
 
 def test_settings_that_cannot_be_examined_are_named(world: World, scene: Path, locked: Path, as_nobody: list[str]) -> None:
-    for command in (("up", scene, *UP), ("doctor",), ("kiosk", "install", "--user", "--code", "leave2026", scene)):
+    for command in (("up", scene, *UP), ("doctor",), ("kiosk", "install", scene)):
         done = run(world, *as_nobody, *LFPIPE, *command, XDG_CONFIG_HOME=str(locked))
         assert done.returncode in (1, 2) and "Traceback" not in done.stderr + done.stdout
         assert str(locked) in done.stderr + done.stdout

@@ -4,8 +4,9 @@ import attrs
 import numpy as np
 import pytest
 
+from lfpipe.errors import UserError
 from lfpipe.observe.loop_calibration import advice
-from lfpipe.observe.loop_delay import LoopDelay, estimate, find_area
+from lfpipe.observe.loop_delay import LoopDelay, Recording, estimate, find_area
 from profiling.photon import bad_recordings, outcome
 from profiling.photon_simulation import HEIGHT_PX, WIDTH_PX, Loop, drawn, geometry, recording
 
@@ -21,6 +22,45 @@ def test_what_cannot_be_measured_is_refused_with_the_reason() -> None:
     for what, word, made in bad_recordings(duration_s=8.0):
         answer = outcome(made)
         assert not isinstance(answer, LoopDelay) and word in answer, f"{what}: {answer}"
+
+
+def _mixed(made: Recording, share: float) -> Recording:
+    """What a camera with temporal noise reduction delivers that keeps this share of the frame before."""
+    pictures = made.pictures.astype(float)
+    for k in range(1, len(pictures)):
+        pictures[k] = (1 - share) * pictures[k] + share * pictures[k - 1]
+    return attrs.evolve(made, pictures=np.round(pictures).astype(np.uint8))
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5])
+@pytest.mark.parametrize("seed", [0, 1, 4])
+def test_a_camera_that_mixes_frames_is_refused(seed: int, share: float) -> None:
+    """Found: with half of the frame before kept, one confident answer, 73.8 ms for 60.3."""
+    with pytest.raises(UserError, match="temporal noise reduction"):
+        estimate(_mixed(recording(drawn(np.random.default_rng(seed), seed)), share))
+
+
+@pytest.mark.parametrize("delay_ms", [60.0, 66.0])
+@pytest.mark.parametrize("camera_hz", [30.0012, 15.0006])
+def test_a_camera_in_step_with_the_screen_is_refused(camera_hz: float, delay_ms: float) -> None:
+    """Found: 5 of 7 accepted, with errors to 3.3 ms and intervals without the truth."""
+    with pytest.raises(UserError, match="in step"):
+        estimate(recording(Loop(camera_hz=camera_hz, screen_hz=60.0024, delay_ms=delay_ms)))
+
+
+@pytest.mark.parametrize("camera_hz", [30.02, 30.05])
+def test_a_camera_that_drifts_along_the_screen_is_known_as_far_as_it_drifted(camera_hz: float) -> None:
+    found = estimate(recording(Loop(camera_hz=camera_hz, screen_hz=60.0024)))
+    assert found.low_ms <= 60 <= found.high_ms and (found.half_ms > 1.5) == (camera_hz == 30.02)
+
+
+def test_a_long_delay_and_frames_delivered_twice_are_measured() -> None:
+    loop = Loop(camera_hz=29.9, delay_ms=350.0)
+    made = recording(loop)
+    stamps = np.repeat(made.t_frame_ns, 2)
+    stamps[1::2] += 16_700_000
+    for each in (made, attrs.evolve(made, t_frame_ns=stamps, pictures=np.repeat(made.pictures, 2, axis=0))):
+        assert estimate(each).delay_ms == pytest.approx(350, abs=1)
 
 
 def test_a_tilted_and_half_hidden_screen_is_outlined() -> None:
@@ -44,7 +84,5 @@ def test_a_busy_machine_that_loses_frames_and_shows_two_flips_at_one_blank_is_no
     kept = rng.random(len(made.t_frame_ns)) > 0.6  # most steps are of two or three frames
     t_flip_ns = made.t_flip_ns.copy()
     t_flip_ns[20] = t_flip_ns[21]  # the compositor stood still: the level before was never seen
-    found = estimate(
-        attrs.evolve(made, t_frame_ns=made.t_frame_ns[kept], pictures=made.pictures[kept], t_flip_ns=t_flip_ns)
-    )
+    found = estimate(attrs.evolve(made, t_frame_ns=made.t_frame_ns[kept], pictures=made.pictures[kept], t_flip_ns=t_flip_ns))
     assert found.low_ms - 1 < loop.delay_ms < found.high_ms + 1
