@@ -36,7 +36,8 @@ def test_what_cannot_be_examined_is_neither_there_nor_missing(locked: Path, as_n
 
 def run(world: World, *command: str | Path, before: str = "", **env: str) -> subprocess.CompletedProcess[str]:
     words = ["sh", "-c", f'{before} exec "$@"', "sh", *map(str, command)]
-    return subprocess.run(words, capture_output=True, text=True, cwd=world.root, env=world.env | {"LFPIPE_KIOSK_CODE": "leave2026"} | env, timeout=60)
+    known = world.env | {"LFPIPE_KIOSK_CODE": "leave2026"} | env
+    return subprocess.run(words, capture_output=True, text=True, cwd=world.root, env=known, timeout=60)
 
 
 LFPIPE = [sys.executable, "-m", "lfpipe"]
@@ -45,7 +46,6 @@ COMMANDS: dict[str, tuple[str | Path, ...]] = {
     "up": ("up", "PATH", *UP),
     "up, recording": ("up", "--camera", "file:PATH", "SCENE", *UP),
     "scene info": ("scene", "info", "PATH"),
-    "scene check": ("scene", "check", "PATH"),
     "scene clean": ("scene", "clean", "PATH"),
     "kiosk install": ("kiosk", "install", "PATH"),
     "ctl load": ("ctl", "load", "PATH"),
