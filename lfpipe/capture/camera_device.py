@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import attrs
 
-from lfpipe.host.camera_interface import LIST, SOURCE
+from lfpipe.host import PORTABLE
 
 T = TypeVar("T")
 
@@ -24,12 +24,12 @@ class CameraDevice:
 
 def known() -> Any:
     """Has `nodes`, `cameras`, `describe` and `asking` of `camera_list`."""
-    return import_module(f"lfpipe.capture.{LIST}")
+    return import_module(f"lfpipe.capture.{'opencv_camera' if PORTABLE else 'camera_list'}")
 
 
 def source() -> Any:
     """Has `CameraFinder`, `first_camera`, `none_usable`, `open_camera` and `check_camera` of `camera`."""
-    return import_module(f"lfpipe.capture.{SOURCE}")
+    return import_module(f"lfpipe.capture.{'opencv_camera' if PORTABLE else 'camera'}")
 
 
 def with_time_limit(limit_s: float, call: Callable[[], T]) -> T:

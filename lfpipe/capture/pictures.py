@@ -12,7 +12,7 @@ from lfpipe.capture.video import open_video
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, is_jpeg, picture_of
 from lfpipe.files.safe_files import open_regular, reason
-from lfpipe.host import opencv_log
+from lfpipe.host import quiet
 from lfpipe.host.paths import is_dir
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
@@ -54,7 +54,7 @@ def _load(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
             data = np.fromfile(file, np.uint8, MAX_FILE_BYTES)
     except OSError as error:
         raise BrokenFrame(f"{path}: not a readable picture: {reason(error)}", "save it again") from None
-    with opencv_log.silent():
+    with quiet.silent():
         picture = picture_of(data)
     if picture is None:
         raise BrokenFrame(f"{path}: not a readable picture", "remove it from the folder, or save it again")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, is_jpeg, is_video, picture_of
-from lfpipe.host import opencv_log
+from lfpipe.host import quiet
 from lfpipe.host.descriptors import path_of
 from lfpipe.host.limits import MemoryLimit
 from lfpipe.scene.video_probe import FRAME_BYTES_PX, MAX_FRAME_PX, OPENING_BYTES
@@ -68,7 +68,7 @@ class VideoFile:
         """Reopens the file at its start; on failure `capture` is not open."""
         # One decoder thread: measured on 400x300 to 720x576, two take 20 to 40 % more CPU and are no faster. The path is
         # that of the checked descriptor; OpenCV would crash on names that are not UTF-8.
-        with self.memory, opencv_log.silent():
+        with self.memory, quiet.silent():
             self.capture.open(path_of(self._file), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
 
     def check_end(self, count: int) -> None:

@@ -20,7 +20,7 @@ from lfpipe.transport.session import Session, default_name
 if TYPE_CHECKING:
     from lfpipe.capture.open_source import CheckedSource
     from lfpipe.scene.open_scene import Opened, Packing
-    from lfpipe.supervisor.outcome import Outcome
+    from lfpipe.supervisor.live_session import Outcome
 
 DEMO_S = 10.0  # length of the demo without a screen
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lfpipe.config import Config
-from lfpipe.host.graphics import has_gpu
+from lfpipe.host.load import has_gpu
 from lfpipe.render.compositor import mixed_as
 from lfpipe.render.geometry import parallax
 from lfpipe.render.plan import Plan

@@ -1,8 +1,7 @@
 """Everything that differs between operating systems, behind plain functions.
 
-The modules here are Linux's. Those in `portable` have the same names and functions and use only what Windows, macOS and Linux
-have in common. They replace Linux's on every other system, and on Linux if LFPIPE_HOST=portable is set. Only this module chooses:
-`lfpipe.host.wake` is then the module in `portable`. A module without a counterpart there serves all systems.
+Two things have a second form, for systems without Linux's own: wake-ups and cameras. PORTABLE chooses it; LFPIPE_HOST=portable
+does so on Linux too, for tests.
 """
 
 import os
@@ -12,8 +11,7 @@ from lfpipe.errors import UserError
 
 _ASKED = os.environ.get("LFPIPE_HOST", "")
 PORTABLE = _ASKED == "portable" or sys.platform != "linux"
-if PORTABLE:
-    __path__.insert(0, os.path.join(__path__[0], "portable"))  # noqa: PTH118  (the path of a package is text)
+WINDOWS = os.name == "nt"  # a name of its own: a type checker takes sys.platform for its own system
 
 
 def check_choice() -> None:

@@ -34,5 +34,5 @@ def shut_down(fd: int) -> None:
     another client.
     """
     with contextlib.suppress(OSError), sockets.socket(fileno=os.dup(fd)) as connection:
-        if connection.family == sockets.AF_UNIX:
+        if connection.family.name == "AF_UNIX":
             connection.shutdown(sockets.SHUT_RDWR)

@@ -1,22 +1,34 @@
-"""Locks on files and folders; the kernel drops them when their process ends (`flock`)."""
+"""Locks on files and folders; the kernel drops them when their process ends (`flock`).
+
+On Windows, only files are locked, and only exclusively: what is open there cannot be removed, so readers need no lock.
+"""
 
 import contextlib
-import fcntl
+import importlib
 import os
 import shutil
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+from lfpipe.host import WINDOWS
 from lfpipe.host.paths import is_dir
 
-_SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+_SAFE = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"))
+_FOLDER = sum(getattr(os, name, 0) for name in ("O_DIRECTORY", "O_CLOEXEC"))
+_PAUSE_S = 0.01
+_module: Any = importlib.import_module("msvcrt" if WINDOWS else "fcntl")
 
 
 def lock_open(fd: int, shared: bool = False) -> bool:
     """Locks an open file without waiting; False if another process holds a conflicting lock. Raises OSError."""
     try:
-        fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except BlockingIOError:
+        if not WINDOWS:
+            _module.flock(fd, (_module.LOCK_SH if shared else _module.LOCK_EX) | _module.LOCK_NB)
+        elif not shared:
+            _module.locking(fd, _module.LK_NBLCK, 1)
+    except (BlockingIOError, PermissionError):
         return False
     return True
 
@@ -47,8 +59,8 @@ class Lock:
 
         Works relative to the open folder: if that is replaced meanwhile, the new one stays untouched.
         """
-        with contextlib.suppress(OSError):
-            directory = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+        with contextlib.suppress(OSError, NotImplementedError):
+            directory = os.open(self._path.parent, os.O_RDONLY | _FOLDER | _SAFE)
             try:
                 if not os.path.samestat(os.stat(self._path.name, dir_fd=directory, follow_symlinks=False), os.fstat(self._fd)):
                     return
@@ -73,10 +85,7 @@ def take(path: Path, shared: bool = False, mode: int = 0o600) -> Lock | None:
     """Locks path without waiting: a folder, or a file, made with that mode if missing. None if another process holds a
     conflicting lock. Raises OSError.
     """
-    if is_dir(path):
-        fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    else:
-        fd = os.open(path, os.O_RDWR | os.O_CREAT | _SAFE, mode)
+    fd = os.open(path, os.O_RDONLY | _FOLDER) if is_dir(path) else os.open(path, os.O_RDWR | os.O_CREAT | _SAFE, mode)
     if lock_open(fd, shared):
         return Lock(path, fd)
     os.close(fd)
@@ -86,15 +95,18 @@ def take(path: Path, shared: bool = False, mode: int = 0o600) -> Lock | None:
 @contextlib.contextmanager
 def waited_for(path: Path) -> Iterator[None]:
     """Holds the lock of a file, created if missing; waits until no other process holds one. Raises OSError."""
-    with path.open("w") as file:
-        fcntl.flock(file.fileno(), fcntl.LOCK_EX)
+    while (lock := take(path)) is None:
+        time.sleep(_PAUSE_S)
+    try:
         yield
+    finally:
+        lock.release()
 
 
 def is_held(path: Path) -> bool:
     """Whether a process holds an exclusive lock on the file at path. Raises OSError if it is missing or cannot be opened."""
     fd = os.open(path, os.O_RDWR | _SAFE)
     try:
-        return not lock_open(fd, shared=True)
+        return not lock_open(fd, shared=not WINDOWS)
     finally:
         os.close(fd)

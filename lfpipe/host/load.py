@@ -1,8 +1,10 @@
-"""CPU time and memory of processes, by psutil."""
+"""CPU time and memory of processes and threads, by psutil; whether there is a GPU and a desktop."""
 
 from __future__ import annotations
 
 import functools
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -27,6 +29,16 @@ def cpu_ns(pid: int) -> int:
     return int((times.user + times.system) * 1e9)
 
 
+def activity(pid: int) -> tuple[int, bool]:
+    """As `cpu_ns`, and whether the process waits for a disk or a network drive."""
+    import psutil
+
+    try:
+        return cpu_ns(pid), _process(pid).status() == psutil.STATUS_DISK_SLEEP
+    except (psutil.Error, ValueError):
+        return 0, False
+
+
 def rss_bytes(pid: int) -> int:
     """Resident memory of a process, including shared pages; 0 if it is gone."""
     import psutil
@@ -35,3 +47,13 @@ def rss_bytes(pid: int) -> int:
         return int(_process(pid).memory_info().rss)
     except (psutil.Error, ValueError):
         return 0
+
+
+def has_gpu() -> bool:
+    """Whether there is a rendering device; true if the system cannot report it."""
+    return sys.platform != "linux" or any(Path("/dev/dri").glob("renderD*"))
+
+
+def has_desktop() -> bool:
+    """Whether windows need no display server named in the environment: on macOS and Windows."""
+    return sys.platform in ("darwin", "win32")

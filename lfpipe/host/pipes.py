@@ -1,8 +1,10 @@
-"""Reads the output of a child process without waiting."""
+"""Reads the output of a child process without waiting; on Windows from Python 3.12 on."""
 
 import os
 from multiprocessing import connection
 from typing import IO
+
+from lfpipe.host import WINDOWS
 
 
 class PipeReader:
@@ -14,8 +16,8 @@ class PipeReader:
 
     @property
     def fds(self) -> list[int]:
-        """Descriptors for a poller, readable when there is something to read or the end."""
-        return [] if self._stream.closed else [self._stream.fileno()]
+        """Descriptors for a poller, readable when there is something to read or the end; none on Windows."""
+        return [] if WINDOWS or self._stream.closed else [self._stream.fileno()]
 
     def wait(self, timeout_s: float) -> bool:
         """Whether there is something to read, or the end, within timeout_s."""

@@ -8,6 +8,8 @@ from collections.abc import Iterable
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
+from lfpipe.host import WINDOWS
+
 PR_SET_TIMERSLACK = 29
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 KEPT_BYTES = 32 << 20  # the maximum of glibc; a 4K frame has 25 MB
@@ -21,16 +23,17 @@ def usable_cores() -> list[int]:
 def scheduling(pid: int) -> tuple[list[int], int]:
     """Cores that a process may run on, and its niceness; ([], 0) if it is gone."""
     try:
-        return (sorted(os.sched_getaffinity(pid)), os.getpriority(os.PRIO_PROCESS, pid)) if pid > 0 else ([], 0)
-    except OSError:
+        nice = os.getpriority(os.PRIO_PROCESS, pid) if pid > 0 else 0
+        return (sorted(os.sched_getaffinity(pid)) if pid > 0 else [], nice)
+    except (OSError, AttributeError):  # macOS and Windows place processes themselves
         return [], 0
 
 
 def set_scheduling(cores: Iterable[int], nice: int | None) -> None:
-    """Moves this process to cores, or to all if empty, and sets its niceness. Raises PermissionError."""
-    if cores := list(cores):
+    """Moves this process to cores, or to all if empty, and sets its niceness, where the system can. Raises PermissionError."""
+    if (cores := list(cores)) and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, cores)
-    if nice is not None:
+    if nice is not None and not WINDOWS:
         os.setpriority(os.PRIO_PROCESS, 0, nice)
 
 
@@ -46,7 +49,7 @@ def set_up(name: str) -> None:
     """
     with contextlib.suppress(OSError):
         Path("/proc/self/comm").write_text(name[:15])
-    with contextlib.suppress(AttributeError, OSError):  # another C library: leave it unchanged
+    with contextlib.suppress(AttributeError, OSError, TypeError):  # another C library: leave it unchanged
         libc = ctypes.CDLL(None)
         libc.mallopt(M_MMAP_THRESHOLD, KEPT_BYTES)
         libc.mallopt(M_TRIM_THRESHOLD, 2 * KEPT_BYTES)
@@ -55,7 +58,7 @@ def set_up(name: str) -> None:
 
 def sentinels(process: BaseProcess) -> list[int]:
     """Descriptors for a poller that become readable when a process ends; none if a poller cannot use them."""
-    return [process.sentinel]
+    return [] if WINDOWS else [process.sentinel]
 
 
 def resume_stage(pid: int) -> None:

@@ -1,41 +1,63 @@
-"""Named shared memory: on Linux, files of a tmpfs. `multiprocessing.shared_memory` maps the segments created here.
+"""Named shared memory: mapped files of one folder, /dev/shm on Linux. The last page of each names its run directory, and its
+creator holds a lock on it while it lives.
 
-The last page of a segment names its owner: magic, length, path of its run directory. Its creator holds a shared lock (`flock`) on
-it for life. From these two facts any process, in any directory or container, can decide whether a segment is lfpipe's and whether
-its session lives. Nothing else is ever unlinked by name.
+Not `multiprocessing.shared_memory`: its tracker unlinks by name after its process has died, when the next session may already
+use that name, and it cannot say to whom a segment belongs.
 """
 
 import contextlib
 import errno
+import mmap
 import os
 import shutil
 import stat
 import struct
+import sys
+import tempfile
 from collections.abc import Iterator
-from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
+from lfpipe.host.descriptors import read_at, write_at
 from lfpipe.host.file_lock import lock_open
-from lfpipe.host.segment_names import names_in
-from lfpipe.host.untracked import untracked
 from lfpipe.host.users import user_id
 
-SHM_DIR = Path("/dev/shm")
-WHERE = str(SHM_DIR)  # for messages
+SHM_DIR = Path("/dev/shm" if sys.platform == "linux" else tempfile.gettempdir())
 WRITABLE = f"a tmpfs at {SHM_DIR} that you may write to: docker run --shm-size=128m, or mount one there"
 MAGIC = b"LFSEGM1\0"
 PAGE = 4096
 _OWNER = struct.Struct("<8sq")  # magic, length of the path that follows
+_CAREFUL = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
 
 
-class Segment(SharedMemory):
+class Mapping:
+    """An open segment. name, size: with its last page. buf: its bytes, None once closed. Raises FileNotFoundError, OSError, and
+    ValueError for an empty file."""
+
+    def __init__(self, name: str, locks: bool = False) -> None:
+        self.name = name
+        fd = os.open(SHM_DIR / name, os.O_RDWR | _CAREFUL)
+        try:
+            self.size, self._identity = os.fstat(fd).st_size, _identity(fd)
+            self._map = mmap.mmap(fd, self.size)  # has a copy of the descriptor, and with it the lock
+            if locks:
+                lock_open(fd, shared=True)
+        finally:
+            os.close(fd)
+        self.buf: memoryview | None = memoryview(self._map)
+
+    def close(self) -> None:
+        """Unmaps it. May be called again. Raises BufferError while views of it exist."""
+        if self.buf is not None:
+            self.buf.release()
+            self.buf = None
+        self._map.close()
+
+
+class Segment(Mapping):
     """A segment that this process created. `unlink` never removes another segment that has taken its name."""
 
     def __init__(self, name: str) -> None:
-        with untracked():
-            super().__init__(name=name)
-        self._identity = _identity(self._fd)  # type: ignore[attr-defined]
-        lock_open(self._fd, shared=True)  # type: ignore[attr-defined]
+        super().__init__(name, locks=True)
 
     def unlink(self) -> None:
         """Removes the name. Raises FileNotFoundError if it is no longer this segment's."""
@@ -47,16 +69,23 @@ class Segment(SharedMemory):
 def create(name: str, size_bytes: int, run_dir: bytes) -> Segment:
     """Creates a segment, mode 0600, of at least size_bytes zeros for the session of run_dir.
 
-    It gets its name only when it is complete and locked: a process killed here leaves nothing. Its pages are allocated, so a full
-    tmpfs is an error here and never a SIGBUS at a later write. Raises OSError, FileExistsError if the name is taken.
+    It gets its name only when it is complete and locked: on Linux, a process killed here leaves nothing. Its pages are allocated,
+    so a full tmpfs is an error here and never a SIGBUS at a later write. Raises OSError, FileExistsError if the name is taken.
     """
     owner = (_OWNER.pack(MAGIC, len(run_dir)) + run_dir).ljust(PAGE, b"\0")
+    whole = size_bytes + PAGE
+    if not hasattr(os, "O_TMPFILE"):  # the session holds its lock: nobody else creates this name
+        fd = os.open(SHM_DIR / name, os.O_RDWR | os.O_CREAT | os.O_EXCL | _CAREFUL, 0o600)
+        with os.fdopen(fd, "r+b") as file:
+            file.truncate(whole)
+            write_at(fd, owner, size_bytes)
+            return Segment(name)
     directory = os.open(SHM_DIR, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         fd = os.open(".", os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o600, dir_fd=directory)
         try:
-            os.posix_fallocate(fd, 0, size_bytes + PAGE)
-            os.pwrite(fd, owner, size_bytes)
+            os.posix_fallocate(fd, 0, whole)
+            write_at(fd, owner, size_bytes)
             lock_open(fd, shared=True)
             # With src_dir_fd Python calls linkat, which follows the link in /proc; link would not.
             os.link(f"/proc/self/fd/{fd}", name, src_dir_fd=directory, dst_dir_fd=directory, follow_symlinks=True)
@@ -68,14 +97,14 @@ def create(name: str, size_bytes: int, run_dir: bytes) -> Segment:
 
 
 def _identity(fd: int) -> tuple[int, int]:
-    found = os.fstat(fd)
-    return found.st_dev, found.st_ino
+    entry = os.fstat(fd)
+    return entry.st_dev, entry.st_ino
 
 
 def identity(name: str) -> tuple[int, int]:
     """Identifies the segment that currently has this name. Raises FileNotFoundError."""
-    found = (SHM_DIR / name).lstat()
-    return found.st_dev, found.st_ino
+    entry = (SHM_DIR / name).lstat()
+    return entry.st_dev, entry.st_ino
 
 
 def unlink(name: str) -> None:
@@ -96,10 +125,10 @@ def more_room(needed_bytes: int) -> str:
 
 def _owner(fd: int) -> Path | None:
     """Run directory of an open segment, empty if it was created without one; None if it is not lfpipe's or not this user's."""
-    found = os.fstat(fd)
-    if not stat.S_ISREG(found.st_mode) or found.st_uid != user_id() or found.st_size < PAGE:
+    entry = os.fstat(fd)
+    if not stat.S_ISREG(entry.st_mode) or entry.st_uid != user_id() or entry.st_size < PAGE:
         return None
-    page = os.pread(fd, PAGE, found.st_size - PAGE)
+    page = read_at(fd, PAGE, entry.st_size - PAGE)
     magic, length = _OWNER.unpack_from(page)
     path = page[_OWNER.size : _OWNER.size + max(0, length)]
     return Path(os.fsdecode(path)) if magic == MAGIC and len(path) == length and b"\0" not in path else None
@@ -107,9 +136,13 @@ def _owner(fd: int) -> Path | None:
 
 def _opened(prefix: str) -> Iterator[tuple[str, int, Path]]:
     """Yields name, descriptor and run directory of each segment of this user whose name begins with prefix."""
-    for name in names_in(SHM_DIR, prefix):
+    try:
+        names = sorted(path.name for path in SHM_DIR.iterdir() if path.name.startswith(prefix))
+    except OSError:
+        return
+    for name in names:
         try:
-            fd = os.open(SHM_DIR / name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            fd = os.open(SHM_DIR / name, os.O_RDONLY | _CAREFUL)
         except OSError:
             continue  # just removed, another user's, a link, ...
         try:

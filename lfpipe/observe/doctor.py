@@ -184,9 +184,9 @@ def shared_memory(need_bytes: int = SHM_NEED_BYTES) -> Check:
     try:
         free, total = memory.room()
     except OSError as error:
-        return Check("shm", False, f"{memory.WHERE}: {error.strerror}", remedy)
+        return Check("shm", False, f"{memory.SHM_DIR}: {error.strerror}", remedy)
     ok = free >= need_bytes and (not exists(memory.SHM_DIR) or os.access(memory.SHM_DIR, os.W_OK))
-    return Check("shm", ok, f"{memory.WHERE}: {free / 1e6:.0f} MB free of {total / 1e6:.0f} MB", "" if ok else remedy)
+    return Check("shm", ok, f"{memory.SHM_DIR}: {free / 1e6:.0f} MB free of {total / 1e6:.0f} MB", "" if ok else remedy)
 
 
 def cores() -> Check:

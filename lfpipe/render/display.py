@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.host.graphics import has_desktop
+from lfpipe.host.load import has_desktop
 from lfpipe.host.presentation import Presented
 from lfpipe.render.pair_layout import Pair
 

@@ -8,7 +8,7 @@ import functools
 import os
 from collections import deque
 
-from lfpipe.host.graphics import has_gpu
+from lfpipe.host.load import has_gpu
 from lfpipe.host.presentation import Presentation
 from lfpipe.host.wayland_presentation import WaylandPresentation
 from lfpipe.host.x_presentation import XPresentation

@@ -129,7 +129,7 @@ def replay(
     pace: step, max, recorded or a rate in Hz. pictures: store some for comparison. Raises UserError for a user's mistake,
     ReplayFailed if a stage fails.
     """
-    from lfpipe.supervisor.outcome import SOURCE_ENDED
+    from lfpipe.supervisor.live_session import SOURCE_ENDED
     from lfpipe.supervisor.supervisor import Supervisor
     from lfpipe.transport.session import Session
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, shown
 from lfpipe.files.safe_files import open_regular, reason
-from lfpipe.host import opencv_log
+from lfpipe.host import quiet
 from lfpipe.host.descriptors import path_of
 
 MAX_FILES = 20_000  # a light field of 100x100 views has half of this; a larger folder is something else
@@ -119,7 +119,7 @@ def _require_entry(folder: Path, entry: os.DirEntry[str]) -> None:
 def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turns errors of the libraries that read files, and lack of memory, into UserError; silences OpenCV's warnings about the
     files."""
-    before = opencv_log.set_log_level(opencv_log.SILENT)
+    before = quiet.set_log_level(quiet.SILENT)
     try:
         yield
     except MemoryError:
@@ -130,7 +130,7 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {reason(error)}", _CHECK) from None
     finally:
-        opencv_log.set_log_level(before)
+        quiet.set_log_level(before)
 
 
 def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BinaryIO:

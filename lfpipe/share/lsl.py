@@ -15,8 +15,8 @@ from typing import Any
 
 import attrs
 
-from lfpipe.host.native_stderr import quiet_stderr
 from lfpipe.host.processes import yield_to_others
+from lfpipe.host.quiet import quiet_stderr
 from lfpipe.share.output import Sample, Shown
 from lfpipe.share.target import Target
 from lfpipe.transport.clock import SECOND_NS, now_ns

@@ -18,7 +18,6 @@ from lfpipe.host import file_lock, processes, shared_memory
 from lfpipe.host.file_lock import Lock
 from lfpipe.host.paths import is_missing
 from lfpipe.supervisor import run_lock
-from lfpipe.supervisor.outcome import Outcome
 from lfpipe.transport import control, segment, status
 from lfpipe.transport.session import PREFIX, Session, base_dir
 
@@ -99,15 +98,12 @@ def _unlink_abandoned(session: Session) -> None:
         shared_memory.unlink(name)
 
 
-def lost(session: Session, lock: Lock) -> Outcome | None:
-    """How the session that holds the lock must end if its run directory is no longer its own; None as long as it is.
+def lost(session: Session, lock: Lock) -> str:
+    """What has happened to the run directory if it is no longer that of the session that holds the lock; else "".
 
     Such a session receives no commands any more, and the next one of that name cannot detect it.
     """
-    if lock.in_place():
-        return None
-    what = f"{session.run_dir} was removed while the session ran"
-    return Outcome("its run directory was removed", what, "set XDG_RUNTIME_DIR to a directory that no program cleans")
+    return "" if lock.in_place() else f"{session.run_dir} was removed while the session ran"
 
 
 def release(session: Session, lock: Lock) -> None:

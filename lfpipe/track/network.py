@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.host.native_stderr import quiet_stderr
+from lfpipe.host.quiet import quiet_stderr
 from lfpipe.track import models
 
 

@@ -7,14 +7,12 @@ import errno
 import os
 import stat
 from collections.abc import Iterator
-from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
 from lfpipe.errors import UserError
 from lfpipe.host import shared_memory
-from lfpipe.host.shared_memory import SHM_DIR, WHERE
+from lfpipe.host.shared_memory import SHM_DIR, Mapping
 from lfpipe.host.shared_memory import Segment as Segment
-from lfpipe.host.untracked import attach as attach
 from lfpipe.host.users import user_id, user_name
 
 PREFIX = "lfp-"  # of every segment's name
@@ -42,7 +40,7 @@ def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
             raise UserError(f"{SHM_DIR}: cannot create shared memory: {error.strerror}", shared_memory.WRITABLE) from None
         free, total = shared_memory.room()
         raise UserError(
-            f"{WHERE} has {free / 1e6:.1f} MB free of {total / 1e6:.1f} MB; {name} needs {whole_bytes / 1e6:.1f} MB",
+            f"{SHM_DIR} has {free / 1e6:.1f} MB free of {total / 1e6:.1f} MB; {name} needs {whole_bytes / 1e6:.1f} MB",
             f"{shared_memory.more_room(whole_bytes)}, or smaller camera.width_px and camera.height_px",
         ) from None
 
@@ -60,13 +58,13 @@ def _kind(path: Path) -> str:
     return f"{kind} of user {user_name(found.st_uid)}"
 
 
-def buffer(memory: SharedMemory) -> memoryview:
+def buffer(memory: Mapping) -> memoryview:
     """The bytes of an open segment."""
     assert memory.buf is not None, f"{memory.name} is closed"
     return memory.buf
 
 
-def check(memory: SharedMemory, magic: bytes, what: str, size_bytes: int) -> None:
+def check(memory: Mapping, magic: bytes, what: str, size_bytes: int) -> None:
     """Raises WrongSegment, and closes memory, if it does not begin with magic or is too short. what: its name in words."""
     found, size = bytes(buffer(memory)[: len(magic)]), memory.size
     if found == magic and size >= size_bytes:
@@ -77,6 +75,11 @@ def check(memory: SharedMemory, magic: bytes, what: str, size_bytes: int) -> Non
         f"{memory.name}: not a {what} of this version (magic {magic!r}): it {said}",
         "end that session with the version of lfpipe that started it, then start it again",
     )
+
+
+def attach(name: str) -> Mapping:
+    """Opens an existing segment. Raises FileNotFoundError."""
+    return Mapping(name)
 
 
 def owned(prefix: str = PREFIX) -> dict[str, Path]:

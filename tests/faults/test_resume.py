@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import lfpipe
-from lfpipe.host.sample import Sample, Thread
 from lfpipe.render.refresh import Refresh
 from lfpipe.supervisor.health_check import ASLEEP_S, HealthCheck
 from lfpipe.supervisor.process_table import STAGES
@@ -152,7 +151,7 @@ def test_a_judge_that_slept_forgives_and_one_that_did_not_does_not(monkeypatch: 
     row = np.zeros((), ROW)
     row["state"], row["ready_ns"], row["started_ns"], row["beat_ns"] = State.RUNNING, t_ns, t_ns, t_ns
     stage = STAGES[0]
-    judged = HealthCheck(stage, row, 1, lambda pid: Sample({1: Thread()}, 0, 0))
+    judged = HealthCheck(stage, row, 1, lambda pid: (0, False))
     for _ in range(int(10 * stage.hang_timeout_s)):
         t_ns += 100_000_000
         assert not judged.problem()

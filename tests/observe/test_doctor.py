@@ -105,8 +105,8 @@ def test_shared_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert doctor.shared_memory(1).ok
     full = doctor.shared_memory(1 << 62)
     monkeypatch.setattr(doctor.memory, "SHM_DIR", tmp_path / "gone")
-    for check in (full, doctor.shared_memory()) if not PORTABLE else (full,):
-        assert not check.ok and ("close" if PORTABLE else "shm-size") in check.remedy
+    for check in (full, doctor.shared_memory()):
+        assert not check.ok and "shm-size" in check.remedy
 
 
 @pytest.mark.native("Video4Linux")

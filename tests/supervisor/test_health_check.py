@@ -4,26 +4,21 @@ import os
 import secrets
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import attrs
 import numpy as np
-import psutil
 import pytest
 
 from lfpipe.config import Config, SessionOptions
-from lfpipe.host import PORTABLE, activity
-from lfpipe.host.sample import Sample, Thread
+from lfpipe.host.load import activity
 from lfpipe.supervisor import health_check
 from lfpipe.supervisor.health_check import HealthCheck
 from lfpipe.supervisor.process_table import SOURCE, Stage, consumers
 from lfpipe.supervisor.session_memory import SessionMemory
-from lfpipe.supervisor.shutdown import wait_for_end
 from lfpipe.supervisor.stage_process import StageProcess
-from lfpipe.supervisor.time_spent import TimeSpent
+from lfpipe.supervisor.stage_processes import wait_for_end
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.session import Session
 from lfpipe.transport.stage_spec import StageSpec
@@ -96,7 +91,7 @@ def test_a_stage_that_computes_for_longer_than_a_start_may_take_is_not_hung(benc
     assert bench.until(bench.came_through) == ""
 
 
-@pytest.mark.parametrize("does", ["spins", "is stopped", "waits for a file and says nothing"])
+@pytest.mark.parametrize("does", ["is stopped", "waits for a file and says nothing"])
 def test_a_stage_without_a_beat_is_hung(bench: Bench, does: str) -> None:
     bench.start(does)
     assert "no beat for" in bench.until(bench.came_through)
@@ -135,84 +130,10 @@ def _stop(process: StageProcess) -> None:
     os.kill(int(process.row["pid"]), 15)
 
 
-def _watched(command: list[str], seconds: float = 2.0, before: Callable[[int], None] = lambda pid: None) -> TimeSpent:
-    """Where the time of a command goes, once it has written a line."""
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-    assert process.stdout is not None and process.stdout.readline()
-    before(process.pid)
-    spent, last = TimeSpent(), activity.sample(process.pid)
-    assert last is not None
-    t_ns = now_ns()
-    begin_ns = t_ns
-    while t_ns - begin_ns < seconds * 1e9:
-        time.sleep(0.1)
-        now, before_ns = activity.sample(process.pid), t_ns
-        t_ns = now_ns()
-        assert now is not None
-        spent.add(last, now, t_ns - before_ns)
-        last = now
-    process.kill()
-    process.communicate()
-    assert activity.sample(process.pid) is None
-    return spent
-
-
-PYTHON = [sys.executable, "-c"]
-SPINS = "print(flush=True)\nwhile True: pass"
-
-
-def test_computing_is_work_and_sleeping_is_idle() -> None:
-    spins, sleeps = _watched([*PYTHON, SPINS]), _watched([*PYTHON, "import time; print(flush=True); time.sleep(60)"])
-    assert spins.worked > (0 if PORTABLE else 3 * spins.idle) and spins.able == spins.worked + spins.idle
-    assert not sleeps.worked and sleeps.idle == sleeps.able == sleeps.waited == sleeps.unmoved > 0
-
-
-def test_a_stopped_process_is_stopped() -> None:
-    def stopped(pid: int) -> None:
-        while psutil.Process(pid).status() != psutil.STATUS_STOPPED:
-            time.sleep(0.01)
-
-    spent = _watched([*PYTHON, "import os; print(flush=True); os.kill(os.getpid(), 19)"], before=stopped)
-    assert spent.stopped == spent.able > 0
-
-
-@pytest.mark.native("the time for which a process waits for a CPU")
-def test_bytes_end_a_wait() -> None:
-    spent = _watched([*PYTHON, "print(flush=True)\nwhile True: open('/proc/self/status').read(); __import__('time').sleep(0.02)"])
-    assert not spent.waited and not spent.unmoved and not spent.idle
-
-
-def test_bytes_are_counted() -> None:
-    before = activity.sample(os.getpid())
-    data = Path(__file__).read_bytes()
-    now = activity.sample(os.getpid())
-    assert before is not None and now is not None and now.bytes - before.bytes >= len(data)
-
-
-def test_a_process_without_a_cpu_is_excused() -> None:
-    """Of the lowest class the scheduler has, on a core that others keep busy: it gets next to nothing."""
-    core = {max(os.sched_getaffinity(0))}
-
-    def starve(pid: int) -> None:
-        os.sched_setaffinity(pid, core)
-        os.sched_setscheduler(pid, os.SCHED_IDLE, os.sched_param(0))
-
-    hogs = [subprocess.Popen([*PYTHON, "while True: pass"]) for _ in range(2)]
-    try:
-        for hog in hogs:
-            os.sched_setaffinity(hog.pid, core)
-        spent = _watched([*PYTHON, SPINS], 3.0, starve)
-    finally:
-        for hog in hogs:
-            hog.kill()
-            hog.wait()
-    assert spent.able < 1.5e9, "of 3 s"
-
-
 class Script:
-    """Time and samples as a test wants them."""
+    """Time and activity as a test wants them."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, **row: int) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, **row: object) -> None:
         self.t_ns = 10**12
         monkeypatch.setattr(health_check, "now_ns", lambda: self.t_ns)
         self.row = np.zeros((), ROW)
@@ -220,73 +141,66 @@ class Script:
         self.row["ready_ns"] = self.row["started_ns"] = self.row["beat_ns"] = self.t_ns
         for name, value in row.items():
             self.row[name] = value
-        self.thread, self.disk = Thread(), 0
-        self.judge = HealthCheck(STAGE, self.row, 1, lambda pid: Sample({1: self.thread}, self.disk, self.disk))
+        self.cpu_ns, self.on_disk = 0, False
+        self.judge = HealthCheck(STAGE, self.row, 1, lambda pid: (self.cpu_ns, self.on_disk))
 
-    def after(self, seconds: float, each: Callable[[], None] = lambda: None) -> str:
-        """Judges ten times a second; the first verdict."""
+    def after(self, seconds: float, share: float = 0.0, beats: bool = False) -> str:
+        """Judges ten times a second; the first verdict. share: of the time on a CPU."""
         for _ in range(round(10 * seconds)):
             self.t_ns += 100 * MS_NS
-            each()
+            self.cpu_ns += int(share * 100 * MS_NS)
+            if beats:
+                self.row["beat_ns"] = self.t_ns
             if why := self.judge.problem():
                 return why
         return ""
 
 
-def test_a_disk_is_given_a_minute_for_every_byte_declared_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    for words in (b"", b"reading"):
-        script = Script(monkeypatch)
-        script.row["busy_with"] = words
-        script.thread = Thread(state="D")
-        assert script.after(health_check.STALL_S - 1) == ""
-        script.disk += 1
-        assert script.after(health_check.STALL_S - 1) == ""
-        assert "no data from its disk" in script.after(3)
+PHASES = {  # state of the row -> seconds without any work, and without a beat, that are allowed
+    "starts": ({"ready_ns": 0, "state": State.STARTING}, STAGE.startup_timeout_s, health_check.LONGEST_S),
+    "opens another scene": ({"state": State.STARTING}, STAGE.startup_timeout_s, health_check.LONGEST_S),
+    "runs": ({}, STAGE.hang_timeout_s, health_check.COMPUTING * STAGE.hang_timeout_s),
+    "reads": ({"busy_with": b"reading"}, health_check.STALL_S, health_check.LONGEST_S),
+    "saves": ({"busy_with": b"writing", "state": State.STOPPING}, health_check.STALL_S, health_check.LONGEST_S),
+}
 
 
-def test_computing_has_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
-    def work(script: Script) -> Callable[[], None]:
-        def step() -> None:
-            script.thread = attrs.evolve(script.thread, cpu_ns=script.thread.cpu_ns + 100 * MS_NS, state="R")
+@pytest.mark.parametrize("phase", PHASES)
+def test_a_phase_has_a_limit_of_idling_and_one_of_computing(phase: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    row, idle_s, longest_s = PHASES[phase]
+    script = Script(monkeypatch, **row)
+    assert script.after(idle_s) == "" and "idle" in script.after(1)
+    script = Script(monkeypatch, **row)
+    assert script.after(longest_s, share=0.5) == "" and f"{longest_s:.0f}" in script.after(1, share=0.5)
+    script = Script(monkeypatch, **row)
+    assert script.after(longest_s - 1, share=2 * health_check.WORKS_SHARE) == "", "a slow machine is no hang"
+    assert script.after(2 * longest_s, beats=True) == ""
 
-        return step
 
-    script = Script(monkeypatch, ready_ns=0, state=State.STARTING)
-    assert script.after(health_check.LONGEST_S - 1, work(script)) == "" and "not ready" in script.after(3, work(script))
+def test_a_thread_that_only_polls_is_no_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "no beat" in Script(monkeypatch).after(STAGE.hang_timeout_s + 1, share=0.01)
+
+
+def test_the_kernels_wait_for_a_disk_has_a_minute_declared_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
     script = Script(monkeypatch)
-    limit_s = health_check.COMPUTING * STAGE.hang_timeout_s
-    assert script.after(limit_s, work(script)) == "", "a slow machine is no hang"
-    assert "no beat" in script.after(1, work(script))
-    script = Script(monkeypatch)
-    script.row["busy_with"] = b"decoding"
-    assert script.after(STAGE.startup_timeout_s, work(script)) == "" and "decoding: no beat" in script.after(2, work(script))
+    script.on_disk = True
+    assert script.after(health_check.STALL_S) == "" and "no beat" in script.after(1)
 
 
-def test_a_machine_that_gives_no_cpu_at_all_hangs_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    script = Script(monkeypatch)
-    script.thread = Thread(state="R")  # in the queue, and never out of it
-    assert script.after(500) == ""
-    script = Script(monkeypatch)
-
-    def crawl() -> None:  # on a CPU for a tenth of the time
-        script.thread = Thread(script.thread.cpu_ns + 10 * MS_NS, script.thread.queued_ns + 90 * MS_NS, "R")
-
-    assert script.after(4 * STAGE.hang_timeout_s, crawl) == ""
-    assert "no beat" in script.after(50 * STAGE.hang_timeout_s, crawl), "its own time is up"
+def test_an_end_without_words_is_not_judged_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Script(monkeypatch, state=State.STOPPING).after(1000) == ""
 
 
-def test_a_feeder_keeps_a_reader_alive(bench: Bench) -> None:
-    """A byte a second is slow, but not hung."""
-    process = bench.start("waits for a file")
-    assert bench.until(lambda: busy_words(process.row) == "reading a slow file") == ""
-    done = threading.Event()
-
-    def feed() -> None:
-        with (bench.folder / FIFO).open("wb", buffering=0) as file:
-            for _ in range(4):
-                file.write(b"x")
-                time.sleep(1.0)
-        done.set()
-
-    threading.Thread(target=feed).start()
-    assert bench.until(lambda: done.is_set() and bench.came_through()) == ""
+def test_activity_is_that_of_the_process() -> None:
+    process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    try:
+        before_ns, _ = activity(process.pid)
+        end_s = time.monotonic() + 30
+        while activity(process.pid)[0] < before_ns + 50 * MS_NS:
+            assert time.monotonic() < end_s
+            time.sleep(0.02)
+        assert activity(process.pid)[1] is False
+    finally:
+        process.kill()
+        process.wait()
+    assert activity(process.pid) == (0, False)

@@ -4,17 +4,15 @@ from typing import Any
 
 import pytest
 
-from lfpipe.config import Config, SessionOptions
-from lfpipe.supervisor.supervisor import Supervisor
-from lfpipe.transport.session import Session
+from lfpipe.supervisor.live_session import Reports
 
 
 @pytest.mark.parametrize("topic", ["parallax", "notice"])
 def test_a_line_that_stands_on_the_terminal_is_not_repeated_for_alpha(topic: str) -> None:
     printed: list[Any] = []
-    supervisor = Supervisor(Session("reports"), Config(), SessionOptions(), printed.append)
+    reports = Reports(printed.append)
     for alpha in (20, 22, 22):
-        supervisor._hear({"topic": topic, "text": f"alpha {alpha} px/view\n  viewer 600 mm from the screen"})
+        reports.hear({"topic": topic, "text": f"alpha {alpha} px/view\n  viewer 600 mm from the screen"})
     if topic == "notice":
         assert len(printed) == 3
     else:

@@ -2,7 +2,6 @@
 
 import secrets
 from collections.abc import Iterator
-from multiprocessing.shared_memory import SharedMemory
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from lfpipe.config import SessionOptions
 from lfpipe.transport import ring
 from lfpipe.transport.packet_ring import PacketInput, PacketOutput, packet_dtype
 from lfpipe.transport.ring import RingSpec, Stamp
+from lfpipe.transport.segment import Segment
 from lfpipe.transport.session import Session
 
 MOST_BYTES, SLOTS, MANY = 64, 6, 100
@@ -33,14 +33,14 @@ def session() -> Session:
 
 
 @pytest.fixture
-def made(session: Session) -> Iterator[SharedMemory]:
+def made(session: Session) -> Iterator[Segment]:
     memory = _made(session)
     yield memory
     memory.close()
     memory.unlink()
 
 
-def _made(session: Session, part: str = "packets.1") -> SharedMemory:
+def _made(session: Session, part: str = "packets.1") -> Segment:
     return ring.create(session.segment(part), RingSpec((), packet_dtype(MOST_BYTES), SLOTS))
 
 
@@ -85,7 +85,7 @@ def test_each_frame_has_its_own_packet_or_none(kinds: list[tuple[str, int]], ahe
     memory.unlink()
 
 
-def test_a_packet_that_was_overwritten_is_gone_and_the_next_ones_are_there(session: Session, made: SharedMemory) -> None:
+def test_a_packet_that_was_overwritten_is_gone_and_the_next_ones_are_there(session: Session, made: Segment) -> None:
     output, taken = opened(session), PacketInput(session, "packets.1")
     for seq in range(10):
         output.publish(data(seq), seq, 0, 0, 0)
@@ -96,7 +96,7 @@ def test_a_packet_that_was_overwritten_is_gone_and_the_next_ones_are_there(sessi
     output.close()
 
 
-def test_packets_go_where_the_options_say_and_nowhere_else(session: Session, made: SharedMemory) -> None:
+def test_packets_go_where_the_options_say_and_nowhere_else(session: Session, made: Segment) -> None:
     output = PacketOutput(session)
     output.publish(data(1), 1, 0, 0, 0)  # nobody records
     output.follow(SessionOptions())
@@ -121,7 +121,7 @@ def test_packets_go_where_the_options_say_and_nowhere_else(session: Session, mad
     other.unlink()
 
 
-def test_a_recorder_that_comes_late_finds_the_packet_of_its_first_frame(session: Session, made: SharedMemory) -> None:
+def test_a_recorder_that_comes_late_finds_the_packet_of_its_first_frame(session: Session, made: Segment) -> None:
     output = opened(session)
     output.publish(data(0), 0, 0, 0, 0)
     taken = PacketInput(session, "packets.1")

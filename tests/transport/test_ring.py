@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES
-from lfpipe.host import PORTABLE, shared_memory
+from lfpipe.host import shared_memory
 from lfpipe.transport import ring, segment
 from lfpipe.transport.ring import Reader, RingSpec, Writer
 
@@ -257,7 +257,7 @@ def interpreters() -> list[str]:
     for version in ("3.11", "3.12"):
         path = shutil.which(f"python{version}")
         same = version == f"{sys.version_info.major}.{sys.version_info.minor}"
-        check = [path or "", "-c", f"import numpy, attrs{', psutil, platformdirs' if PORTABLE else ''}"]
+        check = [path or "", "-c", "import numpy, attrs"]
         if path and not same and subprocess.run(check, capture_output=True).returncode == 0:
             found.append(path)
     return found

@@ -13,7 +13,6 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from lfpipe.host import shared_memory
-from lfpipe.host.segment_names import names_in
 from lfpipe.supervisor import rundir
 from lfpipe.transport import segment
 from lfpipe.transport.session import Session
@@ -26,7 +25,7 @@ def prefix() -> Iterator[str]:
     """Of names that are removed afterwards."""
     made = f"{segment.PREFIX}{time.monotonic_ns() % 10**12:012d}-"
     yield made
-    for name in names_in(shared_memory.SHM_DIR, made):
+    for name in sorted(entry.name for entry in shared_memory.SHM_DIR.glob(f"{made}*")):
         shared_memory.unlink(name)
 
 
@@ -131,11 +130,11 @@ def test_a_process_killed_at_any_moment_leaves_whole_segments_only(prefix: str) 
         time.sleep(0.01 + 0.0037 * k)
         maker.send_signal(signal.SIGKILL)
         maker.communicate()
-    found = names_in(shared_memory.SHM_DIR, prefix)
+    found = sorted(entry.name for entry in shared_memory.SHM_DIR.glob(f"{prefix}*"))
     assert found and found == sorted(segment.owned(prefix)) == sorted(name for name, _ in segment.abandoned(prefix))
     for name, _ in segment.abandoned(prefix):
         shared_memory.unlink(name)
-    assert not names_in(shared_memory.SHM_DIR, prefix)
+    assert not sorted(entry.name for entry in shared_memory.SHM_DIR.glob(f"{prefix}*"))
 
 
 def test_no_process_is_started_and_nothing_is_written_for_a_segment(prefix: str) -> None:

@@ -1,0 +1,291 @@
+"""A running session: its memory, stages and sockets, and the loop that decides.
+
+The loop runs in the main thread; it never blocks on a child, and polls sockets and sentinels in one place.
+"""
+
+import contextlib
+import json
+import logging
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import attrs
+import zmq
+
+from lfpipe import __version__
+from lfpipe.host.processes import sentinels
+from lfpipe.scene.open_scene import Packing
+from lfpipe.supervisor import child
+from lfpipe.supervisor.config_rollback import ConfigRollback
+from lfpipe.supervisor.control_server import ControlServer
+from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage, consumers
+from lfpipe.supervisor.quality_control import QualityControl, reason
+from lfpipe.supervisor.session_memory import SessionMemory
+from lfpipe.supervisor.session_state import SessionState
+from lfpipe.supervisor.session_store import SessionStore
+from lfpipe.supervisor.snapshot import snapshot
+from lfpipe.supervisor.stage_process import MAX_FAILURES, MAX_RESTARTS_WINDOW_S
+from lfpipe.supervisor.stage_processes import Ended, StageProcesses
+from lfpipe.transport import control
+from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
+from lfpipe.transport.session import Session
+from lfpipe.transport.stage_spec import StageSpec
+
+TICK_MS = 100
+SOURCE_ENDED = "the source has ended"
+logger = logging.getLogger(__name__)
+
+
+@attrs.define
+class Outcome:
+    """How a session ended. reason: in a few words. failure: None for a normal end, else the message for the user. user_error: a
+    restart cannot help until the user has changed something. final: the state at the end, from `snapshot`."""
+
+    reason: str
+    failure: str | None = None
+    remedy: str = ""
+    user_error: bool = False
+    final: dict[str, Any] = attrs.field(factory=dict)
+
+
+class Reports:
+    """What stages report to people, without what they have just said. log: receives lines."""
+
+    def __init__(self, log: Callable[[str], None]) -> None:
+        self._log = log
+        self._parallax: list[str] = []  # last reported
+
+    def hear(self, message: dict[str, Any]) -> None:
+        """Logs a message of telemetry, if it is for people."""
+        if message.get("topic") in ("source", "notice", "parallax"):
+            notes = message.get("notes")
+            for text in notes if isinstance(notes, list) and notes else [message.get("text")]:
+                if isinstance(text, str) and (text := self._new_lines(text) if message["topic"] == "parallax" else text):
+                    self._log(text)
+
+    def _new_lines(self, parallax: str) -> str:
+        """The changed lines only: a key that changes alpha changes one line of six."""
+        lines, before = parallax.splitlines(), self._parallax
+        self._parallax = lines
+        return "\n".join(line for line in lines if line not in before)
+
+
+class LiveSession:
+    """A context; its end stops the stages and removes the memory. stages: its processes.
+
+    Raises UserError, OSError, zmq.ZMQError if it cannot begin; then nothing is left behind.
+    """
+
+    def __init__(
+        self,
+        ctx: zmq.Context[zmq.Socket[bytes]],
+        session: Session,
+        state: SessionState,
+        cpus: Mapping[str, tuple[int, ...]],
+        nice: Mapping[str, int],
+        tell: Callable[[str], None],
+        packing: Packing | None = None,
+    ) -> None:
+        self._session, self._cpus, self._nice, self._tell = session, cpus, nice, tell
+        self._outcome: Outcome | None = None
+        self._rollback = ConfigRollback()
+        self._quality = QualityControl(lambda name: cpus.get(name, ()))
+        with contextlib.ExitStack() as steps:  # each step runs, even if another one raises
+            self._memory = SessionMemory(session, state.config)
+            steps.callback(self._memory.remove)
+            self._store = SessionStore(session, state)
+            steps.callback(self._store.close)
+            self._store.begin()
+            self._show_level()
+            self._started_ns = now_ns()
+            self._write_about()
+            self.stages = StageProcesses(session, self._memory.table, self._spec, self._ask_to_stop)
+            self._server = ControlServer(
+                ctx, session, self._store, self._applied, self._snapshot, self._stop, Reports(self._log).hear, self._log
+            )
+            steps.callback(self._server.close)
+            if packing is not None:
+                self._server.follow(packing)
+            steps.callback(self.stages.close)
+            steps.callback(self.stages.stop, self._log)  # returns at once if they have ended
+            self._end_steps = steps.pop_all()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._end_steps.close()
+
+    def loop(self, duration_s: float | None, signals: Sequence[int], lost: Callable[[], str]) -> Outcome:
+        """Runs the session to its end. signals: those that have arrived. lost: says what has taken the run directory, or ""."""
+        end_ns: int | None = None
+        while self._outcome is None:
+            end_ns = self._step(duration_s, end_ns)
+            if what := lost():
+                remedy = "set XDG_RUNTIME_DIR to a directory that no program cleans"
+                self._end(Outcome("its run directory was removed", what, remedy))
+            if signals:
+                self._end(Outcome("interrupted"))
+            elif end_ns is not None and now_ns() >= end_ns:
+                self._end(Outcome("finished (--duration reached)"))
+        self._outcome.final = self._snapshot()
+        self.stages.stop(self._log)
+        outcome = self._checked(self._outcome)
+        self._server.serve()  # final messages of the stages
+        return outcome
+
+    def _step(self, duration_s: float | None, end_ns: int | None) -> int | None:
+        """One turn of the loop; returns when the session must end, None while that is not known."""
+        server, stages = self._server, self.stages
+        stages.ensure_running(self._state.options)
+        if duration_s is not None and end_ns is None and stages.ready(self._state.options):
+            end_ns = now_ns() + int(duration_s * SECOND_NS)  # --duration excludes the start
+        poller = zmq.Poller()
+        server.register(poller)
+        for process in stages:
+            for sentinel in sentinels(process.process) if process.process is not None else ():
+                poller.register(sentinel, zmq.POLLIN)
+        tick_ms = server.wait_ms(TICK_MS)
+        poller.poll(tick_ms if end_ns is None else max(0, min(tick_ms, (end_ns - now_ns()) // MS_NS + 1)))
+        server.serve()
+        for ended in stages.judge(self._log):
+            self._failed(ended)
+        self._follow_up()
+        server.flush()
+        self._show_level()
+        if stages.finished(self._state.level.every):
+            self._end(Outcome(SOURCE_ENDED))
+        if stages.idle(self._state.options):
+            why = "nothing is left to run"  # the recording was the only work, and it has ended
+            self._end(Outcome(why, why, "see the messages above"))
+        return end_ns
+
+    def _log(self, text: str) -> None:
+        """For people, and for the log."""
+        logger.info(text)
+        self._tell(text)
+
+    def _write_about(self) -> None:
+        options = self._state.options.to_dict()
+        about = {
+            "session": self._session.name,
+            "segments": self._session.segment(""),
+            "started_ns": self._started_ns,
+            "started": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+            "pid": os.getpid(),
+            "options": options,
+        }
+        logger.info("session %s begins: lfpipe %s, pid %d", self._session.name, __version__, os.getpid())
+        logger.info("options: %s", {key: value for key, value in options.items() if value and key != "kiosk"})
+        (self._session.run_dir / "session.json").write_text(json.dumps(about))
+
+    @property
+    def _state(self) -> SessionState:
+        return self._store.state
+
+    def _spec(self, stage: Stage) -> StageSpec:
+        state = self._state
+        return StageSpec(
+            name=stage.name,
+            module=stage.module,
+            session=self._session,
+            config=state.config,
+            rev=state.rev,
+            options=state.options,
+            consumers=consumers(),
+            others=tuple(other.name for other in STAGES if other is not stage and other.needed(state.options)),
+            source=SOURCE,
+            cpus=self._cpus.get(stage.name, ()),
+            nice=self._nice.get(stage.name),
+        )
+
+    def _follow_up(self) -> None:
+        """Changes of state without a request: a change has proved good, a lease has expired, the load requires another level."""
+        state, t_ns = self._state, now_ns()
+        state = self._rollback.watch(state, self._applied(state.rev), self.stages.outputs(state.options), t_ns)
+        if state.options.pictures and t_ns > state.pictures_until_ns:
+            state = state.without_pictures()
+        step = self._quality.sample(state, self._memory.table.rows, t_ns)
+        if step is not None:
+            state = state.with_level(step.level)
+        if state is not self._state:
+            self._store.apply(state)
+        if step is not None:
+            level, lowest, why = state.level, len(state.levels) - 1, reason(step)
+            self._server.publish("level", level=level.number, lowest=lowest, words=level.words, stage=step.stage, why=why)
+            way = f"{'lowered' if step.stage else 'raised'} to {level.words} (level {level.number} of {lowest})"
+            self._log(f"quality {way if level.number else 'restored'}: {why}")
+
+    def _end(self, outcome: Outcome) -> None:
+        """Records the outcome; only the first one counts."""
+        self._outcome = self._outcome or outcome
+
+    def _stop(self) -> None:
+        self._end(Outcome("stopped by command"))
+
+    def _failed(self, ended: Ended) -> None:
+        """Rolls back, ends the session, or leaves the stage to be restarted."""
+        process, code, state = ended.process, ended.code, self._state
+        name, row = process.stage.name, process.row
+        died_of = process.died_of() if code == child.EXIT_USER else None
+        if self._rollback.to_blame(state, code, int(row["config_rev"]) >= state.rev):
+            self._roll_back(name, f"{died_of[0]} ({died_of[1]})" if died_of else f"{name} fails with it")
+            return
+        first = not row["ready_ns"] and not row["restarts"]
+        if died_of and (first or state.options.lossless):  # later in a live session, the missing thing may return
+            self._end(Outcome(f"{name} could not {'start' if first else 'continue'}", died_of[0], died_of[1], user_error=True))
+            return
+        phase = "RUNNING" if row["ready_ns"] else "STARTING"
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        said = f": {died_of[0]}" if died_of else ""
+        last = int(row["source_seq"])
+        self._server.publish("failed", stage=name, code=code, phase=phase, source_seq=last)
+        if not process.failed():
+            self._log(f"{name} ended with {how} in {phase}{said}; restarting")
+            return
+        stack = process.last_stack()
+        many = f"{name} failed {MAX_FAILURES} times in {MAX_RESTARTS_WINDOW_S:.0f} s"
+        self._end(
+            Outcome(
+                many,
+                f"{many}, last in {phase} with {how}{said}, "
+                f"after source_seq {last}" + (f"; its last stack:\n{stack}" if stack else "; it left no stack"),
+                "see the messages above; `lfpipe doctor` checks the machine",
+            )
+        )
+
+    def _roll_back(self, name: str, why: str) -> None:
+        """Undoes the newest change. This does not count as a failure of the stage: `ctl set` must not end a session."""
+        self._store.apply(self._state.rolled_back())
+        self._server.refuse_waiting(why)
+        self._server.publish("refused", stage=name, why=why)
+        self._log(f"the last change is rolled back: {why}")
+
+    def _checked(self, outcome: Outcome) -> Outcome:
+        """An output that ended early is a failure; in a lossless session also one that a stage could not write at its end."""
+        for process in self.stages if self._state.options.lossless else ():
+            if (died_of := process.died_of()) and outcome.failure is None:
+                outcome = Outcome(f"{process.stage.name} could not end", *died_of, user_error=True, final=outcome.final)
+        lost = sum(int(row["lost_outputs"]) for row in self._memory.table.rows.values())
+        if lost and outcome.failure is None:
+            files = "a file of this session is" if lost == 1 else f"{lost} files of this session are"
+            outcome.failure = f"{outcome.reason}, but {files} incomplete"
+            outcome.remedy = "see the messages above; make room on the disk, or name files on another one"
+        return outcome
+
+    def _snapshot(self) -> dict[str, Any]:
+        return snapshot(self._session.name, self._memory.table, self._started_ns)
+
+    def _applied(self, rev: int) -> bool:
+        return self.stages.applied(rev, self._state.options)
+
+    def _ask_to_stop(self, name: str) -> None:
+        self._server.send(name, control.encode({"cmd": "stop"}))
+
+    def _show_level(self) -> None:
+        """For monitors, which read the table."""
+        level, shown = self._state.level, self._memory.table.session
+        shown["level"], shown["lowest"], shown["words"] = level.number, len(self._state.levels) - 1, level.words.encode()

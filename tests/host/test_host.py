@@ -1,0 +1,97 @@
+"""What `host` does on every system: imports without what Windows lacks, the second form of wake-ups, locks that end with their
+process."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import zmq
+
+from lfpipe.host import file_lock, wake
+
+WITHOUT = """
+import importlib, os, pkgutil, sys, types
+import cv2, distributed, h5py, matplotlib, psutil, rich.live, tornado.web, zmq.asyncio
+import asyncio, getpass, multiprocessing, shutil, subprocess, tarfile, tempfile, zipfile
+for name in ("fcntl", "grp", "pwd", "resource", "termios", "tty"):
+    sys.modules[name] = None
+for name in ("O_NONBLOCK", "O_NOFOLLOW", "O_DIRECTORY", "O_NOCTTY", "O_TMPFILE", "getuid", "mkfifo", "pathconf",
+             "posix_fallocate", "sched_getaffinity", "setpriority", "sysconf"):
+    delattr(os, name)
+sys.modules["msvcrt"] = types.ModuleType("msvcrt")
+import lfpipe.host
+lfpipe.host.WINDOWS = lfpipe.host.PORTABLE = True
+for each in pkgutil.walk_packages(lfpipe.__path__, "lfpipe."):
+    try:
+        importlib.import_module(each.name) if not each.name.endswith("__main__") else None
+    except ImportError as error:
+        print(each.name)
+"""
+
+
+def test_everything_but_video4linux_can_be_imported_without_what_windows_lacks() -> None:
+    done = subprocess.run([sys.executable, "-c", WITHOUT], capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0, done.stderr
+    assert all(name.startswith("lfpipe.capture.") for name in done.stdout.split()), done.stdout
+
+
+@pytest.mark.parametrize("kind", [wake.FifoWake, wake.SocketWake])
+def test_wakes_arrive_also_at_a_restarted_reader(
+    kind: type[wake.FifoWake], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(wake, "PORTABLE", kind is wake.SocketWake)
+    path = tmp_path / "wake"
+    wake.make(path)
+    assert path.stat().st_mode & 0o777 == 0o600
+
+    def wakes(end: wake.FifoWake) -> bool:
+        poller = zmq.Poller()
+        poller.register(end.fd, zmq.POLLIN)
+        return bool(poller.poll(5000))
+
+    writer = kind(path)
+    writer.notify(1)  # nobody reads yet
+    reader = kind(path, reads=True)
+    assert wakes(reader)
+    reader.drain()
+    for seq in range(1, 20_001):
+        writer.notify(seq)  # more than fits: blocks nobody
+    assert wakes(reader) and 0 < reader.drain() <= 20_000
+    while reader.drain():
+        pass
+    reader.close()
+    reader = kind(path, reads=True)
+    reader.drain()
+    writer.notify(77)
+    assert wakes(reader) and reader.drain() == 77
+    reader.close()
+    writer.close()
+
+
+def test_a_lock_ends_with_its_process_and_follows_no_link(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    code = "import sys, os; from pathlib import Path; from lfpipe.host.file_lock import take; "
+    code += "print(take(Path(sys.argv[1]), sys.argv[2] == 's') is not None, flush=True); os._exit(0)"
+
+    def taken_elsewhere(kind: str) -> bool:
+        done = subprocess.run([sys.executable, "-c", code, path, kind], capture_output=True, text=True, check=True)
+        return done.stdout.strip() == "True"
+
+    assert taken_elsewhere("x") and not file_lock.is_held(path), "the dead hold nothing"
+    lock = file_lock.take(path)
+    assert lock is not None and file_lock.is_held(path) and lock.in_place()
+    assert not taken_elsewhere("x") and not taken_elsewhere("s")
+    lock.release()
+    shared = file_lock.take(path, shared=True)
+    assert shared is not None and taken_elsewhere("s") and not taken_elsewhere("x")
+    (tmp_path / "link").symlink_to(path)
+    with pytest.raises(OSError):
+        file_lock.take(tmp_path / "link")
+
+
+def test_another_host_is_refused() -> None:
+    env = {**os.environ, "LFPIPE_HOST": "linux"}
+    done = subprocess.run([sys.executable, "-m", "lfpipe", "ctl", "status"], capture_output=True, text=True, env=env)
+    assert done.returncode == 2 and "LFPIPE_HOST='linux'" in done.stderr
