@@ -104,7 +104,6 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Pa
     assert np.abs(some_middles() - (320, 240)).max() < 1e-6
     ctl("recentre")
     moved = some_middles()
-    assert np.ptp(moved, axis=0) == pytest.approx(0, abs=1e-6), "once, for all pictures that follow"
     assert np.hypot(*(moved[0] - (320, 240))) > 1, "to where the eyes were"
 
     ctl("set", "render.alpha_px=12", "render.method=nearest")
