@@ -112,7 +112,11 @@ def release(session: Session, lock: Lock) -> None:
     """
     try:
         if lock.in_place():
-            _unlink_abandoned(session)
+            for _ in range(run_lock.ATTEMPTS):  # another process that sweeps may be looking at one: then that counts as in use
+                _unlink_abandoned(session)
+                if not segment.owned(session.segment("")):
+                    break
+                time.sleep(run_lock.PAUSE_S)
             lock.remove_folder()
             return
     finally:
