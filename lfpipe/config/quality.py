@@ -16,6 +16,7 @@ from lfpipe.config import Config, QualityLevel, SessionOptions
 METHODS = ("best", "warp2", "warp", "blend", "nearest")  # in order of falling cost
 WARPS = ("warp", "warp2", "best")
 NO_SCORES: Mapping[str, float] = {}
+FADED_PX = 8.0  # between the farthest and the nearest: beyond, with the screen between them, a cross-fade shows everything twice
 LEAST_HZ = 25.0  # at lower rates the picture flickers whenever the head moves
 
 
@@ -35,6 +36,11 @@ def drawn_with(wanted: str, scene_method: str, has_disparity: bool, scores: Mapp
     return scene_method if worse else method
 
 
+def may_fade(low_px: float, high_px: float) -> bool:
+    """Whether neighbouring views, of disparities low_px to high_px, are alike enough for a cross-fade."""
+    return high_px - low_px <= FADED_PX
+
+
 def ladder(config: Config, options: SessionOptions) -> tuple[QualityLevel, ...]:
     """The levels of a session, from full quality down; only full quality if nothing is shown.
 
@@ -45,6 +51,8 @@ def ladder(config: Config, options: SessionOptions) -> tuple[QualityLevel, ...]:
         return (QualityLevel(0, "", config.render.method, config.render.nominal_hz, 1, "full"),)
     method = drawn_with(config.render.method, scene.method, scene.has_disparity, scene.scores)
     steps: list[tuple[str, str, Any]] = [("render", "method", name) for name in METHODS[METHODS.index(method) + 1 :]]
+    if not may_fade(scene.disparity_min_px, scene.disparity_max_px):
+        steps = [step for step in steps if step[2] != "blend"]
     if config.render.clock == "display" or not options.tracking:
         rate_hz = config.render.nominal_hz / 2
         while rate_hz >= LEAST_HZ:

@@ -150,9 +150,16 @@ class Render:
             live=True,
         ),
     ] = 0.0
-    zero_plane_px: Annotated[float, Opt("disparity of points in the plane of the screen", "px/view", -1000, 1000, live=True)] = (
-        0.0
-    )
+    zero_plane_px: Annotated[
+        float | Literal["auto"],
+        Opt(
+            "disparity of points in the plane of the screen; auto: that of the nearest at the picture's left and right border",
+            "px/view",
+            -1000,
+            1000,
+            live=True,
+        ),
+    ] = "auto"
     extrapolate_views: Annotated[float, Opt("how far beyond the grid the viewpoint may go", "views", 0, 16, live=True)] = 2.0
     keep_depth: Annotated[
         bool,

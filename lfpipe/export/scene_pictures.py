@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.render.geometry import parallax
+from lfpipe.render.screen_plane import zero_plane_px
 from lfpipe.render.single_view import ViewRenderer
 from lfpipe.scene.lightfield import LightField
 
@@ -36,7 +37,7 @@ class SceneExport:
 
     def __init__(self, field: LightField, config: Config) -> None:
         self._field, self._config = field, config
-        self._renderer = ViewRenderer(field, config.render.method, config.render.zero_plane_px)
+        self._renderer = ViewRenderer(field, config.render.method, zero_plane_px(field, config.render))
 
     def _view(self, col: float, frame: int = 0) -> Picture:
         return self._renderer.render((self._field.rows - 1) / 2, col, frame)

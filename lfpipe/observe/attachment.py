@@ -12,7 +12,7 @@ from lfpipe.errors import UserError
 from lfpipe.observe.meter import Reading
 from lfpipe.observe.session_commands import AsyncSessionCommands
 from lfpipe.observe.session_reader import FollowingReader
-from lfpipe.render.depth_steps import depth_range_px, depth_step_px
+from lfpipe.render.screen_plane import depth_range_px, depth_step_px
 from lfpipe.render.view_grid import EyesOnGrid, draw_over_eyes
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns

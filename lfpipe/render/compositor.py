@@ -15,6 +15,7 @@ from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, Recipe, reci
 from lfpipe.render.blocks import near_array
 from lfpipe.render.pair_layout import Pair
 from lfpipe.render.planes import PlaneStore
+from lfpipe.render.screen_plane import zero_plane_px
 from lfpipe.render.synthesis import Synthesiser
 from lfpipe.render.view_weights import Position
 from lfpipe.render.viewpoint import extrapolation_views
@@ -89,9 +90,10 @@ class Compositor:
         self.pair: Pair | None = None  # the views of the last picture, if it consists of two
         if render.anaglyph in TWO_VIEWS:
             self.pair = np.empty((height, width, 3), np.uint8), np.empty((height, width, 3), np.uint8)
-        extent = max(abs(edge - render.zero_plane_px) for edge in (field.disparity_min_px, field.disparity_max_px))
+        self._zero_px = zero_plane_px(field, render)
+        extent = max(abs(edge - self._zero_px) for edge in (field.disparity_min_px, field.disparity_max_px))
         self._quantum = _quantum(self.method, extent)
-        self._settings = (self.method, render.anaglyph, render.light, render.ghost_compensation, render.zero_plane_px)
+        self._settings = (self.method, render.anaglyph, render.light, render.ghost_compensation, self._zero_px)
 
     def _quantised(self, position: Position) -> Position:
         """position rounded to the key's grid, within the stored views plus the extrapolated zone; the centre if not finite."""
@@ -138,7 +140,7 @@ class Compositor:
     def _draw(self, eyes: tuple[Position, Position], out: NDArray[np.uint8]) -> None:
         for position, places, sources, outs in zip(eyes, self._places, self._sources, self._outs, strict=True):
             if places:
-                drawn = self._synthesiser.render(position, self._frame, self._render.zero_plane_px, sources, outs)
+                drawn = self._synthesiser.render(position, self._frame, self._zero_px, sources, outs)
                 for k, made in zip(places, drawn, strict=True):
                     self._made[k] = made
         self._mixer.mix(self._made, out)

@@ -16,6 +16,7 @@ import attrs
 from lfpipe.config import Config, SceneSummary
 from lfpipe.config.camera_pose import EYES_MM, camera_focal_px
 from lfpipe.errors import UserError
+from lfpipe.render.screen_plane import zero_plane_px
 from lfpipe.scene.lightfield import LightField
 
 PICTURE_MM = 530.0  # width of a picture that fills a 24 inch screen, used if the monitor size is unknown
@@ -34,6 +35,7 @@ class Parallax:
 
     alpha_px: camera px per view. views_between_eyes: S. compression: g, None if the capture's geometry is unknown. comfort_views,
     true_views: the largest comfortable S and the S of nature, None if unknown. exceeds_comfort: S > comfort_views.
+    zero_plane_px: the disparity in the plane of the screen that S was chosen for.
     """
 
     alpha_px: float
@@ -45,6 +47,7 @@ class Parallax:
     distance_mm: float
     eyes_px: float
     reasons: tuple[str, ...]
+    zero_plane_px: float = 0.0
 
     def differs_from(self, other: Parallax) -> bool:
         """Whether a person should be informed: another number of views between the eyes, or a distance changed by 15 %."""
@@ -112,8 +115,10 @@ def parallax(
     eyes = seen if seen is not None else focal_px * eyes_mm / distance_mm
 
     width_mm = picture_mm(config, shown_mm)
-    comfort, why = _comfort_views(config, field, distance_mm, eyes_mm, width_mm)
-    true = _true_views(config, field, distance_mm, eyes_mm)
+    zero_px = zero_plane_px(field, config.render)
+    comfort, why = _comfort_views(zero_px, field, distance_mm, eyes_mm, width_mm)
+    slope = _slope(zero_px, field.geometry)
+    true = None if slope is None else eyes_mm / (slope * distance_mm)
     count, axis = (field.cols, "columns") if field.cols > 1 else (field.rows, "rows")
     room = max(count - 1, 1) / 2
     if config.render.alpha_px == "true":
@@ -144,7 +149,10 @@ def parallax(
         best = eyes / comfort
         reasons.append(f"beyond the comfort limit of {comfort:.2f} views ({why}): use render.alpha_px of at least {best:.1f}")
     near_px = field.disparity_max_px  # with this zero plane the edge of the screen cuts off nothing in front of it
-    if near_px > config.render.zero_plane_px:
+    if isinstance(config.render.zero_plane_px, str):
+        if zero_px:
+            reasons.append(f"screen at {zero_px:+.2f} px/view: the nearest at the left and right border is in it")
+    elif near_px > zero_px:
         reasons.append(f"near objects are in front of the screen; render.zero_plane_px={near_px:.2f} puts everything behind it")
     return Parallax(
         alpha_px=eyes / views if isinstance(config.render.alpha_px, str) else config.render.alpha_px,
@@ -156,16 +164,16 @@ def parallax(
         distance_mm=distance_mm,
         eyes_px=eyes,
         reasons=tuple(reasons),
+        zero_plane_px=zero_px,
     )
 
 
 def _comfort_views(
-    config: Config, field: LightField, distance_mm: float, eyes_mm: float, width_mm: float
+    zero: float, field: LightField, distance_mm: float, eyes_mm: float, width_mm: float
 ) -> tuple[float | None, str]:
     """The most views between the eyes at which everything can be fused, and the limit that decides; None if disparities are
     unknown.
     """
-    zero = config.render.zero_plane_px
     pitch_mm = width_mm / field.width_px
     extent_mm = max(abs(field.disparity_max_px - zero), abs(field.disparity_min_px - zero)) * pitch_mm
     if field.disparity_source == "none" or not extent_mm > 0:
@@ -196,19 +204,21 @@ class CaptureGeometry(Protocol):
         """Of a stored view."""
 
 
-def _slope(config: Config, known: CaptureGeometry) -> float | None:
+def _slope(zero_px: float, known: CaptureGeometry) -> float | None:
     """Baseline over the distance of the zero plane; None if the capture is unknown."""
     if not known.baseline_mm or not known.focus_distance_mm:
         return None
     slope = known.baseline_mm / known.focus_distance_mm
-    if known.focal_length_px and config.render.zero_plane_px:
-        slope += config.render.zero_plane_px / known.focal_length_px
+    if known.focal_length_px:
+        slope += zero_px / known.focal_length_px
     return slope if slope > 0 else None
 
 
 def check_geometry(config: Config, scene: SceneSummary) -> None:
     """Raises UserError if config cannot show the scene: render.alpha_px = "true" needs a known capture."""
-    if config.render.alpha_px == "true" and scene.needs_tracking and _slope(config, scene) is None:
+    plane = config.render.zero_plane_px  # auto lies within the scene, which is before the cameras
+    zero_px = 0.0 if isinstance(plane, str) else plane
+    if config.render.alpha_px == "true" and scene.needs_tracking and _slope(zero_px, scene) is None:
         raise _unknown_capture(scene.name)
 
 
@@ -217,8 +227,3 @@ def _unknown_capture(name: str) -> UserError:
         f'render.alpha_px = "true": the baseline and focus distance of {name or "this scene"} are not known',
         'use render.alpha_px = "auto", or a number',
     )
-
-
-def _true_views(config: Config, field: LightField, distance_mm: float, eyes_mm: float) -> float | None:
-    slope = _slope(config, field.geometry)
-    return None if slope is None else eyes_mm / (slope * distance_mm)

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Render, choices, user_file
 from lfpipe.config.quality import level_number
-from lfpipe.render.depth_steps import depth_step_px
 from lfpipe.render.display import Display
 from lfpipe.render.file_display import picture_folder, save
 from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.overlay import SHOWN_NS, Notices, StatusOverlay
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.scene_menu import NO_OTHER, SceneLoader, SceneMenu
+from lfpipe.render.screen_plane import depth_step_px, zero_plane_px
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, undecided
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -93,13 +93,13 @@ class KeyBindings:
         elif event in ("depth+", "depth-"):
             field = self._viewer.field
             step_px = depth_step_px(field.disparity_min_px, field.disparity_max_px)
-            moved = round(render.zero_plane_px / step_px) + (1 if event == "depth+" else -1)
+            moved = round(zero_plane_px(field, render) / step_px) + (1 if event == "depth+" else -1)
             self._set(zero_plane_px=round(moved * step_px, 6))
         elif event in ("alpha+", "alpha-") and self._viewer.parallax is not None:
             step = ALPHA_STEP if event == "alpha+" else 1 / ALPHA_STEP
             self._set(alpha_px=round(self._viewer.parallax.alpha_px * step, 3))
         elif event == "automatic":
-            self._set(alpha_px="auto", zero_plane_px=0.0)
+            self._set(alpha_px="auto", zero_plane_px="auto")
         elif event == "choose":
             self._notices.say("scene", NO_OTHER, now_ns())
         elif event in ("next", "previous"):
@@ -209,7 +209,8 @@ def _changes(before: Render, now: Render) -> list[tuple[str, str]]:
     if now.anaglyph != before.anaglyph:
         found.append(("mode", f"mode: {now.anaglyph}"))
     if now.zero_plane_px != before.zero_plane_px:
-        found.append(("depth", f"depth: zero plane {now.zero_plane_px:+.2f} px/view"))
+        plane = f"{now.zero_plane_px:+.2f} px/view" if not isinstance(now.zero_plane_px, str) else now.zero_plane_px
+        found.append(("depth", f"depth: zero plane {plane}"))
     if now.alpha_px != before.alpha_px:
         alpha = f"{now.alpha_px:.1f} px/view" if not isinstance(now.alpha_px, str) else now.alpha_px
         found.append(("alpha", f"head movement: alpha {alpha}"))

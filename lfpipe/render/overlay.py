@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.render.screen_plane import zero_plane_px
 from lfpipe.render.view_grid import EyesOnGrid, inset
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS
@@ -86,7 +87,8 @@ class StatusOverlay:
 
     def _depth(self) -> str:
         """The zero plane as a slider between the farthest and the nearest of the scene."""
-        field, zero = self._viewer.field, self._context.config.render.zero_plane_px
+        field = self._viewer.field
+        zero = zero_plane_px(field, self._context.config.render)
         low, high = field.disparity_min_px, field.disparity_max_px
         at = min(max(round(20 * (zero - low) / (high - low)), 0), 20) if high > low else 10
         return f"depth [{'-' * at}|{'-' * (20 - at)}] zero plane {zero:+.2f} px/view"

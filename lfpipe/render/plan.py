@@ -17,6 +17,7 @@ from lfpipe.config.session_options import needs_tracking
 from lfpipe.render.compositor import method_for, mixed_as, planes_of_eyes
 from lfpipe.render.geometry import alpha_is_automatic
 from lfpipe.render.planes import PlaneStore, stored_channels
+from lfpipe.render.screen_plane import zero_plane_px
 from lfpipe.render.synthesis import Synthesiser
 from lfpipe.render.view_weights import ViewWeight, view_weights
 from lfpipe.render.viewpoint import ViewSolver
@@ -161,8 +162,8 @@ def _warp_ms(field: LightField, render: Render, method: str) -> float:
     eyes = [[lambda r, c, p=plane: store.get(0, r, c, p) for plane in planes] for planes in planes_of_eyes(render) if planes]
 
     def picture_ms(by: str) -> float:
-        synthesiser = Synthesiser(field, by)
-        return _median_ms(lambda: [synthesiser.render(position, 0, render.zero_plane_px, sources, out) for sources in eyes])
+        synthesiser, zero_px = Synthesiser(field, by), zero_plane_px(field, render)
+        return _median_ms(lambda: [synthesiser.render(position, 0, zero_px, sources, out) for sources in eyes])
 
     return max(picture_ms("warp") - picture_ms(method), 0.0)
 

@@ -6,6 +6,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config.quality import WARPS, may_fade
 from lfpipe.host.addition import add
 from lfpipe.render.synthesis import Synthesiser
 from lfpipe.render.view_weights import Position
@@ -88,14 +89,15 @@ def choose_method(field: LightField, count: int = 7) -> tuple[str, dict[str, flo
     The cheapest method that no costlier one beats by WORTH_DB. A grid too small to hold out a view has no scores; then
     disparities decide.
     """
-    methods = [method for method in METHODS if field.disparity is not None or not method.startswith("warp")]
+    fades = may_fade(field.disparity_min_px, field.disparity_max_px)
+    methods = [name for name in METHODS if (fades or name != "blend") and (field.disparity is not None or name not in WARPS)]
     line = _line(field) if max(field.rows, field.cols) >= 3 else field
     places = left_out(line, count)
     if not places:
         if max(field.rows, field.cols) == 1:
             return "nearest", {}
         extent_px = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
-        return ("warp2" if field.disparity is not None and extent_px >= FLAT_PX else "blend"), {}
+        return ("warp2" if field.disparity is not None and extent_px >= FLAT_PX else "blend" if fades else "nearest"), {}
     scores = {method: score(line, method, places) for method in methods}
     best = max(scores.values())
     return next(method for method in methods if scores[method] >= best - WORTH_DB), scores

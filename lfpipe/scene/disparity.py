@@ -29,6 +29,8 @@ EXPLAINED_ALL = 4.0  # squared grey levels: a smaller difference needs no explan
 DISAGREEMENT = 1.5  # squared error of a warp per squared difference between two; see docs/quality.md
 UNSEEN_ERROR = 16.0  # squared grey levels: a warp with a smaller error needs no replacement
 OUTSIDE = 64.0  # grey levels of a match outside the neighbour's picture
+BORDER = 0.03  # of the width, at either side: what the edge of a screen cuts off within a few views
+EXTREME = 5  # percentile: at the border, where one view sees what its neighbour does not, a few values are wrong
 _BOX = (5, 5)
 
 
@@ -227,6 +229,15 @@ def estimate_disparity(views: NDArray[np.uint8], offsets: NDArray[np.float32] | 
                 out[r, c] = halved(found)
                 out[r, c][unexplained(grid[r][c], around, found)[::2, ::2]] = np.nan
     return out
+
+
+def border_range(disparity_px: FloatMap) -> tuple[float, float]:
+    """Disparities of the farthest and the nearest thing at the left and right border of maps (..., h, w); NaN is not known."""
+    width = max(1, round(BORDER * disparity_px.shape[-1]))
+    values = np.concatenate((disparity_px[..., :width], disparity_px[..., -width:]), axis=None)
+    known = values[np.isfinite(values)]
+    low, high = np.percentile(known, (EXTREME, 100 - EXTREME)) if len(known) else (0.0, 0.0)
+    return round(float(low), 4), round(float(high), 4)
 
 
 def quantised(disparity_px: FloatMap, scale_px: float) -> NDArray[np.int8]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.scene.disparity import (
+    border_range,
     halved,
     luma,
     mean_square_mismatch,
@@ -17,6 +18,7 @@ from lfpipe.scene.disparity import (
     view_disparity,
 )
 from lfpipe.scene.grid_geometry import truth_sign
+from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.missing_views import fill_missing
 from lfpipe.scene.optical_flow import SMALLEST_PX
 from lfpipe.scene.pack import PlaneFile
@@ -44,7 +46,8 @@ def write_disparity(job: PackJob, views: PlaneFile) -> dict[str, Any]:
     source = job.source
     size = ((source.height_px + 1) // 2, (source.width_px + 1) // 2)
     if int(job.present.sum()) < 2 or min(source.height_px, source.width_px) < SMALLEST_PX:
-        return {"source": "none", "scale_px": 1 / 16, "min_px": 0.0, "max_px": 0.0, "truth_views": 0, "estimated_views": 0}
+        return {"source": "none", "scale_px": 1 / 16, "min_px": 0.0, "max_px": 0.0, "border_low_px": 0.0, "border_high_px": 0.0,
+                "truth_views": 0, "estimated_views": 0}  # fmt: skip
     shape = (source.frames, job.rows, job.cols, *size)
     with PlaneFile.create(job.folder / "interim.npy", shape, np.int16, index_axes=3) as interim:
         about = _estimate(job, views, interim)
@@ -56,8 +59,17 @@ def write_disparity(job: PackJob, views: PlaneFile) -> dict[str, Any]:
                     out.write(index, quantised(steps * np.float32(_INTERIM_PX), about["scale_px"]))
             for frame in range(source.frames):
                 fill_missing(job.present, frame, views, out, about["scale_px"])
+            about |= _border(job, out, about["scale_px"])
     (job.folder / "interim.npy").unlink()
     return about
+
+
+def _border(job: PackJob, maps: PlaneFile, scale_px: float) -> dict[str, float]:
+    """Disparities of the farthest and the nearest thing at the left and right border of the middle row's first, middle and last
+    view: what the edge of a screen cuts off."""
+    views = np.stack([maps.read((0, job.rows // 2, col)) for col in (0, job.cols // 2, job.cols - 1)])
+    low, high = border_range(np.where(views == UNKNOWN, np.nan, views * np.float32(scale_px)))
+    return {"border_low_px": low, "border_high_px": high}
 
 
 def _estimate(job: PackJob, views: PlaneFile, interim: PlaneFile) -> dict[str, Any]:

@@ -48,6 +48,7 @@ class LightField:
     manifest: dict[str, Any]  # provenance, as stored; "flips" as shown
     folder: str = ""  # of the pack, absolute
     hold: object = None  # keeps `lfpipe scene clean` from removing the pack
+    border_px: tuple[float, float] = (0.0, 0.0)  # farthest and nearest at the left and right border, px per view
     half_turned: bool = False  # rows and columns run against the pack's order
 
     def exchanged(self) -> "LightField":
@@ -61,6 +62,7 @@ class LightField:
             disparity_scale_px=-self.disparity_scale_px,
             disparity_min_px=-self.disparity_max_px,
             disparity_max_px=-self.disparity_min_px,
+            border_px=(-self.border_px[1], -self.border_px[0]),
             offsets=-self.offsets[::-1, ::-1],
             present=self.present[::-1, ::-1],
             manifest={**self.manifest, "flips": turned} if turned else self.manifest,

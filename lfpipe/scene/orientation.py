@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.scene.disparity import mismatch, view_disparity
+from lfpipe.scene.disparity import border_range, mismatch, view_disparity
 from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
 from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, Mask, confirmed, flow, textured
 from lfpipe.scene.source import SceneSource, Turn
@@ -38,7 +38,7 @@ class Orientation:
     """turn: from file order to canonical. by: "override", "coordinates", "truth", "layout", "flow" or "nothing". said: sentences
     a person can use. undecided: what the evidence does not settle, "" for nothing. half_turn_sure: whether it settles near and
     far. detected: the turn without the user's setting, where that differs. disparity_px: lowest and highest that flow showed, px
-    of a view per canonical grid step, or None."""
+    of a view per canonical grid step, or None; border_px: the same at the left and right border, zeros if not known."""
 
     turn: Turn
     by: str
@@ -47,6 +47,7 @@ class Orientation:
     half_turn_sure: bool = True
     detected: Turn | None = None
     disparity_px: tuple[float, float] | None = None
+    border_px: tuple[float, float] = (0.0, 0.0)
 
     @property
     def sure(self) -> bool:
@@ -201,8 +202,9 @@ def _by_flow(source: SceneSource) -> Orientation:
     transpose = moving[0].sideways != (moving[0] is by_col)
     turn = Turn(down is not None and sign * relative < 0, across is not None and sign < 0, transpose)
     grown = sign * source.width_px / grey(*lines[0][0]).shape[1]
-    low, high = sorted(float(value) * grown for value in np.percentile((across or moving[0]).disparity, (1, 99)))
-    return Orientation(turn, "flow", said, undecided, bool(verdict), disparity_px=(low, high))
+    depth = (across or moving[0]).disparity * np.float32(grown)
+    low, high = (float(value) for value in np.percentile(depth, (1, 99)))
+    return Orientation(turn, "flow", said, undecided, bool(verdict), disparity_px=(low, high), border_px=border_range(depth))
 
 
 def examine_axis(grey: Callable[[int], Grey], count: int) -> Axis | None:

@@ -33,7 +33,7 @@ from lfpipe.scene.half_turn import shown_as
 from lfpipe.scene.lightfield import Geometry, LightField
 
 MANIFEST = "manifest.json"
-VERSION = 9  # of the pack; another version is another key
+VERSION = 10  # of the pack; another version is another key
 _MAX_BYTES = 16 << 20
 _REMEDY = "`lfpipe scene pack` makes it again"
 
@@ -229,6 +229,7 @@ def light_field(folder: Path, manifest: dict[str, Any], hold: object = None) -> 
         manifest=manifest,
         folder=str(folder),
         hold=hold,
+        border_px=(float(about["border_low_px"]), float(about["border_high_px"])),
     )
 
 

@@ -189,8 +189,9 @@ def _manifest(examined: Examined, job: PackJob, key: str) -> dict[str, Any]:
     source, orientation = examined.source, job.orientation
     path = source.path.resolve()
     low, high = orientation.disparity_px or (0.0, 0.0)
+    border_low, border_high = orientation.border_px
     if examined.orientation.half_turn(job.cols):
-        low, high = -high, -low
+        low, high, border_low, border_high = -high, -low, -border_high, -border_low
     return {
         "version": VERSION, "views": False, "complete": False, "lfpipe": lfpipe.__version__, "key": key,
         "name": plain(path.stem if source.path.is_file() else path.name, 300),
@@ -201,7 +202,8 @@ def _manifest(examined: Examined, job: PackJob, key: str) -> dict[str, Any]:
         "orientation": examined.orientation.facts(job.cols),
         "gamma": examined.gamma, "gamma_by": examined.gamma_by, "geometry": attrs.asdict(source.geometry),
         "present": job.present.astype(int).tolist(), "offsets": job.offsets.tolist() if source.coordinates is not None else None,
-        "disparity": {"source": "none", "scale_px": 1 / 16, "min_px": low, "max_px": high},
+        "disparity": {"source": "none", "scale_px": 1 / 16, "min_px": low, "max_px": high,
+                      "border_low_px": border_low, "border_high_px": border_high},
         "notes": list(source.notes),
         "method": "blend" if max(abs(low), abs(high)) <= BLEND_PX else "nearest", "scores": {},
     }  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import attrs
 
@@ -39,7 +39,7 @@ class SessionState:
     pictures_until_ns: int = 0
     pictures_px: tuple[int, int] = (0, 0)
     rings_made: int = 0
-    zero_planes_px: Mapping[str, float] = attrs.field(factory=dict)
+    zero_planes_px: Mapping[str, float | Literal["auto"]] = attrs.field(factory=dict)
 
     @classmethod
     def first(cls, config: Config, options: SessionOptions) -> SessionState:

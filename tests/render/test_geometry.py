@@ -133,6 +133,16 @@ def test_the_zero_plane_moves_what_is_farthest_and_the_truth() -> None:
     assert "in front of the screen" not in str(window)
 
 
+def test_auto_puts_the_nearest_at_the_border_into_the_screen_and_chooses_alpha_for_it() -> None:
+    offset = attrs.evolve(cotton(), disparity_min_px=9.0, disparity_max_px=12.0, border_px=(9.0, 10.5))
+    found, unmoved = (parallax(config(zero_plane_px=zero), offset, 640, 63.0) for zero in ("auto", 0.0))
+    assert found.zero_plane_px == 10.5 and "+10.50 px/view" in str(found)
+    assert found.comfort_views == pytest.approx((unmoved.comfort_views or 0) * 12.0 / 1.5), "the budget is that of this screen"
+    assert found.views_between_eyes == 4.0 > 2 * unmoved.views_between_eyes
+    assert parallax(config(), offset.exchanged(), 640, 63.0).zero_plane_px == -9.0, "what was far is near"
+    assert not found.exceeds_comfort and parallax(config(), cotton(), 640, 63.0).zero_plane_px == 0.0
+
+
 def test_depth_follows_the_seat() -> None:
     """Twice as far the eyes are half as far apart in the picture: the same number of views between them, half of alpha."""
     near, far = (parallax(config(alpha_px="auto"), cotton(), 640, eyes_px) for eyes_px in (63.0, 31.5))

@@ -231,7 +231,7 @@ def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(layout: str, tm
     field = pack_scene(scene, Scene(cache_dir=str(tmp_path / "cache")))
     assert (field.manifest["layout"], field.rows, field.cols) == (layout, rows, cols)
     for method in ("nearest", "auto"):
-        how = Render(method=method, anaglyph="colour")
+        how = Render(method=method, anaglyph="colour", zero_plane_px=0.0)
         compositor = Compositor(field, how)
 
         def seen(

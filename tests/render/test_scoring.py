@@ -8,6 +8,14 @@ from lfpipe.render.scoring import choose_method, left_out, thinned
 from tests.render import rendered
 
 
+def test_views_far_apart_are_never_cross_faded_by_choice() -> None:
+    deep = rendered.field(5, 5, scale=6.0)
+    method, scores = choose_method(deep)
+    assert method != "blend" and "blend" not in scores
+    pair = attrs.evolve(rendered.field(1, 2, scale=6.0), disparity=None)
+    assert choose_method(pair)[0] == "nearest" and choose_method(rendered.field(1, 2, depth=False))[0] == "blend"
+
+
 def test_a_scene_with_depth_is_warped() -> None:
     method, scores = choose_method(rendered.field(5, 5, 96, 96, scale=2.0))
     assert method.startswith("warp")

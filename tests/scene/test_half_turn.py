@@ -44,6 +44,7 @@ def test_exchanged_it_is_bit_for_bit_a_pack_of_the_turned_grid(scene: Path, scen
     stored = exchanged.disparity * exchanged.disparity_scale_px, turned.disparity * turned.disparity_scale_px
     assert np.array_equal(*stored)
     assert exchanged.disparity_min_px == turned.disparity_min_px and exchanged.disparity_max_px == turned.disparity_max_px
+    assert exchanged.border_px == turned.border_px == pytest.approx((1.0, 1.0), abs=0.2)
     for method in ("nearest", "blend", "warp", "warp2", "best"):
         for a, b in zip(pictures(exchanged, method), pictures(turned, method), strict=True):
             assert np.array_equal(a, b), method

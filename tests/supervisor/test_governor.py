@@ -228,6 +228,10 @@ def test_no_level_slows_the_camera_clock_and_none_is_there_where_nothing_is_show
     options = _options("warp", True)
     paper = Config(render=Render(clock="camera", method="nearest"))
     assert len(ladder(paper, options)) == 1
+    assert options.scene is not None
+    deep = attrs.evolve(options, scene=attrs.evolve(options.scene, disparity_min_px=-6.0, disparity_max_px=6.0))
+    shallow = {level.method for level in ladder(Config(render=Render(method="warp2")), options)}
+    assert {level.method for level in ladder(Config(render=Render(method="warp2")), deep)} == shallow - {"blend"}
     assert {level.every for level in ladder(Config(render=Render(clock="camera")), options)} == {1}
     assert len(ladder(Config(), SessionOptions(show=False, tracking=False))) == 1
     assert {level.every for level in ladder(Config(), attrs.evolve(options, tracking=False))} == {1}, "nothing is tracked"

@@ -63,7 +63,7 @@ def test_another_scene_starts_at_its_own_zero_plane() -> None:
     state = made_state()
     state = state.changed(attrs.evolve(state.config, render=attrs.evolve(state.config.render, zero_plane_px=10.25)))
     other = state.loaded(OTHER)
-    assert other.config.render == attrs.evolve(state.config.render, zero_plane_px=0.0), "in the measure of the scene before"
+    assert other.config.render == attrs.evolve(state.config.render, zero_plane_px="auto"), "in the measure of the scene before"
     other = other.changed(attrs.evolve(other.config, render=attrs.evolve(other.config.render, zero_plane_px=-0.5)))
     back = other.loaded(SCENE)
     assert back.config.render.zero_plane_px == 10.25

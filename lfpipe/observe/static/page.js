@@ -105,7 +105,8 @@ function show(told) {
   if (!render) return;
   for (const key of ["anaglyph", "method"]) if (free(key)) $(key).value = render[key];
   if (told.depth_px && free("zero")) [$("zero").min, $("zero").max, $("zero").step] = [told.depth_px[0], told.depth_px[1], told.depth_px[2] / 5];
-  if (free("zero")) { $("zero").value = render.zero_plane_px; $("zero_out").textContent = `${render.zero_plane_px.toFixed(2)} px/view`; }
+  if (free("zero") && typeof render.zero_plane_px === "string") $("zero_out").textContent = render.zero_plane_px;
+  else if (free("zero")) { $("zero").value = render.zero_plane_px; $("zero_out").textContent = `${render.zero_plane_px.toFixed(2)} px/view`; }
   if (free("ghost")) { $("ghost").value = render.ghost_compensation; $("ghost_out").textContent = `${render.ghost_compensation.toFixed(0)} %`; }
   const scenes = told.playlist || [];
   $("scenes").hidden = scenes.length < 2;
