@@ -41,9 +41,17 @@ def pytest_xdist_auto_num_workers() -> int:
     return max(psutil.cpu_count(logical=False) or 1, 2)
 
 
+SESSIONS = {"world", "live", "screen", "xvfb"}  # fixtures of real sessions and windows
+
+
+@pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
-    """Long rooms first; what only Linux's own host has is skipped on the portable one."""
+    """Long rooms first. A test with a session is `live`, unless it is the one of its kind that every run plays through
+    (`everyday`). What only Linux's own host has is skipped on the portable one."""
     items.sort(key=lambda item: item.path.parent.name not in LONGEST_ROOMS)
+    for item in items:
+        if SESSIONS & set(item.fixturenames) and item.get_closest_marker("everyday") is None:
+            item.add_marker(pytest.mark.live)
     for item in items if PORTABLE else ():
         for mark in item.iter_markers("native"):
             item.add_marker(pytest.mark.skip(reason=f"of Linux's own host alone: {mark.args[0]}"))

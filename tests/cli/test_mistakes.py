@@ -21,6 +21,7 @@ from tests.world import World
         (("monitor", "--once", "--web"), "--web excludes --once"),
     ],
 )
+@pytest.mark.everyday
 def test_a_slip_is_named_with_its_remedy(words: tuple[str, ...], remedy: str, world: World) -> None:
     done = world.run(*words)
     assert done.returncode == 2 and remedy in done.stderr and "Traceback" not in done.stderr, done.stderr

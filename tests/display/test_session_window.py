@@ -27,6 +27,7 @@ def expected(line: dict[str, dict[str, list[float]]]) -> list[int]:
     return [int(8 * right_row + 5), int(8 * right_col + 5), int(8 * (3 * left_row + left_col) + 5)]
 
 
+@pytest.mark.everyday
 def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene: Path, screen: Screen) -> None:
     world.env["DISPLAY"] = screen.name
     sets = [f"--set={text}" for text in PLAIN]

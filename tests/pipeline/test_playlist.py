@@ -45,6 +45,7 @@ def shown(world: World) -> tuple[int, int]:
     return options["playlist_at"], options["scene"]["rows"]
 
 
+@pytest.mark.everyday
 def test_a_folder_of_scenes_is_a_list_and_a_scene_stays_one(tmp_path: Path) -> None:
     folder = write_scenes(tmp_path / "scenes")
     settings = config.Scene(cache_dir=str(tmp_path / "cache"))
@@ -55,6 +56,7 @@ def test_a_folder_of_scenes_is_a_list_and_a_scene_stays_one(tmp_path: Path) -> N
         assert playlist([other], settings) == [other]  # opening it reports the error
 
 
+@pytest.mark.everyday
 def test_the_next_and_the_previous_scene_come_by_command(listed: World) -> None:
     def load(*words: str) -> subprocess.CompletedProcess[str]:
         return listed.run("ctl", "--session", listed.name, "load", *words)

@@ -16,6 +16,7 @@ CAMERA = ("--set", "render.clock=camera")
 NEAREST = ("--set", "render.method=nearest", "--set", "render.alpha_px=12")
 
 
+@pytest.mark.everyday
 def test_every_frame_of_a_file_becomes_a_picture_and_the_session_ends_with_it(world: World, scene: Path, clip: Path) -> None:
     process = world.up(scene, *CAMERA, *NEAREST, camera=f"file:{clip}?loop=0&pace=max")
     out, err = process.communicate(timeout=60)
@@ -48,6 +49,7 @@ def test_a_paced_session_keeps_its_deadlines(world: World, scene: Path, clip: Pa
     assert sum(exact) > len(exact) / 2, "deadlines are exact, but for those that a busy machine missed"
 
 
+@pytest.mark.everyday
 def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Path, tmp_path: Path) -> None:
     world.up(scene, *CAMERA, *NEAREST)
     world.pictures(10)
@@ -118,6 +120,7 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Pa
 
 
 @pytest.mark.parametrize("stage", ["capture", "track", "render"])
+@pytest.mark.everyday
 def test_a_killed_stage_comes_back_in_the_same_session(world: World, scene: Path, stage: str) -> None:
     world.up(scene, *CAMERA)
     world.pictures(10)
@@ -147,6 +150,7 @@ def test_a_stopped_stage_is_taken_for_hung_and_its_stack_is_told(world: World, s
 
 
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.everyday
 def test_a_signal_ends_the_session_and_nothing_stays(world: World, scene: Path, signum: int) -> None:
     process = world.up(scene, start_new_session=True)
     world.pictures(5)

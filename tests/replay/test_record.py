@@ -17,6 +17,7 @@ from tests.world import World
 SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")
 
 
+@pytest.mark.everyday
 def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, blocks: Path) -> None:
     out = world.root / "rec"
     process = world.up(blocks, *SMALL, camera=f"file:{short}?loop=1&pace=60", preexec_fn=lambda: os.umask(0))

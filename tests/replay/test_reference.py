@@ -27,6 +27,7 @@ def _eyes(lines: list[Line], name: str) -> np.ndarray:
     return np.array([pair(line, name) for line in lines])
 
 
+@pytest.mark.everyday
 def test_the_reference_in_git_is_met(world: World, walk: Path, blocks: Path) -> None:
     args = ("replay", walk, "--scene", blocks, *SETTINGS, "--expect", REFERENCE)
     if os.environ.get("LFPIPE_UPDATE_REFERENCE"):

@@ -36,6 +36,7 @@ def test_the_picture_is_lent_at_full_chroma_and_taken_back(live: World, live_ser
     world.pictures(len(world.lines()) + 5)
 
 
+@pytest.mark.everyday
 def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, server: Server, tmp_path: Path) -> None:
     if why := missing():
         pytest.skip(why)
