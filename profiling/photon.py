@@ -82,7 +82,7 @@ def print_made_loop() -> None:
     for horizon_ms, *both in zip(horizons_ms, before, after, strict=True):
         cells = []
         for pictures in both:
-            errors, speed = errors_px(pictures), np.sqrt(np.square(velocity_px_s(pictures.at)).sum(axis=(1, 2)) / 2)
+            errors, speed = errors_px(pictures), np.sqrt(np.square(velocity_px_s(pictures)).sum(axis=(1, 2)) / 2)
             moving = speed > 60
             slow = moving & (speed < 150)
             cells.append(

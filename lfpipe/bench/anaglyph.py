@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.colour_metric import GREEN_MAGENTA, RED_CYAN, fused_error, ghost, rivalry
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Samples, Skipped, Subject
-from lfpipe.bench.timing import median_ms, time_figures, times_ms
+from lfpipe.bench.results import Candidate, Chart, Figure, Prepared, Samples, Skipped, Subject
+from lfpipe.bench.timing import time_figures, times_ms
+from lfpipe.config import Render
 from lfpipe.render.anaglyph import MATRICES, Mixer, decoded, encode, encoded, recipe
 from lfpipe.scene.lightfield import LightField
 
@@ -62,6 +63,7 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
     step = max(1, min(field.height_px, field.width_px) // (128 if inputs.quick else 256))
     indices = {(0, 0), (field.rows // 2, field.cols // 2), (field.rows - 1, field.cols - 1)}
     views = [view_bgr(field, *index)[::step, ::step] for index in sorted(indices)]
+    usual = Render()
     for name in MATRICES:
         if name == "dubois-amber-blue":
             continue
@@ -70,7 +72,8 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
             for share in (0.0, 50.0, 100.0) if light == "linear" else (0.0,):
                 knob = (f"{light} light" if crossed else "") + (f"{', ' if crossed else ''}ghost -{share:.0f} %" if share else "")
                 paper = name == "colour" and not share
-                yield Candidate(name, knob or "plain", partial(_prepare, views, name, light, share), paper)
+                used = (name, light, share) == (usual.anaglyph, usual.light, float(usual.ghost_compensation))
+                yield Candidate(name, knob or "plain", partial(_prepare, views, name, light, share), paper, used)
 
 
 def _prepare(views: list[NDArray[np.uint8]], name: str, light: str, share: float) -> Prepared:
@@ -91,7 +94,7 @@ def _prepare(views: list[NDArray[np.uint8]], name: str, light: str, share: float
         return samples
 
     def turn() -> dict[str, float]:
-        copy_ms = median_ms(mixing.copy, TURN_PICTURES) / MEGAPIXELS
+        copy_ms = float(np.median(times_ms(mixing.copy, TURN_PICTURES))) / MEGAPIXELS
         figures = time_figures(times_ms(mixing.mix, TURN_PICTURES), "ms_mp", 1 / MEGAPIXELS)
         return figures | {"copy_ms_mp": copy_ms, "copies": figures["time_ms_mp"] / copy_ms}
 
@@ -114,7 +117,7 @@ SUBJECT = Subject(
         Figure("copies", "time over the time of a copy", "x"),
     ),
     tuple(
-        Diagram(f"anaglyph-{name}", f"{title} against time", "time_ms_mp", y, "time_p95_ms_mp", ("copy_ms_mp", "a copy"))
+        Chart(f"anaglyph-{name}", f"{title} against time", "time_ms_mp", y)
         for name, title, y in (
             ("colour", "Error of colour", "fused"),
             ("rivalry", "Rivalry", "rivalry"),
@@ -123,5 +126,6 @@ SUBJECT = Subject(
     ),
     candidates,
     paper="colour: red of the left view, green and blue of the right",
+    needs=("scene",),
     budget_s=(3.0, 30.0),
 )

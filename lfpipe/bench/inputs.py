@@ -6,6 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 
 import attrs
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.bench.eye_path import HEAD, EyePath
 from lfpipe.errors import UserError
-from lfpipe.host.paths import is_file
+from lfpipe.host.paths import exists, is_file
 from lfpipe.scene.lightfield import LightField
 
 Progress = Callable[[str, int, int], None]
@@ -38,18 +39,27 @@ class FrameSequence:
     truth: EyePath | None
 
 
-@attrs.frozen(eq=False)
 class Inputs:
-    """fields: the scenes as (path, light field); views are rendered from the first. demo: the sequence is the demo's.
+    """Inputs, opened when a subject first asks for them. demo: the sequence is the demo's.
 
     work: a folder for generated files, which later runs reuse.
     """
 
-    fields: tuple[tuple[Path, LightField], ...]
-    sequence: FrameSequence
-    quick: bool
-    demo: bool
-    work: Path
+    def __init__(
+        self, scenes: Callable[[], tuple[tuple[Path, LightField], ...]], frames: Callable[[], FrameSequence], quick: bool,
+        demo: bool, work: Path,
+    ) -> None:  # fmt: skip
+        self._scenes, self._frames, self.quick, self.demo, self.work = scenes, frames, quick, demo, work
+
+    @cached_property
+    def fields(self) -> tuple[tuple[Path, LightField], ...]:
+        """The scenes as (path, light field). Raises UserError."""
+        return self._scenes()
+
+    @cached_property
+    def sequence(self) -> FrameSequence:
+        """The frames, and the true eyes if known. Raises UserError."""
+        return self._frames()
 
     @property
     def scene(self) -> Path:
@@ -151,20 +161,26 @@ def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
 
 
 def make_inputs(scenes: tuple[Path, ...], sequence: Path | None, quick: bool, settings: config.Config, say: Progress) -> Inputs:
-    """Opens the scenes (packs new ones) and reads the sequence; uses the demo's if none are given. Raises UserError."""
+    """The scenes (new ones are packed) and the sequence; the demo's if none are given. Raises UserError if one does not exist."""
     from lfpipe.scene.cache import cache_dir
     from lfpipe.scene.demo import demo_scene
     from lfpipe.scene.open_scene import open_scene
 
+    for path in (*scenes, *([sequence] if sequence else [])):
+        if not exists(path):
+            raise UserError(f"{path}: no such file or folder", "check the path")
     cache = cache_dir(settings.scene)
     work = cache / "bench"
     try:
         work.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"{work}: {error.strerror}", "choose another folder: --set scene.cache_dir=DIR") from None
-    path = sequence or demo_sequence(work, MOVING_S[0 if quick else 1])
-    frames = read_sequence(path, MAX_FRAMES[0 if quick else 1], work)
-    if not scenes:
-        scenes = (demo_scene(cache, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache),)
-    fields = tuple((scene, open_scene(scene, settings.scene, say)) for scene in scenes)
+
+    def fields() -> tuple[tuple[Path, LightField], ...]:
+        paths = scenes or (demo_scene(cache, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache),)
+        return tuple((path, open_scene(path, settings.scene, say)) for path in paths)
+
+    def frames() -> FrameSequence:
+        return read_sequence(sequence or demo_sequence(work, MOVING_S[0 if quick else 1]), MAX_FRAMES[0 if quick else 1], work)
+
     return Inputs(fields, frames, quick, sequence is None, work)

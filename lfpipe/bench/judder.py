@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.model import Cell, Skipped, Subject, Table
+from lfpipe.bench.results import Cell, Skipped, Subject, Table
 from lfpipe.render.refresh import LeadTime, ScreenClock, ScreenRefresh
 from lfpipe.render.viewer import VIDEO_LEAD, video_frame
 from lfpipe.transport.clock import MS_NS

@@ -6,6 +6,7 @@ Steady latency: the time shift that explains most of the displayed error while t
 sum(velocity^2): positive if pictures lag, 0 if prediction compensates fully.
 """
 
+import itertools
 from collections.abc import Callable, Iterator
 from functools import lru_cache, partial
 
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.filters import FOCAL_PX, HOME_MM, NOISE_PX, known_motion
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Profile, Samples, Subject
 from lfpipe.bench.motion import viewer_path
+from lfpipe.bench.results import Candidate, Cell, Chart, Figure, Prepared, Profile, Samples, Subject, Table
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
 from lfpipe.track.smoothing import EyeFilter, Mean
@@ -26,25 +27,76 @@ SHOWN_MS, LOOP_MS = 80, 60  # of the diagram; of camera and display, if unknown
 CAMERA_HZ, REFRESH_HZ = 30, 60
 ONSET_PX = 3.0  # mean of both eyes: far above noise, yet the head has hardly moved
 UNDER_WAY_PX_S = 60.0
+NOISES_PX = (0.15, NOISE_PX, 0.5)  # a good camera, live faces, little light
+ONSET_MS = 300  # of a motion, not steady
 WITHIN_MS = 600  # a later onset counts as not followed at all
 
 Float = NDArray[np.float64]
 
 
-@attrs.frozen
+@attrs.frozen(eq=False)
+class HeadMotion:
+    """eyes (n, 2, 2) px in steps of 1 ms; visible (n,): the camera sees both. starts: (end of the rest, moment at which the eyes
+    have moved by ONSET_PX), ms, of each motion that begins at rest."""
+
+    eyes: Float
+    visible: NDArray[np.bool_]
+    starts: tuple[tuple[int, int], ...]
+
+
+@attrs.frozen(eq=False)
 class Displayed:
-    """Pictures by their time of light. at: int (n,), ms of the path. used: float (n, 2, 2), eyes that they were made for, px."""
+    """Pictures by their time of light. at: int (n,), ms of the motion. used: (n, 2, 2), eyes that they were made for, px."""
 
     at: NDArray[np.int64]
     used: Float
+    motion: HeadMotion
 
 
-def displayed(filter_: EyeFilter, horizons_ms: tuple[int, ...], unknown_ms: float = 0.0, seed: int = 30) -> list[Displayed]:
-    """The pictures that a display of REFRESH_HZ shows of the known motion, for each time from exposure to light.
+def _moved_ms(eyes: Float, start: int) -> int:
+    return start + int((np.linalg.norm(eyes.mean(axis=1)[start:] - eyes.mean(axis=1)[start], axis=1) > ONSET_PX).argmax())
 
-    unknown_ms: the part of that time unknown to the prediction. Only light while the camera sees the eyes counts.
-    """
+
+@lru_cache(maxsize=1)
+def whole_path() -> HeadMotion:
+    """The known motion of the subject `filters`: reaches, sway, stops, approach, leaving the picture."""
     eyes, visible, _ = known_motion()
+    starts, t_ms, before = [], 0.0, ""
+    for piece in viewer_path(HOME_MM, 320 * HOME_MM / FOCAL_PX):
+        if before == "still" and piece.name in ("reach", "stop") and visible[int(t_ms)]:
+            starts.append((int(t_ms), _moved_ms(eyes, int(t_ms))))
+        before, t_ms = piece.name, t_ms + piece.duration_s * 1e3
+    return HeadMotion(eyes, visible, tuple(starts))
+
+
+@lru_cache(maxsize=8)
+def simple_motion(name: str) -> HeadMotion:
+    """One of MOTIONS, five times, there and back, each after a rest of 2 s (a sine: 20 s of it)."""
+    t_s = np.arange(20_000) / 1e3
+    after_s = np.mod(t_s, 4.0) - 2.0  # since the start of the motion; negative: at rest
+    s = np.clip(after_s / 0.8, 0, 1)
+    if name.startswith("sine"):
+        x_px = 60 * np.sin(np.pi * t_s)
+    else:
+        way_px, share = (float(name.split()[2]) * 0.8, s) if name.startswith("step") else (80.0, s**3 * (10 + s * (-15 + 6 * s)))
+        x_px = way_px * np.where(t_s % 8 < 4, share, 1 - share)
+    eyes = np.array([[[350.0, 240.0], [290.0, 240.0]]]) + np.stack([x_px, 0 * x_px], axis=1)[:, None, :]
+    starts = [] if name.startswith("sine") else [(start, _moved_ms(eyes, start)) for start in range(2000, 20_000, 4000)]
+    return HeadMotion(eyes, np.ones(len(eyes), bool), tuple(starts))
+
+
+MOTIONS = ("step to 100 px/s", "step to 200 px/s", "reach of 80 px in 0.8 s", "sine of 0.5 Hz, 60 px")
+
+
+def displayed(
+    filter_: EyeFilter, horizons_ms: tuple[int, ...], unknown_ms: float = 0.0, seed: int = 30, noise_px: float = NOISE_PX,
+    motion: HeadMotion | None = None,
+) -> list[Displayed]:  # fmt: skip
+    """The pictures that a display of REFRESH_HZ shows of a motion, by default the whole path, for each time from exposure to
+    light. unknown_ms: the part of that time unknown to the prediction. Only light while the camera sees the eyes counts.
+    """
+    motion = motion or whole_path()
+    eyes, visible = motion.eyes, motion.visible
     rng, frame = np.random.default_rng(seed), 0
     made: list[tuple[list[int], list[Float]]] = [([], []) for _ in horizons_ms]
     for refresh in range(int(len(eyes) / 1e3 * REFRESH_HZ)):
@@ -52,34 +104,36 @@ def displayed(filter_: EyeFilter, horizons_ms: tuple[int, ...], unknown_ms: floa
         while frame * 1e3 / CAMERA_HZ <= now_ms:
             seen = int(frame * 1e3 / CAMERA_HZ)
             if visible[seen]:
-                filter_.update(round(frame * 1e9 / CAMERA_HZ), eyes[seen] + rng.normal(0.0, NOISE_PX, (2, 2)))
+                filter_.update(round(frame * 1e9 / CAMERA_HZ), eyes[seen] + rng.normal(0.0, noise_px, (2, 2)))
             frame += 1
         for (at, used), horizon_ms in zip(made, horizons_ms, strict=True):
             light = round(now_ms + horizon_ms)
             if light < len(eyes) and visible[light] and visible[seen]:
                 at.append(light)
                 used.append(filter_.predict(round((now_ms + max(horizon_ms - unknown_ms, 0)) * 1e6)))
-    return [Displayed(np.array(at), np.array(used)) for at, used in made]
+    return [Displayed(np.array(at), np.array(used), motion) for at, used in made]
 
 
 def errors_px(pictures: Displayed) -> Float:
     """RMS distance of both eyes from the truth, for each picture."""
-    off = pictures.used - known_motion()[0][pictures.at]
+    off = pictures.used - pictures.motion.eyes[pictures.at]
     return np.asarray(np.sqrt(np.square(off).sum(axis=(1, 2)) / 2))
 
 
-def velocity_px_s(at: NDArray[np.int64]) -> Float:
-    """True velocity (n, 2, 2) around those ms of the path."""
-    eyes = known_motion()[0]
-    low, high = np.maximum(at - 5, 0), np.minimum(at + 5, len(eyes) - 1)
+def velocity_px_s(pictures: Displayed) -> Float:
+    """True velocity (n, 2, 2) around the time of each picture."""
+    eyes = pictures.motion.eyes
+    low, high = np.maximum(pictures.at - 5, 0), np.minimum(pictures.at + 5, len(eyes) - 1)
     return np.asarray((eyes[high] - eyes[low]) / ((high - low) / 1e3)[:, None, None])
 
 
 def steady_ms(pictures: Displayed) -> list[float]:
-    """Steady latency of each second of the path in which the head moves."""
-    velocity = velocity_px_s(pictures.at)
+    """Steady latency of each second in which the head moves; the first 0.3 s of a motion from rest are its onset."""
+    velocity = velocity_px_s(pictures)
     moving = np.sqrt(np.square(velocity).sum(axis=(1, 2)) / 2) > UNDER_WAY_PX_S
-    off = ((pictures.used - known_motion()[0][pictures.at]) * velocity).sum(axis=(1, 2))
+    for start, _ in pictures.motion.starts:
+        moving &= (pictures.at < start) | (pictures.at >= start + ONSET_MS)
+    off = ((pictures.used - pictures.motion.eyes[pictures.at]) * velocity).sum(axis=(1, 2))
     power = np.square(velocity).sum(axis=(1, 2))
     found = []
     for second in np.unique(pictures.at[moving] // 1000):
@@ -88,25 +142,11 @@ def steady_ms(pictures: Displayed) -> list[float]:
     return found
 
 
-@lru_cache(maxsize=1)
-def onsets() -> list[tuple[int, int]]:
-    """(end of the rest, moment at which the eyes have moved by ONSET_PX), ms, of each motion that begins at rest."""
-    eyes, visible, _ = known_motion()
-    middle, found, t_ms, before = eyes.mean(axis=1), [], 0.0, ""
-    for piece in viewer_path(HOME_MM, 320 * HOME_MM / FOCAL_PX):
-        start = int(t_ms)
-        if before == "still" and piece.name in ("reach", "stop") and visible[start]:
-            away = np.linalg.norm(middle[start:] - middle[start], axis=1) > ONSET_PX
-            found.append((start, start + int(away.argmax())))
-        before, t_ms = piece.name, t_ms + piece.duration_s * 1e3
-    return found
-
-
 def onset_ms(pictures: Displayed) -> list[float]:
     """Onset latency of each motion that begins at rest."""
-    eyes, used = known_motion()[0].mean(axis=1), pictures.used.mean(axis=1)
+    eyes, used = pictures.motion.eyes.mean(axis=1), pictures.used.mean(axis=1)
     late = []
-    for start, moved in onsets():
+    for start, moved in pictures.motion.starts:
         soon = (pictures.at >= moved) & (pictures.at < moved + WITHIN_MS)
         away = np.linalg.norm(used[soon] - eyes[start], axis=1) > ONSET_PX
         if away.any():
@@ -126,11 +166,29 @@ def samples(make: Callable[[], EyeFilter], unknown_ms: float) -> Samples:
     return found
 
 
+def tables(inputs: Inputs) -> Iterator[Table]:
+    """Onset and steady latency of single motions, by the noise of the landmarks."""
+    rows = []
+    for name, noise_px in itertools.product(MOTIONS, NOISES_PX):
+        cells = []
+        for make in (partial(make_filter, Track()), partial(Mean, 5)):
+            (pictures,) = displayed(make(), (SHOWN_MS,), noise_px=noise_px, motion=simple_motion(name))
+            onset, steady = onset_ms(pictures), np.median(steady_ms(pictures))
+            cells.append(Cell((f"{np.mean(onset):.0f} / " if onset else "- / ") + f"{steady:.0f}"))
+        rows.append((Cell(name), Cell(f"{noise_px:g} px"), *cells))
+    head = ("motion", "noise of the landmarks", f"{Track().filter} (in use)", "mean of 5, the paper")
+    note = (
+        f"Onset / steady latency in ms, light {SHOWN_MS} ms after exposure, camera at {CAMERA_HZ} Hz, display at {REFRESH_HZ} Hz."
+        " Live faces have 0.22 to 0.34 px of noise. Steady: from 0.3 s after the start of the motion."
+    )
+    yield Table("Latency by motion and noise", note, head, tuple(rows))
+
+
 def candidates(inputs: Inputs) -> Iterator[Candidate]:
     """The filters with a known horizon, the default one with LOOP_MS of it unknown, and the paper's average."""
     for name in ("predictive", "kalman", "one-euro"):
         track = Track(filter=name)
-        yield Candidate(name, "default", partial(_prepare, partial(make_filter, track), 0.0))
+        yield Candidate(name, "default", partial(_prepare, partial(make_filter, track), 0.0), used=track == Track())
     yield Candidate(f"predictive, {LOOP_MS} ms unknown", "default", partial(_prepare, partial(make_filter, Track()), LOOP_MS))
     yield Candidate("mean", "k = 5", partial(_prepare, partial(Mean, 5), 0.0), True)
 
@@ -152,7 +210,7 @@ SUBJECT = Subject(
         *(Figure(f"error_{h}ms", f"displayed error, RMS, light {h} ms after exposure", "px", "rms") for h in HORIZONS_MS),
     ),
     (
-        Diagram("photon", "Displayed error against latency at the onset", f"onset_{SHOWN_MS}ms", f"error_{SHOWN_MS}ms"),
+        Chart("photon", "Displayed error against latency at the onset", f"onset_{SHOWN_MS}ms", f"error_{SHOWN_MS}ms"),
         *(
             Profile(
                 f"photon-{key}",
@@ -166,5 +224,6 @@ SUBJECT = Subject(
         ),
     ),
     candidates,
+    tables,
     paper="mean of k = 5, without prediction",
 )

@@ -1,18 +1,20 @@
 """Subject: the whole pipeline. Error of the viewpoint on screen against CPU and against latency."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from lfpipe.bench.eye_path import EyePath
 from lfpipe.bench.inputs import MOVING_S, Inputs, demo_sequence
-from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Skipped, Subject, Turn
 from lfpipe.bench.paper_loop import Loop
+from lfpipe.bench.results import Candidate, Chart, Choice, Figure, Prepared, Skipped, Subject
 from lfpipe.bench.sessions import SessionRun, parts, run_loop, run_session, write_views
 from lfpipe.bench.trace_error import AlignedTrace
+from lfpipe.config import Render
 from lfpipe.track.models import package_folder
 
+Turn = Mapping[str, float | list[float]]
 PAPER_ALPHA_PX = 12.0
 SKIPPED_S = 1.0  # after the first picture, while the tracker looks for the face
 MAX_S = 16.0
@@ -55,6 +57,7 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
     size = sequence.frames.shape[2], sequence.frames.shape[1]
     common = [f"--set=render.alpha_px={alpha_px:.3f}", f"--set=camera.width_px={size[0]}", f"--set=camera.height_px={size[1]}"]
     seconds = min(SKIPPED_S + len(sequence.frames) / sequence.rate_hz, MAX_S)  # the sequence once
+    usual = Render()
     for rate_hz in rates:
         own = rate_hz == sequence.rate_hz
         video = sequence.path if own else demo_sequence(inputs.work, MOVING_S[1], rate_hz)
@@ -76,8 +79,9 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
         yield Candidate("paper's configuration", knob, session("--config", "paper"), own)
         for clock in ("display", "camera"):
             for method in methods:
+                used = own and (clock, method) == (usual.clock, field.method)
                 options = session(f"--set=render.clock={clock}", f"--set=render.method={method}")
-                yield Candidate(f"{clock} clock, {method}", knob, options)
+                yield Candidate(f"{clock} clock, {method}", knob, options, False, used)
 
 
 def _figures(inputs: Inputs, truth: EyePath | None, alpha_px: float) -> Callable[[SessionRun], Turn]:
@@ -118,14 +122,14 @@ SUBJECT = Subject(
         Figure("first_s", "start to first picture", "s"),
     ),
     (
-        Diagram("pipeline-cpu", "Error of the viewpoint shown against CPU", "cpu_ms_s", "error_views"),
-        Diagram(
-            "pipeline-latency", "Error of the viewpoint shown against latency", "latency_ms", "error_views", "latency_p95_ms"
-        ),
-        Diagram("pipeline-cost", "Latency against CPU", "cpu_ms_s", "latency_ms"),
+        Chart("pipeline-cpu", "Error of the viewpoint shown against CPU", "cpu_ms_s", "error_views"),
+        Chart("pipeline-latency", "Error of the viewpoint shown against latency", "latency_ms", "error_views"),
+        Chart("pipeline-cost", "Latency against CPU", "cpu_ms_s", "latency_ms"),
     ),
     candidates,
     paper="its configuration (`--config paper`), and the same as one plain loop",
+    needs=("scene", "sequence"),
+    choice=Choice("render.clock", "cpu_ms_s", "error_views", 1000.0, "one core"),
     budget_s=(1.0, 400.0),
     turns=(1, 3),
 )

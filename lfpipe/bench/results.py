@@ -1,4 +1,8 @@
-"""results.json: every sample, with the machine, versions, commit and command line."""
+"""The one form of all results. A subject gives candidates, which are measured, or tables; results.json holds what was found.
+
+A candidate is one point of a chart, named by its curve and its knob (the setting that varies along the curve). The figures of a
+candidate are numbers with an interval; tables have cells with a state.
+"""
 
 import hashlib
 import json
@@ -8,159 +12,319 @@ import platform
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import attrs
+import numpy as np
 
 import lfpipe
-from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.model import Cell, Diagram, Figure, Samples, Skipped, Subject, Table
-from lfpipe.bench.stats import MIN_SAMPLES, noise
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_bytes, reason
-from lfpipe.files.untrusted import Fields, json_fields
-from lfpipe.host.paths import is_dir
+from lfpipe.files.untrusted import json_fields
 from lfpipe.host.processes import usable_cores
 from lfpipe.host.versions import versions
 
-FORMAT = 1
-MAX_BYTES, MAX_ITEMS = 64 << 20, 1_000_000  # of results.json, and of any list in it
+if TYPE_CHECKING:
+    from lfpipe.bench.inputs import Inputs
+
+FORMAT = 2
+MAX_BYTES = 16 << 20  # of results.json
+MIN_SAMPLES = 6  # for a 95 % interval of the median from order statistics: 1 - 2 / 2**6 = 0.97
+State = Literal["", "ok", "degraded", "failed"]
+Samples = dict[str, list[float]]  # by the key of a figure
 
 
-@attrs.define
-class Measured:
-    """Samples of each figure of one candidate: errors, measured once; turns, timed; parts of long turns."""
+@attrs.frozen
+class Figure:
+    """A measured quantity. reduce: how samples become one number."""
+
+    key: str
+    label: str
+    unit: str
+    reduce: Literal["median", "rms", "mean", "max"] = "median"
+
+    @property
+    def axis(self) -> str:
+        return f"{self.label}, {self.unit}" if self.unit else self.label
+
+    def of(self, samples: Sequence[float]) -> float:
+        """The samples as one number."""
+        if self.reduce == "rms":
+            return float(np.sqrt(np.mean(np.square(samples))))
+        if self.reduce == "max":
+            return max(samples)
+        return float(np.median(samples) if self.reduce == "median" else np.mean(samples))
+
+
+@attrs.frozen(eq=False)
+class Prepared:
+    """A candidate ready to be measured. errors: samples of each figure, measured once. turn: one timed turn with a sample per
+    figure, or with those of its parts if a turn is long; None if nothing is timed."""
+
+    errors: Callable[[], Samples]
+    turn: Callable[[], Mapping[str, float | list[float]]] | None = None
+    close: Callable[[], None] = lambda: None
+
+
+@attrs.frozen(eq=False)
+class Candidate:
+    """paper: this is what the paper does; used: what lfpipe does by default. line: points with the same line are joined."""
 
     curve: str
     knob: str
-    paper: bool
-    errors: Samples = attrs.Factory(dict)
-    turns: Samples = attrs.Factory(dict)
-    parts: Samples = attrs.Factory(dict)
+    prepare: Callable[[], Prepared]
+    paper: bool = False
+    used: bool = False
     line: str = ""
 
     @property
     def name(self) -> str:
         return f"{self.curve}, {self.knob}" if self.knob else self.curve
 
-    def value(self, figure: Figure) -> float:
-        """The figure as one number; NaN if it was not measured."""
-        return figure.of(self.errors.get(figure.key) or self.turns.get(figure.key) or [])
 
-    def noise(self, key: str) -> float:
-        """Width of the 95 % interval of the median of a timed figure, over the median. Uses the parts if there are too few turns;
-        infinite if there are too few of both."""
-        turns = self.turns.get(key, [])
-        return noise(turns if len(turns) >= MIN_SAMPLES else self.parts.get(key, []))
+@attrs.frozen
+class Skipped:
+    """An omitted measurement and the reason: it does not apply to the inputs, or --quick saves its time."""
+
+    what: str
+    why: str
+
+
+@attrs.frozen
+class Cell:
+    """only: where a cell that is not ok matters, "" for what is in use by default, else the setting that reaches it."""
+
+    text: str
+    state: State = ""
+    only: str = ""
+
+
+@attrs.frozen
+class Table:
+    """Rows of cells under a head. note: explains the cells."""
+
+    title: str
+    note: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+    def failures(self) -> Iterator[tuple[str, str, Cell]]:
+        """(row, column, cell) of every cell that is not ok."""
+        for row in self.rows:
+            yield from ((row[0].text, self.head[k], cell) for k, cell in enumerate(row) if cell.state in ("degraded", "failed"))
+
+
+@attrs.frozen
+class Chart:
+    """Error against run time of all candidates: keys of the figures on both logarithmic axes, less is better."""
+
+    name: str
+    title: str
+    x: str
+    y: str
+
+
+@attrs.frozen
+class Profile:
+    """One line per candidate whose knob is in `knobs`. keys: (position on x, figure)."""
+
+    name: str
+    title: str
+    x_axis: str
+    y_axis: str
+    keys: tuple[tuple[float, str], ...]
+    knobs: tuple[str, ...]
+
+
+@attrs.frozen
+class Choice:
+    """What a subject decides. key: of the configuration. x, y: figures of cost and error. limit: of the cost, with its reason.
+    Only candidates with the knob of the one in use are choices of the key."""
+
+    key: str
+    x: str
+    y: str
+    limit: float = math.inf
+    reason: str = ""
+
+
+@attrs.frozen(eq=False)
+class Subject:
+    """candidates or tables: a function of the inputs. paper: what the paper does. needs: the inputs that it reads.
+
+    Pairs are for quick and full runs. budget_s: seconds of timing. turns: minimum number of turns of each candidate.
+    """
+
+    name: str
+    title: str
+    question: str
+    figures: tuple[Figure, ...] = ()
+    charts: tuple[Chart | Profile, ...] = ()
+    candidates: "Callable[[Inputs], Iterator[Candidate | Skipped]] | None" = None
+    tables: "Callable[[Inputs], Iterator[Table | Skipped]] | None" = None
+    paper: str = ""
+    needs: tuple[str, ...] = ()
+    choice: Choice | None = None
+    budget_s: tuple[float, float] = (5.0, 60.0)
+    turns: tuple[int, int] = (7, 15)
+
+    def figure(self, key: str) -> Figure:
+        return next(figure for figure in self.figures if figure.key == key)
+
+
+@attrs.frozen
+class Value:
+    """A figure of a candidate. low, high: its 95 % interval, or its range if there are fewer than MIN_SAMPLES samples. turns: how
+    often it was timed, 0 for an error. parts: samples within turns."""
+
+    value: float
+    low: float
+    high: float
+    turns: int = 0
+    parts: int = 0
+
+    @property
+    def half(self) -> float:
+        """Half the interval, 0 for an error."""
+        return (self.high - self.low) / 2
+
+    @property
+    def text(self) -> str:
+        """The number, with its interval, or the number and range of turns if there are too few for one."""
+        if not self.turns:
+            return short(self.value)
+        if max(self.turns, self.parts) >= MIN_SAMPLES:
+            return f"{short(self.value)} ± {100 * self.half / abs(self.value) if self.value else 0:.0f} %"
+        return f"{short(self.value)} ({self.turns} runs, {short(self.low)} to {short(self.high)})".replace("1 runs", "1 run")
+
+
+@attrs.frozen
+class Row:
+    """A measured candidate."""
+
+    name: str
+    curve: str
+    knob: str
+    paper: bool
+    used: bool
+    line: str
+    figures: dict[str, Value]
+
+    def value(self, key: str) -> float:
+        """The figure as one number; NaN if it was not measured."""
+        return self.figures[key].value if key in self.figures else math.nan
 
 
 @attrs.define
 class SubjectResults:
-    """omissions: failed candidates with the reason. skipped: measurements that do not apply to the inputs."""
+    """rows, tables: what was measured. failures: failed candidates with the reason. skipped: what does not apply.
+
+    identity: hash of all that affects the results. about: command, inputs, start. wall_s, cpu_s: of all processes.
+    """
 
     name: str
-    measured: dict[str, Measured] = attrs.Factory(dict)
-    omissions: dict[str, str] = attrs.Factory(dict)
-    skipped: list[Skipped] = attrs.Factory(list)
+    identity: str = ""
+    about: dict[str, str] = attrs.Factory(dict)
+    rows: list[Row] = attrs.Factory(list)
     tables: list[Table] = attrs.Factory(list)
-    seconds: float = 0.0
-    done: bool = False
+    failures: dict[str, str] = attrs.Factory(dict)
+    skipped: list[Skipped] = attrs.Factory(list)
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
 
 
-@attrs.define
-class Results:
-    """A run. about: machine, versions, commit, command line, inputs."""
-
-    about: dict[str, Any]
-    subjects: dict[str, SubjectResults] = attrs.Factory(dict)
-
-    def write(self, folder: Path) -> None:
-        """Replaces results.json atomically. Raises UserError if the folder cannot be written."""
-        content = {"format": FORMAT, **attrs.asdict(self)}
-        part = folder / f".results.{os.getpid()}"
-        try:
-            part.write_text(json.dumps(_rounded(content), indent=1, allow_nan=False))
-            part.replace(folder / "results.json")
-        except OSError as error:
-            raise UserError(f"{folder}: cannot be written: {error.strerror}", "choose another folder with --out DIR") from None
+def short(value: float) -> str:
+    """A number in short form: 0.05, 3.2, 120, 2e-06."""
+    if value != 0 and not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.0e}"
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
-def _rounded(value: Any) -> Any:
-    """Floats with seven digits, null if not finite: a tenth of the bytes, without relevant loss."""
-    if isinstance(value, float):
-        return float(f"{value:.7g}") if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _rounded(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_rounded(part) for part in value]
-    return value
+def median_interval(samples: Sequence[float]) -> tuple[float, float]:
+    """95 % interval of the median by order statistics, for any distribution; the range below MIN_SAMPLES samples."""
+    ordered, n = sorted(samples), len(samples)
+    if n < MIN_SAMPLES:
+        return ordered[0], ordered[-1]
+    tail = np.cumsum([math.comb(n, k) / 2**n for k in range(n // 2)])
+    k = int(np.searchsorted(tail, 0.025, side="right"))
+    return ordered[k - 1], ordered[n - k]
 
 
-def read(folder: Path) -> Results:
+def front(points: Sequence[tuple[float, float, float, float]]) -> list[int]:
+    """Indices of the points (x, half interval of x, y, half interval of y) on the Pareto front, from left to right.
+
+    Less is better. What differs by less than both intervals together ties: a point is beaten by one that is better in one
+    coordinate and better or equal in the other.
+    """
+
+    def better(a: tuple[float, ...], b: tuple[float, ...], k: int) -> bool:
+        return b[k] - a[k] > a[k + 1] + b[k + 1]
+
+    def beats(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+        x, y = better(a, b, 0), better(a, b, 2)
+        return (x and not better(b, a, 2)) or (y and not better(b, a, 0))
+
+    kept = [k for k, b in enumerate(points) if not any(beats(a, b) for a in points)]
+    return sorted(kept, key=lambda k: points[k])
+
+
+def write(results: dict[str, SubjectResults], folder: Path) -> None:
+    """Replaces results.json. Raises UserError if the folder cannot be written."""
+    content = {"format": FORMAT, "subjects": {name: attrs.asdict(found) for name, found in results.items()}}
+    part = folder / f".results.{os.getpid()}"
+    try:
+        part.write_text(json.dumps(content, indent=1, allow_nan=False))
+        part.replace(folder / "results.json")
+    except OSError as error:
+        raise UserError(f"{folder}: cannot be written: {error.strerror}", "choose another folder with --out DIR") from None
+
+
+def read(folder: Path) -> dict[str, SubjectResults]:
     """The results in a folder. Raises UserError if there are none, or they have another format."""
-    path = folder / "results.json" if is_dir(folder) else folder
+    path = folder / "results.json"
     remedy = "give a folder written by `lfpipe bench --out`"
     try:
-        content = json_fields(read_bytes(path, MAX_BYTES), str(path), remedy)
-        if content.values.get("format") != FORMAT:
-            found = f"{content.values.get('format')!r:.100}"
-            raise UserError(f"{path}: format {found}; this version reads {FORMAT}", "measure again")
-        about, parts = content.table("about"), content.table("subjects")
-        return Results(dict(about.values), {name: _subject(parts.table(name)) for name in parts.values})
+        content = json_fields(read_bytes(path, MAX_BYTES), str(path), remedy).values
+        if content.get("format") != FORMAT:
+            raise UserError(f"{path}: format {content.get('format')!r:.100}; this version reads {FORMAT}", "measure again")
+        return {name: _subject(values) for name, values in content["subjects"].items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         why = reason(error) if isinstance(error, OSError | ValueError) else f"unexpected form: {error!r:.200}"
         raise UserError(f"{path}: no results of `lfpipe bench`: {why}", remedy) from None
 
 
-def _subject(part: Fields) -> SubjectResults:
+def _subject(values: dict[str, Any]) -> SubjectResults:
+    rows = [Row(**{**row, "figures": {key: Value(**one) for key, one in row["figures"].items()}}) for row in values["rows"]]
     tables = [
-        Table(t["title"], t["note"], tuple(t["head"]), tuple(tuple(Cell(**cell) for cell in row) for row in t["rows"]))
-        for t in part.items("tables", MAX_ITEMS)
+        Table(one["title"], one["note"], tuple(one["head"]), tuple(tuple(Cell(**cell) for cell in row) for row in one["rows"]))
+        for one in values["tables"]
     ]
-    found, omissions = part.table("measured"), part.table("omissions")
-    return SubjectResults(
-        part.text("name"),
-        {name: _measured(found.table(name)) for name in found.values},
-        {name: omissions.text(name) for name in omissions.values},
-        [Skipped(**value) for value in part.items("skipped", MAX_ITEMS)],
-        tables,
-        part.number("seconds", 0, math.inf),
-        part.flag("done"),
-    )
-
-
-def _measured(part: Fields) -> Measured:
-    samples = {name: _samples(part.table(name)) for name in ("errors", "turns", "parts")}
-    return Measured(part.text("curve"), part.text("knob"), part.flag("paper"), **samples, line=part.text("line"))
-
-
-def _samples(part: Fields) -> Samples:
-    """Samples by figure; null represents a number that was not finite."""
-    found: Samples = {}
-    for name in part.values:
-        listed = part.items(name, MAX_ITEMS)
-        if not all(each is None or (isinstance(each, int | float) and not isinstance(each, bool)) for each in listed):
-            raise UserError(f"{part.where}: {name} holds something that is not a number", part.remedy)
-        found[name] = [math.nan if each is None else float(each) for each in listed]
-    return found
+    skipped = [Skipped(**one) for one in values["skipped"]]
+    return SubjectResults(**{**values, "rows": rows, "tables": tables, "skipped": skipped})
 
 
 def figures_of(folder: Path, name: str) -> tuple[dict[str, Any], list[str], list[str]]:
-    """Figures of a subject by name, its failures, and what it left out, each with its reason."""
-    from lfpipe.bench.subjects import SUBJECTS
-
-    found, subject = read(folder).subjects[name], SUBJECTS[name]
-    measured = [(f"{one}: {of.key}", values.value(of)) for one, values in found.measured.items() for of in subject.figures]
-    figures: dict[str, Any] = {name: float(f"{value:.6g}") for name, value in measured}
-    cells = [each for table in found.tables for row in table.rows for each in row]
+    """Figures of a subject by name, its failures, and what it left out, each with its reason. Raises UserError."""
+    found = read(folder)[name]
+    figures: dict[str, Any] = {f"{row.name}: {key}": one.value for row in found.rows for key, one in row.figures.items()}
     for state in ("ok", "degraded", "failed"):
-        if any(each.state for each in cells):
-            figures[f"cells {state}"] = float(sum(each.state == state for each in cells))
-    return figures, [f"{one}: {why}" for one, why in found.omissions.items()], [f"{one.what}: {one.why}" for one in found.skipped]
+        if cells := [cell for table in found.tables for row in table.rows for cell in row if cell.state and not cell.only]:
+            figures[f"cells {state}"] = float(sum(cell.state == state for cell in cells))
+    return figures, [f"{one}: {why}" for one, why in found.failures.items()], [f"{s.what}: {s.why}" for s in found.skipped]
 
 
-def _output(command: list[str]) -> str:
+def source_digest() -> str:
+    """Hash of the package's own files: a changed program measures again."""
+    digest = hashlib.blake2b(digest_size=8)
+    for path in sorted(Path(lfpipe.__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _git(*words: str) -> str:
+    command = ["git", *words]
     try:
         here = Path(lfpipe.__file__).parent
         done = subprocess.run(command, capture_output=True, text=True, cwd=here, timeout=5, check=False)
@@ -169,55 +333,26 @@ def _output(command: list[str]) -> str:
     return done.stdout.strip() if done.returncode == 0 else ""
 
 
-def source_digest() -> str:
-    """Hash of the package's own files: a changed build measures again."""
-    digest = hashlib.blake2b(digest_size=8)
-    for path in sorted(Path(lfpipe.__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-def describe_run(inputs: Inputs) -> dict[str, Any]:
-    """All conditions that the figures depend on."""
+def describe(subject: Subject, inputs: "Inputs") -> tuple[str, dict[str, str]]:
+    """(identity, about) of a subject's results: all conditions that they depend on."""
     built = versions()
     processor = built.pop("processor")
-    commit = _output(["git", "rev-parse", "--short=12", "HEAD"])
-    changed = bool(_output(["git", "status", "--porcelain", "--untracked-files=no"]))
-    return {
-        "identity": {
-            "quick": inputs.quick,
-            "scenes": [field.manifest.get("key", "") for _, field in inputs.fields],
-            "sequence": [inputs.sequence.path.name, len(inputs.sequence.frames), inputs.sequence.truth is not None],
-            "source": source_digest(),
-            "versions": built,
-        },
-        "commit": commit + (" with changes" if changed else "") if commit else "not a git checkout",
-        "versions": built,
-        "machine": {
-            "processor": processor,
-            "cores": len(usable_cores()),
-            "system": f"{platform.system()} {platform.release()}",
-            "load": round(os.getloadavg()[0], 2),
-        },
-        "command": " ".join(["lfpipe", *sys.argv[1:]]),
-        "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "scenes": [
+    about = {"command": " ".join(["lfpipe", *sys.argv[1:]]), "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}
+    parts: list[Any] = [inputs.quick, source_digest(), sorted(built.items())]
+    if "scene" in subject.needs:
+        parts += [field.manifest.get("key", "") for _, field in inputs.fields]
+        about["scene"] = "; ".join(
             f"{one.name}: {one.rows}x{one.cols} views of {one.width_px}x{one.height_px} px, disparity {one.disparity_source}"
             for _, one in inputs.fields
-        ],
-        "sequence": f"{inputs.sequence.path.name}: {len(inputs.sequence.frames)} frames at {inputs.sequence.rate_hz:g} Hz, "
-        + ("truth known" if inputs.sequence.truth else "no truth"),
-    }
-
-
-def empty_diagrams(subject: Subject, found: SubjectResults) -> dict[str, str]:
-    """Diagrams that hold no point: name -> why."""
-    empty = {}
-    for diagram in subject.diagrams:
-        keys = [diagram.x, diagram.y] if isinstance(diagram, Diagram) else [key for _, key in diagram.keys]
-        figures = [subject.figure(key) for key in keys]
-        measured = [one for one in found.measured.values() if isinstance(diagram, Diagram) or one.knob in diagram.knobs]
-        if not any(all(math.isfinite(one.value(figure)) for figure in figures) for one in measured):
-            missing = [f.label for f in figures[:2] if all(math.isnan(one.value(f)) for one in found.measured.values())]
-            empty[diagram.name] = f'diagram "{diagram.title}": nothing measured of {", ".join(missing) or "it"}'
-    return empty
+        )
+    if "sequence" in subject.needs:
+        one = inputs.sequence
+        parts += [one.path.name, len(one.frames), one.truth is not None]
+        truth = "truth known" if one.truth else "no truth"
+        about["sequence"] = f"{one.path.name}: {len(one.frames)} frames at {one.rate_hz:g} Hz, {truth}"
+    load = f"load {os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else ""
+    about["machine"] = f"{processor}, {len(usable_cores())} cores, {platform.system()} {platform.release()}, {load}"
+    about["versions"] = ", ".join(f"{name} {version}" for name, version in built.items())
+    commit, changed = _git("rev-parse", "--short=12", "HEAD"), _git("status", "--porcelain", "--untracked-files=no")
+    about["commit"] = commit + (" with changes" if changed else "") if commit else "not a git checkout"
+    return hashlib.blake2b(json.dumps(parts).encode(), digest_size=12).hexdigest(), about

@@ -4,7 +4,9 @@ PSNR and SSIM of luma are averaged over the synthesised views of a scene. The 7x
 the top left ones (LFASR-geo, ELFR). Smaller grids use the largest square that fits; the table notes it.
 """
 
+import html
 import json
+import math
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
@@ -12,19 +14,47 @@ from pathlib import Path
 from typing import Any
 
 import attrs
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe.bench.holdout import ViewRenderer, subsample
-from lfpipe.bench.metrics import psnr_db, shaved, ssim, studio_luma
+from lfpipe.bench.page import markdown_table
+from lfpipe.bench.page import table as html_table
+from lfpipe.bench.style import STYLE
 from lfpipe.config.quality import METHODS, WARPS
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, plain
 from lfpipe.host.paths import exists
 from lfpipe.scene.lightfield import LightField
 
 SIDE = 7  # views per side in the printed protocol
 PASSES = 3  # timed passes over all synthesised views
 FILE = "table.jsonl"
+PEAK, BEST_DB = 255.0, 100.0  # of PSNR; BEST_DB for identical pictures
+LUMA = np.array([65.481, 128.553, 24.966]) / 255  # ITU-R BT.601, 16 to 235, as MATLAB's rgb2ycbcr
+BLACK = 16.0
+SIGMA_PX, WINDOW_PX = 1.5, 11  # Wang, Bovik, Sheikh, Simoncelli, "Image Quality Assessment", IEEE TIP 2004
+K1, K2 = 0.01, 0.03
 Say = Callable[[str, int, int], None]
+Float = NDArray[np.float64]
+
+# Printed means (PSNR in dB, SSIM) of methods that were not run here. Tables disagree about the same method, by up to 5 dB.
+SETS = ("HCI new", "HCI old", "30scenes")
+TEST_SCENES = {  # by lower-case name; 30scenes are numbered photographs and not known by name
+    "HCI new": ("bedroom", "bicycle", "dishes", "herbs"),
+    "HCI old": ("buddha", "buddha2", "monasroom", "papillon", "stilllife"),
+}
+_DISTG, _ELFR = "table of DistgASR, Wang et al. 2022", "table of ELFR, 2023"
+PRINTED = (
+    ("Kalantari 2016", "32.85 / 0.909", "38.58 / 0.944", "41.40 / 0.982", _DISTG),
+    ("Yeung 2018", "32.30 / 0.900", "39.69 / 0.941", "42.77 / 0.986", _DISTG),
+    ("LFASR-geo", "34.60 / 0.937", "40.84 / 0.960", "42.53 / 0.985", _DISTG),
+    ("FS-GAF", "37.14 / 0.966", "41.80 / 0.974", "42.75 / 0.986", _DISTG),
+    ("DistgASR", "34.70 / 0.974", "42.18 / 0.978", "43.67 / 0.995", _DISTG),
+    ("ELFR", "38.81 / 0.973", "42.85 / 0.982", "42.90 / 0.987", _ELFR),
+)
+ABOUT_PRINTED = "Printed by others for the test scenes of each set, PSNR / SSIM, not run here"
+HEAD = ("scene", "views", "method", "PSNR, dB", "worst view, dB", "SSIM", "ms a picture", "MB", "disparity, s")
 
 
 @attrs.frozen
@@ -50,6 +80,43 @@ class Line:
     mb: float = float("nan")
     prepare_s: float = 0.0
     left_out: str = ""
+
+
+def studio_luma(planes: NDArray[np.generic]) -> Float:
+    """Luma, float64 (h, w), 16 to 235, of planar RGB (3, h, w) or grey (1, h, w) with values 0 to 255. Not rounded."""
+    weights = LUMA if len(planes) == 3 else LUMA.sum(keepdims=True)
+    return np.asarray(np.tensordot(weights, np.asarray(planes, np.float64), 1) + BLACK, np.float64)
+
+
+def shaved(picture: Float, border_px: int) -> Float:
+    """The picture without border_px on each side. Raises ValueError if the rest is too small for SSIM."""
+    height, width = picture.shape
+    if min(height, width) - 2 * border_px < WINDOW_PX:
+        raise ValueError(f"a view of {width}x{height} px is too small for a border of {border_px} px")
+    return picture[border_px : height - border_px, border_px : width - border_px]
+
+
+def psnr_db(a: Float, b: Float) -> float:
+    """Peak signal-to-noise ratio in dB, peak 255; BEST_DB if a equals b."""
+    square = float(np.mean(np.square(a - b)))
+    return BEST_DB if square == 0 else min(BEST_DB, 10 * math.log10(PEAK**2 / square))
+
+
+def ssim(a: Float, b: Float) -> float:
+    """Mean structural similarity: Gaussian window of 11x11 with sigma 1.5, population covariance, peak 255.
+
+    The mean is over the windows that lie within the picture, as in the authors' code and in scikit-image.
+    """
+
+    def mean(values: Float) -> Float:
+        return cv2.GaussianBlur(values, (WINDOW_PX, WINDOW_PX), SIGMA_PX, borderType=cv2.BORDER_REFLECT)  # type: ignore[return-value]
+
+    mean_a, mean_b = mean(a), mean(b)
+    var_a, var_b, both = mean(a * a) - mean_a**2, mean(b * b) - mean_b**2, mean(a * b) - mean_a * mean_b
+    c1, c2 = (K1 * PEAK) ** 2, (K2 * PEAK) ** 2
+    found = (2 * mean_a * mean_b + c1) * (2 * both + c2) / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))
+    pad = WINDOW_PX // 2
+    return float(found[pad:-pad, pad:-pad].mean())
 
 
 def axis(count: int, keep: int, crop: str) -> tuple[int, int]:
@@ -184,3 +251,54 @@ def _parsed(text: str) -> tuple[str, dict[str, Any]]:
     except (ValueError, TypeError, KeyError, AttributeError):
         return "", {"scene": "", "method": "", "grid": ""}
     return key, values
+
+
+def cells(line: Line) -> tuple[str, ...]:
+    """A row of the table."""
+    if line.left_out:
+        return (line.scene, line.grid, plain(f"left out: {line.left_out}", 300), *[""] * 6)
+    cost = (f"{line.ms:.2f}" if math.isfinite(line.ms) else "", f"{line.mb:.1f}", f"{line.prepare_s:.1f}")
+    return (line.scene, line.grid, line.method, f"{line.psnr_db:.2f}", f"{line.worst_db:.2f}", f"{line.ssim:.4f}", *cost)
+
+
+def set_means(lines: Sequence[Line]) -> list[tuple[str, ...]]:
+    """Means over a published set, for methods that were measured on all of its test scenes and with the printed grid."""
+    rows: list[tuple[str, ...]] = []
+    for name, scenes in TEST_SCENES.items():
+        for method in dict.fromkeys(line.method for line in lines if not line.left_out):
+            of = {line.scene.lower(): line for line in lines if line.method == method and line.scene.lower() in scenes}
+            if set(of) == set(scenes) and all(line.grid == "2x2 -> 7x7" for line in of.values()):
+                db, worst, structure, ms = np.array([(one.psnr_db, one.worst_db, one.ssim, one.ms) for one in of.values()]).T
+                figures = (f"{db.mean():.2f}", f"{worst.min():.2f}", f"{structure.mean():.4f}", f"{ms.mean():.2f}")
+                rows.append((f"mean of {name}", "2x2 -> 7x7", method, *figures, "", ""))
+    return rows
+
+
+def markdown(lines: Sequence[Line], protocol: Protocol) -> str:
+    """The table, and the printed results in a separate table."""
+    about = (
+        f"{protocol.keep}x{protocol.keep} views kept of the {protocol.crop} 7x7, the others made. Luma of BT.601 in studio range,"
+        f" peak 255, {protocol.border_px} px shaved off each side; SSIM with a Gaussian of sigma 1.5; mean over the made views."
+        " Disparity is of the kept views alone (time: last column). ms a picture: one view in colour, one core."
+    )
+    text = f"{about}\n\n{markdown_table(HEAD, [*map(cells, lines), *set_means(lines)])}"
+    return text + (f"\n{ABOUT_PRINTED}:\n\n{markdown_table(('method', *SETS, 'from'), PRINTED)}" if protocol.keep == 2 else "")
+
+
+def write(lines: Sequence[Line], protocol: Protocol, out: Path) -> Path:
+    """Writes table.md and table.html to out; returns the path of the page. Raises UserError."""
+    body = html_table(HEAD, [*map(cells, lines), *set_means(lines)])
+    if protocol.keep == 2:
+        body += f"<h2>{ABOUT_PRINTED}</h2>" + html_table(("method", *SETS, "from"), PRINTED)
+    text = markdown(lines, protocol)
+    try:
+        (out / "table.md").write_text(text)
+        page = out / "table.html"
+        page.write_text(
+            '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>lfpipe bench table</title><style>'
+            f"{STYLE}</style></head><body><h1>Views between: quality over time</h1><p>"
+            f"{html.escape(text.partition(chr(10))[0])}</p>{body}</body></html>"
+        )
+        return page
+    except OSError as error:
+        raise UserError(f"{out}: cannot be written: {error.strerror}", "choose another folder with --out DIR") from None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.eye_path import EyePath
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.model import Candidate, Diagram, Figure, Prepared, Samples, Skipped, Subject
+from lfpipe.bench.results import Candidate, Chart, Choice, Figure, Prepared, Samples, Skipped, Subject
 from lfpipe.bench.timing import time_figures, times_ms
 from lfpipe.config import Track
 from lfpipe.track.engine import Engine
@@ -89,7 +89,8 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
                 paper = name == "mediapipe" and not refine and (width, every) == knobs[0]
                 curve = name + (" with irises" if refine else "")
                 track = Track(engine="mediapipe" if name == "mediapipe" else "litert", refine=refine)
-                yield Candidate(curve, knob, partial(_prepare, inputs, track, size, every), paper, f"one in {every}")
+                used = track == Track() and (width, every) == knobs[0]
+                yield Candidate(curve, knob, partial(_prepare, inputs, track, size, every), paper, used, f"one in {every}")
 
 
 def _prepare(inputs: Inputs, track: Track, size: tuple[int, int], every: int) -> Prepared:
@@ -138,10 +139,12 @@ SUBJECT = Subject(
         Figure("cpu_ms", "CPU per camera frame, all threads", "ms"),
     ),
     (
-        Diagram("tracker", "Error of tracking against time", "time_ms", "error_px", "time_p95_ms"),
-        Diagram("tracker-share", "Error of tracking, in distances between the eyes, against CPU", "cpu_ms", "error_share"),
+        Chart("tracker", "Error of tracking against time", "time_ms", "error_px"),
+        Chart("tracker-share", "Error of tracking, in distances between the eyes, against CPU", "cpu_ms", "error_share"),
     ),
     candidates,
     paper="FaceMesh (engine mediapipe) on every frame of 640x480",
+    needs=("sequence",),
+    choice=Choice("track.engine", "time_ms", "error_px", 11.0, "a third of a frame at 30 Hz"),
     budget_s=(6.0, 60.0),
 )

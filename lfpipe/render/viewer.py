@@ -131,7 +131,8 @@ class Viewer:
         dt_s = max(t_shown_ns - self._t_ns, 0) / 1e9 if self._seen else 0.0
         self._t_ns = t_shown_ns
         if camera_px is not None:
-            self._follow_distance(float(record["apart_px"]) or math.dist(*camera_px.tolist()), dt_s)
+            apart_px = float(record["apart_px"])  # an average of what is no distance would never forget it
+            self._follow_distance(apart_px if 0 < apart_px < FAR_PX else math.dist(*camera_px.tolist()), dt_s)
         if float(record["eyes_mm"]) != self._eyes_mm:  # learnt for the first time or again
             self._eyes_mm, self._solver = float(record["eyes_mm"]), None
         pose = self._pose(record)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from lfpipe.bench.report import STYLE
+from lfpipe.bench.style import STYLE
 from lfpipe.errors import UserError, plain
 from lfpipe.files.line_file import LineFile
 from lfpipe.files.safe_files import reason, replaced

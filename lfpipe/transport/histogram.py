@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 LAST_OCTAVE = 26  # values to 2^32 us, 71 minutes; longer values go to the last bucket
 BUCKETS = (LAST_OCTAVE << 5) + 64
+MOST_NS = (1 << 63) - 1  # of a 64-bit counter
 HISTOGRAM = np.dtype([("count", "<i8"), ("sum_ns", "<i8"), ("max_ns", "<i8"), ("buckets", "<i8", (BUCKETS,))])
 
 
@@ -42,12 +43,12 @@ class Histogram:
         self._head = [self.record[name].reshape(1).data for name in ("count", "sum_ns", "max_ns")]
 
     def add_ns(self, value_ns: int) -> None:
-        """Adds one duration in nanoseconds; a negative one counts as 0."""
-        value_ns = max(value_ns, 0)
+        """Adds one duration in nanoseconds; a negative one counts as 0. Sum and maximum stop at MOST_NS."""
+        value_ns = min(max(value_ns, 0), MOST_NS)
         self._buckets[bucket_of(value_ns // 1000)] += 1
         count, total, top = self._head
         count[0] += 1
-        total[0] += value_ns
+        total[0] = min(total[0] + value_ns, MOST_NS)
         if value_ns > top[0]:
             top[0] = value_ns
 

@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 from skimage.color import rgb2ycbcr
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from lfpipe.bench import metrics
-from lfpipe.bench.published import HCI_OLD, TEST_SCENES
-from lfpipe.bench.table import FILE, Line, Protocol, axis, grid_of, measure
-from lfpipe.bench.table_report import markdown, set_means, write
+from lfpipe.bench import table as metrics
+from lfpipe.bench.table import FILE, TEST_SCENES, Line, Protocol, axis, grid_of, markdown, measure, set_means, write
 from lfpipe.errors import UserError
 from lfpipe.scene.lightfield import LightField
 from tests.bench.inputs import wall
@@ -104,14 +102,14 @@ def test_flat_scenes_have_no_warps(tmp_path: Path) -> None:
 
 def test_no_mean_beside_printed_means_unless_all_scenes_are_there(tmp_path: Path) -> None:
     line = Line("buddha", "warp2", "2x2 -> 7x7", 42.0, 0.97, 40.0, 1.5, 9.0)
-    lines = [attrs.evolve(line, scene=name) for name in TEST_SCENES[HCI_OLD]]
+    lines = [attrs.evolve(line, scene=name) for name in TEST_SCENES["HCI old"]]
     assert not set_means(lines[:-1]) and "mean of" not in markdown(lines[:-1], Protocol())
     assert set_means(lines)[0][:4] == ("mean of HCI old", "2x2 -> 7x7", "warp2", "42.00")
     assert not set_means([attrs.evolve(one, grid="3x3 -> 7x7") for one in lines])
     text = markdown(lines, Protocol())
     assert "not run here" in text and "38.81" in text and "not run here" not in markdown(lines, Protocol(keep=3))
     page = write(lines, Protocol(), tmp_path).read_text()
-    assert "not run here" in page and (tmp_path / "table.svg").stat().st_size > 1000
+    assert "not run here" in page
 
 
 def test_from_the_command_line(world: World) -> None:
