@@ -154,8 +154,8 @@ def _how() -> str:
         " the 95 % interval of the median is narrower than 5 % or the time budget is spent; ± is half that interval (of whole"
         " sessions: over parts of half a second). If there are too few turns for an interval, their number and range are shown."
         " Both axes are logarithmic; an exact 0 is drawn at the edge. Lower left is better. Circles: nothing else is better"
-        " in one figure and as good in the other; what differs by less than the intervals is equal. Square: in use by default. Star: the"
-        " paper.</p>"
+        " in one figure and as good in the other; what differs by less than the intervals is equal. Square: in use"
+        " by default. Star: the paper.</p>"
     )
 
 

@@ -91,16 +91,17 @@ def test_results_come_back_as_they_were(tmp_path: Path) -> None:
 
 def test_noise_is_stated_however_few_the_turns(tmp_path: Path) -> None:
     """A long turn gives the samples of its parts; of too few turns the number and the range are shown."""
-    turns = iter([[3.0, 5.0, 4.0, 4.0, 3.0, 5.0], [4.0, 4.0, 4.0, 4.0, 4.0, 4.0]])
+    turns = iter([[3.0, 5.0, 4.5, 4.5, 3.0, 5.0], [3.0, 5.0, 4.0, 4.0, 3.0, 5.0]])
 
     def turn() -> dict[str, float | list[float]]:
         time.sleep(0.4)  # the budget ends in the second one
         return {"time_ms": next(turns), "first_s": 2.0}
 
     subject = Subject("long", "Long", "?", (FIGURES[1], Figure("first_s", "start", "s")), (),
-                      lambda _: iter([Candidate("one", "", lambda: Prepared(dict, turn))]), turns=(2, 2), budget_s=(0.5, 0.5))  # fmt: skip
+                      lambda _: iter([Candidate("one", "", lambda: Prepared(dict, turn))]), turns=(2, 2),
+                      budget_s=(0.5, 0.5))  # fmt: skip
     figures = run(subject, inputs(wall(2, 2), tmp_path), quiet).rows[0].figures
-    assert figures["time_ms"].text == "4 ± 12 %" and figures["first_s"].text == "2 (2 runs, 2 to 2)"
+    assert figures["time_ms"].text == "4.25 ± 24 %" and figures["first_s"].text == "2 (2 runs, 2 to 2)"
     assert Value(4.0, 4.0, 4.0, 1).text == "4 (1 run, 4 to 4)" and Value(4.0, 4.0, 4.0).text == "4"
 
 

@@ -62,8 +62,9 @@ def test_percentiles_are_those_of_the_values(values: list[int]) -> None:
 def test_durations_that_cannot_be_are_counted_as_nothing_and_as_the_longest() -> None:
     histogram = Histogram(np.zeros((), HISTOGRAM))
     histogram.add_ns(-5)
-    histogram.add_ns(2**62)
-    assert summary_ms(histogram.record)["n"] == 2 and histogram.record["buckets"][-1] == 1
+    for value in (2**62, 2**63 - 1, 2**63, 2**80):  # counters have 64 bits: sum and maximum stop there
+        histogram.add_ns(value)
+    assert summary_ms(histogram.record)["n"] == 5 and histogram.record["buckets"][-1] == 4
 
 
 def test_a_row_is_seen_by_another_attachment_and_outlives_its_writer() -> None:
