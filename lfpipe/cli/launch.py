@@ -188,6 +188,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         visits=str(arguments.visits.resolve()) if arguments.visits else "",
         playlist=tuple(str(each.resolve()) for each in scenes) if len(scenes) > 1 or arguments.start else (),
         start=arguments.start,
+        ask_glasses=_is_first_start(arguments, display),
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
         still=str(still.resolve()) if still else "",
         share=share,
@@ -204,6 +205,17 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         camera_hz = camera.rate_hz if config.render.clock == "camera" else None
         say(size_line(video, scene.width_px * scene.height_px, camera_hz or config.render.nominal_hz, duration_s))
     return SessionPlan(config, options, duration_s, files, field.hold, video, opening.packing)
+
+
+def _is_first_start(arguments: UpArguments, display: str) -> bool:
+    """Whether a person opens a window for the first time: no glasses were chosen yet, and no option is given that a script
+    would."""
+    scripted = arguments.sets or arguments.config_file or arguments.duration_s or arguments.trace or arguments.kiosk is not None
+    if scripted or display not in ("window", "fullscreen"):
+        return False
+    from lfpipe.config.user_settings import has_key
+
+    return not has_key(config_module.user_file(), "render", "anaglyph")
 
 
 def _with_engine(config: Config) -> Config:

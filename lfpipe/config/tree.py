@@ -122,6 +122,9 @@ class Render:
             live=True,
         ),
     ] = "auto"
+    depth: Annotated[
+        float, Opt("depth from comfort (0) to true (1), or to the whole grid where true is unknown; with alpha_px auto", "", 0, 1, live=True)
+    ] = 0.0
     anaglyph: Annotated[
         Literal[
             "colour",

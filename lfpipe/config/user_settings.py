@@ -8,6 +8,14 @@ import tomlkit
 from lfpipe.host.paths import exists
 
 
+def has_key(path: Path, section: str, name: str) -> bool:
+    """Whether the TOML file at path sets [section] name. A file that cannot be read sets nothing."""
+    try:
+        return name in tomlkit.parse(path.read_text()).get(section, {})
+    except (OSError, ValueError):
+        return False
+
+
 def write_key(path: Path, section: str, name: str, value: float | bool | str | None) -> None:
     """Sets [section] name = value in the TOML file at path, or removes it if value is None. Keeps everything else. The write is
     atomic.

@@ -36,9 +36,13 @@ KEYS = {
     "g": ("glasses", "glasses test: does each eye see its own?"),
     "x": ("swap", "swap the eyes"),
     "d": ("half-turn", "exchange near and far"),
+    "e": ("which", "which glasses do you have?"),
     "p": ("freeze", "pause or resume (space)"),
     "o": ("overlay", "rate, latency and the grid of views on and off"),
     "s": ("screenshot", "save the picture"),
+    "r": ("record", "record the camera, or end it"),
+    "l": ("open", "open a folder of views"),
+    "i": ("open-file", "open a light field in one file"),
     "Tab": ("choose", "choose a scene by its picture"),
     "PgDn": ("next", "the next scene of the list"),
     "PgUp": ("previous", "the previous scene"),
@@ -65,6 +69,16 @@ class Pointer:
     left: bool = False
     right: bool = False
     wheel: int = 0
+
+
+@attrs.frozen
+class BarState:
+    """What the bar shows. depth: 0 for comfort, 1 for true depth. recording: whether the camera is being recorded. without:
+    events of entries that this session does not have."""
+
+    depth: float = 0.0
+    recording: bool = False
+    without: frozenset[str] = frozenset()
 
 
 class Display(Protocol):
@@ -117,6 +131,10 @@ class Display(Protocol):
         """Shows over the pictures what draw makes for (width, height) px; None removes it. A click on it is "click X Y"."""
         ...
 
+    def bar(self, state: BarState) -> None:
+        """Sets what the bar shows that appears when the mouse moves."""
+        ...
+
     def title(self, name: str) -> None:
         """Sets the name of the scene on show."""
         ...
@@ -158,6 +176,9 @@ class NullDisplay:
         """Does nothing."""
 
     def menu(self, draw: object) -> None:
+        """Does nothing."""
+
+    def bar(self, state: object) -> None:
         """Does nothing."""
 
     def title(self, name: str) -> None:

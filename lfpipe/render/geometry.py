@@ -140,6 +140,10 @@ def parallax(
             limits.append((true, "true depth"))
         views, reason = min(limits)
         views = max(views, LEAST_VIEWS)
+        most = max(true if true is not None else float(count - 1), views)
+        if config.render.depth and most > views:
+            views *= (most / views) ** config.render.depth
+            reason = f"{config.render.depth:.0%} of the way to {'true depth' if true is not None else 'the whole grid'}"
         reasons.append(f"{views:.2f} views between the eyes: {reason}")
     else:
         views = eyes / float(config.render.alpha_px)

@@ -6,14 +6,17 @@ The picture shows every change for a moment, whoever made it.
 import math
 import os
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Render, choices, user_file
 from lfpipe.config.quality import level_number
-from lfpipe.render.display import Display
+from lfpipe.render.display import BarState, Display
+from lfpipe.render.file_dialog import ABSENT, FileDialog
 from lfpipe.render.file_display import picture_folder, save
 from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.overlay import SHOWN_NS, Notices, StatusOverlay
@@ -25,6 +28,9 @@ from lfpipe.scene.half_turn import remember, undecided
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.status import State
+
+if TYPE_CHECKING:
+    from lfpipe.render.glasses_question import GlassesQuestion
 
 ALPHA_STEP = 1.1
 GHOST_STEP = 5.0  # %
@@ -47,18 +53,29 @@ class KeyBindings:
         self.scenes = SceneLoader(context, self._notices)
         self.menu = SceneMenu(context, display, self.scenes)
         self._glasses: GlassesTest | None = None
+        self._question: GlassesQuestion | None = None
+        self._dialog = FileDialog()
+        self._asked = False  # the start page follows the first test of the glasses once
+        self._chosen_here = False  # the kind of glasses: its test follows as soon as the setting is in force
         self._overlay_due_ns = 0
         self._width_mm, self._settled_ns = display.width_mm(), 0
         self._overlay = False
         self._known = (context.config.render, level_number(context.options), viewer.field.name, viewer.field.half_turned)
         self._ask_about_depth()
+        first = not context.row["restarts"]
+        if context.options.ask_glasses and first:
+            self._ask_about_glasses()
+        elif context.options.start and first:
+            self.menu.open()
 
     def serve(self) -> None:
         """Handles the keys since the last call and refreshes notices and overlay."""
         for event in self._display.events():
             self._presenter.redraw()
-            if not self.menu.takes(event):
+            if not self._answers(event) and not self.menu.takes(event):
                 self._carry_out(event)
+        if (path := self._dialog.chosen()) is not None:
+            self.scenes.load(path.absolute())
         self._presenter.mouse.follow(self._display.pointer(), now_ns())
         self.pass_on_notices()
         self._follow_width()
@@ -66,6 +83,7 @@ class KeyBindings:
         self.scenes.serve(t_ns)
         self.menu.serve(t_ns)
         self._notice_changes(t_ns)
+        self._show_bar()
         if (lines := self._notices.lines(t_ns)) != self._said:
             self._said = lines
             self._display.say(lines)
@@ -99,7 +117,7 @@ class KeyBindings:
             step = ALPHA_STEP if event == "alpha+" else 1 / ALPHA_STEP
             self._set(alpha_px=round(self._viewer.parallax.alpha_px * step, 3))
         elif event == "automatic":
-            self._set(alpha_px="auto", zero_plane_px="auto")
+            self._set(alpha_px="auto", zero_plane_px=Render().zero_plane_px, depth=Render().depth)
         elif event == "choose":
             self._notices.say("scene", NO_OTHER, now_ns())
         elif event in ("next", "previous"):
@@ -112,6 +130,15 @@ class KeyBindings:
             self._set(swap_eyes=not render.swap_eyes)
         elif event == "half-turn":
             self._context.request("set", set={"scene.half_turn": "no" if self._viewer.field.half_turned else "yes"})
+        elif event == "which":
+            self._ask_about_glasses()
+        elif event.startswith("depth "):
+            self._set(alpha_px="auto", depth=float(event.removeprefix("depth ")))
+        elif event == "record":
+            self._record()
+        elif event in ("open", "open-file"):
+            if not self._dialog.open(event == "open"):
+                self._notices.say("scene", ABSENT, now_ns(), 2 * SHOWN_NS)
         elif event == "glasses":
             self._switch_glasses_test(render)
         elif event in ("more", "less") and self._glasses:
@@ -126,23 +153,79 @@ class KeyBindings:
             self._notices.say("near and far", "press d if near and far are exchanged", now_ns(), ASKED_NS)
             remember(field, "asked")
 
+    def _ask_about_glasses(self) -> None:
+        from lfpipe.render.glasses_question import GlassesQuestion  # few sessions ask
+
+        self._question = GlassesQuestion(self._context.config.render.anaglyph)
+        self._display.menu(self._question.draw)
+
+    def _answers(self, event: str) -> bool:
+        """Handles an event while the question about the glasses is open; returns whether it was for it."""
+        if self._question is None or event in ("fullscreen", "help"):
+            return False
+        kind = self._question.answer(event)
+        if kind is None and self._question.understands(event):
+            self._display.menu(self._question.draw)
+            return True
+        self._question = None
+        self._display.menu(None)
+        if kind is None and event not in ("choose", "which"):
+            return False  # another key leaves the question for the next start
+        if kind is not None:
+            self._keep({"anaglyph": kind.anaglyph})
+            self._set(anaglyph=kind.anaglyph)
+            self._chosen_here = kind.lenses is not None
+            if kind.anaglyph == self._context.config.render.anaglyph and self._chosen_here:
+                self._chosen_here = False
+                self._switch_glasses_test(self._context.config.render)
+        if self._context.options.start and not self._chosen_here and self._glasses is None:
+            self.menu.open()
+        return True
+
+    def _keep(self, values: Mapping[str, float | bool | str]) -> None:
+        """Saves keys of [render] in the person's settings."""
+        from lfpipe.config.user_settings import write_key
+
+        try:
+            for name, value in values.items():
+                write_key(user_file(), "render", name, value)
+        except (OSError, ValueError) as error:
+            self._notices.say("kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}", now_ns())
+        else:
+            if values:
+                self._notices.say("kept", f"saved for the next session: {', '.join(values)}", now_ns())
+
+    def _record(self) -> None:
+        """Begins or ends a recording of the camera, with the eyes, beside the pictures."""
+        if self._context.options.record:
+            self._context.request("record", path="")
+            return
+        path = picture_folder(Path.home(), os.environ) / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S")
+        self._context.request("record", path=str(path), eyes=True)
+        self._notices.say("record", f"recording to {str(path).replace(str(Path.home()), '~')}", now_ns())
+
+    def _show_bar(self) -> None:
+        options = self._context.options
+        without = set() if len(options.playlist) > 1 or options.start else {"choose"}
+        if not options.tracking:
+            without.add("record")
+        if self._viewer.field.rows * self._viewer.field.cols == 1:
+            without |= {"depth", "half-turn", "recentre", "which"}
+        render = self._context.config.render
+        depth = 1.0 if render.alpha_px == "true" else render.depth
+        self._display.bar(BarState(depth, bool(options.record), frozenset(without)))
+
     def _switch_glasses_test(self, render: Render) -> None:
         """Begins or ends the test; at its end the changes are saved in the person's settings."""
         if self._glasses is None:
             self._glasses = GlassesTest(render)
         else:
-            from lfpipe.config.user_settings import write_key
-
             changed = self._glasses.changed(render)
             self._glasses = None
-            try:
-                for name, value in changed.items():
-                    write_key(user_file(), "render", name, value)
-            except (OSError, ValueError) as error:
-                self._notices.say("kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}", now_ns())
-            else:
-                if changed:
-                    self._notices.say("kept", f"saved for the next session: {', '.join(changed)}", now_ns())
+            self._keep(changed)
+            if self._context.options.start and self._context.options.ask_glasses and not self._asked:
+                self._asked = True
+                self.menu.open()
         self._presenter.pattern = self._glasses
 
     def _set(self, **values: object) -> None:
@@ -157,9 +240,11 @@ class KeyBindings:
         if render != before:
             for subject, text in _changes(before, render):
                 self._notices.say(subject, text, t_ns)
-        if level != level_before:
-            words = context.options.level.words if context.options.level else ""
-            self._notices.say("quality", f"quality lowered: {words}" if words else "quality restored", t_ns)
+        if level and not level_before:
+            self._notices.say("quality", "busy computer: simpler picture for now", t_ns)
+        if self._chosen_here and render.anaglyph != before.anaglyph:
+            self._chosen_here = False
+            self._switch_glasses_test(render)
         if scene != scene_before:
             self._display.title(scene)
             self._notices.say("scene", scene, t_ns)
@@ -206,6 +291,8 @@ class KeyBindings:
 def _changes(before: Render, now: Render) -> list[tuple[str, str]]:
     """(subject, text) of each changed setting that a viewer notices."""
     found = []
+    if now.depth != before.depth:
+        found.append(("depth", f"depth: {now.depth:.0%} of the way from comfort to true"))
     if now.anaglyph != before.anaglyph:
         found.append(("mode", f"mode: {now.anaglyph}"))
     if now.zero_plane_px != before.zero_plane_px:

@@ -65,8 +65,9 @@ class SceneLoader:
         refused = not answer["ok"]
         if refused:
             what = f"{self._loading.words}: refused" if self._loading else "refused"
-            lines = [what, *textwrap.wrap(answer["error"], LINE_CHARS)]
-            self._notices.say("refused", "\n".join(lines[:MAX_LINES]), now_ns(), REFUSED_NS)
+            lines = [what, *textwrap.wrap(answer["error"], LINE_CHARS)[:MAX_LINES]]
+            lines += textwrap.wrap(answer.get("remedy", ""), LINE_CHARS)
+            self._notices.say("refused", "\n".join(lines[: 2 * MAX_LINES]), now_ns(), REFUSED_NS)
         if refused or "pack" in answer:
             self._loading = None
 

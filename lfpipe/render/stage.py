@@ -48,8 +48,6 @@ class RenderStage:
         self._viewer.shown_as_wide(self._display.width_mm())
         self._presenter = Presenter(context, self._viewer, self._display)
         self._keys = KeyBindings(context, self._viewer, self._presenter, self._display)
-        if options.start and not restarts:
-            self._keys.menu.open()
         middle = ((self._field.rows - 1) / 2, (self._field.cols - 1) / 2)
         self._viewer.compositor.compose(middle, middle)  # builds tables and touches pages before the first picture is due
         context.row["t_face_ns"] = now_ns()

@@ -12,7 +12,8 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.presentation import Presentation, Presented
 from lfpipe.render import window_system
-from lfpipe.render.display import KEYS, DisplayNotice, Pointer
+from lfpipe.render.bar import SHOWN_S, Bar
+from lfpipe.render.display import KEYS, BarState, DisplayNotice, Pointer
 from lfpipe.render.monitors import Monitor, find_monitor, monitor_of, monitors
 from lfpipe.render.painters import Painter, Panels, open_painter, panel
 from lfpipe.render.pair_layout import Pair, laid_out
@@ -85,6 +86,8 @@ class Window:
         self._menu: pygame.Surface | None = None
         self._pair: Pair | None = None
         self._pointer = Pointer()
+        self._bar, self._bar_state, self._bar_until_ns = Bar(), BarState(), 0
+        self._text_px = TEXT_PX
         self._how = ""
         self._laid: NDArray[np.uint8] | None = None
         self._make_panel()
@@ -180,10 +183,14 @@ class Window:
         panels: Panels = [] if self._menu is None else [(self._menu, self._menu_at())]
         if self._panel is not None:
             panels.append((self._panel, (12, 12)))
-        size_px = self._painter.size_px()
+        size_px, below_px = self._painter.size_px(), 0
+        if self._bar_until_ns:
+            bar = self._bar.draw(size_px, self._text_px, self._bar_state, self._in_bar(self._at_px()))
+            below_px = bar.get_height()
+            panels.append((bar, (0, size_px[1] - below_px)))
         if self._words is not None:
             wide, high = self._words.get_size()
-            panels.append((self._words, ((size_px[0] - wide) // 2, size_px[1] - high - 12)))
+            panels.append((self._words, ((size_px[0] - wide) // 2, size_px[1] - high - 12 - below_px)))
         _, _, width, height = fit_area((self._picture.shape[1], self._picture.shape[0]), size_px)
         self._shown_px = width
         picture = self._picture
@@ -219,7 +226,11 @@ class Window:
                 (x, y), scale = self._menu_at(), self._painter.size_px()[0] / self._window.size[0]
                 pressed.append(f"click {round(event.pos[0] * scale) - x} {round(event.pos[1] * scale) - y}")
             elif event.type in MOUSE and not self._lock:
+                self._bar_until_ns = time.monotonic_ns() + int(SHOWN_S * 1e9)
                 self._pointer = self._moved(event)
+                if name := self._bar_event(event):
+                    pressed.append(name)
+                again = True
             elif event.type == pygame.DROPFILE:
                 pressed.append(f"drop {event.file}".rstrip())
             elif event.type == pygame.WINDOWEXPOSED:
@@ -237,6 +248,9 @@ class Window:
         if self._hint and (keyed or time.monotonic_ns() > self._hint_end_ns):
             self._hint, again = "", True
             self._make_panel()
+        if self._bar_until_ns and time.monotonic_ns() > self._bar_until_ns and not self._pointer.left:
+            self._bar_until_ns, again = 0, True
+            pygame.mouse.set_visible(self._menu_of is not None or not self._fullscreen)
         if resized:
             self._on = self._here()
             self._make_panel()
@@ -259,6 +273,38 @@ class Window:
         if event.type != pygame.MOUSEMOTION and event.button in (1, 3):
             held["left" if event.button == 1 else "right"] = event.type == pygame.MOUSEBUTTONDOWN
         return Pointer(x, y, **held, wheel=self._pointer.wheel)
+
+    def bar(self, state: BarState) -> None:
+        """See `Display.bar`."""
+        if state != self._bar_state:
+            self._bar_state = state
+            if self._bar_until_ns:
+                self._draw()
+
+    def _at_px(self) -> tuple[int, int]:
+        """The pointer, px of the window."""
+        width, height = self._painter.size_px()
+        return round(self._pointer.x * width), round(self._pointer.y * height)
+
+    def _in_bar(self, at_px: tuple[int, int]) -> tuple[int, int] | None:
+        """A place of the window in px of the bar; None outside of it."""
+        if self._bar.surface is None or not self._bar_until_ns or self._menu_of is not None:
+            return None
+        y = at_px[1] - self._painter.size_px()[1] + self._bar.surface.get_height()
+        return (at_px[0], y) if y >= 0 else None
+
+    def _bar_event(self, event: pygame.Event) -> str:
+        """What a click or touch in the bar, or a move of its slider, means."""
+        at = self._at_px()
+        if event.type == pygame.MOUSEBUTTONUP:
+            self._bar.release()
+        elif event.type == pygame.MOUSEMOTION:
+            pygame.mouse.set_visible(True)
+            return self._bar.slide(at[0])
+        elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and (inside := self._in_bar(at)) is not None:
+            self._pointer = attrs.evolve(self._pointer, left=False)
+            return self._bar.press(*inside)
+        return ""
 
     def notices(self) -> list[DisplayNotice]:
         return []
@@ -303,7 +349,7 @@ class Window:
             lines = [self._hint]
         width_px, height_px = self._painter.size_px()
         scaled = width_px / self._window.size[0]
-        text_px = round(max(TEXT_PX, TEXT_SHARE * self._on.height) * scaled)
+        self._text_px = text_px = round(max(TEXT_PX, TEXT_SHARE * self._on.height) * scaled)
         room = width_px - 24, height_px - 24
         self._panel = panel(lines, self._inset, text_px, room) if lines else None
         size_px = round(MENU_SHARE * width_px), round(MENU_SHARE * height_px)

@@ -92,6 +92,7 @@ class LiveSession:
         self._session, self._cpus, self._nice, self._tell = session, cpus, nice, tell
         self._outcome: Outcome | None = None
         self._rollback = ConfigRollback()
+        self._told_busy = False
         self._quality = QualityControl(lambda name: cpus.get(name, ()))
         with contextlib.ExitStack() as steps:  # each step runs, even if another one raises
             self._memory = SessionMemory(session, state.config)
@@ -217,7 +218,10 @@ class LiveSession:
             level, lowest, why = state.level, len(state.levels) - 1, reason(step)
             self._server.publish("level", level=level.number, lowest=lowest, words=level.words, stage=step.stage, why=why)
             way = f"{'lowered' if step.stage else 'raised'} to {level.words} (level {level.number} of {lowest})"
-            self._log(f"quality {way if level.number else 'restored'}: {why}")
+            logger.info("quality %s: %s", way if level.number else "restored", why)
+            if level.number and not self._told_busy:
+                self._told_busy = True
+                self._log("busy computer: simpler picture for now (`lfpipe monitor` shows how and why)")
 
     def _end(self, outcome: Outcome) -> None:
         """Records the outcome; only the first one counts."""

@@ -25,13 +25,17 @@ def test_scenes_shown_before_are_there_to_choose_from(world: World, screen: Scre
     kept = world.root / "state" / "lfpipe" / "recent_scenes.json"
     kept.parent.mkdir(parents=True)
     kept.write_text(json.dumps([*map(str, recent), str(world.root / "gone")]))
+    settings = world.root / "settings" / "lfpipe" / "config.toml"
     process = world.start()
     world.wait_for(lambda: outline(f"lfpipe: {NAME} (h shows the keys, g tests your glasses)", screen.name), "window")
+    subprocess.run(["xdotool", "key", "Left", "Return"], check=True, env=world.env)  # no glasses
+    world.wait_for(lambda: settings.exists() and "mono" in settings.read_text(), "an answer")
     face = world.wait_for(lambda: _skin(screen), "what the camera sees")
     assert face > 200
     subprocess.run(["xdotool", "key", "Right", "Right", "Return"], check=True, env=world.env)
     world.wait_for(lambda: outline("lfpipe: shown before 2", screen.name), "the scene that was chosen")
-    assert json.loads(kept.read_text())[:2] == [str(recent[1]), str(recent[0])]
+    newest_first = [str(recent[1]), str(recent[0])]
+    world.wait_for(lambda: json.loads(kept.read_text())[:2] == newest_first, "the list of recent scenes")
     subprocess.run(["xdotool", "key", "q"], check=True, env=world.env)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "no camera found" in err
