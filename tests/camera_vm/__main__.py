@@ -9,18 +9,15 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import platformdirs
 
 from tests.camera_vm import machine
-from tests.camera_vm.asleep import MARK
 
 SHORT = (  # what .ci/run runs
     "every_format or gives_way or both_kinds or damaged or fatal or STREAMON or unplugged_and or appears_later or fits_a_screen"
 )
 COVERED = "lfpipe/capture/*"
-NO_TESTS = 5  # pytest's
 
 
 def main() -> int:
@@ -43,9 +40,7 @@ def main() -> int:
         if not arguments.short:
             words[1:2] = ["-m", "coverage", "run", f"--include={COVERED}", "-m"]
         command = " ".join([*(f"{name}={value}" for name, value in env.items()), shlex.join(words)])
-        whole = not arguments.short and (not arguments.k or "asleep" in arguments.k)
-        last = f"{sys.executable} -m tests.camera_vm.asleep" if whole else ""
-        result = machine.run(kernel, command, out, arguments.limit or (170 if arguments.short else 900), last)
+        result = machine.run(kernel, command, out, arguments.limit or (170 if arguments.short else 900))
     except machine.UnavailableError as error:
         print(f"camera tests in a virtual machine: not run: {error}")
         return 0 if arguments.optional else 3
@@ -54,23 +49,10 @@ def main() -> int:
         covered = _coverage(out)
         shutil.rmtree(out, ignore_errors=True)
     print(result.output)
-    slept = _slept(result.console) if whole else None
-    if slept is not None:
-        report.append(json.dumps({"fault": f"all devices suspended for {slept['away_s']:.0f} s", **slept}) + "\n")
     _table("".join(report))
     print(covered)
     print(f"kernel {kernel.version}, {result.accelerator}, {result.seconds:.0f} s, exit code {result.code}")
-    if whole and (slept is None or slept["seconds"] > 10):
-        print(f"the machine slept, and the camera did not come back: {slept}\n{result.console[-2000:]}")
-        return 1
-    return 0 if result.code == NO_TESTS and arguments.k == "asleep" else result.code
-
-
-def _slept(console: str) -> dict[str, Any] | None:
-    """What `asleep` measured."""
-    line = next((line for line in console.splitlines() if line.startswith(MARK) and "away_s" in line), None)
-    found: dict[str, Any] | None = json.loads(line.removeprefix(MARK)) if line else None
-    return found
+    return result.code
 
 
 def _coverage(out: Path) -> str:

@@ -1,18 +1,14 @@
-"""The guest's drivers: vivid with its injected faults, v4l2loopback with a program that feeds it."""
+"""The guest's drivers: vivid with its injected faults, and what a fault costs."""
 
-import contextlib
 import json
-import os
 import subprocess
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import attrs
 import numpy as np
 
-from lfpipe.capture import v4l2_abi as abi
 from lfpipe.capture.frame_source import Frame
 from lfpipe.capture.reconnecting_camera import CameraLost, ReconnectingCamera
 from lfpipe.capture.v4l2_device import V4L2Device
@@ -120,45 +116,3 @@ def record(fault: str, cost: Cost) -> None:
     """For the table in profiling/results/camera.md."""
     with COSTS.open("a") as file:
         file.write(json.dumps({"fault": fault, **attrs.asdict(cost)}) + "\n")
-
-
-class Feeder:
-    """Writes frames to a v4l2loopback device at a rate, until it is closed."""
-
-    def __init__(self, path: Path, fourcc: str, size: tuple[int, int], rate_hz: float = 10.0) -> None:
-        self._device = V4L2Device(path)
-        message = abi.Format(type=abi.VIDEO_OUTPUT)
-        pix = message.fmt.pix
-        pix.width, pix.height, pix.pixelformat, pix.field = *size, abi.fourcc_code(fourcc), abi.FIELD_NONE
-        pix.sizeimage = size[0] * size[1] * 3
-        self._device.ioctl(abi.S_FMT, message)
-        self.frame, self._rate_hz, self._ended = b"", rate_hz, False
-        self._thread = threading.Thread(target=self._run, daemon=True)
-
-    def start(self, frame: bytes) -> None:
-        self.frame = frame
-        self._thread.start()
-
-    def _run(self) -> None:
-        while not self._ended:
-            with contextlib.suppress(BlockingIOError):
-                os.write(self._device.fd, self.frame)
-            time.sleep(1 / self._rate_hz)
-
-    def close(self) -> None:
-        self._ended = True
-        self._thread.join(5)
-        self._device.close()
-
-
-@contextlib.contextmanager
-def loopback(fourcc: str, size: tuple[int, int], number: int = 8) -> Iterator[tuple[Path, Feeder]]:
-    """A v4l2loopback camera and its feeder."""
-    load("v4l2loopback", f"video_nr={number}", "card_label=Feeder", "exclusive_caps=0")
-    path = Path(f"/dev/video{number}")
-    feeder = Feeder(path, fourcc, size)
-    try:
-        yield path, feeder
-    finally:
-        feeder.close()
-        unload("v4l2loopback")

@@ -15,8 +15,8 @@ PACKAGES = ("qemu-system-x86", "kmod", "busybox-static", "cpio", "v4l-utils")
 TOOLS = ("qemu-system-x86_64", "modprobe", "depmod", "busybox", "cpio", "v4l2-ctl", "dpkg-deb", "apt-get")
 BOOT_MODULES = ("virtio_pci", "9p", "9pnet_virtio", "overlay")
 CAMERA_MODULES = ("vivid", "vhci-hcd", "uvcvideo")
-KVM_BOOT_S, TCG_BOOT_S, LAST_S = 10.0, 90.0, 90.0
-KERNEL_WORDS = "console=ttyS0 loglevel=4 panic=-1 no_console_suspend"
+KVM_BOOT_S, TCG_BOOT_S = 10.0, 90.0
+KERNEL_WORDS = "console=ttyS0 loglevel=4 panic=-1"
 BOOTED = "LFPIPE-GUEST-UP"  # printed by the guest's init
 
 INIT = """#!/bin/busybox sh
@@ -42,7 +42,6 @@ ip link set lo up 2>/dev/null || busybox ip link set lo up
 ( {command} ) > /guest/output 2>&1
 echo $? > /guest/code
 sync
-{last}
 echo o > /proc/sysrq-trigger
 sleep 60
 """
@@ -96,33 +95,6 @@ def _kernel_package() -> str:
     raise UnavailableError("apt knows no linux-image-amd64: not a Debian with a kernel for this processor")
 
 
-def _build_loopback(cache: Path, version: str) -> Path | None:
-    """Builds v4l2loopback against the kernel's headers, once; None if that fails: its tests then skip."""
-    module = cache / f"v4l2loopback-{version}.ko"
-    if module.exists():
-        return module
-    folder = cache / "loopback"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    try:
-        headers = f"linux-headers-{version}"
-        needed = (line.partition("Depends: ")[2] for line in _call("apt-cache", "depends", headers).splitlines())
-        wanted = [name for name in needed if name.startswith("linux-") and "compiler" not in name]
-        _call("apt-get", "download", "v4l2loopback-dkms", headers, *wanted, cwd=folder)
-        for archive in folder.glob("*.deb"):
-            _call("dpkg-deb", "-x", archive, folder)
-        sources = folder / "usr" / "src"
-        for name in ("Makefile", ".kernelvariables"):  # they name the common headers by their path
-            file = sources / headers / name
-            file.write_text(file.read_text().replace("/usr/src", str(sources)))
-        loopback = next(sources.glob("v4l2loopback-*"))
-        _call("make", "-s", "-C", sources / headers, f"M={loopback}", "modules")
-        shutil.copy(loopback / "v4l2loopback.ko", module)
-    except (UnavailableError, OSError, StopIteration):
-        return None
-    return module
-
-
 def prepare(cache: Path) -> Kernel:
     """Downloads the kernel into cache, once, and packs the initial file system. Raises UnavailableError."""
     package = _kernel_package()
@@ -150,8 +122,6 @@ def prepare(cache: Path) -> Kernel:
                     listed.append(source.name)
                     shutil.copy(source, modules / source.name)
         (modules / name).write_text("".join(f"{each}\n" for each in listed))
-    if (extra := _build_loopback(cache, version)) is not None:
-        shutil.copy(extra, modules / "v4l2loopback.ko")
     init = root / "init"
     init.write_text(INIT.format(booted=BOOTED))
     init.chmod(0o755)
@@ -176,26 +146,17 @@ def _qemu(kernel: Kernel, out: Path, accelerator: str) -> list[str]:
     return [
         *("qemu-system-x86_64", "-accel", accelerator, "-cpu", "host" if accelerator == "kvm" else "max"),
         *("-smp", "2", "-m", "4G", "-nographic", "-no-reboot", "-monitor", f"unix:{out}/monitor,server=on,wait=off"),
-        *(
-            "-kernel",
-            str(kernel.image),
-            "-initrd",
-            str(kernel.initrd),
-            "-append",
-            KERNEL_WORDS,
-        ),
+        *("-kernel", str(kernel.image), "-initrd", str(kernel.initrd), "-append", KERNEL_WORDS),
         *("-virtfs", f"local,path=/,mount_tag=root,readonly=on,{share}", "-virtfs", f"local,path={out},mount_tag=out,{share}"),
     ]
 
 
-def run(kernel: Kernel, command: str, out: Path, limit_s: float, last: str = "") -> Result:
+def run(kernel: Kernel, command: str, out: Path, limit_s: float) -> Result:
     """Runs command in the guest, in this folder; out is its /guest. Ends the machine after limit_s, whatever happens.
-
-    last: run after the result is stored, for LAST_S at most; it may end the machine.
 
     Raises UnavailableError if the guest does not boot, or does not finish in time.
     """
-    start = START.format(path=os.environ["PATH"], checkout=Path.cwd(), command=command, last=last)
+    start = START.format(path=os.environ["PATH"], checkout=Path.cwd(), command=command)
     (out / "start").write_text(start)
     accelerators = ["kvm", "tcg"] if os.access("/dev/kvm", os.W_OK) and not os.environ.get("LFPIPE_VM_TCG") else ["tcg"]
     for accelerator in accelerators:
@@ -212,8 +173,6 @@ def run(kernel: Kernel, command: str, out: Path, limit_s: float, last: str = "")
             while process.poll() is None and time.monotonic() < until:
                 if not booted and BOOTED in console.read_text(errors="replace"):
                     booted, until = True, began + limit_s
-                if last and (out / "code").exists():
-                    last, until = "", time.monotonic() + LAST_S
                 time.sleep(0.2)
         finally:
             with contextlib.suppress(ProcessLookupError):

@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -14,7 +13,6 @@ from lfpipe.capture.camera import CameraSource, check_camera, open_camera
 from lfpipe.capture.camera_list import asking, cameras
 from lfpipe.capture.frame_source import Frame
 from lfpipe.capture.pixel_formats import DECODED
-from lfpipe.errors import UserError
 from lfpipe.transport.stamp_kind import StampKind
 from tests.camera_vm import driver
 
@@ -22,7 +20,6 @@ pytestmark = pytest.mark.camera_vm
 SMALL = {"width_px": 320, "height_px": 180, "rate_hz": 10.0}
 GREYS = ("GREY", "Y10", "Y12", "Y16")
 MODULES = Path("/run/modules")
-needs_loopback = pytest.mark.skipif(not (MODULES / "v4l2loopback.ko").exists(), reason="v4l2loopback could not be built")
 
 
 def frames(source: CameraSource, count: int) -> tuple[np.ndarray, list[Frame]]:
@@ -56,34 +53,6 @@ def test_a_format_that_cannot_be_decoded_gives_way(vivid: Path) -> None:
     source = open_camera(vivid, config.Camera(format="HSV3", **SMALL))  # type: ignore[arg-type]
     assert any("HSV3 requested" in note for note in source.info.notes)
     assert len(frames(source, 2)[1]) == 2
-
-
-@needs_loopback
-def test_a_camera_of_such_formats_only_is_refused() -> None:
-    with driver.loopback("H264", (320, 180)) as (path, feeder):
-        feeder.start(bytes(1000))
-        with pytest.raises(UserError, match="H264") as told:
-            check_camera(path, config.Camera(**SMALL))
-        assert "YUYV" in told.value.remedy
-
-
-@needs_loopback
-def test_jpegs_arrive_as_sent_and_may_change_their_size() -> None:
-    pictures = [np.full((180, 320, 3), 90, np.uint8), np.full((90, 160, 3), 200, np.uint8)]
-    jpegs = [cv2.imencode(".jpg", picture)[1].tobytes() for picture in pictures]
-    with driver.loopback("MJPG", (320, 180)) as (path, feeder):
-        feeder.start(jpegs[0])
-        source = open_camera(path, config.Camera(**SMALL))
-        assert source.info.jpeg
-        out = np.zeros((180, 320, 3), np.uint8)
-        frame = source.read(out)
-        assert frame is not None and frame.packet is not None and frame.packet.tobytes() == jpegs[0]
-        feeder.frame = jpegs[1]
-        for _ in range(8):
-            frame = source.read(out)
-        assert frame is not None and frame.packet is None, "a recording holds one size"
-        assert abs(int(out.mean()) - 200) < 3
-        source.close()
 
 
 def test_rounded_sizes_and_rates_are_noted(vivid: Path) -> None:
