@@ -10,7 +10,7 @@ acceleration would have added.
 import math
 from collections import deque
 
-FRAME_S = 0.05  # horizon without a loop: age of the frame, half a refresh and half a camera period
+FRAME_S = 0.07  # horizon without a loop: age of the frame, a camera period, half a refresh; the best of 0.05 to 0.1 on real heads
 SMOOTH_S = 0.03  # of the acceleration: about one frame of a webcam
 MEMORY_S = 10.0
 MOST_GAINED = 2.0  # by one line, times what it adds; more is a glitch of the landmarks

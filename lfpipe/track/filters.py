@@ -1,7 +1,7 @@
 """The filters by their names in the configuration, with their constants.
 
 Constants of the default were chosen on videos of heads and on sequences of known motion, by the rule in
-profiling/results/eyes.md, and checked on others (`profiling/eyes_tracks.py`, `profiling/eyes_heldout.py`). All are in distances
+profiling/results/eyes.md, and checked on others (`profiling/eyes_tracks.py`). All are in distances
 between the eyes and in seconds, so they are valid for any camera, picture size and viewer distance.
 """
 
