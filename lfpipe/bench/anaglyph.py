@@ -1,4 +1,4 @@
-"""Subject: anaglyph encodings through simulated glasses. Fused colour, rivalry, ghosts, and time compared with a copy."""
+"""Subject: anaglyph encodings through simulated glasses. Fused colour, rivalry, ghosts, and time."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.colour_metric import GREEN_MAGENTA, RED_CYAN, fused_error, ghost, rivalry
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Candidate, Chart, Figure, Prepared, Samples, Skipped, Subject
-from lfpipe.bench.timing import time_figures, times_ms
+from lfpipe.bench.results import Candidate, Chart, Figure, Prepared, Samples, Skipped, Subject, time_figures, times_ms
 from lfpipe.config import Render
-from lfpipe.render.anaglyph import MATRICES, Mixer, decoded, encode, encoded, recipe
+from lfpipe.render.anaglyph import MATRICES, Mixer, encode, recipe
 from lfpipe.scene.lightfield import LightField
 
 SIDE_PX = 1024
@@ -24,34 +23,6 @@ def view_bgr(field: LightField, row: int, col: int) -> NDArray[np.uint8]:
     """A stored view, uint8 (height, width, 3) BGR."""
     view = np.asarray(field.views)[0, row, col]
     return np.ascontiguousarray(np.broadcast_to(view[::-1], (3, *view.shape[1:])).transpose(1, 2, 0))
-
-
-def exact(picture: NDArray[np.uint8], name: str, light: str) -> NDArray[np.float64]:
-    """The published matrix in floating point, the same picture for both eyes: BGR code values."""
-    matrix = np.array(MATRICES[name]).sum(axis=1)
-    linear = light == "linear" and name.startswith("dubois")
-    rgb = picture[..., ::-1] / 255
-    mixed = np.clip((decoded(rgb) if linear else rgb) @ matrix.T, 0, 1)
-    value: NDArray[np.float64] = (encoded(mixed) if linear else mixed)[..., ::-1] * 255
-    return value
-
-
-class Mixing:
-    """Mixes planes of SIDE_PX x SIDE_PX: `mix()` draws one picture, `copy()` copies its bytes."""
-
-    def __init__(self, name: str, light: str, ghost_compensation: float = 0.0) -> None:
-        how = recipe(name, light, ghost_compensation)
-        self._mixer, side = Mixer(how, SIDE_PX, SIDE_PX), (SIDE_PX, SIDE_PX)
-        rng = np.random.default_rng(0)
-        planes = [cv2.GaussianBlur(rng.integers(0, 256, side, dtype=np.uint8), (0, 0), 5) for _ in how.planes]
-        self._planes = [np.asarray(plane, np.uint8) for plane in planes]
-        self._out, self._other = np.zeros((*side, 3), np.uint8), np.zeros((*side, 3), np.uint8)
-
-    def mix(self) -> None:
-        self._mixer.mix(self._planes, self._out)
-
-    def copy(self) -> None:
-        np.copyto(self._other, self._out)
 
 
 def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
@@ -79,24 +50,20 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
 def _prepare(views: list[NDArray[np.uint8]], name: str, light: str, share: float) -> Prepared:
     how = recipe(name, light, share)
     glasses = GREEN_MAGENTA if name == "dubois-green-magenta" else RED_CYAN
-    mixing = Mixing(name, light, share)
+    rng, side = np.random.default_rng(0), (SIDE_PX, SIDE_PX)
+    noise = (cv2.GaussianBlur(rng.integers(0, 256, side, dtype=np.uint8), (0, 0), 5) for _ in how.planes)
+    mixer, planes, out = Mixer(how, *side), [np.asarray(plane, np.uint8) for plane in noise], np.zeros((*side, 3), np.uint8)
 
     def errors() -> Samples:
         mixed = [encode(view, view, how) for view in views]
-        samples: Samples = {
+        return {
             "fused": [fused_error(view, out, glasses) for view, out in zip(views, mixed, strict=True)],
             "rivalry": [round(rivalry(out, glasses), 9) for out in mixed],
             "ghost": [100 * max(abs(leak) for leak in ghost(lambda a, b: encode(a, b, how), 0.5, glasses))],
         }
-        if not share:
-            wrong = [np.abs(out - exact(view, name, light)) for view, out in zip(views, mixed, strict=True)]
-            samples["table_error"] = [float(part.mean()) for part in wrong]
-        return samples
 
     def turn() -> dict[str, float]:
-        copy_ms = float(np.median(times_ms(mixing.copy, TURN_PICTURES))) / MEGAPIXELS
-        figures = time_figures(times_ms(mixing.mix, TURN_PICTURES), "ms_mp", 1 / MEGAPIXELS)
-        return figures | {"copy_ms_mp": copy_ms, "copies": figures["time_ms_mp"] / copy_ms}
+        return time_figures(times_ms(lambda: mixer.mix(planes, out), TURN_PICTURES), "ms_mp", 1 / MEGAPIXELS)
 
     return Prepared(errors, turn)
 
@@ -105,16 +72,13 @@ SUBJECT = Subject(
     "anaglyph",
     "Anaglyph encodings",
     "What both eyes see through simulated glasses, for views of the scene: error of the fused colour, difference in lightness"
-    " between the eyes, and the other eye's light on mid grey. The time per megapixel is compared with a copy of its bytes.",
+    " between the eyes, and the other eye's light on mid grey.",
     (
         Figure("fused", "error of the fused colour", "CIELAB", "mean"),
         Figure("rivalry", "rivalry between the eyes", "L*", "mean"),
         Figure("ghost", "ghost of the other eye on grey", "% of its light", "max"),
-        Figure("table_error", "error of the tables against the exact matrix", "levels", "mean"),
         Figure("time_ms_mp", "time per megapixel, p50", "ms"),
         Figure("time_p95_ms_mp", "time per megapixel, p95", "ms"),
-        Figure("copy_ms_mp", "a copy of the same bytes", "ms"),
-        Figure("copies", "time over the time of a copy", "x"),
     ),
     tuple(
         Chart(f"anaglyph-{name}", f"{title} against time", "time_ms_mp", y)

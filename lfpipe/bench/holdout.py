@@ -4,14 +4,13 @@ import itertools
 from collections.abc import Callable, Sequence
 
 import attrs
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.render.synthesis import Synthesiser
 from lfpipe.render.view_weights import Position
 from lfpipe.scene.disparity import estimate_disparity, quantised, scale_for
-from lfpipe.scene.lightfield import UNKNOWN, LightField
+from lfpipe.scene.lightfield import LightField
 
 
 def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> LightField:
@@ -41,18 +40,6 @@ def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> Li
         disparity_min_px=low,
         disparity_max_px=high,
     )
-
-
-def with_coarser_disparity(field: LightField, factor: int) -> LightField:
-    """field with its disparity maps at 1/factor of their resolution."""
-    if field.disparity is None or factor == 1:
-        return field
-    stored = np.where(np.asarray(field.disparity) == UNKNOWN, 0, field.disparity)
-    size = max(1, stored.shape[4] // factor), max(1, stored.shape[3] // factor)
-    shrunk = [
-        cv2.resize(map_.astype(np.float32), size, interpolation=cv2.INTER_AREA) for map_ in stored.reshape(-1, *stored.shape[3:])
-    ]
-    return attrs.evolve(field, disparity=np.rint(shrunk).astype(np.int8).reshape(*stored.shape[:3], size[1], size[0]))
 
 
 class ViewRenderer:

@@ -270,6 +270,22 @@ def front(points: Sequence[tuple[float, float, float, float]]) -> list[int]:
     return sorted(kept, key=lambda k: points[k])
 
 
+def times_ms(call: Callable[[], object], count: int) -> list[float]:
+    """Time of each of count calls, in ms."""
+    times = []
+    for _ in range(count):
+        start = time.perf_counter_ns()
+        call()
+        times.append((time.perf_counter_ns() - start) / 1e6)
+    return times
+
+
+def time_figures(times: Sequence[float], unit: str = "ms", scale: float = 1.0) -> dict[str, float]:
+    """The figures time_UNIT (median) and time_p95_UNIT of times, multiplied by scale."""
+    p50, p95 = np.percentile(times, (50, 95)) * scale
+    return {f"time_{unit}": float(p50), f"time_p95_{unit}": float(p95)}
+
+
 def write(results: dict[str, SubjectResults], folder: Path) -> None:
     """Replaces results.json. Raises UserError if the folder cannot be written."""
     content = {"format": FORMAT, "subjects": {name: attrs.asdict(found) for name, found in results.items()}}

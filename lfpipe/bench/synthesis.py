@@ -6,17 +6,16 @@ from functools import cache, partial
 
 import numpy as np
 
-from lfpipe.bench.holdout import ViewRenderer, subsample, viewpoint_walk, with_coarser_disparity
+from lfpipe.bench.holdout import ViewRenderer, subsample, viewpoint_walk
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Candidate, Chart, Choice, Figure, Prepared, Samples, Skipped, Subject
-from lfpipe.bench.timing import time_figures, times_ms
+from lfpipe.bench.results import Candidate, Chart, Choice, Figure, Prepared, Samples, Skipped, Subject, time_figures, times_ms
 from lfpipe.config import Render
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.scoring import psnr_db
 from lfpipe.scene.lightfield import LightField
 
-STRIDES, COARSER = (2, 4), (1, 2, 4)
+STRIDES = (2, 4)
 SWEEP_STEP, MAX_VIEWS = 0.05, (10, 40)
 TURN_PICTURES, APART = 15, 23  # pictures per turn, and steps of the walk between two of them
 
@@ -28,7 +27,7 @@ def every(count: int, stride: int) -> list[int]:
 
 
 def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
-    """Methods x stride of the kept views x resolution of the disparity."""
+    """Methods x stride of the kept views."""
     field = inputs.field
     if field.rows * field.cols == 1:
         yield Skipped("synthesis", "one view: there is nothing between")
@@ -45,39 +44,18 @@ def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
     if min(field.rows, field.cols) == 1:
         yield Skipped("viewpoints off the line", "one line of views: all left-out views lie on it")
     parts = {stride: cache(partial(_part, field, stride)) for stride in strides}  # methods share the kept views
-    middle = cache(partial(_middle, field))
     for method, stride in itertools.product(methods, strides):
-        warps = method in WARPS
-        for factor in COARSER if warps else (1,):
-            knob = f"every {stride}{'nd' if stride == 2 else 'th'} view" + (f", disparity 1/{factor}" if factor > 1 else "")
-            paper = method == "nearest" and stride == strides[0]
-            used = method == field.method and (stride, factor) == (strides[0], 1)
-            outside = middle if stride == strides[0] and factor == 1 else None
-            prepare = partial(_prepare, inputs, method, stride, factor, parts[stride], outside)
-            yield Candidate(method, knob, prepare, paper, used, f"every {stride}" if warps else "")
+        knob = f"every {stride}{'nd' if stride == 2 else 'th'} view"
+        paper, used = (method == name and stride == strides[0] for name in ("nearest", field.method))
+        yield Candidate(method, knob, partial(_prepare, inputs, method, stride, parts[stride]), paper, used)
 
 
 def _part(field: LightField, stride: int) -> LightField:
     return subsample(field, every(field.rows, stride), every(field.cols, stride))
 
 
-def _middle(field: LightField) -> LightField | None:
-    """The middle three columns (and rows) as a separate field; None if no view is outside them."""
-    if field.cols < 5 or field.disparity is None or 1 < field.rows < 5:
-        return None
-    rows, cols = ([0] if n == 1 else list(range(n // 2 - 1, n // 2 + 2)) for n in (field.rows, field.cols))
-    return subsample(field, rows, cols)
-
-
-def _prepare(
-    inputs: Inputs,
-    method: str,
-    stride: int,
-    factor: int,
-    kept: Callable[[], LightField],
-    middle: Callable[[], LightField | None] | None,
-) -> Prepared:
-    field, part = inputs.field, with_coarser_disparity(kept(), factor)
+def _prepare(inputs: Inputs, method: str, stride: int, kept: Callable[[], LightField]) -> Prepared:
+    field, part = inputs.field, kept()
     renderer, whole = ViewRenderer(part, method), np.asarray(field.views)[0]
     compositor = Compositor(part, Render(method=method, anaglyph="colour"))  # type: ignore[arg-type]
     step = viewpoint_walk(part)
@@ -90,9 +68,6 @@ def _prepare(
             samples["rmse"].append(square**0.5)
             samples["psnr_db"].append(psnr_db(square))
         samples["jump"] = [_jump(part, renderer)]
-        centre = middle() if middle else None
-        if centre is not None:
-            samples["outside_rmse"] = _outside(field, centre, method)
         return samples
 
     def turn() -> dict[str, float]:
@@ -123,16 +98,6 @@ def _jump(part: LightField, renderer: ViewRenderer) -> float:
     return max(steps) / max(float(np.mean(steps)), 1e-9)
 
 
-def _outside(field: LightField, centre: LightField, method: str) -> list[float]:
-    """RMSE of the views one step outside the middle ones."""
-    renderer, row, middle = ViewRenderer(centre, method), field.rows // 2, field.cols // 2
-    wrong = [
-        renderer.at((float((centre.rows - 1) // 2), 1.0 + away)) - np.asarray(field.views)[0, row, middle + away]
-        for away in (-2, 2)
-    ]
-    return [float(np.mean(difference**2)) ** 0.5 for difference in wrong]
-
-
 SUBJECT = Subject(
     "synthesis",
     "Views between the stored ones",
@@ -142,14 +107,12 @@ SUBJECT = Subject(
         Figure("rmse", "error on left-out views, RMSE", "levels", "rms"),
         Figure("psnr_db", "PSNR on left-out views", "dB", "mean"),
         Figure("jump", "largest over mean step of a sweep", "", "max"),
-        Figure("outside_rmse", "error one view outside the grid, RMSE", "levels", "rms"),
         Figure("time_ms", "time per picture, p50", "ms"),
         Figure("time_p95_ms", "time per picture, p95", "ms"),
     ),
     (
         Chart("synthesis", "Error on left-out views against time", "time_ms", "rmse"),
         Chart("synthesis-continuity", "Jumps while moving against time", "time_ms", "jump"),
-        Chart("synthesis-outside", "Error one view outside the grid against time", "time_ms", "outside_rmse"),
     ),
     candidates,
     paper="nearest stored view",
