@@ -58,6 +58,30 @@ def focal_stack(count: int) -> np.ndarray:
     return out
 
 
+def zoomed(view: np.ndarray, by: float) -> np.ndarray:
+    height, width = view.shape[:2]
+    turn = cv2.getRotationMatrix2D((width / 2, height / 2), 0, by)
+    return np.asarray(cv2.warpAffine(view, turn, (width, height), borderMode=cv2.BORDER_REFLECT))
+
+
+def breathing(count: int, step: float) -> np.ndarray:
+    """A focal stack whose pictures also differ in size, as most lenses make them."""
+    return np.stack([zoomed(view, 1 + step * (k - count // 2)) for k, view in enumerate(focal_stack(count)[0])])[None]
+
+
+def refocused(slopes: np.ndarray) -> np.ndarray:
+    """A light field refocused at several depths."""
+    grid = made.views(9, 9, 144, 192, 2.0, -2.0)[..., 1].astype(np.float32)
+    out = [
+        sum(np.roll(grid[r, c], (round(s * (r - 4)), round(s * (c - 4))), (0, 1)) for r, c in np.ndindex(9, 9)) for s in slopes
+    ]
+    return np.stack([np.asarray(total / 81, np.uint8) for total in out])[None]
+
+
+def turned(view: np.ndarray, degrees: float) -> np.ndarray:
+    return np.asarray(cv2.warpAffine(view, cv2.getRotationMatrix2D((80, 60), degrees, 1), (160, 120)))
+
+
 def quilt_row(seed: int) -> np.ndarray:
     """Three views of a scene of its own, side by side."""
     wide = made.texture(60, 100, seed)[..., 1]
@@ -75,6 +99,12 @@ NO_LIGHT_FIELDS = {
     "focal stack": focal_stack(9),
     "focal stack as a grid": focal_stack(9).reshape(3, 3, 160, 220),
     "bracket": np.stack([np.clip(UNRELATED[0] * gain, 0, 255).astype(np.uint8) for gain in (0.3, 0.5, 1, 2, 3)])[None],
+    "focal stack that breathes": breathing(9, 0.01),
+    "focal stack that hardly breathes": breathing(9, 0.004),
+    "zoom": np.stack([zoomed(UNRELATED[0], 1.05**k) for k in range(8)])[None],
+    "turned": np.stack([turned(UNRELATED[0], 15 * k) for k in range(8)])[None],
+    "refocused": refocused(np.linspace(-3, 3, 7)),
+    "refocused, breathing": np.stack([zoomed(v, 1 + 0.01 * k) for k, v in enumerate(refocused(np.linspace(-3, 3, 7))[0])])[None],
     "one picture cut up": made.texture(480, 640, 3)[..., 1].reshape(4, 120, 4, 160).swapaxes(1, 2),
     "quilts": np.stack([quilt_row(seed) for seed in range(0, 60, 10)])[None],
 }
@@ -160,7 +190,7 @@ def test_force_opens_what_was_refused(tmp_path: Path) -> None:
     scene = config.Scene(cache_dir=str(tmp_path / "cache"))
     with pytest.raises(UserError, match="do not fit together") as caught:
         pack_scene(tmp_path / "s", scene)
-    assert "--force" in caught.value.remedy
+    assert "scene.force" in caught.value.remedy
     assert list((tmp_path / "cache" / "scenes").iterdir()) == []
     forced = pack_scene(tmp_path / "s", attrs.evolve(scene, force=True))
     assert (forced.rows, forced.cols) == (3, 3)

@@ -116,7 +116,7 @@ def test_an_anaglyph_is_refused_with_the_reason(tmp_path: Path) -> None:
     made.write(tmp_path / "x.png", np.dstack([LEFT[..., 0], RIGHT[..., 0], RIGHT[..., 0]]))
     with pytest.raises(UserError, match="anaglyph") as caught:
         layouts.describe(tmp_path / "x.png", AUTO)
-    assert "--force" in caught.value.remedy
+    assert "scene.force" in caught.value.remedy
     assert layouts.describe(tmp_path / "x.png", config.Scene(force=True)).rows == 1
 
 

@@ -150,7 +150,7 @@ def _chosen(known: dict[str, Layout], marks: list[tuple[int, Layout]], listing: 
         if not scene.force:
             raise UserError(
                 f"{path}: a raw picture of a plenoptic camera, a honeycomb of lenslets",
-                "decode it with PlenoptiCam or LFToolbox and give the folder of its views; --force shows it flat",
+                "decode it with PlenoptiCam or LFToolbox and give the folder of its views; --set scene.force=true shows it flat",
             )
         layout = known["picture"]
     return layout.describe(listing, scene)

@@ -51,7 +51,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     if not scene.force and is_anaglyph(picture):
         raise UserError(
             f"{path}: a red/cyan anaglyph: each eye's picture has lost its other colours, so they cannot be shown apart",
-            "give the stereo pair that it was made of; --force shows it flat",
+            "give the stereo pair that it was made of; --set scene.force=true shows it flat",
         )
     others = [name for name in listing.pictures() if name != path.name]
     notes = tuple(f"{name} is the same picture" for name in others)
