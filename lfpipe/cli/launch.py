@@ -154,7 +154,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     halved = ("render.rate_hz=30",) if no_screen else ()  # lossless video is large
     config = config_module.load(arguments.config_file, (*halved, *arguments.sets))
     out = Path("lfpipe-demo")
-    display = arguments.display or (f"file:{out / 'demo.mkv'}" if no_screen else "fullscreen" if arguments.kiosk else "window")
+    display = arguments.display or (f"file:{out / _demo_video()}" if no_screen else "fullscreen" if arguments.kiosk else "window")
     check_exhibition(arguments.kiosk, arguments.visits is not None, display)
     if no_screen:
         try:
@@ -216,6 +216,18 @@ def _is_first_start(arguments: UpArguments, display: str) -> bool:
     from lfpipe.config.user_settings import has_key
 
     return not has_key(config_module.user_file(), "render", "anaglyph")
+
+
+def _demo_video() -> str:
+    """The name of the demo's video: small and playable anywhere if there is an encoder for that."""
+    from lfpipe.files.h264 import encoder_name
+
+    try:
+        encoder_name()
+    except UserError as error:
+        say(f"the demo's video is lossless and large: {error.message}; {error.remedy}")
+        return "demo.mkv"
+    return "demo.mp4"
 
 
 def _with_engine(config: Config) -> Config:

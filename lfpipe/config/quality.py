@@ -50,19 +50,19 @@ def ladder(config: Config, options: SessionOptions) -> tuple[QualityLevel, ...]:
     if scene is None:
         return (QualityLevel(0, "", config.render.method, config.render.nominal_hz, 1, "full"),)
     method = drawn_with(config.render.method, scene.method, scene.has_disparity, scene.scores)
-    steps: list[tuple[str, str, Any]] = [("render", "method", name) for name in METHODS[METHODS.index(method) + 1 :]]
+    steps: list[tuple[str, str, Any]] = [("pictures", "method", name) for name in METHODS[METHODS.index(method) + 1 :]]
     if not may_fade(scene.disparity_min_px, scene.disparity_max_px):
         steps = [step for step in steps if step[2] != "blend"]
     if config.render.clock == "display" or not options.tracking:
         rate_hz = config.render.nominal_hz / 2
         while rate_hz >= LEAST_HZ:
-            steps.append(("render", "rate_hz", rate_hz))
+            steps.append(("pictures", "rate_hz", rate_hz))
             rate_hz /= 2
         if options.tracking:
-            steps.append(("track", "every", 2))
+            steps.append(("eyes", "every", 2))
     made = [QualityLevel(0, "", method, config.render.nominal_hz, 1, "full")]
-    for stage, what, value in steps:
-        made.append(attrs.evolve(made[-1], number=len(made), stage=stage, **{what: value}))
+    for work, what, value in steps:
+        made.append(attrs.evolve(made[-1], number=len(made), work=work, **{what: value}))
     return tuple(attrs.evolve(level, words=_words(level, made[0])) for level in made)
 
 

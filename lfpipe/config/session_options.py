@@ -66,11 +66,11 @@ class SceneSummary:
 
 @attrs.frozen
 class QualityLevel:
-    """One level of quality. number: 0 for full quality. stage: the one whose work it reduces, "" for level 0. method: how views
-    are made. rate_hz: of the display's clock. every: n, one frame in n is tracked. words: for people."""
+    """One level of quality. number: 0 for full quality. work: what it makes less of, "pictures" or "eyes", "" for level 0.
+    method: how views are made. rate_hz: of the display's clock. every: n, one frame in n is tracked. words: for people."""
 
     number: int
-    stage: str
+    work: str
     method: str
     rate_hz: float
     every: int

@@ -42,11 +42,12 @@ class H264Writer:
     """
 
     def __init__(self, path: Path, size_px: tuple[int, int], rate_hz: float, survives: bool = True) -> None:
-        """size_px: (width, height). survives: write fragments; else the index ("moov") comes first in the finished file, as web
-        pages and some players expect, and a file whose writer was killed cannot be read."""
+        """size_px: (width, height). The index ("moov") comes first in the finished file, as web pages and some players expect.
+        survives: write fragments, so that a file whose writer was killed can be read, and move the index at the end."""
         from av import open as open_container
 
         name, make = encoder_name(), cast(Any, open_container)  # its stubs cover every kind of stream
+        self._path, self._survives = path, survives
         self._file = path.open("wb")
         try:
             where = self._file if survives else f"file:{path}"  # FFmpeg reads the file again to move its index
@@ -78,13 +79,37 @@ class H264Writer:
         self._container.mux(self._stream.encode(frame))
 
     def release(self) -> None:
-        """Ends the file. Raises OSError if the disk is full."""
+        """Ends the file, with its index first. Raises OSError if the disk is full."""
         try:
             self._container.mux(self._stream.encode())
             self._container.close()
         finally:
             with contextlib.suppress(OSError):
                 self._file.close()
+        if self._survives:
+            _move_index_first(self._path)
+
+
+def _move_index_first(path: Path) -> None:
+    """Copies the finished packets beside path and replaces it. Without room for the copy, the file stays: every player opens
+    it."""
+    from av import open as open_container
+    from av.error import FFmpegError
+
+    new, open_any = path.with_name(f".{path.name[:200]}.index"), cast(Any, open_container)
+    try:
+        options = {"movflags": "faststart"}
+        with open_any(f"file:{path}") as old, open_any(f"file:{new}", "w", format="mp4", options=options) as made:
+            stream = made.add_stream_from_template(old.streams.video[0])
+            made.metadata.update(old.metadata)
+            for packet in old.demux(video=0):
+                if packet.dts is not None:  # the last one is empty
+                    packet.stream = stream
+                    made.mux(packet)
+        new.chmod(path.stat().st_mode)
+        new.replace(path)
+    except (OSError, FFmpegError):
+        new.unlink(missing_ok=True)
 
 
 def write_error(path: Path, error: OSError) -> UserError:

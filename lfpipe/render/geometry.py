@@ -128,7 +128,7 @@ def parallax(
         reasons.append(f"{views:.2f} views between the eyes give true depth")
     elif config.render.alpha_px == "auto":
         if config.screen.width_mm == "auto":
-            known = f"picture {width_mm:.0f} mm wide, as the monitor reports"
+            known = f"picture {width_mm:.0f} mm wide on this monitor"
             reasons.append(known if shown_mm else f"assuming a picture {width_mm:.0f} mm wide (monitor size unknown)")
         half = f"half of the {count} {axis}; the other half is room to move" if count > 1 else "the scene has one view"
         limits = [(room, half)]

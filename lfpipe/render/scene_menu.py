@@ -160,7 +160,9 @@ class SceneMenu:
             width_px, height_px = self._context.config.camera.frame_px
             frame = np.empty((height_px, width_px, 3), np.uint8)
             if self._camera.read(frame) is not None:
-                self._open.camera(frame, "a face: here you are" if self._context.row["face"] else "no face seen")
+                demo = self._context.options.source.startswith("demo")
+                caption = "demo face: no camera found" if demo else "you" if self._context.row["face"] else "no face seen"
+                self._open.camera(frame, caption)
                 changed = True
         if changed:
             self._display.menu(self._open.draw)

@@ -21,6 +21,7 @@ from lfpipe.render.window_system import KeyLock, nominal_hz, open_presentation, 
 
 SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of the monitor's width; the first window enlarges small light fields
 MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
+USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
 HINT_S = 6.0
 SCREEN_SHARE, MENU_SHARE = 0.85, 0.9  # of the monitor, at most, for a window; of the window for a menu
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: TEXT_PX is too small on a fine monitor
@@ -158,7 +159,12 @@ class Window:
 
     def width_mm(self) -> float | None:
         """See `Display.width_mm`."""
-        return self._shown_px * self._on.pixel_mm if self._on.pixel_mm and self._shown_px else None
+        if not self._shown_px:
+            return None
+        if self._on.pixel_mm:
+            return self._shown_px * self._on.pixel_mm
+        scaled = self._painter.size_px()[0] / self._window.size[0]
+        return self._shown_px / (self._on.width * scaled) * USUAL_MM
 
     def to_picture(self, position: tuple[int, int]) -> tuple[float, float]:
         """Converts a position in the window to px of the picture."""

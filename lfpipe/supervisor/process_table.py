@@ -73,6 +73,7 @@ NAMES = tuple(stage.name for stage in STAGES)
 SOURCE = next(stage.name for stage in STAGES if stage.source)
 SHOWN_BY = next(stage.name for stage in STAGES if stage.shows)
 TRACKED_BY = next(stage.name for stage in STAGES if "eyes" in stage.writes)
+DOES = {"pictures": SHOWN_BY, "eyes": TRACKED_BY}  # work that a lowered quality reduces -> who does it
 CORE = tuple(stage.name for stage in STAGES if not stage.optional)  # the stages that a picture waits for
 
 

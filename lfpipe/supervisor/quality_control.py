@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import QualityLevel
 from lfpipe.supervisor.governor import Governor, Load, Step
-from lfpipe.supervisor.process_table import CORE, SHOWN_BY
+from lfpipe.supervisor.process_table import CORE, DOES, SHOWN_BY
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import State
@@ -61,7 +61,7 @@ class QualityControl:
     def _begin(self, levels: tuple[QualityLevel, ...]) -> None:
         """Replaces the levels, and starts at full quality."""
         self._levels = levels
-        helped = [self._relieved(level.stage) for level in levels[1:]]
+        helped = [self._relieved(DOES[level.work]) for level in levels[1:]]
         # Levels are lowered in order: a stage that only a later level relieves needs the earlier ones too.
         self._governor = Governor([frozenset[str]().union(*helped[number:]) for number in range(len(helped))])
 

@@ -14,10 +14,15 @@ from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context
 
 
+def _loop_s(context: Context) -> float:
+    """The delay of camera and display; none where pictures depend on the frames alone."""
+    return 0.0 if context.options.lossless else context.config.render.loop_ms / 1e3
+
+
 def main(context: Context) -> None:
     """Runs the stage until it is stopped."""
     config = context.config
-    tracker = EyeTracker(config.track, context.options.replay is not None, config.render.loop_ms / 1e3)
+    tracker = EyeTracker(config.track, context.options.replay is not None, _loop_s(context))
     engine = tracker.engine
     frames, eyes = context.input("frames"), context.output("eyes")
     hinted = 0
@@ -25,7 +30,7 @@ def main(context: Context) -> None:
     context.ready()
     try:
         while context.wait():
-            tracker.set(context.config.track, context.config.render.loop_ms / 1e3)
+            tracker.set(context.config.track, _loop_s(context))
             context.ack_config()
             if any(word == "recentre" for word, _ in context.commands()):
                 tracker.reset()

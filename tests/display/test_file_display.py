@@ -164,3 +164,11 @@ def test_mp4_ends_with_a_notice_where_the_disk_is_full(tmp_path: Path, monkeypat
         time.sleep(0.005)
     display.close()
     assert any("the video ends here" in notice.text for notice in display.notices())
+
+
+def test_the_index_of_a_finished_mp4_comes_first(tmp_path: Path) -> None:
+    display = FileDisplay(tmp_path / "out.mp4", (64, 48), 50.0)
+    display.show(noise(1, 64, 48)[0])
+    display.close()
+    data = (tmp_path / "out.mp4").read_bytes()
+    assert 0 < data.index(b"moov") < data.index(b"mdat") and list(tmp_path.iterdir()) == [tmp_path / "out.mp4"]

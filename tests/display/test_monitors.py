@@ -13,7 +13,7 @@ import pytest
 
 from lfpipe.errors import UserError
 from lfpipe.render.monitors import Monitor, find_monitor, monitors, pixel_mm
-from lfpipe.render.window import Window
+from lfpipe.render.window import USUAL_MM, Window
 from tests.xvfb_screen import outline, x_server
 
 DESK = [
@@ -115,7 +115,8 @@ def test_the_chosen_monitor(
         for now in (fullscreen, not fullscreen, fullscreen):
             assert outline("lfpipe: a test", x_with_two) == (whole if now else windowed)
             press(window, "f")
-        assert window.width_mm() is None, "this server tells no size"
+        share = window.width_mm() / USUAL_MM  # type: ignore[operator]
+        assert share == pytest.approx(window._shown_px / window.monitor.width, rel=0.01), "this server tells no size: 24 inches"
     finally:
         window.close()
 

@@ -102,7 +102,7 @@ def test_the_least_of_room_comfort_and_nature_decides() -> None:
 def test_the_width_of_the_picture_is_the_persons_then_the_monitors_then_a_guess() -> None:
     auto = from_dict({"camera": {"focal_px": 600.0}})
     told, guessed = parallax(auto, cotton(), 640, 63.0, None, 300.0), parallax(auto, cotton(), 640, 63.0)
-    assert "picture 300 mm wide, as the monitor reports" in str(told) and "assuming a picture 530 mm wide" in str(guessed)
+    assert "picture 300 mm wide on this monitor" in str(told) and "assuming a picture 530 mm wide" in str(guessed)
     asked = parallax(config(alpha_px="auto"), cotton(), 640, 63.0, None, 300.0)
     assert "wide" not in str(asked)
     assert asked.comfort_views == parallax(config(alpha_px="auto"), cotton(), 640, 63.0).comfort_views
