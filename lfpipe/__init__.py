@@ -9,13 +9,14 @@ import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lfpipe.api.attachment import Attachment as Attachment
-    from lfpipe.api.attachment import Frame as Frame
-    from lfpipe.api.attachment import attach as attach
     from lfpipe.api.replay import replay as replay
     from lfpipe.api.scenes import open_scene as open_scene
     from lfpipe.api.scenes import render_anaglyph as render_anaglyph
     from lfpipe.api.scenes import render_view as render_view
+    from lfpipe.api.session import Attachment as Attachment
+    from lfpipe.api.session import Frame as Frame
+    from lfpipe.api.session import Session as Session
+    from lfpipe.api.session import attach as attach
     from lfpipe.api.tracker import Eyes as Eyes
     from lfpipe.api.tracker import Tracker as Tracker
     from lfpipe.errors import UserError as UserError
@@ -25,14 +26,15 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _MODULES = {
-    "Attachment": "api.attachment",
+    "Attachment": "api.session",
     "Eyes": "api.tracker",
-    "Frame": "api.attachment",
+    "Frame": "api.session",
     "Head": "share.head",
+    "Session": "api.session",
     "LightField": "scene.lightfield",
     "Tracker": "api.tracker",
     "UserError": "errors",
-    "attach": "api.attachment",
+    "attach": "api.session",
     "open_scene": "api.scenes",
     "render_anaglyph": "api.scenes",
     "render_view": "api.scenes",
@@ -45,6 +47,7 @@ __all__ = [
     "Frame",
     "Head",
     "LightField",
+    "Session",
     "Tracker",
     "UserError",
     "attach",

@@ -1,28 +1,89 @@
-"""Light fields in a notebook: opens them and renders any view."""
+"""Light fields in a notebook: opens files and arrays, and renders any view."""
 
+import hashlib
 import os
+import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+import attrs
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.api.settings import config_of
+from lfpipe.config import Scene
 from lfpipe.errors import UserError
+from lfpipe.files.output import output_file
+from lfpipe.host.paths import is_file
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.single_view import ViewRenderer
-from lfpipe.scene import open_scene as open_scene_module
+from lfpipe.scene import open_scene as scenes
+from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.layouts.array import require_views
 from lfpipe.scene.lightfield import LightField
 
+KEPT_S = 7 * 86400.0  # arrays that nobody has opened for so long are removed from the cache
+ScenePath = str | os.PathLike[str]
 
-def open_scene(path: str | os.PathLike[str] | None = None, settings: Mapping[str, Any] | None = None) -> LightField:
-    """The light field at path, in any layout; the demo's if path is omitted.
+
+def open_scene(
+    scene: ScenePath | ArrayLike | None = None,
+    settings: Mapping[str, Any] | None = None,
+    *,
+    disparity: ArrayLike | None = None,
+    positions: ArrayLike | None = None,
+    half_turn: bool | None = None,
+) -> LightField:
+    """The light field at a path, in any layout, or of an array; the demo's if scene is omitted.
+
+    An array has axes (rows, cols, height, width, 1 or 3), red first, or frames before them: uint8, uint16 or float 0 .. 1. Row 0
+    is the top row of cameras, column 0 the left one. disparity: (rows, cols, height, width), px per view, nearer is larger;
+    positions: (rows, cols, 2), (down, right) of each camera; both only with an array. half_turn: near and far are exchanged;
+    None: detect it.
 
     The first call packs it into the cache, which may take a minute; later calls return at once. settings: as for `--set`, for
     example {"scene.layout": "hci"}. Raises lfpipe.UserError.
     """
     config = config_of(settings).scene
-    return open_scene_module.open_scene(path, config)
+    if half_turn is not None:
+        config = attrs.evolve(config, half_turn="yes" if half_turn else "no")
+    return scenes.open_scene(scene_path(scene, config, disparity=disparity, positions=positions), config)
+
+
+def scene_path(
+    scene: ScenePath | ArrayLike | None, config: Scene, *, disparity: ArrayLike | None = None, positions: ArrayLike | None = None
+) -> Path | None:
+    """The path of a scene; an array is written to the cache, by its content. Raises UserError."""
+    beside = {name: value for name, value in (("disparity", disparity), ("positions", positions)) if value is not None}
+    if scene is None or isinstance(scene, str | os.PathLike):
+        if beside:
+            raise UserError(f"{', '.join(beside)} with {scene or 'the demo'}: only for arrays", "leave it out")
+        return None if scene is None else Path(scene)
+    views = np.asarray(scene)
+    require_views(views, "the array")
+    arrays = {"views": np.ascontiguousarray(views), **{name: np.ascontiguousarray(value) for name, value in beside.items()}}
+    digest = hashlib.sha256()
+    for name, array in arrays.items():
+        digest.update(f"{name} {array.shape} {array.dtype.str};".encode())
+        digest.update(array.data)
+    folder = cache_dir(config) / "arrays"
+    path = folder / f"array-{digest.hexdigest()[:20]}{'.npz' if beside else '.npy'}"
+    try:
+        folder.mkdir(0o700, parents=True, exist_ok=True)
+        if is_file(path):
+            return path
+        for old in folder.iterdir():
+            if time.time() - old.stat().st_atime > KEPT_S:
+                old.unlink(missing_ok=True)
+        with output_file(path) as file:
+            if beside:
+                np.savez(file, **arrays)  # type: ignore[arg-type]
+            else:
+                np.save(file, arrays["views"])
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror}", "make room, or name another folder: scene.cache_dir") from None
+    return path
 
 
 def render_view(field: LightField, row: float, col: float, *, method: str = "auto", frame: int = 0) -> NDArray[np.uint8]:
@@ -32,7 +93,7 @@ def render_view(field: LightField, row: float, col: float, *, method: str = "aut
     outside the grid are extrapolated by up to `render.extrapolate_views`. Raises lfpipe.UserError.
     """
     config = config_of({"render.method": method})
-    _check_place(field, (row, col), config.render.extrapolate_views)
+    _check(field, (row, col), config.render.extrapolate_views, frame)
     return ViewRenderer(field, method).render(row, col, frame)
 
 
@@ -52,11 +113,18 @@ def render_anaglyph(
     """
     render = config_of({"render.anaglyph": mode, **(settings or {})}).render
     for place in (left, right):
-        _check_place(field, place, render.extrapolate_views)
+        _check(field, place, render.extrapolate_views, frame)
     return Compositor(field, render).compose(left, right, frame).copy()
 
 
-def _check_place(field: LightField, place: tuple[float, float], beyond: float) -> None:
-    for name, value, count in zip(("row", "col"), place, (field.rows, field.cols), strict=True):
+def _check(field: LightField, place: tuple[float, float], beyond: float, frame: int) -> None:
+    """Raises UserError if the scene has no such place or frame."""
+    if isinstance(frame, bool) or not isinstance(frame, int | np.integer) or not 0 <= frame < field.frames:
+        raise UserError(f"frame {frame!r}: the scene has {field.frames} frames", f"0 to {field.frames - 1}")
+    try:
+        row, col = map(float, place)
+    except (TypeError, ValueError):
+        raise UserError(f"{place!r}: not a place on the grid of views", "two numbers: (row, col)") from None
+    for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):
         if not -beyond <= value <= count - 1 + beyond:
             raise UserError(f"{name} {value:g}: the scene has {count} views that way", f"0 to {count - 1}, {beyond:g} beyond it")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.api.settings import config_of
+from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, extrapolated
 from lfpipe.share.head import Head, HeadEstimator
 from lfpipe.track.eye_tracker import EyeTracker
@@ -53,10 +54,22 @@ class Tracker:
         config = config_of(settings)
         self._tracker, self._estimator = EyeTracker(config.track), HeadEstimator(config)
         self._record = np.zeros((), EYES)
+        self._closed = False
 
     def update(self, frame: NDArray[np.uint8], t_ns: int | None = None) -> Eyes | None:
         """The eyes in the next frame, uint8 (height, width, 3) BGR; None without a face. t_ns: its time on any clock that never
-        goes back; by default the monotonic clock's now."""
+        goes back; by default the monotonic clock's now. Raises lfpipe.UserError for anything but such a picture."""
+        if self._closed:
+            raise UserError("this Tracker is closed", "make a new one")
+        if (
+            not isinstance(frame, np.ndarray)
+            or frame.dtype != np.uint8
+            or frame.ndim != 3
+            or frame.shape[2] != 3
+            or not frame.size
+        ):
+            got = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
+            raise UserError(f"{got}: not a picture", "uint8 (height, width, 3), blue first; cv2.cvtColor turns grey into colour")
         t_ns = time.monotonic_ns() if t_ns is None else t_ns
         tracker = self._tracker
         tracker.update(tracker.engine.detect(frame), t_ns)
@@ -70,8 +83,10 @@ class Tracker:
         self._tracker.reset()
 
     def close(self) -> None:
-        """Releases the engine."""
-        self._tracker.engine.close()
+        """Releases the engine. May be called again."""
+        if not self._closed:
+            self._closed = True
+            self._tracker.engine.close()
 
     def __enter__(self) -> Self:
         return self

@@ -1,5 +1,6 @@
 """The public interface: promises of docs/python.md that its examples do not show."""
 
+import inspect
 import subprocess
 import sys
 from pathlib import Path
@@ -24,15 +25,13 @@ def test_every_name_is_there_and_documented() -> None:
     page = (Path(__file__).parents[2] / "docs" / "python.md").read_text()
     for name in lfpipe.__all__:
         assert callable(getattr(lfpipe, name)) and name in dir(lfpipe), name
-    assert all(f"`{name}(" in page for name in ("open_scene", "render_view", "render_anaglyph", "Tracker", "replay", "attach"))
+    assert all(f"`{name}(" in page for name in ("open_scene", "render_view", "render_anaglyph", "Tracker", "replay", "attach", "Session"))
     with pytest.raises(AttributeError, match="no attribute 'open_scen'"):
         lfpipe.open_scen  # noqa: B018
 
 
-def test_replay_is_callable_whether_its_package_was_imported_or_not() -> None:
-    import lfpipe.replays.run
-
-    assert callable(lfpipe.replay) and lfpipe.replays.run.replay is not None
+def test_replay_is_a_function_with_its_own_signature() -> None:
+    assert "pace" in inspect.signature(lfpipe.replay).parameters and "report" in (lfpipe.replay.__doc__ or "")
     with pytest.raises(lfpipe.UserError, match="no such folder") as caught:
         lfpipe.replay("/nowhere")
     assert caught.value.remedy
@@ -66,6 +65,11 @@ def test_pictures_for_two_eyes(field: lfpipe.LightField) -> None:
         (lambda field: lfpipe.render_view(field, float("nan"), 0), "row nan"),
         (lambda field: lfpipe.render_view(field, 0, 0, method="neerest"), "did you mean 'nearest'"),
         (lambda field: lfpipe.render_anaglyph(field, (0, 0), (0, 99)), "col 99"),
+        (lambda field: lfpipe.render_anaglyph(field, ("a", 1), (0, 1)), "('a', 1)"),
+        (lambda field: lfpipe.render_anaglyph(field, (0, 0, 0), (0, 1)), "(0, 0, 0)"),
+        (lambda field: lfpipe.render_view(field, 0, 0, frame=3), "frame 3"),
+        (lambda field: lfpipe.render_view(field, 0, 0, frame=-1), "frame -1"),
+        (lambda field: lfpipe.open_scene(np.zeros((3, 3))), "(3, 3)"),
         (lambda field: lfpipe.render_anaglyph(field, (0, 0), (0, 1), mode="dubai"), "did you mean 'dubois'"),
         (lambda field: lfpipe.open_scene("/nowhere"), "/nowhere"),
         (lambda field: lfpipe.Tracker({"track.filtr": "mean"}), "track.filtr"),
@@ -76,6 +80,17 @@ def test_mistakes_are_named_with_a_remedy(field: lfpipe.LightField, call: object
     with pytest.raises(lfpipe.UserError) as caught:
         call(field)  # type: ignore[operator]
     assert why in caught.value.message and caught.value.remedy
+
+
+@pytest.mark.parametrize("frame", [None, np.zeros((48, 64), np.uint8), np.zeros((48, 64, 3)), np.zeros((0, 0, 3), np.uint8), "x"])
+def test_what_is_no_picture_is_refused(frame: object) -> None:
+    with lfpipe.Tracker() as tracker:
+        with pytest.raises(lfpipe.UserError, match="not a picture") as caught:
+            tracker.update(frame)  # type: ignore[arg-type]
+        assert caught.value.remedy
+    with pytest.raises(lfpipe.UserError, match="closed"):
+        tracker.update(np.zeros((48, 64, 3), np.uint8))
+    tracker.close()
 
 
 def test_the_tracker_finds_the_eyes_that_the_stage_finds(clip: Path) -> None:

@@ -149,6 +149,7 @@ def test_the_examples_for_python_run(
 ) -> None:
     """With a small scene in place of the demo's, which takes long to pack."""
     example = python_examples()[number].replace("open_scene()", "open_scene('boxes')").replace('"walk",', '"walk", "boxes",')
+    example = example.replace("Session(camera", "Session('boxes', camera")
     (world.root / "boxes").symlink_to(scene)
     if "replay(" in example:
         from lfpipe.sequence.edit import from_video

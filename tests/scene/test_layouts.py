@@ -348,7 +348,7 @@ def test_every_layout_offers_the_protocol() -> None:
         assert name == layout.NAME
         assert callable(layout.detect)
         assert callable(layout.describe)
-    assert len(layouts.layouts()) == 16
+    assert len(layouts.layouts()) == 18
 
 
 @pytest.mark.parametrize("counts", [(2, 9), (9, 2), (8, 8), (17, 1)])

@@ -1,0 +1,243 @@
+"""Sessions as objects: one that a program starts, or one that runs already. Frames and eyes come from shared memory."""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import attrs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfpipe.api.scenes import ScenePath, scene_path
+from lfpipe.api.settings import config_of
+from lfpipe.api.tracker import Eyes
+from lfpipe.config import from_dict
+from lfpipe.errors import UserError
+from lfpipe.observe.session_reader import Watch
+from lfpipe.render.display import has_display
+from lfpipe.share.head import HeadEstimator
+from lfpipe.supervisor.rundir import find
+from lfpipe.transport import control
+from lfpipe.transport.ring import Reader, Stamp
+
+LOOK_S = 0.001  # between two polls of a ring
+START_S = 600.0  # a scene may be packed first
+STOP_S, LOAD_S = 30.0, 900.0
+# Ends with the program that started it: the program holds the other end of this pipe.
+COMMAND = (
+    "import os, runpy, signal, sys, threading\\n"
+    "def watch():\\n    sys.stdin.buffer.read(); os.kill(os.getpid(), signal.SIGTERM)\\n"
+    "threading.Thread(target=watch, daemon=True).start(); sys.argv[0] = 'lfpipe'\\n"
+    "runpy.run_module('lfpipe', run_name='__main__')"
+).replace("\\n", "\n")
+
+
+@attrs.frozen(eq=False)
+class Frame:
+    """A camera frame. picture: uint8 (height, width, 3) BGR, a copy. stamp: source_seq, t_sensor_ns, t_read_ns, skipped, ..."""
+
+    picture: NDArray[np.uint8]
+    stamp: Stamp
+
+
+class Attachment:
+    """A running session: reads the newest data, where a slow reader skips frames, and sends commands."""
+
+    def __init__(self, session: str) -> None:
+        """Raises lfpipe.UserError if no session of that name runs."""
+        self.name = session
+        self._session = find(session)
+        self._readers: dict[str, Reader] = {}
+        self._estimator = HeadEstimator(from_dict(self.ask({"cmd": "hello"})["config"]))
+        self._watch = Watch(self._session)
+
+    def frame(self, timeout_s: float = 2.0) -> Frame:
+        """The next camera frame. Raises lfpipe.UserError if none arrives in time."""
+        picture: NDArray[np.uint8] = np.empty(self._reader("frames").shape, np.uint8)
+        return Frame(picture, self._next("frames", picture, timeout_s))
+
+    def eyes(self, timeout_s: float = 2.0) -> Eyes | None:
+        """The eyes of the next frame; None if it shows no face. Raises lfpipe.UserError if no frame arrives in time."""
+        record = np.zeros((), self._reader("eyes").dtype)
+        stamp = self._next("eyes", record, timeout_s)
+        self._estimator.update(record, stamp.t_sensor_ns)
+        return Eyes.of(record, stamp.t_sensor_ns, self._estimator.head(record))
+
+    def stream(self) -> Iterator[Eyes | None]:
+        """Yields `eyes` until the session ends."""
+        while self._watch.living():
+            try:
+                yield self.eyes()
+            except UserError:
+                continue
+
+    def _reader(self, ring: str) -> Reader:
+        if ring not in self._readers:
+            try:
+                self._readers[ring] = Reader(self._session.segment(ring))
+            except FileNotFoundError:
+                raise UserError(f"session {self.name!r} has no {ring}: no camera is in use", "start it with a camera") from None
+        return self._readers[ring]
+
+    def _next(self, ring: str, out: NDArray[Any], timeout_s: float) -> Stamp:
+        end, reader = time.monotonic() + timeout_s, self._reader(ring)
+        while (stamp := reader.read(out)) is None:
+            if time.monotonic() > end:
+                raise UserError(f"session {self.name!r}: nothing new for {timeout_s:g} s", "`lfpipe monitor` says why")
+            time.sleep(LOOK_S)
+        return stamp
+
+    def status(self) -> dict[str, Any]:
+        """State and latency of every stage, as `lfpipe monitor --once --json` prints it."""
+        return self._watch.read()
+
+    def ask(self, message: dict[str, Any], timeout_s: float = 3.0) -> dict[str, Any]:
+        """Sends a command (docs/contracts.md) and returns the answer. Raises lfpipe.UserError if it is refused."""
+        return control.request(self._session.run_dir, message, timeout_s)
+
+    def set(self, **settings: Any) -> None:
+        """Changes live keys: all of them, or none if one is refused. `set(**{"render.method": "nearest"})`."""
+        self.ask({"cmd": "set", "set": settings})
+
+    def load(self, scene: ScenePath | ArrayLike) -> None:
+        """Shows another light field, a path or an array as for `open_scene`; returns when it is shown."""
+        config = from_dict(self.ask({"cmd": "hello"})["config"]).scene
+        self.ask({"cmd": "load", "scene": str(Path(scene_path(scene, config) or "").resolve())}, LOAD_S)
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Waits until the session has ended; False if it still runs after timeout_s."""
+        end = None if timeout_s is None else time.monotonic() + timeout_s
+        while self._watch.living():
+            if end is not None and time.monotonic() > end:
+                return False
+            time.sleep(0.02)
+        return True
+
+    def stop(self) -> None:
+        """Ends the session, and returns when it has left nothing behind. May be called again."""
+        with contextlib.suppress(UserError):  # it has ended
+            self.ask({"cmd": "stop"})
+        self.wait(STOP_S)
+
+    def close(self) -> None:
+        """Detaches; the session goes on."""
+        for reader in self._readers.values():
+            reader.close()
+        self._readers.clear()
+        self._watch.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+class Session(Attachment):
+    """A session that this program starts: what `lfpipe up` starts. It ends with `stop`, with the block, or with the program.
+
+    scene: a path or an array, as for `open_scene`; None for the demo's. camera, display: as `--camera` and `--display`; without a
+    screen, display is "none". name: for `attach` and `lfpipe monitor --session`. settings: as `--set`, for example
+    **{"render.method": "warp2"}. Works in a notebook and in any thread. Raises lfpipe.UserError.
+    """
+
+    def __init__(
+        self,
+        scene: ScenePath | ArrayLike | None = None,
+        *,
+        camera: str | None = None,
+        display: str | None = None,
+        name: str | None = None,
+        trace: str | os.PathLike[str] | None = None,
+        **settings: Any,
+    ) -> None:
+        config = config_of(settings)
+        path = scene_path(scene, config.scene)
+        self._process: subprocess.Popen[bytes] | None = None
+        name = name or f"python.{os.getpid()}.{time.monotonic_ns() % 10**6}"
+        words = ["up", *([str(path.resolve())] if path is not None else ["--demo"]), "--session", name]
+        words += ["--camera", camera] if camera is not None else []
+        words += ["--display", display or ("window" if has_display() else "none")]
+        words += ["--trace", os.fspath(trace)] if trace is not None else []
+        for key, value in settings.items():
+            words += ["--set", f"{key}={json.dumps(value)}"]
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115  (open as long as the session)
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": self._errors}
+        self._process = subprocess.Popen([sys.executable, "-P", "-c", COMMAND, *words], start_new_session=True, **pipes)  # type: ignore[call-overload]
+        try:
+            self._wait_for_start(name)
+        except BaseException:
+            self.stop()
+            raise
+
+    def _wait_for_start(self, name: str) -> None:
+        end = time.monotonic() + START_S
+        while True:
+            assert self._process is not None
+            if self._process.poll() is not None:
+                raise self._failure()
+            with contextlib.suppress(UserError, FileNotFoundError):
+                super().__init__(name)
+                if self._has_pictures():
+                    return
+                self.close()
+            if time.monotonic() > end:
+                raise UserError(f"session {name!r} did not start within {START_S:g} s", "`lfpipe monitor` says why")
+            time.sleep(0.05)
+
+    def _has_pictures(self) -> bool:
+        rows = self._watch.rows
+        return "render" in rows and int(rows["render"]["seq"]) > 0
+
+    def _failure(self) -> UserError:
+        """What the session printed when it ended."""
+        self._errors.seek(0)
+        text = self._errors.read().decode(errors="replace")
+        message, _, remedy = text[text.rfind("error: ") :].removeprefix("error: ").strip().partition("\n  remedy: ")
+        return UserError(message or "the session ended at once", remedy or "`lfpipe doctor` checks this machine")
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Waits until the session has ended; False if it still runs after timeout_s. Raises lfpipe.UserError if it failed."""
+        assert self._process is not None
+        try:
+            code = self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            return False
+        if code not in (0, -15, 143):
+            raise self._failure()
+        return True
+
+    def stop(self) -> None:
+        """Ends the session, and returns when it has left nothing behind. May be called again."""
+        process = self._process
+        if process is None:
+            return
+        assert process.stdin is not None
+        process.stdin.close()
+        try:
+            process.wait(STOP_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+    def close(self) -> None:
+        """Detaches."""
+        if hasattr(self, "_watch"):
+            super().close()
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.stop()
+        self.close()
+
+
+def attach(session: str = "default") -> Attachment:
+    """Attaches to the running session of that name. Raises lfpipe.UserError if there is none."""
+    return Attachment(session)

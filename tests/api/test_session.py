@@ -1,0 +1,87 @@
+"""Sessions that a program starts: changed, loaded, stopped; nothing is left, however the program ends."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lfpipe
+from tests.world import World, write_scene
+
+pytestmark = pytest.mark.live
+QUICK = {"render.method": "nearest", "render.alpha_px": 12}
+
+
+@pytest.fixture
+def home(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+    for key, value in world.env.items():
+        monkeypatch.setenv(key, value)
+    for key in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(key, raising=False)
+    yield world
+
+
+def test_a_session_is_started_changed_loaded_and_stopped_in_a_thread(home: World, scene: Path) -> None:
+    failures: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            with lfpipe.Session(scene, camera="demo", **QUICK) as session:  # type: ignore[arg-type]
+                assert session.status()["stages"]["render"]["state"] == "RUNNING"
+                assert session.frame().picture.shape[2] == 3
+                assert next(eyes for eyes in session.stream() if eyes is not None).head is not None
+                session.set(**{"render.method": "blend"})
+                with lfpipe.attach(session.name) as other:
+                    assert other.ask({"cmd": "hello"})["config"]["render"]["method"] == "blend"
+                    other.load(np.full((2, 2, 32, 40, 3), 90, np.uint8))
+                    with pytest.raises(lfpipe.UserError) as caught:
+                        other.set(**{"render.method": "wrap"})
+                    assert caught.value.remedy
+                    session.stop()
+                    assert other.wait(30)
+        except BaseException as error:
+            failures.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert not failures, failures
+    assert home.segments() == []
+
+
+def test_a_session_that_cannot_start_says_why(home: World, scene: Path) -> None:
+    with pytest.raises(lfpipe.UserError, match="nowhere") as caught:
+        lfpipe.Session("/nowhere", camera="demo")
+    assert caught.value.remedy
+    with pytest.raises(lfpipe.UserError, match="did you mean"):
+        lfpipe.Session(scene, **{"render.methd": "warp"})
+    assert home.segments() == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_a_killed_interpreter_leaves_nothing(home: World, scene: Path, number: int) -> None:
+    code = f"""
+import lfpipe, time
+with lfpipe.Session({str(scene)!r}, camera="demo", name="killed") as session:
+    print("runs", flush=True)
+    time.sleep(600)
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=home.env, cwd=home.root)
+    assert process.stdout is not None and process.stdout.readline() == b"runs\n"
+    assert home.segments()
+    os.kill(process.pid, number)
+    process.communicate(timeout=60)
+    home.wait_for(lambda: not home.segments() and not list(home.run_dir.glob("*/ctl")), "clean end")
+
+
+def test_a_scene_of_png_files_and_of_an_array_are_loaded_alike(home: World, tmp_path: Path) -> None:
+    write_scene(tmp_path / "png")
+    with lfpipe.Session(tmp_path / "png", camera="demo", trace=tmp_path / "t.jsonl", **QUICK) as session:  # type: ignore[arg-type]
+        session.stop()
+    assert (tmp_path / "t.jsonl").stat().st_size
