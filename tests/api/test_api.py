@@ -25,7 +25,8 @@ def test_every_name_is_there_and_documented() -> None:
     page = (Path(__file__).parents[2] / "docs" / "python.md").read_text()
     for name in lfpipe.__all__:
         assert callable(getattr(lfpipe, name)) and name in dir(lfpipe), name
-    assert all(f"`{name}(" in page for name in ("open_scene", "render_view", "render_anaglyph", "Tracker", "replay", "attach", "Session"))
+    functions = ("open_scene", "render_view", "render_anaglyph", "Tracker", "replay", "attach", "Session")
+    assert all(f"`{name}(" in page for name in functions)
     with pytest.raises(AttributeError, match="no attribute 'open_scen'"):
         lfpipe.open_scen  # noqa: B018
 
