@@ -127,6 +127,10 @@ class Display(Protocol):
         """Shows short lines at the bottom of the following pictures, until the next call."""
         ...
 
+    def progress(self, share: float | None) -> None:
+        """Shows a thin line as long as a share of the picture's width along its bottom; None removes it."""
+        ...
+
     def menu(self, draw: Callable[[tuple[int, int]], pygame.Surface] | None) -> None:
         """Shows over the pictures what draw makes for (width, height) px; None removes it. A click on it is "click X Y"."""
         ...
@@ -173,6 +177,9 @@ class NullDisplay:
         pass
 
     def say(self, lines: list[str]) -> None:
+        """Does nothing."""
+
+    def progress(self, share: float | None) -> None:
         """Does nothing."""
 
     def menu(self, draw: object) -> None:

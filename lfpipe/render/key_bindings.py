@@ -81,6 +81,7 @@ class KeyBindings:
         self._follow_width()
         t_ns = now_ns()
         self.scenes.serve(t_ns)
+        self._display.progress(self.scenes.share)
         self.menu.serve(t_ns)
         self._notice_changes(t_ns)
         self._show_bar()

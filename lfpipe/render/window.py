@@ -24,6 +24,7 @@ MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygam
 USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
 HINT_S = 6.0
 SCREEN_SHARE, MENU_SHARE = 0.85, 0.9  # of the monitor, at most, for a window; of the window for a menu
+PROGRESS_PX = 3
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: TEXT_PX is too small on a fine monitor
 NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", " ": "freeze", "?": "help"}
 
@@ -83,6 +84,7 @@ class Window:
         self._panel: pygame.Surface | None = None
         self._said: list[str] = []
         self._words: pygame.Surface | None = None  # short lines at the bottom
+        self._progress: float | None = None  # share of a thin line along the bottom; None without
         self._menu_of: Callable[[tuple[int, int]], pygame.Surface] | None = None
         self._menu: pygame.Surface | None = None
         self._pair: Pair | None = None
@@ -194,6 +196,10 @@ class Window:
             bar = self._bar.draw(size_px, self._text_px, self._bar_state, self._in_bar(self._at_px()))
             below_px = bar.get_height()
             panels.append((bar, (0, size_px[1] - below_px)))
+        if self._progress is not None:
+            line = pygame.Surface((max(1, round(self._progress * size_px[0])), PROGRESS_PX))
+            line.fill((255, 255, 255))
+            panels.append((line, (0, size_px[1] - PROGRESS_PX)))
         if self._words is not None:
             wide, high = self._words.get_size()
             panels.append((self._words, ((size_px[0] - wide) // 2, size_px[1] - high - 12 - below_px)))
@@ -336,6 +342,12 @@ class Window:
         if lines != self._said:
             self._said = list(lines)
             self._make_panel()
+            self._draw()
+
+    def progress(self, share: float | None) -> None:
+        """See `Display.progress`."""
+        if share != self._progress:
+            self._progress = share
             self._draw()
 
     def _first_row(self) -> int:

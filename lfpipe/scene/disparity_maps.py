@@ -27,6 +27,7 @@ from lfpipe.scene.view_writer import FrameIndex, PackJob, run_parallel
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
 _UNKNOWN = -32768  # in the interim maps: UNKNOWN
 _NO_LIMIT_PX = 400.0  # larger values in a map are impossible between neighbours
+_WORKING_BYTES = 100  # memory per px of a view while its disparity is estimated
 
 
 def _truth(job: PackJob, place: FrameIndex) -> NDArray[np.float32] | None:
@@ -107,7 +108,7 @@ def _estimate(job: PackJob, views: PlaneFile, interim: PlaneFile) -> dict[str, A
         interim.write(place, np.rint(steps).astype(np.int16))
 
     there = [place for place in job.view_indices() if job.present[place[1:]]]
-    run_parallel(one, there, job.ticker("disparity", len(there)))
+    run_parallel(one, there, job.ticker("disparity", len(there)), _WORKING_BYTES * source.height_px * source.width_px)
     spans = np.array(list(ranges.values()))
     scale = scale_for(*(round(float(v), 4) for v in (spans[:, 0].min(), spans[:, 1].max())))
     # truth is exact; the extremes of an estimate are its errors, so use robust extremes over all views
