@@ -8,6 +8,7 @@ Asks: set, recentre, load, pause, resume, record, stop (keys and bar of the wind
 Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost, exchanged), notice (an output was lost).
 """
 
+import gc
 import logging
 from pathlib import Path
 
@@ -130,6 +131,10 @@ class RenderStage:
         self._asked, self._options = context.config, context.options
         self._config = lowered(self._asked, self._options)
         (self._viewer.complete if completed else self._viewer.set)(self._field, self._config)
+        if other_pack:
+            gc.unfreeze()  # the old compositor's parts refer to one another, and to the maps of the pack
+            gc.collect()
+            gc.freeze()
 
     def _keep_choice(self) -> None:
         """Remembers near and far as a person chose them; a replay only applies what was chosen."""

@@ -67,15 +67,16 @@ class FileRequests:
         """Follows another child."""
         self._running.append(request)
 
-    def serve(self, gone: set[int]) -> Iterator[FileRequest]:
-        """Requests with news: the views of a scene are ready, or the child is done. gone: connections that have ended; what their
-        clients wait for is cancelled."""
+    def cancel(self, gone: set[int]) -> None:
+        """Ends what the clients of these connections waited for."""
+        for request in [each for each in self._running if each.connection in gone and not each.shown]:
+            logger.info("%s cancelled: its client is gone", request.message["cmd"])
+            self.end(request)
+
+    def serve(self) -> Iterator[FileRequest]:
+        """Requests with news: the views of a scene are ready, or the child is done."""
         for request in list(self._running):
             worker = request.worker
-            if request.connection in gone and not request.shown:
-                logger.info("%s cancelled: its client is gone", request.message["cmd"])
-                self.end(request)
-                continue
             worker.read()
             if (news := request.news()) is not None:
                 self._report(news)

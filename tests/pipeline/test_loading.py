@@ -1,0 +1,112 @@
+"""Loads of a running session: cancelled, replaced, shown before they are complete, and left without a trace in memory."""
+
+import contextlib
+import threading
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+import zmq
+
+from lfpipe.errors import UserError
+from lfpipe.transport import control
+from tests.scene import made
+from tests.world import World, write_scene
+
+pytestmark = pytest.mark.live
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    world = World(tmp_path_factory.mktemp("loading"))
+    world.up(write_scene(world.root / "first"))
+    world.pictures(3)
+    yield world
+    world.end()
+
+
+def run_dir(world: World) -> Path:
+    return next(world.run_dir.glob("lfpipe-*"))
+
+
+def ask(world: World, **message: Any) -> dict[str, Any]:
+    return control.request(run_dir(world), message, 60)
+
+
+def scene_of(world: World) -> dict[str, Any]:
+    return dict(ask(world, cmd="hello")["options"]["scene"])
+
+
+def packers(world: World) -> list[psutil.Process]:
+    found = []
+    for process in psutil.process_iter(["cmdline", "environ"]):
+        with contextlib.suppress(psutil.Error, KeyError, TypeError):
+            if "lfpipe.scene.packer" in process.info["cmdline"] and str(world.root) in str(process.info["environ"]):
+                found.append(process)
+    return found
+
+
+def slow_scene(folder: Path, views: int = 7) -> Path:
+    """Takes seconds: larger than the others, and with disparity to measure."""
+    return made.write_grid(folder, made.views(views, views, 256, 320), "input_Cam{n:03d}.png")
+
+
+def test_a_load_ends_with_its_client(session: World) -> None:
+    scene = slow_scene(session.root / "left")
+    with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
+        control.connect(socket, run_dir(session), "ctl")
+        socket.send(control.encode({"cmd": "load", "scene": str(scene)}))
+        session.wait_for(lambda: packers(session), "a packer")
+        shown = scene_of(session)["name"]
+    if shown == "first":  # else the views were there before the client left
+        session.wait_for(lambda: not packers(session), "the packer's end", 10)
+        assert scene_of(session)["name"] == "first"
+
+
+def test_a_second_load_replaces_the_first(session: World) -> None:
+    first, second = slow_scene(session.root / "slow", 9), write_scene(session.root / "quick", 2, 2)
+    refused: list[str] = []
+
+    def load_first() -> None:
+        try:
+            ask(session, cmd="load", scene=str(first))
+        except UserError as error:
+            refused.append(error.message)
+
+    client = threading.Thread(target=load_first)
+    client.start()
+    session.wait_for(lambda: packers(session), "a packer")
+    answer = ask(session, cmd="load", scene=str(second))
+    client.join()
+    assert answer["ok"] and scene_of(session)["name"] == "quick"
+    assert not refused or "another scene" in refused[0], "replaced, or its views were shown for a moment"
+
+
+def test_views_are_shown_before_the_disparity_and_then_warped(session: World) -> None:
+    assert ask(session, cmd="load", scene=str(slow_scene(session.root / "both", 8)))["ok"]
+    early = scene_of(session)
+    session.wait_for(lambda: scene_of(session)["complete"], "the disparity")
+    late = scene_of(session)
+    assert not early["complete"] and early["method"] in ("nearest", "blend") and not early["has_disparity"]
+    assert late["pack"] == early["pack"] and late["method"].startswith("warp")
+    session.wait_for(lambda: session.lines()[-1]["method"].startswith("warp"), "warped pictures")
+
+
+def mapped(pid: int) -> set[str]:
+    """The packs that a process has mapped."""
+    lines = Path(f"/proc/{pid}/maps").read_text().splitlines()
+    return {line.split("/scenes/")[1].split("/")[0] for line in lines if "/scenes/" in line}
+
+
+def test_packs_that_are_left_are_unmapped(session: World) -> None:
+    scenes = [write_scene(session.root / f"scene{n}", 2, 2 + n) for n in range(3)]
+    for scene in scenes:
+        assert ask(session, cmd="load", scene=str(scene))["ok"]
+    render = psutil.Process(ask(session, cmd="status")["stages"]["render"]["pid"])
+    files = []
+    for n in range(30):
+        assert ask(session, cmd="load", scene=str(scenes[n % 3]))["ok"]
+        session.wait_for(lambda: len(mapped(render.pid)) <= 1, f"the end of the maps of packs left by load {n}", 10)
+        files.append(render.num_fds())
+    assert max(files[3:]) - min(files[3:]) <= 2, files
