@@ -101,4 +101,3 @@ class SwayLight:
             if not data:
                 raise ConnectionError("the compositor has ended")
             self._data += data
-

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.capture.frame_source import BrokenFrame
-from lfpipe.capture.video import open_video
+from lfpipe.capture.video import Video
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, is_jpeg, picture_of
 from lfpipe.files.safe_files import open_regular, reason
@@ -101,7 +101,7 @@ def open_recording(path: Path) -> Recording:
         if not is_dir(path):
             file = open_regular(path)
             if path.suffix.lower() not in SUFFIXES:
-                return open_video(file, path)
+                return Video(file, path)
             file.close()
             return Pictures([path])
         names = [entry.name for entry in path.iterdir()]

@@ -41,10 +41,6 @@ def test_fourcc_round_trip(code: str, big: bool) -> None:
     assert abi.fourcc_text(abi.fourcc_code(code)) == code
 
 
-def test_fourcc_of_nothing() -> None:
-    assert abi.fourcc_text(0) == "?"
-
-
 def listed(*modes: str) -> list[FrameSizes]:
     """Modes as in "YUYV 640x480 30 15"."""
     split = [mode.split() for mode in modes]
@@ -95,10 +91,6 @@ def test_a_camera_that_lists_nothing_is_asked_for_what_is_usual() -> None:
 
 def test_a_camera_that_does_as_requested_needs_one_note() -> None:
     assert negotiate(PATH, FakeCamera(), config.Camera())[1] == ("the camera delivers YUYV 640x480 at 30 Hz",)
-
-
-def test_an_unknown_rate_is_the_one_requested() -> None:
-    assert negotiate(PATH, FakeCamera(Mode("YUYV", 640, 480, 1280, 0.0)), config.Camera(rate_hz=25.0))[0].rate_hz == 25.0
 
 
 def test_formats_that_cannot_be_decoded_are_refused_by_name() -> None:

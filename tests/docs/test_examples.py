@@ -144,9 +144,7 @@ def python_examples() -> list[str]:
 
 
 @pytest.mark.parametrize("number", range(len(python_examples())))
-def test_the_examples_for_python_run(
-    number: int, world: World, scene: Path, clip: Path, request: pytest.FixtureRequest
-) -> None:
+def test_the_examples_for_python_run(number: int, world: World, scene: Path, clip: Path, request: pytest.FixtureRequest) -> None:
     """With a small scene in place of the demo's, which takes long to pack."""
     example = python_examples()[number].replace("open_scene()", "open_scene('boxes')").replace('"walk",', '"walk", "boxes",')
     example = example.replace("Session(camera", "Session('boxes', camera")

@@ -30,9 +30,7 @@ def pauses(world: World) -> None:
         world.pictures(len(world.lines()) + 4)
 
 
-def test_frames_of_a_pause_are_counted_by_the_stage_that_left_them_out(
-    world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_frames_of_a_pause_are_counted_by_the_stage_that_left_them_out(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
     session = WatchedSession(world, size_px=(160, 120), rate_hz=60.0)
     pauses(world)

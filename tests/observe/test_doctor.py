@@ -56,9 +56,7 @@ def without_mediapipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "data"
 
 
-def test_missing_networks_are_named_with_what_would_fetch_them(
-    without_mediapipe: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_networks_are_named_with_what_would_fetch_them(without_mediapipe: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     check = doctor.face_networks()
     assert "iris_landmark.tflite" in check.detail and "lfpipe models get" in check.remedy
     assert doctor.litert().ok and "missing" in doctor.litert().detail

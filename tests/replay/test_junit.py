@@ -145,5 +145,3 @@ def test_a_replay_whose_stage_dies_for_good_says_so(world: World, short: Path, b
     junit = world.root / "j.xml"
     done = world.run("replay", world.root / "seq", "--scene", blocks, "--junit", junit)
     assert done.returncode == 2 and outcome(junit)[:2] == (0, 1) and "truth.csv" in outcome(junit)[2]
-
-

@@ -150,9 +150,7 @@ def test_recordings_that_follow_each_other_at_once_are_each_whole(world: World, 
     assert all(open_sequence(out).complete for out in outs)
 
 
-def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(
-    world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     out = world.root / "rec"
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
     large = ("--set", "camera.width_px=1280", "--set", "camera.height_px=720", "--set", "camera.rate_hz=60")
@@ -180,9 +178,7 @@ def made(folder: Path) -> Store:
     return Store(folder, SHAPE, with_eyes=True)
 
 
-def test_whatever_goes_wrong_in_the_thread_ends_the_recording_with_words(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_whatever_goes_wrong_in_the_thread_ends_the_recording_with_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store = made(tmp_path)
     store.put(stamp(0), store.spare())
 

@@ -126,14 +126,17 @@ def _manifest(**changes: object) -> Callable[[Path], None]:
         (_without_line, "frame 7 is missing; frame 8 is in its place"),
         (_line(t_sensor_ns=-(10**9)), "frame 9: its time stamp .* is not after"),
         (_line(offset=1), "frame 9 does not begin where the previous frame ends"),
-        *((_line(**wrong), rf"frames\.jsonl:10: {said}") for wrong, said in (
-            ({"codec": "gif"}, "codec is 'gif', expected one of jpeg, png, raw"),
-            ({"offset": -(10**12)}, "offset is -9"),
-            ({"bytes": -(10**12)}, "bytes is -9"),
-            ({"crc32": "x"}, "crc32 is 'x'"),
-            ({"epoch": 1.5}, r"epoch is 1\.5"),
-            ({"more": "x"}, "unknown field 'more'"),
-        )),
+        *(
+            (_line(**wrong), rf"frames\.jsonl:10: {said}")
+            for wrong, said in (
+                ({"codec": "gif"}, "codec is 'gif', expected one of jpeg, png, raw"),
+                ({"offset": -(10**12)}, "offset is -9"),
+                ({"bytes": -(10**12)}, "bytes is -9"),
+                ({"crc32": "x"}, "crc32 is 'x'"),
+                ({"epoch": 1.5}, r"epoch is 1\.5"),
+                ({"more": "x"}, "unknown field 'more'"),
+            )
+        ),
         (_one_bit, r"frames\.bin: wrong checksum"),
         (lambda f: (f / INDEX).write_text("{}\n" * 60), r"frames\.jsonl:1: codec is missing"),
         (lambda f: (f / PACKETS).unlink(), r"frames\.bin: No such file"),

@@ -16,13 +16,7 @@ def made_state(**more: Any) -> SessionState:
 
 
 texts = st.text(max_size=20) | st.sampled_from(["", "\0", "/", "/tmp/\udcff", "a" * 5000, "\x1b[2J", *options()])
-leaves = (
-    st.none()
-    | st.booleans()
-    | st.integers(-(2**63), 2**64 - 1)
-    | st.floats(allow_nan=True, allow_infinity=True)
-    | texts
-)
+leaves = st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats(allow_nan=True, allow_infinity=True) | texts
 values = st.recursive(
     leaves, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(texts, inner, max_size=4), max_leaves=12
 )

@@ -162,7 +162,7 @@ def test_what_a_stage_did_while_it_lagged_is_told() -> None:
     run = Run()
     run.feed_for(EASY, 1)
     run.feed_for(LATE, 0.5)
-    (_, step), = run.steps
+    ((_, step),) = run.steps
     assert step == Step(1, "render", Load(15, 15, 300_000_000), pytest.approx(0.5))
 
 

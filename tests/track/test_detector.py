@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.track.detector import FULL, SHORT, anchors, overlap, suppressed
+from lfpipe.track.detector import SHORT, anchors, overlap, suppressed
 from lfpipe.track.roi import Roi, around, portable_warp, warp
 from lfpipe.track.selector import same_place
 
@@ -15,12 +15,6 @@ def test_anchors_are_two_on_each_cell_of_16_and_six_on_each_of_8() -> None:
     np.testing.assert_allclose(found[[0, 1, 2]], [[1 / 32, 1 / 32], [1 / 32, 1 / 32], [3 / 32, 1 / 32]])
     np.testing.assert_allclose(found[[512, 517, 518]], [[1 / 16, 1 / 16], [1 / 16, 1 / 16], [3 / 16, 1 / 16]])
     np.testing.assert_allclose(found[-1], [15 / 16, 15 / 16])
-
-
-def test_anchors_of_the_full_range_are_one_on_each_cell_of_48() -> None:
-    found = anchors(FULL.grids)
-    assert found.shape == (2304, 2)
-    np.testing.assert_allclose(found[[0, 1, 48]], [[1 / 96, 1 / 96], [3 / 96, 1 / 96], [1 / 96, 3 / 96]])
 
 
 def test_overlap_is_intersection_over_union() -> None:

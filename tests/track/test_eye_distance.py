@@ -9,15 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lfpipe.config import Config, Track
+from lfpipe.config import Track
 from lfpipe.config.camera_pose import EYES_MM
-from lfpipe.eyes import EYES
-from lfpipe.render.viewer import Viewer
 from lfpipe.track.engine import Face
 from lfpipe.track.engines import make_engine
 from lfpipe.track.eye_distance import IRIS_MM, PLAUSIBLE_MM, EyeDistance
 from lfpipe.track.landmarks import FRONTAL, iris_diameter, turn
-from tests.render import rendered
 from tests.track.people import needs_mediapipe
 
 IMM = Path(__file__).parents[3] / "shared" / "data" / "faces" / "imm"
@@ -59,17 +56,6 @@ def test_nothing_is_said_of_what_is_unsteady_implausible_or_unknown() -> None:
     plain = face(61.0)
     turned = Face(plain.eyes_px, plain.confidence, plain.box_px)
     assert learn(EyeDistance(), [turned] * 90)[-1] == 0
-
-
-@pytest.mark.parametrize(("apart_mm", "said"), [(44.0, False), (46.0, True), (79.0, True), (81.0, False)])
-def test_what_is_plausible_has_two_ends(apart_mm: float, said: bool) -> None:
-    assert learn(EyeDistance(), [face(apart_mm)] * 90)[-1] == pytest.approx(apart_mm if said else 0.0)
-
-
-def test_what_was_said_is_said_anew_only_when_it_is_off_by_a_millimetre() -> None:
-    subject = EyeDistance()
-    told = [learn(subject, [face(mm)] * 300, k * 10**11)[-1] for k, mm in enumerate((60.0, 60.9, 61.1, 60.2, 59.9))]
-    assert told == pytest.approx([60.0, 60.0, 61.1, 61.1, 59.9])
 
 
 def test_a_clock_that_was_set_back_begins_anew() -> None:
@@ -137,19 +123,3 @@ def test_people_have_one_distance_in_all_their_pictures_and_turned_heads_say_not
     assert min(apart) > 50
     assert max(apart) < 75
     engine.close()
-
-
-def test_what_is_learnt_sets_the_distance_and_is_said_once_it_is_known() -> None:
-    viewer = Viewer(rendered.field(5, 9), Config())
-    record = np.zeros((), EYES)
-    record["face"], record["width_px"], record["height_px"] = 1, 640, 480
-    record["raw_px"] = record["filtered_px"] = [[350.0, 240.0], [290.0, 240.0]]
-    before = viewer.viewpoints(record, 0, 0)
-    assert viewer.parallax is not None
-    away_mm = viewer.parallax.distance_mm
-    assert "iris" not in str(viewer.parallax)
-    record["eyes_mm"] = 56.7
-    after = viewer.viewpoints(record, 10**7, 10**7)
-    assert viewer.parallax.distance_mm == pytest.approx(0.9 * away_mm)
-    assert "eyes 57 mm apart, learnt from the iris" in str(viewer.parallax)
-    assert (after.left[1] + after.right[1]) / 2 == pytest.approx((before.left[1] + before.right[1]) / 2), "no jump aside"

@@ -185,11 +185,6 @@ def test_broken_model_and_model_of_another_version_are_refused(tmp_path: Path) -
         Network(model_file("modules/face_detection/face_detection_short_range.tflite"), (1, 192, 192, 3), (1404, 1))
 
 
-def test_the_model_is_named_with_version_and_contents(engine: LitertEngine) -> None:
-    assert engine.model.startswith("face_landmark.tflite (mediapipe 0.10.")
-    assert "sha256" in engine.model
-
-
 def test_mediapipe_is_never_imported() -> None:
     """Its import takes longer than everything else of a start."""
     code = (
@@ -199,12 +194,3 @@ def test_mediapipe_is_never_imported() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
     assert done.stderr == ""
-
-
-def test_the_contents_tell_the_version_wherever_the_file_is(tmp_path: Path) -> None:
-    content = model_file("modules/face_landmark/face_landmark.tflite").read_bytes()
-    copy = tmp_path / "face_landmark.tflite"
-    copy.write_bytes(content)
-    assert "mediapipe 0.10.21" in Network(copy, (1, 192, 192, 3), (1404, 1)).name
-    copy.write_bytes(content + b"\0")
-    assert "of unknown version" in Network(copy, (1, 192, 192, 3), (1404, 1)).name

@@ -46,27 +46,6 @@ def test_takes_grey_and_deep_pictures(engine: Engine, placed: Placed) -> None:
         assert engine.detect(picture) is not None  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("size", [(320, 240), (3840, 2160)])
-def test_every_size_of_frame(engine: Engine, placed: Placed, size: tuple[int, int]) -> None:
-    factor = size[1] / 480
-    engine.reset()
-    face = engine.detect(placed((0.5 * size[0], 0.42 * size[1], 0.7 * factor), size=size))
-    assert face is not None
-    assert np.hypot(*(face.eyes_px[0] - face.eyes_px[1])) == pytest.approx(89 * 0.7 * factor, rel=0.08)
-
-
-@pytest.mark.parametrize("size", [(1, 1), (2, 3), (1, 480), (640, 1)])
-def test_tiny_pictures_hold_no_face(engine: Engine, size: tuple[int, int]) -> None:
-    engine.reset()
-    assert engine.detect(np.full((*size, 3), 128, np.uint8)) is None
-
-
-@pytest.mark.parametrize(("shape", "kind"), [((0, 5, 3), np.uint8), ((9, 9, 2), np.uint8), ((9, 9, 3), np.float32)])
-def test_other_arrays_are_refused_by_name(engine: Engine, shape: tuple[int, ...], kind: type) -> None:
-    with pytest.raises(UserError, match=r"shape \("):
-        engine.detect(np.zeros(shape, kind))
-
-
 def test_version_without_facemesh_says_which_one_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     newer = types.ModuleType("mediapipe")
     newer.__version__ = "0.10.35"  # type: ignore[attr-defined]

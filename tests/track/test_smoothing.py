@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
-from lfpipe.track.kalman import Kalman
 from lfpipe.track.smoothing import MAX_STEP_NS, MIN_STEP_NS, EyeFilter, Mean, OneEuro, weight
 
 FRAME_NS = 33_333_333
@@ -171,20 +170,6 @@ def test_dropped_frames_do_not_disturb_the_prediction() -> None:
     assert np.abs(whole.predict(t_ns) - gappy.predict(t_ns)).max() < 1.0
 
 
-def test_jitter_at_rest_is_no_more_than_the_means() -> None:
-    rng = np.random.default_rng(5)
-    still = EYES + rng.normal(0, 0.3, (600, 2, 2))
-    shown = {}
-    for kind in ("mean", "predictive"):
-        filter_ = make(kind)
-        out = []
-        for i, measured in enumerate(still):
-            filter_.update(i * FRAME_NS, measured)
-            out.append(filter_.predict(i * FRAME_NS + 25_000_000))
-        shown[kind] = float(np.std(out[60:], axis=0).mean())
-    assert shown["predictive"] <= shown["mean"]
-
-
 def missed_px(filter_: EyeFilter, x_px: Callable[[float], float], from_s: float, to_s: float, ahead_s: float = 0.1) -> float:
     """RMS of the error ahead_s after each frame at 30 Hz of eyes that move sideways from from_s to to_s; noise of 0.15 px."""
     rng, missed = np.random.default_rng(4), []
@@ -251,24 +236,6 @@ def test_head_scale_does_not_matter() -> None:
 @given(st.floats(0, 1e300), st.floats(0, 1e300))
 def test_share_of_the_low_pass_is_within_0_and_1(cutoff_hz: float, dt_s: float) -> None:
     assert 0.0 <= weight(cutoff_hz, dt_s) <= 1.0
-
-
-def test_explicit_euler_would_explode_where_backward_euler_settles() -> None:
-    """Why `weight` is what it is: a step of 0.3 s at a cutoff of 1.5 Hz is past the explicit form's bound of dt = 2 tau."""
-    dt_s, cutoff_hz = 0.3, 1.5
-    explicit = implicit = 1.0
-    for _ in range(100):
-        explicit += 2 * math.pi * cutoff_hz * dt_s * (0.0 - explicit)
-        implicit += weight(cutoff_hz, dt_s) * (0.0 - implicit)
-    assert abs(explicit) > 1e20
-    assert abs(implicit) < 1e-20
-
-
-def test_kalman_reports_the_velocity() -> None:
-    filter_ = Kalman(1e5)
-    for i in range(60):
-        _, velocity = filter_.update(i * FRAME_NS, EYES + 200 * i * FRAME_NS / 1e9)
-    np.testing.assert_allclose(velocity, 200, rtol=1e-6)
 
 
 @pytest.mark.parametrize("rate_hz", [30, 60, 120, 240])

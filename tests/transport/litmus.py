@@ -218,7 +218,7 @@ def executions(writer: list[Access], reader: list[Access], p: int) -> Iterator[t
 
 
 def verdict(without: str = "") -> str:
-    """"whole", or the first fault found: "torn" or "refused in vain"."""
+    """ "whole", or the first fault found: "torn" or "refused in vain"."""
     writer = writer_program(without)
     for way in WAYS:
         for p in range(1, PUBLISHED + 1):

@@ -31,9 +31,7 @@ DEEP = st.sampled_from([7, 8, 9, 31, 33, 500, 1900]).flatmap(
 )
 SETS = maps(ANY | DEEP, st.sampled_from([json.dumps(key) for key in KEYS]))
 WORDS = st.sampled_from(["set", "pause", "resume", "recentre", "reset", "stop", "load"])
-COMMANDS = st.tuples(WORDS, SETS | ANY | DEEP, ANY).map(
-    lambda parts: f'{{"cmd":"{parts[0]}","set":{parts[1]},"v":{parts[2]}}}'
-)
+COMMANDS = st.tuples(WORDS, SETS | ANY | DEEP, ANY).map(lambda parts: f'{{"cmd":"{parts[0]}","set":{parts[1]},"v":{parts[2]}}}')
 UNVERSIONED = st.tuples(st.sampled_from(["set", "pause", "recentre"]), SETS | ANY | DEEP).map(
     lambda parts: f'{{"cmd":"{parts[0]}","set":{parts[1]}}}'
 )
