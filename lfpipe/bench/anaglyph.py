@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.colour_metric import GREEN_MAGENTA, RED_CYAN, fused_error, ghost, rivalry
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Candidate, Chart, Figure, Prepared, Samples, Skipped, Subject, time_figures, times_ms
+from lfpipe.bench.results import Candidate, Chart, Figure, Prepared, Samples, Skipped, Subject
+from lfpipe.bench.stats import time_figures, times_ms
 from lfpipe.config import Render
 from lfpipe.render.anaglyph import MATRICES, Mixer, encode, recipe
 from lfpipe.scene.lightfield import LightField

@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from lfpipe.bench.results import Chart, Profile, Row, Subject, SubjectResults, front, short
+from lfpipe.bench.results import Chart, Profile, Row, Subject, SubjectResults, short
+from lfpipe.bench.stats import front
 
 SIZE_IN, DPI = (9.0, 4.6), 100
 MARKERS = "osD^vPX<>h"

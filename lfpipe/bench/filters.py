@@ -9,19 +9,8 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.motion import duration_s, position_at, viewer_path
-from lfpipe.bench.results import (
-    Candidate,
-    Chart,
-    Choice,
-    Figure,
-    Prepared,
-    Profile,
-    Samples,
-    Skipped,
-    Subject,
-    time_figures,
-    times_ms,
-)
+from lfpipe.bench.results import Candidate, Chart, Choice, Figure, Prepared, Profile, Samples, Skipped, Subject
+from lfpipe.bench.stats import time_figures, times_ms
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
 from lfpipe.track.kalman import Kalman

@@ -4,14 +4,9 @@ A candidate is one point of a chart, named by its curve and its knob (the settin
 candidate are numbers with an interval; tables have cells with a state.
 """
 
-import hashlib
 import json
 import math
 import os
-import platform
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -19,19 +14,16 @@ from typing import TYPE_CHECKING, Any, Literal
 import attrs
 import numpy as np
 
-import lfpipe
+from lfpipe.bench.stats import MIN_SAMPLES
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_bytes, reason
 from lfpipe.files.untrusted import json_fields
-from lfpipe.host.processes import usable_cores
-from lfpipe.host.versions import versions
 
 if TYPE_CHECKING:
     from lfpipe.bench.inputs import Inputs
 
 FORMAT = 2
 MAX_BYTES = 16 << 20  # of results.json
-MIN_SAMPLES = 6  # for a 95 % interval of the median from order statistics: 1 - 2 / 2**6 = 0.97
 State = Literal["", "ok", "degraded", "failed"]
 Samples = dict[str, list[float]]  # by the key of a figure
 
@@ -242,50 +234,6 @@ def short(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
-def median_interval(samples: Sequence[float]) -> tuple[float, float]:
-    """95 % interval of the median by order statistics, for any distribution; the range below MIN_SAMPLES samples."""
-    ordered, n = sorted(samples), len(samples)
-    if n < MIN_SAMPLES:
-        return ordered[0], ordered[-1]
-    tail = np.cumsum([math.comb(n, k) / 2**n for k in range(n // 2)])
-    k = int(np.searchsorted(tail, 0.025, side="right"))
-    return ordered[k - 1], ordered[n - k]
-
-
-def front(points: Sequence[tuple[float, float, float, float]]) -> list[int]:
-    """Indices of the points (x, half interval of x, y, half interval of y) on the Pareto front, from left to right.
-
-    Less is better. What differs by less than both intervals together ties: a point is beaten by one that is better in one
-    coordinate and better or equal in the other.
-    """
-
-    def better(a: tuple[float, ...], b: tuple[float, ...], k: int) -> bool:
-        return b[k] - a[k] > a[k + 1] + b[k + 1]
-
-    def beats(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
-        x, y = better(a, b, 0), better(a, b, 2)
-        return (x and not better(b, a, 2)) or (y and not better(b, a, 0))
-
-    kept = [k for k, b in enumerate(points) if not any(beats(a, b) for a in points)]
-    return sorted(kept, key=lambda k: points[k])
-
-
-def times_ms(call: Callable[[], object], count: int) -> list[float]:
-    """Time of each of count calls, in ms."""
-    times = []
-    for _ in range(count):
-        start = time.perf_counter_ns()
-        call()
-        times.append((time.perf_counter_ns() - start) / 1e6)
-    return times
-
-
-def time_figures(times: Sequence[float], unit: str = "ms", scale: float = 1.0) -> dict[str, float]:
-    """The figures time_UNIT (median) and time_p95_UNIT of times, multiplied by scale."""
-    p50, p95 = np.percentile(times, (50, 95)) * scale
-    return {f"time_{unit}": float(p50), f"time_p95_{unit}": float(p95)}
-
-
 def write(results: dict[str, SubjectResults], folder: Path) -> None:
     """Replaces results.json. Raises UserError if the folder cannot be written."""
     content = {"format": FORMAT, "subjects": {name: attrs.asdict(found) for name, found in results.items()}}
@@ -329,46 +277,3 @@ def figures_of(folder: Path, name: str) -> tuple[dict[str, Any], list[str], list
         if cells := [cell for table in found.tables for row in table.rows for cell in row if cell.state and not cell.only]:
             figures[f"cells {state}"] = float(sum(cell.state == state for cell in cells))
     return figures, [f"{one}: {why}" for one, why in found.failures.items()], [f"{s.what}: {s.why}" for s in found.skipped]
-
-
-def source_digest() -> str:
-    """Hash of the package's own files: a changed program measures again."""
-    digest = hashlib.blake2b(digest_size=8)
-    for path in sorted(Path(lfpipe.__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-def _git(*words: str) -> str:
-    command = ["git", *words]
-    try:
-        here = Path(lfpipe.__file__).parent
-        done = subprocess.run(command, capture_output=True, text=True, cwd=here, timeout=5, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    return done.stdout.strip() if done.returncode == 0 else ""
-
-
-def describe(subject: Subject, inputs: "Inputs") -> tuple[str, dict[str, str]]:
-    """(identity, about) of a subject's results: all conditions that they depend on."""
-    built = versions()
-    processor = built.pop("processor")
-    about = {"command": " ".join(["lfpipe", *sys.argv[1:]]), "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}
-    parts: list[Any] = [inputs.quick, source_digest(), sorted(built.items())]
-    if "scene" in subject.needs:
-        parts += [field.manifest.get("key", "") for _, field in inputs.fields]
-        about["scene"] = "; ".join(
-            f"{one.name}: {one.rows}x{one.cols} views of {one.width_px}x{one.height_px} px, disparity {one.disparity_source}"
-            for _, one in inputs.fields
-        )
-    if "sequence" in subject.needs:
-        one = inputs.sequence
-        parts += [one.path.name, len(one.frames), one.truth is not None]
-        truth = "truth known" if one.truth else "no truth"
-        about["sequence"] = f"{one.path.name}: {len(one.frames)} frames at {one.rate_hz:g} Hz, {truth}"
-    load = f"load {os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else ""
-    about["machine"] = f"{processor}, {len(usable_cores())} cores, {platform.system()} {platform.release()}, {load}"
-    about["versions"] = ", ".join(f"{name} {version}" for name, version in built.items())
-    commit, changed = _git("rev-parse", "--short=12", "HEAD"), _git("status", "--porcelain", "--untracked-files=no")
-    about["commit"] = commit + (" with changes" if changed else "") if commit else "not a git checkout"
-    return hashlib.blake2b(json.dumps(parts).encode(), digest_size=12).hexdigest(), about

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from lfpipe.bench import anaglyph, filters, judder, photon, pipeline, stability, synthesis, tracker
+from lfpipe.bench.conditions import describe
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import (
-    MIN_SAMPLES,
     Candidate,
     Prepared,
     Row,
@@ -24,11 +24,10 @@ from lfpipe.bench.results import (
     SubjectResults,
     Table,
     Value,
-    describe,
-    median_interval,
     read,
     write,
-)  # fmt: skip
+)
+from lfpipe.bench.stats import MIN_SAMPLES, median_interval
 from lfpipe.errors import UserError
 
 SUBJECTS: dict[str, Subject] = {  # in the order of the report

@@ -10,45 +10,25 @@ from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import partial
 
-import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.holdout import ViewRenderer
+from lfpipe.bench.extremes import colour_table, judged_cell, mapping_table, synthesis_table
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Cell, Skipped, State, Subject, Table
-from lfpipe.config import Config, Render, Track
+from lfpipe.config import Config, Track
 from lfpipe.eyes import EYES as RECORD
-from lfpipe.render.anaglyph import MATRICES, decoded, encode, encoded, recipe
-from lfpipe.render.compositor import Compositor
 from lfpipe.render.viewer import Viewer
-from lfpipe.render.viewpoint import ViewSolver, pair_clamped
-from lfpipe.scene.lightfield import UNKNOWN, Geometry, LightField
+from lfpipe.scene.lightfield import LightField
 from lfpipe.track.filters import make_filter
 from lfpipe.track.motion_models import Motion, Predictive, Tuning
 
 FILTERS = (Track().filter, *(name for name in ("mean", "one-euro", "kalman") if name != Track().filter))
-METHODS = ("nearest", "blend", "warp", "warp2", "best")
 RATES_HZ = (15, 30, 60, 120, 240)
 EYES = np.array([[350.0, 240.0], [290.0, 242.0]])
 APART_PX = 60.0
 AHEAD_MS = 100  # a usual time from exposure to light
-wide = np.longdouble
 Float = NDArray[np.float64]
-
-
-def judged(worst: float, ok: float, degraded: float, text: str = "", only: str = "") -> Cell:
-    """ok up to `ok`, degraded up to `degraded`, failed above and for NaN."""
-    state: State = "ok" if worst <= ok else "degraded" if worst <= degraded else "failed"
-    return Cell(text or (f"{worst:.1e}" if worst else "0"), state, only)
-
-
-def _cell(work: Callable[[], float], ok: float, degraded: float, only: str = "") -> Cell:
-    """The worst error that work returns, judged; an exception is a failure with its name."""
-    try:
-        return judged(work(), ok, degraded, only=only)
-    except Exception as error:  # the exception is the result
-        return Cell(f"{type(error).__name__}: {error}"[:80], "failed", only)
 
 
 def covariance_error(q: float, first: float, dt_ns: int, rounds: int) -> float:
@@ -78,7 +58,8 @@ def covariance_table(rounds: int) -> Table:
     """The default filter's own models, over and far beyond their settings."""
     steps_ns, noises = (200_000, 4_166_667, 33_333_333, 400_000_000), (1e-6, 1e-3, 1.0)
     rows = tuple(
-        (Cell(f"q {q:.0e}, noise {r:.0e}"), *(_cell(partial(covariance_error, q, r, d, rounds), 1e-9, 1e-3) for d in steps_ns))
+        (Cell(f"q {q:.0e}, noise {r:.0e}"),
+         *(judged_cell(partial(covariance_error, q, r, d, rounds), 1e-9, 1e-3) for d in steps_ns))
         for q, r in itertools.product((1e-6, 1.0, 1200.0, 1e9), noises)
     )
     note = "Worst relative error of an entry against rational arithmetic; failed if a matrix is no longer semi-definite."
@@ -213,146 +194,6 @@ def viewer_table(field: LightField, rates_hz: tuple[int, ...]) -> Table:
     head = ("in the record", *(f"{rate_hz} Hz{', jittered' if jittered else ''}" for rate_hz, jittered in columns))
     note = "Distance of the viewpoints from a run without it, in views, and how long it stays above 0.05. failed: it never ends."
     return Table("The viewer before the screen", note, head, tuple(rows))
-
-
-def mapping_error(alpha_px: float, u: float, count: int = 9, reach: float = 2.0) -> float:
-    """Distance in views between the mapping and the same in long double, before the clamp; infinite if it is not finite, leaves
-    the zone, or is wrong in its clamp."""
-    solver = ViewSolver(count, count, Render(extrapolate_views=reach), alpha_px, (320.0, 240.0))
-    left, right = (view[1] for view in solver.views([[u, 240.0], [u - 60.0, 240.0]]))
-    if not (
-        math.isfinite(left) and math.isfinite(right) and -reach <= min(left, right) and max(left, right) <= count - 1 + reach
-    ):
-        return math.inf
-    if not math.isfinite(u):
-        return 0.0
-    exact = [wide(count - 1) / 2 + (wide(320.0) - wide(v)) / wide(alpha_px) for v in (u, u - 60.0)]
-    near = [float(np.clip(v, -wide(1e12), wide(1e12))) for v in exact]
-    wanted = pair_clamped(near[0], near[1], count, reach)
-    return float(max(abs(wide(left) - wide(wanted[0])), abs(wide(right) - wide(wanted[1]))))
-
-
-def mapping_table() -> Table:
-    """Eyes and alpha over the whole range of floats."""
-    eyes = (320.0, 0.0, -1e3, 1e6, 1e18, 1e308, 5e-324, math.inf, -math.inf, math.nan)
-    alphas = (1e-9, 1e-3, 1.0, 12.0, 1e3, 1e9)
-    rows = tuple((Cell(f"u = {u:g} px"), *(_cell(partial(mapping_error, a, u), 1e-9, 1e-3) for a in alphas)) for u in eyes)
-    note = "Error in views against long double, with 9 views and 2 views of extrapolation."
-    return Table("Eyes to viewpoints", note, ("left eye", *(f"alpha {a:g} px" for a in alphas)), rows)
-
-
-def colour_error(name: str, light: str, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> float:
-    """Largest difference in levels between the picture of two views, uint8 (h, w, 3) BGR, and the published matrix in float64."""
-    linear = light == "linear" and name.startswith("dubois")
-    views = [view[..., ::-1] / 255 for view in (left, right)]
-    if linear:
-        views = [decoded(view) for view in views]
-    matrix = np.array(MATRICES[name])
-    mixed = np.clip(sum(views[eye] @ matrix[:, eye].T for eye in (0, 1)), 0, 1)
-    exact = (encoded(mixed) if linear else mixed)[..., ::-1] * 255
-    return float(np.abs(encode(left, right, recipe(name, light)) - exact).max())
-
-
-def colour_table(field: LightField) -> Table:
-    """Every encoding in both lights, from grey to random colours, and the scene's own outer views."""
-    grey = np.repeat(np.arange(256, dtype=np.uint8).reshape(16, 16, 1), 3, axis=2)
-    black, random = np.zeros_like(grey), np.random.default_rng(1).integers(0, 256, (2, 128, 128, 3), np.uint8)
-    scene = [np.broadcast_to(np.asarray(field.views[0, field.rows // 2, col])[::-1], (3, field.height_px, field.width_px))
-             .transpose(1, 2, 0) for col in (0, field.cols - 1)]  # fmt: skip
-    pairs = {"greys": (grey, grey), "one eye black": (grey, black), "the scene": (scene[0], scene[1]),
-             "random colours": (random[0], random[1])}  # fmt: skip
-    rows = []
-    for name, light in itertools.product(MATRICES, ("linear", "gamma")):
-        only = "" if (name, light) == (Render().anaglyph, Render().light) else f"render.anaglyph={name}, render.light={light}"
-        cells = [_cell(partial(colour_error, name, light, *pair), 1.0, 16.0, only) for pair in pairs.values()]
-        rows.append((Cell(f"{name}, {light}"), *cells))
-    note = (
-        "Largest error in levels against the published matrix in float64. Half a level is rounding; more is the price of three"
-        " planes instead of six, largest for saturated colours (docs/glasses.md). failed: more than 16 levels."
-    )
-    return Table("Colours of two eyes", note, ("encoding", *pairs), tuple(rows))
-
-
-def extreme_field(rows: int, cols: int, height: int, width: int, disparity_px: float, unknown: float = 0.0) -> LightField:
-    """Noise with disparities up to disparity_px, of both signs. unknown: share of unknown disparities."""
-    rng = np.random.default_rng(1)
-    low = ((height + 1) // 2, (width + 1) // 2)
-    disparity = rng.integers(-127, 128, (1, rows, cols, *low), np.int8)
-    disparity[rng.random(disparity.shape) < unknown] = UNKNOWN
-    return LightField(
-        views=rng.integers(0, 256, (1, rows, cols, 3, height, width), np.uint8), disparity=disparity,
-        disparity_scale_px=disparity_px / 127, disparity_min_px=-disparity_px, disparity_max_px=disparity_px,
-        disparity_source="truth", offsets=np.zeros((rows, cols, 2), np.float32), present=np.ones((rows, cols), bool),
-        geometry=Geometry(), frame_rate_hz=0.0, name="extreme", method="warp2", manifest={},
-    )  # fmt: skip
-
-
-def error_at_stored_views(field: LightField, method: str) -> float:
-    """Largest difference between a stored view and the method's view at its position; 0 is required."""
-    renderer, views = ViewRenderer(field, method), np.asarray(field.views)[0]
-    stored = {(0, 0), (field.rows - 1, field.cols - 1), (field.rows // 2, field.cols // 2)}
-    return max(float(np.abs(renderer.at((float(r), float(c))) - views[r, c]).max()) for r, c in stored)
-
-
-def error_at_extremes(field: LightField, method: str) -> float:
-    """Composes at impossible viewpoints (NaN, infinities, far outside, tiny fractions) with and without a plane of the screen in
-    depth. Returns the largest difference between pictures with equal keys, which must be equal."""
-    values = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.5, field.cols - 1 + 1e-12)
-    worst = 0.0
-    for zero_plane_px in (0.0, 900.0):
-        compositor = Compositor(field, attrs.evolve(Render(method=method), zero_plane_px=zero_plane_px))  # type: ignore[arg-type]
-        pictures: dict[object, NDArray[np.uint8]] = {}
-        for value in values:
-            for left, right in (((value, value), (0.0, value)), ((0.0, 0.0), (value, value))):
-                picture = compositor.compose(left, right).copy()
-                before = pictures.setdefault(compositor.key(left, right), picture)
-                worst = max(worst, float(np.abs(before.astype(np.int16) - picture).max()))
-    return worst
-
-
-def mirror_error(field: LightField, method: str) -> float:
-    """Mean difference between a view of the mirrored field and the mirrored view, in levels: no side is special."""
-    disparity = None if field.disparity is None else np.asarray(field.disparity)[:, :, ::-1, :, ::-1]
-    offsets = field.offsets[:, ::-1] * np.array([-1, 1], np.float32)
-    views = np.asarray(field.views)[:, :, ::-1, :, :, ::-1]
-    turned = attrs.evolve(field, views=views, offsets=offsets, present=field.present[:, ::-1], disparity=disparity)
-    row, col = (field.rows - 1) / 2, (field.cols - 1) * 0.37
-    view, other = (ViewRenderer(one, method).at((row, at)) for one, at in ((field, col), (turned, field.cols - 1 - col)))
-    return float(np.abs(view - other[..., ::-1]).mean())
-
-
-def synthesis_table(inputs: Inputs) -> Table:
-    """The scene, and generated light fields of extreme sizes and disparities."""
-    scene = attrs.evolve(inputs.field, views=inputs.field.views[:1])
-    offset = extreme_field(3, 3, 32, 32, 2.0)
-    offset.offsets[:] = np.random.default_rng(3).normal(0, 3, offset.offsets.shape)
-    fields = {
-        inputs.field.name or "scene": scene, "3x3 of 1x1 px": extreme_field(3, 3, 1, 1, 1.0),
-        "2x2 of 2x3 px": extreme_field(2, 2, 2, 3, 1.0), "3x3 of 33x47 px": extreme_field(3, 3, 33, 47, 2.0),
-        "1x1 view": extreme_field(1, 1, 32, 32, 1.0), "1x9 views": extreme_field(1, 9, 32, 32, 2.0),
-        "5x1 views": extreme_field(5, 1, 32, 32, 2.0), "disparity 0": extreme_field(3, 3, 32, 32, 0.0),
-        "disparity 1e-6 px": extreme_field(3, 3, 32, 32, 1e-6), "disparity 200 px of 32": extreme_field(3, 3, 32, 32, 200.0),
-        "disparity 1e6 px": extreme_field(3, 3, 32, 32, 1e6), "a third unknown": extreme_field(3, 3, 32, 32, 2.0, 0.33),
-        "all unknown": extreme_field(3, 3, 32, 32, 2.0, 1.1), "cameras out of place": offset,
-    }  # fmt: skip
-    checks = {"stored views": error_at_stored_views, "extremes": error_at_extremes, "mirrored": mirror_error}
-    rows = []
-    for what, field in fields.items():
-        cells = []
-        for method, (check, call) in itertools.product(METHODS, checks.items()):
-            usable = field.disparity is not None or not method.startswith("warp")
-            smooth = check != "mirrored" or what == (inputs.field.name or "scene")  # noise tells nothing of interpolation
-            only = "" if method == inputs.field.method else f"render.method={method}"
-            limits = (1.0, 3.0) if check == "mirrored" else (0.0, 1.0)
-            cells.append(_cell(partial(call, field, method), *limits, only) if usable and smooth else Cell("-"))
-        rows.append((Cell(what), *cells))
-    head = ("light field", *(f"{method}: {check}" for method in METHODS for check in checks))
-    note = (
-        "Stored views: largest difference in levels from the stored view. Extremes: viewpoints of NaN, infinities, 1e308, 5e-324,"
-        " a plane of the screen of 900 px; pictures with equal keys must be equal, and nothing may raise. Mirrored: mean"
-        " difference in levels between a view of the mirrored scene and the mirrored view."
-    )
-    return Table("Views at the ends of the range", note, head, tuple(rows))
 
 
 def tables(inputs: Inputs) -> Iterator[Table | Skipped]:

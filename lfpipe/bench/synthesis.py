@@ -8,7 +8,8 @@ import numpy as np
 
 from lfpipe.bench.holdout import ViewRenderer, subsample, viewpoint_walk
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Candidate, Chart, Choice, Figure, Prepared, Samples, Skipped, Subject, time_figures, times_ms
+from lfpipe.bench.results import Candidate, Chart, Choice, Figure, Prepared, Samples, Skipped, Subject
+from lfpipe.bench.stats import time_figures, times_ms
 from lfpipe.config import Render
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.render.compositor import Compositor

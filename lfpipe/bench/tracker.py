@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.eye_path import EyePath
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Candidate, Chart, Choice, Figure, Prepared, Samples, Skipped, Subject, time_figures, times_ms
+from lfpipe.bench.results import Candidate, Chart, Choice, Figure, Prepared, Samples, Skipped, Subject
+from lfpipe.bench.stats import time_figures, times_ms
 from lfpipe.config import Track
 from lfpipe.track.engine import Engine
 from lfpipe.track.engines import make_engine

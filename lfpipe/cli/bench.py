@@ -112,7 +112,7 @@ def table(
 
     import cv2
 
-    from lfpipe.bench.results import source_digest
+    from lfpipe.bench.conditions import source_digest
     from lfpipe.bench.table import Protocol, markdown, measure, write
     from lfpipe.cli.progress import progress
     from lfpipe.config import load

@@ -5,28 +5,25 @@ alone, at the end.
 """
 
 import contextlib
-import hashlib
-import json
 import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
-from typing import Any
 
 import attrs
 import dask
 from distributed import Client, Future, LocalCluster, Security, as_completed
 from distributed.scheduler import KilledWorker
 
-from lfpipe.bench.results import source_digest
+from lfpipe.bench.conditions import source_digest
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import reason
-from lfpipe.host.paths import is_dir, is_file
+from lfpipe.host.paths import is_dir
 from lfpipe.host.versions import versions
-from lfpipe.sweep.cell import DIED, DIFFERS, DONE, FAILED, OK, QUALITY, REPLAY, Cell, Outcome
+from lfpipe.sweep.cell import DIED, DONE, FAILED, REPLAY, Cell, Outcome
 from lfpipe.sweep.plan import Plan, cells
+from lfpipe.sweep.references import judged, marked, place_of
 from lfpipe.sweep.results import Store
 from lfpipe.sweep.work import TOPIC, Order, measure_cell
 
@@ -41,8 +38,6 @@ SETTINGS = {
     "distributed.comm.timeouts.connect": f"{SCHEDULER_WAIT_S:g}s",
     "distributed.scheduler.worker-ttl": "5 minutes",
 }
-FIGURES = "figures.json"  # reference of a cell without pictures
-CLOSE = 1e-3  # relative tolerance of figures, for rounding on other processors
 log = logging.getLogger(__name__)
 
 
@@ -233,7 +228,7 @@ def sweep(plan: Plan, out: Path, options: Options) -> list[Outcome]:
     if options.expect is not None and options.update:
         options.expect.mkdir(parents=True, exist_ok=True)
     version = f"{source_digest()} {sorted((name, each) for name, each in versions().items() if name != 'processor')}"
-    every = [_marked(cell, options) for cell in cells(plan, version)]
+    every = [marked(cell, options.expect, options.update) for cell in cells(plan, version)]
     store = Store(out)
     todo: dict[str, Cell] = {}  # scenes of equal name and content are one cell
     for cell in every:
@@ -248,11 +243,11 @@ def sweep(plan: Plan, out: Path, options: Options) -> list[Outcome]:
     def take(outcome: Outcome) -> None:
         nonlocal left
         left -= 1
-        store.append(_judged(outcome, options))
+        store.append(judged(outcome, options.expect, options.update))
         options.progress("cells", len(every) - left, len(every))
 
     def order(cell: Cell) -> Order:
-        place = _reference(cell, options)
+        place = place_of(cell, options.expect)
         use = cell.subject == REPLAY and place is not None and (options.update or is_dir(place))
         return Order(options.limit_s, str(place.resolve()) if use and place else "", options.update)
 
@@ -264,50 +259,3 @@ def sweep(plan: Plan, out: Path, options: Options) -> list[Outcome]:
     finally:
         store.close()
     return [store.outcomes[cell.key] for cell in every]
-
-
-def _reference(cell: Cell, options: Options) -> Path | None:
-    """Folder of the reference of a cell; None if its subject has none, or without --expect."""
-    return options.expect / cell.folder if options.expect is not None and cell.subject in (REPLAY, QUALITY) else None
-
-
-def _marked(cell: Cell, options: Options) -> Cell:
-    """The cell with a key that also depends on its reference: on its files, or, with update, on whether there are any."""
-    if (place := _reference(cell, options)) is None:
-        return cell
-    files = sorted(path for path in place.rglob("*") if is_file(path)) if is_dir(place) else []
-    digest = hashlib.blake2b(f"update {bool(files)}".encode() if options.update else b"", digest_size=4)
-    for path in [] if options.update else files:
-        digest.update(path.read_bytes())
-    return attrs.evolve(cell, key=cell.key + digest.hexdigest())
-
-
-def _judged(outcome: Outcome, options: Options) -> Outcome:
-    """The outcome; `differs` if it differs from its reference. Without a reference it fails; with update it is stored.
-
-    `lfpipe replay` compares and writes its own references. Raises UserError if the disk is full.
-    """
-    place = _reference(outcome.cell, options)
-    if place is None or outcome.state != OK or (options.update and outcome.cell.subject == REPLAY):
-        return outcome
-    if options.update:
-        try:
-            place.mkdir(parents=True, exist_ok=True)
-            (place / FIGURES).write_text(json.dumps(outcome.figures, indent=1))
-        except OSError as error:
-            raise UserError(f"--expect {options.expect}: {reason(error)}", "use a folder on a disk with free space") from None
-        return outcome
-    if not is_dir(place):
-        return attrs.evolve(outcome, state=FAILED, reason=f"no reference {place.name}: write it with --update")
-    if outcome.cell.subject == REPLAY:
-        return outcome
-    try:
-        reference: dict[str, Any] = json.loads((place / FIGURES).read_text())
-        wrong = [
-            f"{name}: {value} in the reference, now {outcome.figures.get(name)}"
-            for name, value in reference.items()
-            if abs(float(outcome.figures.get(name, float("inf"))) - float(value)) > CLOSE * abs(float(value))
-        ]
-    except (OSError, ValueError, AttributeError) as error:
-        return attrs.evolve(outcome, state=FAILED, reason=f"reference {place.name}: {error}")
-    return attrs.evolve(outcome, state=DIFFERS, reason="\n".join(wrong)) if wrong else outcome

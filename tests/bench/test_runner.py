@@ -24,11 +24,11 @@ from lfpipe.bench.results import (
     SubjectResults,
     Table,
     Value,
-    front,
     read,
     write,
-)  # fmt: skip
+)
 from lfpipe.bench.runner import run
+from lfpipe.bench.stats import front
 from tests.bench.inputs import inputs, wall
 
 FIGURES = (Figure("error_px", "error", "px", "rms"), Figure("time_ms", "time", "ms"))

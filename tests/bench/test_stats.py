@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 
 from lfpipe.bench.eye_path import HEAD, EyePath
-from lfpipe.bench.results import MIN_SAMPLES, front, median_interval
+from lfpipe.bench.stats import MIN_SAMPLES, front, median_interval
 from lfpipe.errors import UserError
 from lfpipe.sequence.truth import Truth
 

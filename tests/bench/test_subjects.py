@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfpipe.bench import anaglyph, filters, judder, paper_loop, photon, pipeline, stability, synthesis, tracker
+from lfpipe.bench import anaglyph, extremes, filters, judder, paper_loop, photon, pipeline, stability, synthesis, tracker
+from lfpipe.bench.conditions import describe
 from lfpipe.bench.eye_path import EyePath
 from lfpipe.bench.inputs import FrameSequence, Inputs, demo_sequence, read_sequence
-from lfpipe.bench.results import Candidate, Skipped, describe
+from lfpipe.bench.results import Candidate, Skipped
 from lfpipe.bench.sessions import parts
 from lfpipe.bench.trace_error import AlignedTrace
 from lfpipe.sequence.truth import Truth
@@ -232,7 +233,7 @@ def test_a_bad_frame_is_judged_by_peak_and_duration() -> None:
 def test_colours_against_the_published_matrices() -> None:
     """Three planes instead of six cost the most for random colours: 13 levels for Dubois, 40 and 41 for the others."""
     left, right = np.random.default_rng(1).integers(0, 256, (2, 128, 128, 3), np.uint8)
-    errors = [stability.colour_error(name, "linear", left, right) for name in ("colour", "dubois", "dubois-green-magenta")]
+    errors = [extremes.colour_error(name, "linear", left, right) for name in ("colour", "dubois", "dubois-green-magenta")]
     assert errors[0] < 0.51 and 5 < errors[1] < 16 < errors[2] < 45
 
 
