@@ -33,7 +33,8 @@ FILE = "table.jsonl"
 PEAK, BEST_DB = 255.0, 100.0  # of PSNR; BEST_DB for identical pictures
 LUMA, BLACK = np.array([65.481, 128.553, 24.966]) / 255, 16.0  # ITU-R BT.601, 16 to 235, as MATLAB's rgb2ycbcr
 SIGMA_PX, WINDOW_PX, K1, K2 = 1.5, 11, 0.01, 0.03  # Wang, Bovik, Sheikh, Simoncelli, IEEE TIP 2004
-Say, Float = Callable[[str, int, int], None], NDArray[np.float64]
+Say = Callable[[str, int, int], None]
+Float = NDArray[np.float64]
 
 # Printed means (PSNR in dB, SSIM) of methods that were not run here. Tables disagree about the same method, by up to 5 dB.
 SETS = ("HCI new", "HCI old", "30scenes")
