@@ -102,13 +102,16 @@ class SceneMenu:
         self._open: Thumbnails | None = None
         self._camera: Reader | None = None
         self._camera_due_ns = 0
+        self._forgotten: set[str] = set()  # scenes taken off the start page
 
     def open(self) -> None:
         """Shows the thumbnails over the picture."""
         from lfpipe.render.thumbnails import Thumbnails  # few sessions need it
 
         options = self._context.options
-        self._open = Thumbnails(options.playlist, options.playlist_at, self._context.config.scene, options.tracking)
+        scenes = [scene for scene in options.playlist if scene not in self._forgotten]
+        at = scenes.index(now) if (now := options.playlist[options.playlist_at]) in scenes else 0
+        self._open = Thumbnails(scenes, at, self._context.config.scene, options.tracking)
         self._camera = Reader(self._context.spec.session.segment("frames")) if options.tracking else None
         self._display.menu(self._open.draw)
 
@@ -133,6 +136,8 @@ class SceneMenu:
             return False
         elif event == "enter":
             self._choose(self._open.at)
+        elif event == "delete":
+            self._forget()
         elif event.startswith("click "):
             x, y = map(int, event.split()[1:])
             if (number := self._open.scene_at(x, y)) is not None:
@@ -149,6 +154,18 @@ class SceneMenu:
         self.close()
         self._scenes.load(scene)
 
+    def _forget(self) -> None:
+        """Takes the selected scene off the start page; the demo stays, and so do all files."""
+        assert self._open is not None
+        if not self._context.options.start or not self._open.at:
+            return
+        from lfpipe.scene.recent_scenes import forget_scene
+
+        scene = self._open.remove()
+        self._forgotten.add(scene)
+        forget_scene(Path(scene))
+        self._display.menu(self._open.draw)
+
     def serve(self, t_ns: int) -> None:
         """Reads one more thumbnail and, now and then, the camera's picture."""
         if self._open is None:
@@ -160,8 +177,9 @@ class SceneMenu:
             width_px, height_px = self._context.config.camera.frame_px
             frame = np.empty((height_px, width_px, 3), np.uint8)
             if self._camera.read(frame) is not None:
-                demo = self._context.options.source.startswith("demo")
-                caption = "demo face: no camera found" if demo else "you" if self._context.row["face"] else "no face seen"
+                options, seen = self._context.options, "a face: here you are" if self._context.row["face"] else "no face seen"
+                demo = "demo face: no camera found" if options.start else "demo face"
+                caption = demo if options.source.startswith("demo") else seen
                 self._open.camera(frame, caption)
                 changed = True
         if changed:

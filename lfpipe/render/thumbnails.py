@@ -18,7 +18,7 @@ KEPT_PX = (480, 360)  # of a thumbnail, at most
 COLS, CELL_LINES = 4, 9  # cells across a window of at least this many lines of text; height of a cell in lines
 CELL_SHAPE = 0.75  # of a picture's area, at most: height over width
 TEXT_PX, TEXT_SHARE = 18, 1 / 32
-HEAD = "arrows and Enter, or a click, show a scene; Tab goes back"
+HEAD = "arrows and Enter, or a click, show a scene; Delete takes it off this page; Tab goes back"
 HINTS = "g tests the glasses, h shows all keys; drop a folder of views onto the window"
 WHITE, GREY, BACK = (255, 255, 255), (150, 150, 150), (0, 0, 0, 215)
 STEPS = {"less": (0, -1), "more": (0, 1), "up": (-1, 0), "down": (1, 0)}
@@ -62,6 +62,14 @@ class Thumbnails:
         """Sets the camera's picture, uint8 (height, width, 3) BGR, mirrored."""
         self._camera, self._caption = _small(frame)[:, ::-1, ::-1], caption
 
+    def remove(self) -> str:
+        """Takes the selected scene out; returns it."""
+        kept = {number - (number > self.at): picture for number, picture in self._pictures.items() if number != self.at}
+        self._pictures = kept
+        scene = self.scenes.pop(self.at)
+        self.at = min(self.at, len(self.scenes) - 1)
+        return scene
+
     def move(self, key: str) -> bool:
         """Selects another scene by the name of a key; returns whether the key does that."""
         if key in STEPS:
@@ -103,7 +111,7 @@ class Thumbnails:
         made.blit(font.render(_cut(font, HINTS, width - line), True, GREY), (line // 2, 3 * line // 2))
         for number in range(first, min(first + self._per_page, len(self.scenes))):
             name = Path(self.scenes[number]).name
-            unread = "" if number not in self._pictures else "not packed yet"
+            unread = "" if number not in self._pictures else "not opened yet"
             self._cell(made, font, number - first, self._pictures.get(number), name, unread, number == self.at)
         if camera:
             self._cell(made, font, min(len(self.scenes) - first, self._per_page), self._camera, self._caption, "", False)

@@ -23,7 +23,13 @@ from pygame._sdl2 import video as video
 ICON_PX = 64
 KEY_CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_LEFT: "less", pygame.K_RIGHT: "more"}
 KEY_CODES |= {pygame.K_PAGEDOWN: "next", pygame.K_PAGEUP: "previous", pygame.K_TAB: "choose"}
-KEY_CODES |= {pygame.K_UP: "up", pygame.K_DOWN: "down", pygame.K_RETURN: "enter", pygame.K_KP_ENTER: "enter"}
+KEY_CODES |= {
+    pygame.K_UP: "up",
+    pygame.K_DOWN: "down",
+    pygame.K_RETURN: "enter",
+    pygame.K_DELETE: "delete",
+    pygame.K_KP_ENTER: "enter",
+}
 UNSEEN = ("dummy", "offscreen")  # drivers without a screen, for tests
 
 

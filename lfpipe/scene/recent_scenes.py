@@ -28,7 +28,15 @@ def recent_scenes() -> list[Path]:
 
 def remember_scene(path: Path) -> None:
     """Puts a scene first. Does nothing if the folder cannot be written: the session matters more."""
-    paths = list(dict.fromkeys([path.resolve(), *recent_scenes()]))[:COUNT]
+    _write(list(dict.fromkeys([path.resolve(), *recent_scenes()]))[:COUNT])
+
+
+def forget_scene(path: Path) -> None:
+    """Takes a scene off the list; its files stay."""
+    _write([scene for scene in recent_scenes() if scene != path])
+
+
+def _write(paths: list[Path]) -> None:
     with contextlib.suppress(OSError):
         _file().parent.mkdir(parents=True, exist_ok=True)
         with replaced(_file()) as file:
