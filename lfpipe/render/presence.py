@@ -8,12 +8,14 @@
                another face took over                                  exchanged
                no face                                                 lost
     exchanged  it rests                                                seated, measured again
+               the face of a seat left less than RETURN_S ago          seated, as measured then
     lost       a face, before ABSENT_S have passed                     as before the loss
                no face for ABSENT_S                                    nobody
 
 "Rests": for REST_S and REST_FRAMES the eyes stay within REST_SPAN of a point, and their distance from each other within
 REST_DEPTH. "Another face took over": a face of another track follows within GAP_S of the last; a longer gap means that the camera
-stood still. The measurement is the mean over the rest of the eyes' position and of their distance from each other, which gives
+stood still. A face is that of a seat if it is where the seat's face was last, and as large (RETURN_SPAN, RETURN_DEPTH). The
+measurement is the mean over the rest of the eyes' position and of their distance from each other, which gives
 the viewer's distance.
 """
 
@@ -28,6 +30,8 @@ REST_SPAN = 0.3  # of the distance between the eyes: 2 cm
 REST_DEPTH = 0.06  # of the same
 ABSENT_S = 10.0
 GAP_S = 0.5
+RETURN_S = 30.0  # a passer-by is gone by then
+RETURN_SPAN, RETURN_DEPTH = 1.0, 0.2  # of the distance between the eyes; who sits down again sits a little aside
 
 
 class ViewerState(enum.IntEnum):
@@ -53,6 +57,22 @@ class Rest:
     apart_px: float
 
 
+@attrs.frozen
+class Seat:
+    """A seat whose viewer another face has replaced. last: where the viewer was seen last. rest: as measured."""
+
+    last: Rest
+    rest: Rest
+    t_ns: int
+
+    def is_of(self, here: Rest, t_ns: int) -> bool:
+        """Whether the face that is here at t_ns is the one that sat there."""
+        apart_px = self.last.apart_px
+        aside_px = max(abs(here.x_px - self.last.x_px), abs(here.y_px - self.last.y_px))
+        alike = abs(here.apart_px - apart_px) <= RETURN_DEPTH * apart_px
+        return alike and aside_px <= RETURN_SPAN * apart_px and t_ns - self.t_ns < RETURN_S * SECOND_NS
+
+
 class Presence:
     """The state machine. Call `update` once for every tracked frame."""
 
@@ -63,13 +83,17 @@ class Presence:
         self._t_ns = self._since_ns = 0  # of the last face; when its rest began
         self._first: Rest | None = None  # where the rest began
         self._sums, self._count = (0.0, 0.0, 0.0), 0
+        self._measured: Rest | None = None  # of the viewer who is followed
+        self._last: Rest | None = None
+        self._left: Seat | None = None
+        self.returned = False  # whether the last frame's face is back in its seat
 
     def update(self, t_ns: int, here: Rest | None, generation: int = 0, beyond: bool = False) -> Rest | None:
         """Processes the frame of t_ns. here: position of the eyes, None without a face; generation: of the face's track; beyond:
         both eyes are beyond the grid. Returns the rest that gives neutral position and distance when it is time to measure them,
         else None.
         """
-        state = self.state
+        state, self.returned = self.state, False
         if here is None:
             self._first = None
             if state not in (ViewerState.NOBODY, ViewerState.LOST):
@@ -84,14 +108,25 @@ class Presence:
         elif state is ViewerState.LOST:
             self.state = self._before
         elif other and gap_ns < GAP_S * SECOND_NS:
+            seat, self._left = self._left, self._seat(t_ns) or self._left
             self.state = ViewerState.EXCHANGED
+            if seat is not None and seat.is_of(here, t_ns):
+                self.state, self._first, self._last, self._measured = ViewerState.SEATED, None, here, seat.rest
+                self.returned = True
+                return seat.rest
+            self._measured = None
+        self._last = here
         if other:
             self._first = None
         rest = self._rest(t_ns, here)
         if rest is None or (self.state is ViewerState.SEATED and not beyond):
             return None
-        self.state, self._first = ViewerState.SEATED, None
+        self.state, self._first, self._measured = ViewerState.SEATED, None, rest
         return rest
+
+    def _seat(self, t_ns: int) -> Seat | None:
+        """The seat of the viewer who was followed so far; None if they never rested."""
+        return Seat(self._last, self._measured, t_ns) if self._last is not None and self._measured is not None else None
 
     def _rest(self, t_ns: int, here: Rest) -> Rest | None:
         """The mean since the eyes came to rest, if that is at least REST_S ago."""

@@ -12,17 +12,19 @@ from lfpipe.config.camera_pose import EYES_MM, CameraPose
 from lfpipe.eyes import extrapolated
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.easing import EyeEasing
-from lfpipe.render.geometry import Parallax, alpha_is_automatic, parallax
+from lfpipe.render.geometry import LEAST_EYES_PX, Parallax, alpha_is_automatic, parallax
 from lfpipe.render.idle_motion import IdleMotion
 from lfpipe.render.presence import ABSENT_S, Presence, Rest, ViewerState
 from lfpipe.render.viewpoint import Position, ViewSolver
 from lfpipe.scene.lightfield import LightField
 
 FAR_PX = 1e6  # outside the picture's corner; no eye is further out
-DISTANCE_S = 1.0  # time constant by which alpha follows the viewer's distance, seen as the distance between the eyes
-NEUTRAL_S = 0.5  # time constant of changes of the neutral position and of the views between the eyes
+# Time constants by which alpha follows the viewer's distance, seen as the distance between the eyes: quickly to another distance,
+# so that depth never stays beyond comfort; slowly where the difference is the noise of a measurement.
+DISTANCE_S, STILL_S, STILL = 0.25, 1.0, 0.02
+NEUTRAL_S = 0.5  # time constant of changes of the neutral position
 POSE_S = 0.1  # time constant of the distance that gives the position before the screen
-MOVED = 0.15  # change of the distance after which the views between the eyes are chosen again
+MOVED = 0.01  # change of the distance after which the views between the eyes are chosen again
 
 # From a video's start to its first blank, in refreshes. On 60, 75 and 144 Hz, frames of 24, 25 and 30 Hz begin at multiples of 1,
 # 1/2 or 1/5 of a refresh (once 1/8, once 1/25): 0.3 keeps a tenth away from all blanks. At a blank, noise would choose the frame.
@@ -55,8 +57,7 @@ class Viewer:
         self._eyes_px = np.zeros((2, 2))
         self._seen = False
         self._apart_px = 0.0  # follows the distance slowly
-        self._near_px = 0.0  # the same, quickly
-        self._views = 0.0  # between the eyes, moving to parallax.views_between_eyes
+        self._near_px, self._generation = 0.0, 0  # the same, quickly, and at once for another face
         self._eyes_mm = 0.0
         self._t_ns = 0
         self._size_px = (0, 0)  # of the camera picture
@@ -77,7 +78,6 @@ class Viewer:
         self.field, self.config = field, config
         self.compositor = Compositor(field, config.render)
         self.parallax = None
-        self._views = 0.0
         self._solver: ViewSolver | None = None
 
     def complete(self, field: LightField, config: Config) -> None:
@@ -131,20 +131,19 @@ class Viewer:
         dt_s = max(t_shown_ns - self._t_ns, 0) / 1e9 if self._seen else 0.0
         self._t_ns = t_shown_ns
         if camera_px is not None:
-            apart_px = float(record["apart_px"])  # an average of what is no distance would never forget it
-            self._follow_distance(apart_px if 0 < apart_px < FAR_PX else math.dist(*camera_px.tolist()), dt_s)
+            self._follow_distance(float(record["apart_px"]), math.dist(*camera_px.tolist()), dt_s, int(record["generation"]))
         if float(record["eyes_mm"]) != self._eyes_mm:  # learnt for the first time or again
             self._eyes_mm, self._solver = float(record["eyes_mm"]), None
         pose = self._pose(record)
         eyes_px = camera_px if camera_px is None or pose is None else pose.from_screen(camera_px, self._near_px)
         solver = self._solver or self._make_solver(eyes_px)
         self._follow_presence(record, t_sensor_ns, solver, eyes_px)
-        self._follow_neutral(solver, eyes_px, dt_s)
         half = self._apart_px / 2
         neutral_px = np.add(solver.centre_px, [[half, 0.0], [-half, 0.0]])
         start_px = neutral_px if self._seen or eyes_px is None else eyes_px  # no easing for the first face
         self._seen = True
-        self._eyes_px = self._easing.at(t_shown_ns, eyes_px, start_px, int(record["generation"]))
+        self._eyes_px = self._easing.at(t_shown_ns, eyes_px, start_px, int(record["generation"]), solver.alpha_px)
+        self._follow_neutral(solver, None if eyes_px is None else self._eyes_px, dt_s)
         left, right = self._swayed(*solver.views(self._eyes_px), t_shown_ns, t_sensor_ns)
         used_px = self._eyes_px if pose is None else pose.from_camera(self._eyes_px, self._near_px)
         self.shown = Viewpoints(used_px, left, right, frame)
@@ -183,10 +182,17 @@ class Viewer:
         self._size_px = int(record["width_px"]), int(record["height_px"])
         return CameraPose.of(self.config, self._size_px, self._eyes_mm or EYES_MM)
 
-    def _follow_distance(self, apart_px: float, dt_s: float) -> None:
+    def _follow_distance(self, apart_px: float, plain_px: float, dt_s: float, generation: int) -> None:
+        """apart_px: as tracked, 0 where not known. plain_px: between the eyes in the picture. What no face has is ignored: an
+        average would never forget it."""
+        if not LEAST_EYES_PX <= apart_px <= FAR_PX:
+            apart_px = max(plain_px, LEAST_EYES_PX)
         if not self._seen:
-            self._apart_px = self._near_px = apart_px
-        self._apart_px += (apart_px - self._apart_px) * _share(dt_s, DISTANCE_S)
+            self._apart_px = apart_px
+        if not self._seen or generation != self._generation:
+            self._near_px, self._generation = apart_px, generation
+        still = abs(apart_px - self._apart_px) < STILL * self._apart_px
+        self._apart_px += (apart_px - self._apart_px) * _share(dt_s, STILL_S if still else DISTANCE_S)
         self._near_px += (apart_px - self._near_px) * _share(dt_s, POSE_S)
 
     def _follow_presence(
@@ -203,17 +209,19 @@ class Viewer:
         if rest is not None and self._auto and not self.neutral_is_fixed:
             self._target_px = np.array((rest.x_px, rest.y_px))
             self._choose(rest.apart_px)
+            if self.presence.returned and self._centre_px is not None:  # the view is eased to where it was
+                self._easing.shift(self._target_px - self._centre_px)
+                self._centre_px = self._target_px
+                solver.centre_px = (rest.x_px, rest.y_px)
 
     def _follow_neutral(self, solver: ViewSolver, eyes_px: NDArray[np.float64] | None, dt_s: float) -> None:
-        """Moves neutral position and views between the eyes to the measured ones; until then the grid follows the eyes."""
+        """Moves the neutral position to the measured one, and alpha with the distance; until a rest the grid follows the eyes."""
         assert self.parallax is not None
         if not self._auto or self._centre_px is None:
             return
         if eyes_px is not None and abs(self._apart_px / self.parallax.eyes_px - 1) > MOVED:
             self._choose(self._apart_px)
-        wanted = self.parallax.views_between_eyes
-        self._views = self._views + (wanted - self._views) * _share(dt_s, NEUTRAL_S) if self._views else wanted
-        solver.alpha_px = self._apart_px / self._views
+        solver.alpha_px = self._apart_px / self.parallax.views_between_eyes
         if self.neutral_is_fixed:
             pass
         elif self.presence.state in (ViewerState.ARRIVING, ViewerState.EXCHANGED):

@@ -4,7 +4,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from lfpipe.render.presence import ABSENT_S, GAP_S, REST_S, REST_SPAN, Presence, Rest, ViewerState
+from lfpipe.render.presence import ABSENT_S, GAP_S, REST_S, REST_SPAN, RETURN_S, Presence, Rest, ViewerState
 
 FRAME_NS = 33_333_333
 HOME = Rest(300.0, 200.0, 60.0)
@@ -19,7 +19,7 @@ class Watched(RuleBasedStateMachine):
         super().__init__()
         self.subject, self.t_ns, self.generation = Presence(), 0, 0
         self.x, self.measured = 300.0, False
-        self.last = ViewerState.NOBODY
+        self.exchanged = False
 
     def frame(self, here: Rest | None, beyond: bool = False) -> Rest | None:
         self.t_ns += FRAME_NS
@@ -28,8 +28,8 @@ class Watched(RuleBasedStateMachine):
         assert after in ALLOWED[before], f"{before.word} to {after.word}"
         if rest is not None:
             assert after is SE and here is not None
-            assert before in (A, E, L) or beyond, "a seated viewer is measured anew beyond the grid alone"
-            assert abs(rest.x_px - here.x_px) <= 2 * REST_SPAN * here.apart_px
+            assert before in (A, E, L) or beyond or self.exchanged, "a seated viewer is measured anew beyond the grid alone"
+            assert self.exchanged or abs(rest.x_px - here.x_px) <= 2 * REST_SPAN * here.apart_px
         if here is None:
             assert after in (N, L)
         return rest
@@ -60,9 +60,10 @@ class Watched(RuleBasedStateMachine):
     @precondition(lambda self: self.subject.state not in (N, L))
     @rule(x=st.floats(50.0, 600.0))
     def is_exchanged(self, x: float) -> None:
-        self.generation, self.x = self.generation + 1, x
-        self.frame(Rest(self.x, 200.0, 60.0))
-        assert self.subject.state is E
+        self.generation, self.x, self.exchanged = self.generation + 1, x, True
+        back = self.frame(Rest(self.x, 200.0, 60.0))
+        assert self.subject.state is (E if back is None else SE), "another face, or the one that sat there"
+        self.exchanged = False
 
     @rule(seconds=st.floats(GAP_S + 0.1, 5.0))
     def camera_stands_still(self, seconds: float) -> None:
@@ -102,3 +103,15 @@ def test_a_viewer_found_again_is_the_one_who_was_lost() -> None:
         t_ns += FRAME_NS
         subject.update(t_ns, HOME, generation=1)
         assert subject.state is then
+
+
+def test_who_returns_to_their_seat_is_seated_at_once_and_a_stranger_there_is_not() -> None:
+    for place, apart, away_s, known in ((310.0, 62.0, 2.0, True), (420.0, 62.0, 2.0, False), (305.0, 80.0, 2.0, False),
+                                        (305.0, 60.0, RETURN_S + 1, False)):  # fmt: skip
+        subject, t_ns = Presence(), 0
+        faces = (HOME, 2.0), (Rest(500.0, 210.0, 90.0), away_s), (Rest(place, 200.0, apart), 0.0)
+        for generation, (here, seconds) in enumerate(faces):
+            for _ in range(int(seconds * 30) + 1):
+                t_ns += FRAME_NS
+                rest = subject.update(t_ns, here, generation)
+        assert (subject.state is SE and rest is not None and rest.x_px == 300.0) == known
