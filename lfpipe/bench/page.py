@@ -85,7 +85,7 @@ def write_report(results: dict[str, SubjectResults], out: Path) -> Path:
             '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
             f"<title>lfpipe bench</title><style>{STYLE}</style></head><body><h1>Error against run time</h1>"
             f"<p class=soft>Measured in {wall_s:.0f} s of wall time, {cpu_s:.0f} s of CPU.</p>"
-            f"{_verdicts(results)}{_failures(results)}<nav>{links}</nav>{sections}{_how()}</body></html>"
+            f"{_busy(results)}{_verdicts(results)}{_failures(results)}<nav>{links}</nav>{sections}{_how()}</body></html>"
         )
         path = out / "report.html"
         path.write_text(page)
@@ -101,6 +101,15 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], states: Sequence[s
     for k, row in enumerate(rows):
         body += f'<tr class="{states[k] if states else ""}">' + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
     return f'<div class="wide"><table><tr>{"".join(f"<th>{html.escape(name)}</th>" for name in head)}</tr>{body}</table></div>'
+
+
+def _busy(results: dict[str, SubjectResults]) -> str:
+    """A warning if the machine did much else: times of such a run say little."""
+    texts = [re.search(r"(\d+) cores.*load ([\d.]+)", found.about.get("machine", "")) for found in results.values()]
+    if busy := [(int(text[1]), float(text[2])) for text in texts if text and float(text[2]) > 1.5 * int(text[1])]:
+        cores, load = max(busy, key=lambda pair: pair[1])
+        return f"<p><b>The machine was busy</b> (load {load:g} on {cores} cores): errors hold, times are longer than usual.</p>"
+    return ""
 
 
 def _verdicts(results: dict[str, SubjectResults]) -> str:

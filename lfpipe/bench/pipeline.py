@@ -8,7 +8,7 @@ import numpy as np
 from lfpipe.bench.eye_path import EyePath
 from lfpipe.bench.inputs import MOVING_S, Inputs, demo_sequence
 from lfpipe.bench.paper_loop import Loop
-from lfpipe.bench.results import Candidate, Chart, Choice, Figure, Prepared, Skipped, Subject
+from lfpipe.bench.results import Candidate, Chart, Figure, Prepared, Skipped, Subject
 from lfpipe.bench.sessions import SessionRun, parts, run_loop, run_session, write_views
 from lfpipe.bench.trace_error import AlignedTrace
 from lfpipe.config import Render
@@ -129,7 +129,6 @@ SUBJECT = Subject(
     candidates,
     paper="its configuration (`--config paper`), and the same as one plain loop",
     needs=("scene", "sequence"),
-    choice=Choice("render.clock", "cpu_ms_s", "error_views", 1000.0, "one core"),
     budget_s=(1.0, 400.0),
     turns=(1, 3),
 )
