@@ -1,6 +1,7 @@
 """Pixel formats of cameras: the supported ones, the choice of a mode, and the conversion to BGR."""
 
 import os
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -108,6 +109,9 @@ class JpegDecoder:
         if not is_jpeg(data):
             return None
         packet = data.copy() if _ends(data) else np.concatenate([data, JPEG_END])
+        if sys.stderr is None:  # a program without stderr: nothing to look at, and 2 may be another file
+            picture = picture_of(packet)
+            return None if picture is None else (picture, packet)
         stderr_fd = os.dup(2)
         os.dup2(self._sink_fd, 2)
         try:

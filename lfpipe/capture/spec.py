@@ -37,6 +37,13 @@ class DemoSpec:
 Spec = CameraSpec | FileSpec | DemoSpec
 
 
+def _hint(word: str, *known: str) -> str:
+    """The known word that was probably meant."""
+    begins = {each.partition(":")[0]: each for each in known}
+    close = difflib.get_close_matches(word, begins, 1, 0.4)
+    return f" (did you mean {begins[close[0]]!r}?)" if close else ""
+
+
 def _device(text: str, whole: str) -> CameraSpec:
     if text.isascii() and text.isdigit():
         return CameraSpec(Path(f"/dev/video{int(text)}"))
@@ -56,9 +63,7 @@ def _pace(value: str) -> float | Literal["recorded", "max"]:
     try:
         rate_hz = float(value)
     except ValueError:
-        close = difflib.get_close_matches(value, ["recorded", "max"], 1, 0.5)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        raise UserError(f"pace={value}: not recorded, max or a rate in Hz{hint}", example) from None
+        raise UserError(f"pace={value}: not recorded, max or a rate in Hz{_hint(value, 'recorded', 'max')}", example) from None
     if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:  # false for nan too
         raise UserError(f"pace={value}: out of range: {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz", example)
     return rate_hz
@@ -83,10 +88,8 @@ def _file(text: str) -> FileSpec:
         elif name == "pace":
             spec = attrs.evolve(spec, pace=_pace(value))
         else:
-            close = difflib.get_close_matches(name, ["loop", "pace"], 1, 0.4)
-            hint = f", did you mean {close[0]!r}?" if close else ""
             remedy = "a file accepts loop=0|1 and pace=recorded|max|HZ"
-            raise UserError(f"{name!r} in {'file:' + text!r}: unknown parameter{hint}", remedy)
+            raise UserError(f"{name!r} in {'file:' + text!r}: unknown parameter{_hint(name, 'loop', 'pace')}", remedy)
     return spec
 
 
@@ -122,7 +125,4 @@ def parse_source(text: str) -> Spec:
         return _device(rest, text)
     if scheme == "file" and colon:
         return _file(rest)
-    schemes = {"camera": "camera:0", "file": "file:PATH", "demo": "demo"}
-    close = difflib.get_close_matches(scheme, schemes, 1, 0.5)
-    hint = f" (did you mean {schemes[close[0]]!r}?)" if close else ""
-    raise UserError(f"{text!r}: not a frame source{hint}", f"use one of {FORMS}")
+    raise UserError(f"{text!r}: not a frame source{_hint(scheme, 'camera:0', 'file:PATH', 'demo')}", f"use one of {FORMS}")

@@ -7,6 +7,7 @@ Emits: source (what was opened), camera (lost, found), notice (the same for peop
 State: READY, not RUNNING, while no camera delivers frames.
 """
 
+import logging
 import time
 from collections import deque
 
@@ -21,6 +22,8 @@ from lfpipe.transport.clock import SleepWatch, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketOutput
 from lfpipe.transport.status import State
+
+log = logging.getLogger(__name__)
 
 LIGHT_FRAMES = 45
 DIM_SHARE, BRIGHT_SHARE = 0.8, 0.9  # of the negotiated rate
@@ -62,6 +65,7 @@ class _Outage:
     def begin(self, name: str, why: str) -> None:
         """Begins the outage."""
         self._since_ns = now_ns()
+        log.warning("camera lost: %s: %s", name, why)
         self._context.row["state"] = State.READY
         self._context.emit("camera", name=name, lost=True, why=why)
         self._context.emit("notice", text=f"{why}; camera lost, trying again")
@@ -80,6 +84,7 @@ class _Outage:
 
 def _report(context: Context, info: SourceInfo) -> None:
     context.row["nominal_mhz"] = round(1000 * info.rate_hz)
+    log.info("source %s: %dx%d at %.4g Hz; %s", info.name, info.width_px, info.height_px, info.rate_hz, "; ".join(info.notes))
     context.emit("source", name=info.name, rate_hz=info.rate_hz, live=info.live, notes=list(info.notes))
 
 

@@ -6,6 +6,7 @@ Commands: recentre (chooses the face again), stop; filter settings by configurat
 Emits: engine (name and model), face (found or lost), notice (faces that are not upright).
 """
 
+import logging
 import time
 
 from lfpipe.config.quality import tracked_every
@@ -17,6 +18,9 @@ from lfpipe.transport.context import Context
 def _loop_s(context: Context) -> float:
     """The delay of camera and display; none where pictures depend on the frames alone."""
     return 0.0 if context.options.lossless else context.config.render.loop_ms / 1e3
+
+
+log = logging.getLogger(__name__)
 
 
 def main(context: Context) -> None:
@@ -47,6 +51,7 @@ def main(context: Context) -> None:
             if not frames.still_valid(stamp):
                 continue  # the writer overtook us: the picture may mix two frames
             if tracker.update(face, stamp.t_sensor_ns, stamp.epoch):
+                log.info("face %s at frame %d", "found" if tracker.seen else "lost", stamp.source_seq)
                 context.emit("face", found=tracker.seen, source_seq=stamp.source_seq)
             record = eyes.begin()
             tracker.write(record, image)
