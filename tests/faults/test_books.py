@@ -15,6 +15,8 @@ from lfpipe.transport.status import Table
 from tests.faults.session import WatchedSession
 from tests.world import World
 
+pytestmark = pytest.mark.live
+
 STAGES = ("capture", "track", "render")
 
 

@@ -21,6 +21,8 @@ from tests.faults.scripted_camera import open_scripted
 from tests.world import World
 from tests.xvfb_screen import Screen
 
+pytestmark = pytest.mark.live
+
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 
 

@@ -13,6 +13,8 @@ from tests.faults.hostile import pester
 from tests.faults.session import STAGES, WatchedSession
 from tests.world import World
 
+pytestmark = pytest.mark.live
+
 MANY = pytest.param(100_000, marks=(pytest.mark.soak, pytest.mark.timeout(1200)))
 
 

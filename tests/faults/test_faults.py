@@ -10,6 +10,8 @@ from tests.faults.session import WatchedSession
 from tests.faults.soak import HARMLESS, LETHAL, Soak
 from tests.world import World
 
+pytestmark = pytest.mark.live
+
 MANY = pytest.param(500, marks=(pytest.mark.soak, pytest.mark.timeout(7200)))
 
 

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from lfpipe.errors import UserError
 from lfpipe.transport import control
 from tests.world import World, write_scene
@@ -18,6 +20,7 @@ def _ask(world: World, **message: Any) -> dict[str, Any]:
         return {"error": str(error)}
 
 
+@pytest.mark.live
 def test_five_failures_end_the_session_with_stage_phase_frame_and_stack(world: World, scene: Path) -> None:
     world.module = "tests.faults.picky_render"
     process = world.up(scene, *CAMERA, "--set", "render.loop_ms=9")

@@ -23,6 +23,8 @@ from lfpipe.supervisor import run_lock
 from lfpipe.transport.session import PREFIX
 from tests.world import World
 
+pytestmark = pytest.mark.live
+
 NOBODY = 65534
 PLAIN = ("--camera", "demo", "--display", "none", "--duration", "0.5")
 MAY_MOUNT = (

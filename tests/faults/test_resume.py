@@ -20,6 +20,8 @@ from lfpipe.transport.session import Session
 from lfpipe.transport.status import ROW, State, Table
 from tests.world import World
 
+pytestmark = pytest.mark.live
+
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 RATE_HZ = 30
 BACK_S, PATIENCE_S = 1.0, 60.0  # promised on a machine of its own, on any

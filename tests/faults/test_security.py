@@ -17,6 +17,8 @@ from lfpipe.transport.segment import SHM_DIR
 from lfpipe.transport.session import PREFIX, Session
 from tests.world import World
 
+pytestmark = pytest.mark.live
+
 FORBIDDEN = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
 QUEUES = {"Queue", "SimpleQueue", "JoinableQueue", "Manager", "Pipe", "Lock", "Event", "Condition", "Value"}
 

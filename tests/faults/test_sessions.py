@@ -16,6 +16,8 @@ from tests.faults.session import WatchedSession, runs
 from tests.supervisor.holder import remove_lock
 from tests.world import World, write_scene
 
+pytestmark = pytest.mark.live
+
 SMALL = (
     "--set",
     "camera.width_px=160",

@@ -20,6 +20,8 @@ from lfpipe.sequence.folder import open_sequence
 from tests.faults.session import runs
 from tests.world import World
 
+pytestmark = pytest.mark.live
+
 LARGE = ("--set", "camera.width_px=1280", "--set", "camera.height_px=720", "--set", "camera.rate_hz=60")
 SMALL = ("--set", "camera.width_px=160", "--set", "camera.height_px=120")
 

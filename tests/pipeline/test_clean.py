@@ -4,7 +4,11 @@ import os
 import signal
 from pathlib import Path
 
+import pytest
+
 from tests.world import World
+
+pytestmark = pytest.mark.live
 
 
 def test_clean_takes_nothing_from_a_running_session(world: World, scene: Path) -> None:

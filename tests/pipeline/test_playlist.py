@@ -70,6 +70,7 @@ def test_the_next_and_the_previous_scene_come_by_command(listed: World) -> None:
         assert load(*words).returncode == 2
 
 
+@pytest.mark.live
 def test_the_page_has_the_list_and_loads_nothing_else(listed: World) -> None:
     with served(listed) as server:
         for at, rows in ((2, 4), (0, 2)):
@@ -81,6 +82,7 @@ def test_the_page_has_the_list_and_loads_nothing_else(listed: World) -> None:
 
 
 @pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
+@pytest.mark.live
 def test_page_up_and_down_choose_in_the_window(world: World, screen: Screen) -> None:
     world.env["DISPLAY"] = screen.name
     scenes = write_scenes(world.root / "scenes")

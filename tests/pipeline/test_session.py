@@ -37,6 +37,7 @@ def test_every_frame_of_a_file_becomes_a_picture_and_the_session_ends_with_it(wo
     assert "render" in out and str(world.trace) in out and not world.left()
 
 
+@pytest.mark.live
 def test_a_paced_session_keeps_its_deadlines(world: World, scene: Path, clip: Path) -> None:
     process = world.up(scene, *CAMERA, "--duration", "5", camera=f"file:{clip}?loop=1&pace=30")
     _, err = process.communicate(timeout=60)
@@ -119,24 +120,24 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Pa
     world.wait_for(lambda: not world.left(), "clean end")
 
 
-@pytest.mark.parametrize("stage", ["capture", "track", "render"])
 @pytest.mark.everyday
-def test_a_killed_stage_comes_back_in_the_same_session(world: World, scene: Path, stage: str) -> None:
+def test_killed_stages_come_back_in_the_same_session(world: World, scene: Path) -> None:
     world.up(scene, *CAMERA)
     world.pictures(10)
-    before = world.monitor()
-    os.kill(before["stages"][stage]["pid"], signal.SIGKILL)
-    world.wait_for(lambda: world.monitor()["stages"][stage]["restarts"] == 1, "restart")
-    world.wait_for(lambda: world.monitor()["stages"][stage]["state"] == "RUNNING", "restarted stage")
-    count = len(world.lines())
-    lines = world.pictures(count + 5)
-    after = world.monitor()
-    assert after["stages"][stage]["pid"] != before["stages"][stage]["pid"]
-    assert [s["restarts"] for s in after["stages"].values()].count(0) == 2
-    assert [line["seq"] for line in lines] == list(range(len(lines))), "the trace and its count survive"
-    assert lines[-1]["epoch"] == (1 if stage == "capture" else 0)
+    for number, stage in enumerate(("capture", "track", "render"), 1):
+        before = world.monitor()
+        os.kill(before["stages"][stage]["pid"], signal.SIGKILL)
+        world.wait_for(lambda stage=stage: world.monitor()["stages"][stage]["restarts"] == 1, "restart")
+        world.wait_for(lambda stage=stage: world.monitor()["stages"][stage]["state"] == "RUNNING", "restarted stage")
+        lines = world.pictures(len(world.lines()) + 5)
+        after = world.monitor()
+        assert after["stages"][stage]["pid"] != before["stages"][stage]["pid"]
+        assert [each["restarts"] for each in after["stages"].values()].count(0) == 3 - number
+        assert [line["seq"] for line in lines] == list(range(len(lines))), "the trace and its count survive"
+        assert lines[-1]["epoch"] == 1, "capture is another one"
 
 
+@pytest.mark.live
 def test_a_stopped_stage_is_taken_for_hung_and_its_stack_is_told(world: World, scene: Path) -> None:
     process = world.up(scene, *CAMERA)
     world.pictures(5)
@@ -162,6 +163,7 @@ def test_a_signal_ends_the_session_and_nothing_stays(world: World, scene: Path, 
     assert not world.left() and not any(Path(f"/proc/{pid}").exists() for pid in pids)
 
 
+@pytest.mark.live
 def test_after_a_kill_of_the_whole_group_the_next_up_sweeps(world: World, scene: Path) -> None:
     process = world.up(scene, start_new_session=True)
     world.pictures(5)
@@ -175,6 +177,7 @@ def test_after_a_kill_of_the_whole_group_the_next_up_sweeps(world: World, scene:
     assert not world.left()
 
 
+@pytest.mark.live
 def test_a_second_up_on_the_same_session_is_refused_and_harms_nothing(world: World, scene: Path) -> None:
     world.up(scene)
     world.pictures(5)
