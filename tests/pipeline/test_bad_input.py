@@ -84,8 +84,9 @@ CASES: dict[str, tuple[Callable[[Path], list[str | Path]], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_bad_input_is_refused_with_its_remedy(world: World, case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_input_is_refused_with_its_remedy(tmp_path: Path, case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     make, named = CASES[case]
+    world = World(tmp_path)
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "LFPIPE_SESSION"):
         monkeypatch.delenv(name, raising=False)
     for name, value in world.env.items():
