@@ -14,10 +14,12 @@ from typing import Any, Union, get_args, get_origin
 from lfpipe.config.keys import choices, options
 from lfpipe.config.tree import Config, Opt, to_dict, trusted
 from lfpipe.errors import UserError, shown
+from lfpipe.plugins import ENGINES, FILTERS, plugins
 
 TEXT_CHARS = 4096  # of any text; the longest path
 WRONG_SHOWN = 10
 UNKNOWN_SHOWN = 5
+PLUGGABLE = {"track.engine": ENGINES, "track.filter": FILTERS}  # keys whose words other packages may add
 REPLACED = {"render.display_ms": "render.loop_ms"}  # former keys
 
 
@@ -98,7 +100,8 @@ def problems(values: Iterable[tuple[object, object]]) -> list[str]:
     for key, value in values:
         if isinstance(key, str) and key in known:
             kind, opt, _ = known[key]
-            if why := _wrong(value, kind, opt):
+            why = _wrong(value, kind, opt)
+            if why and not (key in PLUGGABLE and value in plugins(PLUGGABLE[key])):
                 wrong.append(f"{key}: {why}")
         elif isinstance(key, str) and key in sections():
             wrong.append(f"{key}: a section, which cannot have the value {shown(value)}; its keys are {key}.{_first(key)}, ...")

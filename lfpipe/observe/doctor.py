@@ -18,6 +18,7 @@ from lfpipe.errors import UserError
 from lfpipe.host import shared_memory as memory
 from lfpipe.host.paths import exists, is_missing
 from lfpipe.host.processes import usable_cores
+from lfpipe.plugins import GROUPS, plugins
 from lfpipe.render.display import has_display
 from lfpipe.track import models
 
@@ -40,6 +41,19 @@ def python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
     ok = (3, 11) <= version < (3, 15)
     found = f"{version[0]}.{version[1]} ({platform.python_implementation()}, {sys.executable})"
     return Check("python", ok, found, "" if ok else "install Python 3.11 to 3.14: `uv python install 3.12`")
+
+
+def plugin_checks() -> list[Check]:
+    """What other packages add, one check each; broken ones are skipped by sessions."""
+    found = []
+    for plugin in (plugin for group in GROUPS for plugin in plugins(group).values()):
+        what = f"{plugin.group.removeprefix('lfpipe.').removesuffix('s')} {plugin.name}, from {plugin.package}"
+        try:
+            plugin.load()
+            found.append(Check("plugin", True, what))
+        except UserError as error:
+            found.append(Check("plugin", True, f"{what}: skipped: {error.message}", error.remedy))
+    return found
 
 
 def opencv_distributions() -> list[str]:
@@ -226,4 +240,5 @@ def checks() -> list[Check]:
         shared_memory(),
         cores(),
         leftovers(),
+        *plugin_checks(),
     ]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.host.load import has_desktop
 from lfpipe.host.presentation import Presented
+from lfpipe.plugins import DISPLAYS, load, plugins
 from lfpipe.render.pair_layout import Pair
 
 if TYPE_CHECKING:
@@ -252,6 +253,8 @@ def check_display(spec: str, monitor: str = "") -> None:
         from lfpipe.render.file_display import check_file
 
         check_file(Path(spec.removeprefix("file:")).expanduser())
+    elif spec.partition(":")[0] in plugins(DISPLAYS):
+        load(DISPLAYS, spec.partition(":")[0])
     elif spec != "none":
         close = difflib.get_close_matches(spec.partition(":")[0], ["window", "fullscreen", "none", "file"], 1, 0.5)
         hint = f" (did you mean {close[0] + (':OUT.mkv' if close[0] == 'file' else '')!r}?)" if close else ""
@@ -281,6 +284,10 @@ def open_display(
         from lfpipe.render.file_display import FileDisplay
 
         return FileDisplay(part_of(Path(spec.removeprefix("file:")).expanduser(), part), size_px, rate_hz)
+    if spec not in ("window", "fullscreen"):
+        name, _, argument = spec.partition(":")
+        display: Display = load(DISPLAYS, name)(argument, size_px, title, rate_hz)
+        return display
     from lfpipe.render.window import Window
     from lfpipe.render.window_system import KeyLock
 

@@ -1,6 +1,7 @@
 """The face engines by their names in the configuration."""
 
 from lfpipe.config import Track
+from lfpipe.plugins import ENGINES, load
 from lfpipe.track.engine import Engine
 
 
@@ -14,6 +15,10 @@ def make_engine(track: Track, portable: bool = False) -> Engine:
         from lfpipe.track.mediapipe_engine import MediapipeEngine
 
         return MediapipeEngine(track.refine)
+    name: str = track.engine
+    if name != "litert":
+        engine: Engine = load(ENGINES, name)(track)
+        return engine
     from lfpipe.track.litert_engine import LitertEngine
 
     return LitertEngine(track.refine, portable)

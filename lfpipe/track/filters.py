@@ -6,6 +6,7 @@ between the eyes and in seconds, so they are valid for any camera, picture size 
 """
 
 from lfpipe.config import Track
+from lfpipe.plugins import FILTERS, load
 from lfpipe.track.kalman import Kalman
 from lfpipe.track.motion_models import Predictive
 from lfpipe.track.smoothing import EyeFilter, Mean, OneEuro
@@ -19,4 +20,8 @@ def make_filter(track: Track, loop_s: float = 0.0) -> EyeFilter:
         return OneEuro(1.0, 2.0, 4.0)
     if track.filter == "kalman":
         return Kalman(1e4)
-    return Predictive(loop_s=loop_s)
+    name: str = track.filter
+    if name == "predictive":
+        return Predictive(loop_s=loop_s)
+    made: EyeFilter = load(FILTERS, name)(track, loop_s)
+    return made

@@ -13,6 +13,7 @@ import attrs
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
+from lfpipe.plugins import LAYOUTS, loaded
 from lfpipe.scene.files import PICTURES, Listing, library_errors, list_scene
 from lfpipe.scene.layouts._folders import inner_listing, note_of
 from lfpipe.scene.layouts._plenoptic import is_honeycomb
@@ -36,13 +37,13 @@ class Layout(Protocol):
 
 
 def layouts() -> dict[str, Layout]:
-    """Every layout by name, in alphabetical order of the modules."""
+    """Every layout by name, in alphabetical order of the modules, after those of other packages."""
     found: dict[str, Layout] = {}
     for module in sorted(pkgutil.iter_modules(__path__), key=lambda m: m.name):
         if not module.name.startswith("_"):
             layout = cast(Layout, importlib.import_module(f"{__name__}.{module.name}"))
             found[layout.NAME] = layout
-    return found
+    return {**{name: cast(Layout, layout) for name, layout in loaded(LAYOUTS).items()}, **found}
 
 
 def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:

@@ -1,0 +1,1 @@
+"""Parts for lfpipe, found by their entry points."""

@@ -1,0 +1,64 @@
+"""A face engine, a filter and a display, as small as they can be."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import Track
+from lfpipe.render.display import NullDisplay
+from lfpipe.render.pair_layout import Pair
+from lfpipe.track.engine import Face
+from lfpipe.track.smoothing import Filter, Points
+
+
+class CentreEngine:
+    """`--set track.engine=centre`: a face in the middle of every picture, a tenth of its width between the eyes."""
+
+    name, model, rotated_deg = "centre", "none", 0
+
+    def __init__(self, track: Track) -> None:
+        pass
+
+    def detect(self, image: NDArray[np.uint8]) -> Face | None:
+        height, width = image.shape[:2]
+        x, y, apart = width / 2, height / 2, width / 10
+        eyes = np.array([[x + apart / 2, y], [x - apart / 2, y]])  # the viewer's own left eye is at the larger x
+        return Face(eyes, 1.0, (x - apart, y - apart, x + apart, y + apart), apart_px=apart)
+
+    def examine(self, image: NDArray[np.uint8]) -> None:
+        pass
+
+    def reset(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+class Newest(Filter):
+    """`--set track.filter=newest`: the newest measurement, at rest."""
+
+    def _start(self, t_ns: int, measured: Points) -> None:
+        pass
+
+    def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
+        return measured, np.zeros((2, 2))
+
+
+def newest(track: Track, loop_s: float) -> Newest:
+    return Newest()
+
+
+class CountDisplay(NullDisplay):
+    """`--display count:FILE`: writes the number of pictures to FILE when the session ends."""
+
+    def __init__(self, argument: str, size_px: tuple[int, int], title: str, rate_hz: float) -> None:
+        self._file, self._count = Path(argument), 0
+
+    def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
+        self._count += 1
+        return super().show(picture, pair, how)
+
+    def close(self) -> None:
+        self._file.write_text(str(self._count))

@@ -1,0 +1,18 @@
+"""A layout: three pictures, left.png, middle.png and right.png."""
+
+from lfpipe import config
+from lfpipe.scene.files import Listing
+from lfpipe.scene.layouts._grid import files_source
+from lfpipe.scene.source import SceneSource
+
+NAME = "trio"
+NAMES = ["left.png", "middle.png", "right.png"]
+
+
+def detect(listing: Listing) -> int | None:
+    return 60 if not listing.is_file and set(NAMES) <= set(listing.names) else None
+
+
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
+    files = {(0, col): listing.file(name) for col, name in enumerate(NAMES)}  # refuses links that leave the folder
+    return files_source(NAME, listing, files, rows=1, cols=3)

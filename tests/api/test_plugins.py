@@ -1,0 +1,64 @@
+"""A package of one's own adds a layout, an engine, a filter and a display; a broken one is reported and skipped."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.world import World
+
+pytestmark = pytest.mark.live
+EXAMPLE = Path(__file__).parents[2] / "examples" / "lfpipe-example"
+BROKEN = {"lfpipe.engines": "broken = nowhere:x", "lfpipe.layouts": "worse = json:nothing"}
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the example and a broken package, built and installed."""
+    if (uv := shutil.which("uv")) is None:
+        pytest.skip("uv is not installed")
+    folder, copy = tmp_path_factory.mktemp("plugins"), tmp_path_factory.mktemp("source") / "example"
+    shutil.copytree(EXAMPLE, copy)
+    command = [uv, "pip", "install", "--offline", "--no-deps", "--no-build-isolation", "--python", sys.executable]
+    done = subprocess.run([*command, "--target", folder, copy], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    broken = folder / "broken-2.0.dist-info"
+    broken.mkdir()
+    (broken / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 2.0\n")
+    (broken / "entry_points.txt").write_text("".join(f"[{group}]\n{line}\n" for group, line in BROKEN.items()))
+    return folder
+
+
+def test_each_part_works_and_is_listed(world: World, installed: Path, clip: Path) -> None:
+    world.env["PYTHONPATH"] += os.pathsep + str(installed)
+    scene = world.root / "scene"
+    scene.mkdir()
+    for shift, name in enumerate(("left", "middle", "right")):
+        texture = np.random.default_rng(1).integers(0, 256, (48, 80, 3), np.uint8)
+        cv2.imwrite(str(scene / f"{name}.png"), cv2.GaussianBlur(texture, (0, 0), 2)[:, 2 * shift : 2 * shift + 64])
+    info = world.run("scene", "info", scene, "--json")
+    assert '"trio"' in info.stdout, info.stderr
+    sets = ("--set", "track.engine=centre", "--set", "track.filter=newest")
+    count = world.root / "count"
+    more = ("--camera", f"file:{clip}?loop=0&pace=max", "--trace", world.trace)
+    done = world.run("up", scene, *more, "--display", f"count:{count}", *sets, "--duration", "3")
+    assert done.returncode == 0, done.stderr
+    assert int(count.read_text()) > 0
+    line = world.lines()[-1]
+    assert line["eyes_raw"] == {"left": [352.0, 240.0], "right": [288.0, 240.0]}  # of CentreEngine
+    listed = world.run("doctor").stdout
+    for word in (
+        "layout trio, from lfpipe-example 1.0",
+        "engine centre",
+        "filter newest",
+        "display count",
+        "broken 2.0: skipped",
+    ):
+        assert word in " ".join(listed.split()), listed
+    wrong = world.run("up", scene, *more, "--display", "none", "--set", "track.engine=broken")
+    assert wrong.returncode == 2 and "broken 2.0" in wrong.stderr and "Traceback" not in wrong.stderr
