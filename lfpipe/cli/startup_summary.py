@@ -29,6 +29,7 @@ def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, di
         ]
     chosen = parallax(config, field, config.camera.frame_px[0], None)
     depth = "" if chosen.compression is None else f", {chosen.compression:.0%} of true depth"
+    across = f"{field.cols} columns" if field.cols > 1 else f"{field.rows} rows"
     asked = "set" if isinstance(render.alpha_px, float) else f"{render.alpha_px}, at {chosen.distance_mm:.0f} mm"
     on_screen = display in ("window", "fullscreen")
     at_hz = "of the screen" if on_screen and render.rate_hz == "auto" else f"at {render.nominal_hz:g} Hz"
@@ -40,7 +41,7 @@ def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, di
         "camera  none, and no tracking: move the mouse to look around"
         if camera == "mouse"
         else f"camera  {camera}; eyes by {config.track.engine}, filter {config.track.filter}",
-        f"alpha   {chosen.alpha_px:.1f} px/view ({asked}): {chosen.views_between_eyes:.1f} views between the eyes{depth}",
+        f"alpha   {chosen.alpha_px:.1f} px/view ({asked}): {chosen.views_between_eyes:.1f} of {across} between your eyes{depth}",
         f"picture {render.anaglyph} in {render.light} light, {clock}, to {display}{by}",
     ]
 

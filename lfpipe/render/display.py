@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 # Keys: key -> (name that `events` reports, text of the help). The window itself handles
 # "fullscreen" and "help"; the others are for the stage.
 KEYS = {
-    "f": ("fullscreen", "full screen on and off (F11, Esc leaves it)"),
+    "f": ("fullscreen", "full screen on and off (F11); Esc closes the overlay, then leaves it"),
     "+": ("alpha+", "more head movement from view to view"),
     "-": ("alpha-", "less head movement from view to view"),
     "c": ("recentre", "look straight ahead from where you are now"),

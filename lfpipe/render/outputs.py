@@ -136,7 +136,10 @@ class ViewerReports:
                 self._context.emit("notice", text=f"{self._context.options.visits}: cannot write visits: {reason(error)}")
 
     def follow_parallax(self) -> None:
-        """Emits parallax when scene, settings or screen change it, but not at every step of a viewer."""
+        """Emits parallax when scene, settings or screen change it, but not at every step of a viewer, nor in a replay, which
+        nobody watches."""
+        if self._context.options.lossless:
+            return
         chosen = self._viewer.parallax
         if chosen is not None and (self._parallax is None or chosen.differs_from(self._parallax)):
             self._parallax = chosen
