@@ -101,7 +101,7 @@ def problems(values: Iterable[tuple[object, object]]) -> list[str]:
         if isinstance(key, str) and key in known:
             kind, opt, _ = known[key]
             why = _wrong(value, kind, opt)
-            if why and not (key in PLUGGABLE and value in plugins(PLUGGABLE[key])):
+            if why and not (key in PLUGGABLE and isinstance(value, str) and value in plugins(PLUGGABLE[key])):
                 wrong.append(f"{key}: {why}")
         elif isinstance(key, str) and key in sections():
             wrong.append(f"{key}: a section, which cannot have the value {shown(value)}; its keys are {key}.{_first(key)}, ...")
