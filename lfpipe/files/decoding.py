@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.picture_header import MAX_DECODING_BYTES, header_of
+from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
 
 _BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")  # first boxes of MP4 and QuickTime files
 JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
@@ -32,13 +32,27 @@ def is_jpeg(data: NDArray[np.uint8]) -> bool:
     return data[: len(JPEG_START)].tobytes() == JPEG_START
 
 
+def _jpeg_px(data: NDArray[np.uint8]) -> int | None:
+    """Width times height of an ordinary JPEG by its frame header; None for others. For a camera's frames: Pillow takes 0.17 ms."""
+    at = 2
+    while is_jpeg(data) and at + 9 < data.size and data[at] == 0xFF:
+        marker, size = int(data[at + 1]), 256 * int(data[at + 2]) + int(data[at + 3])
+        if 0xC0 <= marker <= 0xC3:
+            height, width = (256 * int(data[k]) + int(data[k + 1]) for k in (at + 5, at + 7))
+            return height * width
+        at += 2 + size
+    return None
+
+
 def picture_of(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     """Decodes data, uint8 (n,), to uint8 (height, width, 3) BGR with its orientation applied; None if it cannot be decoded.
 
     The header is read first: a picture that would take too much memory is not decoded.
     """
-    header = header_of(data.data)
-    if header is None or 2 * header.decoded_bytes > MAX_DECODING_BYTES or header.problem(data.size):  # imdecode needs two
+    pixels = _jpeg_px(data)
+    if pixels is None and (header := header_of(data.data)) is not None:
+        pixels = header.decoded_bytes // 3
+    if not pixels or 6 * pixels > MAX_DECODING_BYTES:  # imdecode needs two
         return None
     try:
         found = cv2.imdecode(data, cv2.IMREAD_COLOR)

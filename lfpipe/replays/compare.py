@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lfpipe.config import Config, to_dict
 from lfpipe.errors import UserError, shown
 from lfpipe.files.output import PLACE, marked_picture, write_output
-from lfpipe.files.picture_header import header_of
+from lfpipe.files.pictures import header_of
 from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host.descriptors import read_at
 from lfpipe.render.replay_writer import PICTURES

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
-from lfpipe.files.picture_header import MAX_DECODING_BYTES, header_of
+from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
 from lfpipe.files.safe_files import PRIVATE
 from lfpipe.host.descriptors import CAREFUL
 from lfpipe.host.paths import exists
@@ -77,7 +77,7 @@ def _wrong(packet: Packet, data: bytes, width_px: int, height_px: int) -> str:
         return f"a jpeg picture with {scans} scans; at most {MAX_SCANS} are decoded"
     if size + len(data) > MAX_DECODING_BYTES:
         return f"decoding needs {(size + len(data)) / 1e6:.0f} MB; at most {MAX_DECODING_BYTES / 1e6:.0f} MB are allowed"
-    return header.problem(len(data))
+    return ""
 
 
 class PacketWriter:
