@@ -6,19 +6,17 @@ The picture shows every change for a moment, whoever made it.
 import math
 import os
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import Render, choices, user_file
+from lfpipe.config import Render, choices
 from lfpipe.config.quality import level_number
 from lfpipe.render.display import BarState, Display
 from lfpipe.render.file_dialog import ABSENT, FileDialog
 from lfpipe.render.file_display import picture_folder, save
-from lfpipe.render.glasses_test import GlassesTest
+from lfpipe.render.glasses_help import GlassesHelp
 from lfpipe.render.overlay import SHOWN_NS, Notices, StatusOverlay
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.scene_menu import NO_OTHER, SceneLoader, SceneMenu
@@ -29,11 +27,7 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.status import State
 
-if TYPE_CHECKING:
-    from lfpipe.render.glasses_question import GlassesQuestion
-
 ALPHA_STEP = 1.1
-GHOST_STEP = 5.0  # %
 MODES = choices("render.anaglyph")
 SETTLED_NS = SECOND_NS // 2  # a resize is over once the width has not changed for this long
 OVERLAY_NS = SECOND_NS // 2
@@ -52,11 +46,8 @@ class KeyBindings:
         self._notices, self._said = Notices(), [""]
         self.scenes = SceneLoader(context, self._notices)
         self.menu = SceneMenu(context, display, self.scenes)
-        self._glasses: GlassesTest | None = None
-        self._question: GlassesQuestion | None = None
+        self._glasses = GlassesHelp(context, presenter, display, self._notices, self.menu.open)
         self._dialog = FileDialog()
-        self._asked = False  # the start page follows the first test of the glasses once
-        self._chosen_here = False  # the kind of glasses: its test follows as soon as the setting is in force
         self._overlay_due_ns = 0
         self._width_mm, self._settled_ns = display.width_mm(), 0
         self._overlay = False
@@ -64,7 +55,7 @@ class KeyBindings:
         self._ask_about_depth()
         first = not context.row["restarts"]
         if context.options.ask_glasses and first:
-            self._ask_about_glasses()
+            self._glasses.ask()
         elif context.options.start and first:
             self.menu.open()
 
@@ -72,7 +63,7 @@ class KeyBindings:
         """Handles the keys since the last call and refreshes notices and overlay."""
         for event in self._display.events():
             self._presenter.redraw()
-            if not self._answers(event) and not self.menu.takes(event):
+            if not self._glasses.takes(event) and not self.menu.takes(event):
                 self._carry_out(event)
         if (path := self._dialog.chosen()) is not None:
             self.scenes.load(path.absolute())
@@ -131,20 +122,12 @@ class KeyBindings:
             self._set(swap_eyes=not render.swap_eyes)
         elif event == "half-turn":
             self._context.request("set", set={"scene.half_turn": "no" if self._viewer.field.half_turned else "yes"})
-        elif event == "which":
-            self._ask_about_glasses()
         elif event.startswith("depth "):
             self._set(alpha_px="auto", depth=float(event.removeprefix("depth ")))
         elif event == "record":
             self._record()
-        elif event in ("open", "open-file"):
-            if not self._dialog.open(event == "open"):
-                self._notices.say("scene", ABSENT, now_ns(), 2 * SHOWN_NS)
-        elif event == "glasses":
-            self._switch_glasses_test(render)
-        elif event in ("more", "less") and self._glasses:
-            ghost = render.ghost_compensation + (GHOST_STEP if event == "more" else -GHOST_STEP)
-            self._set(ghost_compensation=min(max(ghost, 0.0), 100.0))
+        elif event in ("open", "open-file") and not self._dialog.open(event == "open"):
+            self._notices.say("scene", ABSENT, now_ns(), 2 * SHOWN_NS)
 
     def _ask_about_depth(self) -> None:
         """Says, the first time an undecided scene is shown, how to exchange near and far."""
@@ -153,48 +136,6 @@ class KeyBindings:
         if on_screen and undecided(field, context.config.scene.half_turn):
             self._notices.say("near and far", "press d if near and far are exchanged", now_ns(), ASKED_NS)
             remember(field, "asked")
-
-    def _ask_about_glasses(self) -> None:
-        from lfpipe.render.glasses_question import GlassesQuestion  # few sessions ask
-
-        self._question = GlassesQuestion(self._context.config.render.anaglyph)
-        self._display.menu(self._question.draw)
-
-    def _answers(self, event: str) -> bool:
-        """Handles an event while the question about the glasses is open; returns whether it was for it."""
-        if self._question is None or event in ("fullscreen", "help"):
-            return False
-        kind = self._question.answer(event)
-        if kind is None and self._question.understands(event):
-            self._display.menu(self._question.draw)
-            return True
-        self._question = None
-        self._display.menu(None)
-        if kind is None and event not in ("choose", "which"):
-            return False  # another key leaves the question for the next start
-        if kind is not None:
-            self._keep({"anaglyph": kind.anaglyph})
-            self._set(anaglyph=kind.anaglyph)
-            self._chosen_here = kind.lenses is not None
-            if kind.anaglyph == self._context.config.render.anaglyph and self._chosen_here:
-                self._chosen_here = False
-                self._switch_glasses_test(self._context.config.render)
-        if self._context.options.start and not self._chosen_here and self._glasses is None:
-            self.menu.open()
-        return True
-
-    def _keep(self, values: Mapping[str, float | bool | str]) -> None:
-        """Saves keys of [render] in the person's settings."""
-        from lfpipe.config.user_settings import write_key
-
-        try:
-            for name, value in values.items():
-                write_key(user_file(), "render", name, value)
-        except (OSError, ValueError) as error:
-            self._notices.say("kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}", now_ns())
-        else:
-            if values:
-                self._notices.say("kept", f"saved for the next session: {', '.join(values)}", now_ns())
 
     def _record(self) -> None:
         """Begins or ends a recording of the camera, with the eyes, beside the pictures."""
@@ -216,19 +157,6 @@ class KeyBindings:
         depth = 1.0 if render.alpha_px == "true" else render.depth
         self._display.bar(BarState(depth, bool(options.record), frozenset(without)))
 
-    def _switch_glasses_test(self, render: Render) -> None:
-        """Begins or ends the test; at its end the changes are saved in the person's settings."""
-        if self._glasses is None:
-            self._glasses = GlassesTest(render)
-        else:
-            changed = self._glasses.changed(render)
-            self._glasses = None
-            self._keep(changed)
-            if self._context.options.start and self._context.options.ask_glasses and not self._asked:
-                self._asked = True
-                self.menu.open()
-        self._presenter.pattern = self._glasses
-
     def _set(self, **values: object) -> None:
         self._context.request("set", set={f"render.{name}": value for name, value in values.items()})
 
@@ -243,9 +171,7 @@ class KeyBindings:
                 self._notices.say(subject, text, t_ns)
         if level and not level_before:
             self._notices.say("quality", "busy computer: simpler picture for now", t_ns)
-        if self._chosen_here and render.anaglyph != before.anaglyph:
-            self._chosen_here = False
-            self._switch_glasses_test(render)
+        self._glasses.follow(render)
         if scene != scene_before:
             self._display.title(scene)
             self._notices.say("scene", scene, t_ns)
@@ -260,7 +186,7 @@ class KeyBindings:
         faceless = context.options.tracking and not lost and not context.paused and row["t_face_ns"] and away_ns > FACELESS_NS
         words = INVITATION if context.options.kiosk else f"no face for {away_ns // SECOND_NS} s: move into the camera's view"
         self._notices.state("face", words if faceless else "")
-        self._notices.state("glasses", self._glasses.words(render) if self._glasses else "")
+        self._notices.state("glasses", self._glasses.words(render))
 
     def _follow_width(self) -> None:
         """A larger picture has larger parallax: alpha follows once the window keeps its size."""

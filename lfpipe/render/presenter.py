@@ -4,12 +4,10 @@ What does not change the next picture happens after the hand-over: counts, repor
 """
 
 import time
-from collections import deque
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,14 +16,14 @@ from lfpipe.config.quality import level_number
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, MAX_HORIZON_S
 from lfpipe.files.trace import TraceFile
-from lfpipe.host.presentation import Presented
 from lfpipe.render.display import Display
 from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.outputs import OptionalOutputs, ViewerReports
 from lfpipe.render.refresh import Refresh, ScreenRefresh
-from lfpipe.render.viewer import VIDEO_LEAD, Viewer, Viewpoints
+from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, WaitingPictures
+from lfpipe.render.viewer import VIDEO_LEAD, Viewer
 from lfpipe.transport.clock import MS_NS, now_ns, sleep_until
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
@@ -35,64 +33,8 @@ if TYPE_CHECKING:
     from lfpipe.render.replay_writer import ReplayWriter
 
 NO_ROOM = "make room there, or another --out"  # of a replay
-ANSWER_NS = 250 * MS_NS  # a hidden window gets no report
-HANDOVER, REPLACED = "handover", "replaced"
 STALE_NS = 500 * MS_NS  # no camera is that slow: a record so old comes from a tracker that has died
 HORIZON_NS = int(MAX_HORIZON_S * 1e9)
-
-
-@attrs.define
-class Showing:
-    """What one refresh, or one camera frame, showed. number: of the picture; 0: the one on the screen stayed. stamp: of the frame
-    it was made for, with its measured eyes and the time of tracking; None: nobody was seen yet. target_ns: the refresh it was
-    made for, 0 for none; seen_ns: when a viewer sees it, loop_ns of it for camera and display. t_presented_ns: 0: never seen, or
-    not known yet; by: the protocol that reported it, empty: not known yet."""
-
-    number: int
-    stamp: Stamp | None
-    face: bool
-    raw_px: list[list[float]]
-    t_tracked_ns: int
-    viewpoints: Viewpoints
-    seq: int
-    target_ns: int
-    seen_ns: int
-    loop_ns: int
-    t_sensor_ns: int
-    t_started_ns: int
-    t_composed_ns: int
-    t_handed_ns: int
-    waited_ns: int
-    cost_ns: int
-    more: dict[str, Any]
-    t_presented_ns: int = 0
-    by: str = ""
-
-
-class WaitingPictures:
-    """Pictures between hand-over and light, in their order."""
-
-    def __init__(self) -> None:
-        self._waiting: deque[Showing] = deque()
-
-    def add(self, showing: Showing) -> None:
-        """Adds a picture that was handed over, or a refresh that repeats the picture on the screen (`by` is set then)."""
-        self._waiting.append(showing)
-
-    def take(self, answers: Iterable[Presented], by: str, t_ns: int) -> list[Showing]:
-        """Those whose time of display is known at t_ns: their blank, 0 if the next picture replaced them before one, or their
-        hand-over if no report came within ANSWER_NS."""
-        waiting = {showing.number: showing for showing in self._waiting if showing.number and not showing.by}
-        for answer in answers:
-            if (showing := waiting.get(answer.serial)) is not None:
-                showing.t_presented_ns, showing.by = answer.t_ns, by if answer.t_ns else REPLACED
-        known = []
-        while self._waiting and (self._waiting[0].by or t_ns - self._waiting[0].t_handed_ns > ANSWER_NS):
-            showing = self._waiting.popleft()
-            if not showing.by:
-                showing.t_presented_ns, showing.by = showing.t_handed_ns, HANDOVER
-            known.append(showing)
-        return known
 
 
 def _replay_writer(options: SessionOptions) -> "ReplayWriter | None":

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lfpipe.host.presentation import Presented
-from lfpipe.render.presenter import ANSWER_NS, HANDOVER, REPLACED, Showing, WaitingPictures
+from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, WaitingPictures
 from lfpipe.render.viewer import Viewpoints
 
 NOWHERE = Viewpoints(np.zeros((2, 2)), (0.0, 0.0), (0.0, 0.0), 0)

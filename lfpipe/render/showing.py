@@ -1,0 +1,69 @@
+"""What each refresh showed, and pictures between hand-over and light: each waits for its blank and is reported in order."""
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
+
+import attrs
+
+from lfpipe.host.presentation import Presented
+from lfpipe.render.viewer import Viewpoints
+from lfpipe.transport.clock import MS_NS
+from lfpipe.transport.ring import Stamp
+
+ANSWER_NS = 250 * MS_NS  # a hidden window gets no report
+HANDOVER, REPLACED = "handover", "replaced"
+
+
+@attrs.define
+class Showing:
+    """What one refresh, or one camera frame, showed. number: of the picture; 0: the one on the screen stayed. stamp: of the frame
+    it was made for, with its measured eyes and the time of tracking; None: nobody was seen yet. target_ns: the refresh it was
+    made for, 0 for none; seen_ns: when a viewer sees it, loop_ns of it for camera and display. t_presented_ns: 0: never seen, or
+    not known yet; by: the protocol that reported it, empty: not known yet."""
+
+    number: int
+    stamp: Stamp | None
+    face: bool
+    raw_px: list[list[float]]
+    t_tracked_ns: int
+    viewpoints: Viewpoints
+    seq: int
+    target_ns: int
+    seen_ns: int
+    loop_ns: int
+    t_sensor_ns: int
+    t_started_ns: int
+    t_composed_ns: int
+    t_handed_ns: int
+    waited_ns: int
+    cost_ns: int
+    more: dict[str, Any]
+    t_presented_ns: int = 0
+    by: str = ""
+
+
+class WaitingPictures:
+    """Pictures between hand-over and light, in their order."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Showing] = deque()
+
+    def add(self, showing: Showing) -> None:
+        """Adds a picture that was handed over, or a refresh that repeats the picture on the screen (`by` is set then)."""
+        self._waiting.append(showing)
+
+    def take(self, answers: Iterable[Presented], by: str, t_ns: int) -> list[Showing]:
+        """Those whose time of display is known at t_ns: their blank, 0 if the next picture replaced them before one, or their
+        hand-over if no report came within ANSWER_NS."""
+        waiting = {showing.number: showing for showing in self._waiting if showing.number and not showing.by}
+        for answer in answers:
+            if (showing := waiting.get(answer.serial)) is not None:
+                showing.t_presented_ns, showing.by = answer.t_ns, by if answer.t_ns else REPLACED
+        known = []
+        while self._waiting and (self._waiting[0].by or t_ns - self._waiting[0].t_handed_ns > ANSWER_NS):
+            showing = self._waiting.popleft()
+            if not showing.by:
+                showing.t_presented_ns, showing.by = showing.t_handed_ns, HANDOVER
+            known.append(showing)
+        return known
