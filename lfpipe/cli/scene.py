@@ -176,18 +176,32 @@ def sheet(path: Path, out: Path, **options: Any) -> None:
 @click.option("--seconds", type=click.FloatRange(0.1, 600), metavar="S", help="Length of a wiggle or sweep. [default: 0.8 and 6]")
 @with_scene_options
 def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, seconds: float | None, **options: Any) -> None:
-    """Write SCENE for other programs: a quilt for Looking Glass displays, a side-by-side pair, a wiggle (.mp4, .gif), or a sweep.
+    """Write SCENE for other programs: a quilt for Looking Glass displays, a pair (.png, .jpg, .jps, .mpo, .mp4), a wiggle (.mp4,
+    .gif), or a sweep.
 
-    The tiles are appended to a quilt's name: _qs8x6a1.00. MP4 needs lfpipe[media].
+    The name tells viewers the form: _qs8x6a1.00 is appended to a quilt's, _sbs or _LR to a pair's. MP4 needs lfpipe[media].
     """
     from lfpipe.export.clip import check_clip, write_clip
-    from lfpipe.export.scene_pictures import RATE_HZ, SWEEP_S, WIGGLE_S, SceneExport, parse_tiles, quilt_name
-    from lfpipe.files.output import check_output
+    from lfpipe.export.scene_pictures import (
+        RATE_HZ,
+        SWEEP_S,
+        WIGGLE_S,
+        SceneExport,
+        pair_name,
+        parse_tiles,
+        quilt_name,
+        stereo_file,
+    )
+    from lfpipe.files.output import check_output, write_output
 
     cols, rows = parse_tiles(tiles)
     seconds = seconds or (WIGGLE_S if form == "wiggle" else SWEEP_S)
-    if form in ("wiggle", "sweep"):
+    video = form in ("wiggle", "sweep") or (form == "pair" and out.suffix.lower() == ".mp4")
+    out = pair_name(out) if form == "pair" else out
+    if video:
         check_clip(out, round(seconds * RATE_HZ))
+        check_output(out, [path])
+    elif out.suffix.lower() == ".mpo" and form == "pair":
         check_output(out, [path])
     else:
         check_picture(out, path)
@@ -198,10 +212,14 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
         name = quilt_name(out, cols, rows, field.width_px / field.height_px)
         check_picture(name, path)
         write_picture(name, made.quilt(cols, rows)[..., ::-1])
-    elif form == "pair":
-        write_picture(out, made.pair(apart)[..., ::-1])
+    elif not video:
+        write_output(out, stereo_file(*made.eyes(apart), out.suffix.lower()))
+        click.echo(out)
     else:
-        pictures = made.wiggle(apart, seconds) if form == "wiggle" else made.sweep(seconds)
+        if form == "sweep":
+            pictures = made.sweep(seconds)
+        else:
+            pictures = made.wiggle(apart, seconds) if form == "wiggle" else made.pairs(apart, seconds)
         write_clip(out, pictures, RATE_HZ)
         click.echo(f"{out}  {out.stat().st_size / 1e6:.2f} MB")
 

@@ -68,9 +68,12 @@ def check_picture(path: Path, scene: Path) -> None:
     """Raises UserError if a command that reads scene must not write a picture to path. Called before any work."""
     from lfpipe.errors import UserError
     from lfpipe.files.output import check_output
+    from lfpipe.host.paths import is_dir
 
     if path.suffix.lower() not in PICTURES:
         raise UserError(f"{path}: not {', '.join(PICTURES[:-1])} or {PICTURES[-1]}", "for example view.png")
+    if is_dir(scene) and path.resolve().is_relative_to(scene.resolve()):
+        raise UserError(f"{path}: in the folder of the scene, which would count it as a view", "name a file in another folder")
     check_output(path, [scene])
 
 
@@ -81,6 +84,6 @@ def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     from lfpipe.files.output import marked_picture, write_output
 
     suffix = ".png" if path.suffix.lower() == ".png" else ".jpg"
-    _, data = cv2.imencode(suffix, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 95])
+    _, data = cv2.imencode(suffix, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
     write_output(path, marked_picture(data.tobytes()))
     click.echo(path)

@@ -7,6 +7,7 @@ wiggle   from the left eye's view to the right eye's and back, for ever
 sweep    along the middle row from the first column to the last and back
 """
 
+import io
 import math
 import re
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config
 from lfpipe.errors import UserError
+from lfpipe.files.output import MARK, marked_picture
 from lfpipe.render.geometry import parallax
 from lfpipe.render.screen_plane import zero_plane_px
 from lfpipe.render.single_view import ViewRenderer
@@ -28,6 +30,7 @@ Picture = NDArray[np.uint8]
 QUILT_PX = 8192  # of a side: the largest that they accept
 MOST_TILES = 20  # a side
 RATE_HZ = 30.0
+JPEG_QUALITY = 95
 WIGGLE_S, SWEEP_S = 0.8, 6.0  # there and back
 
 
@@ -73,9 +76,21 @@ class SceneExport:
             out[row * height : (row + 1) * height, col * width : (col + 1) * width] = tile
         return out
 
+    def eyes(self, apart_views: float | None = None) -> tuple[Picture, Picture]:
+        """The left and the right eye's view. Raises UserError."""
+        left, right = self._eyes(apart_views)
+        return self._view(left), self._view(right)
+
     def pair(self, apart_views: float | None = None) -> Picture:
-        """The two eyes' views side by side, each in full width."""
-        return np.hstack([self._view(col) for col in self._eyes(apart_views)])
+        """The two eyes' views side by side, left first, each in full width."""
+        return np.hstack(self.eyes(apart_views))
+
+    def pairs(self, apart_views: float | None = None, seconds: float = SWEEP_S) -> Iterator[Picture]:
+        """Pairs side by side whose eyes move along the middle row and back, at RATE_HZ; of a pair of views, they rest."""
+        left, right = self._eyes(apart_views)
+        room = self._field.cols - 1.0 - (right - left)
+        swings = (self._swing(first, first + room, seconds) for first in (0.0, right - left))
+        return (np.hstack(pair) for pair in zip(*swings, strict=True))
 
     def wiggle(self, apart_views: float | None = None, seconds: float = WIGGLE_S) -> Iterator[Picture]:
         """One turn from the left eye to the right eye and back, at RATE_HZ; the last picture leads to the first."""
@@ -98,6 +113,29 @@ def quilt_name(path: Path, cols: int, rows: int, aspect: float) -> Path:
     if re.search(r"_qs\d+x\d+", path.stem):
         return path
     return path.with_stem(f"{path.stem}_qs{cols}x{rows}a{aspect:.2f}")
+
+
+def pair_name(path: Path) -> Path:
+    """path with the words by which players know a pair: _sbs for pictures, _LR for videos. .jps and .mpo need none."""
+    if path.suffix.lower() in (".jps", ".mpo") or re.search(r"(?<![A-Za-z])(h?sbs|LR)(?![A-Za-z])", path.stem):
+        return path
+    return path.with_stem(f"{path.stem}{'_LR' if path.suffix.lower() == '.mp4' else '_sbs'}")
+
+
+def stereo_file(left: Picture, right: Picture, suffix: str) -> bytes:
+    """The pair as .mpo (two pictures, left first; CIPA DC-007), or side by side: .jps (right eye first), .jpg, .png (left)."""
+    if suffix == ".mpo":
+        from PIL import Image
+
+        first, second = (Image.fromarray(np.ascontiguousarray(eye[..., ::-1])) for eye in (left, right))
+        buffer = io.BytesIO()
+        first.save(buffer, "MPO", save_all=True, append_images=[second], quality=JPEG_QUALITY, comment=MARK)
+        return buffer.getvalue()
+    eyes = (right, left) if suffix == ".jps" else (left, right)
+    coder = ".png" if suffix == ".png" else ".jpg"
+    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if coder == ".jpg" else []
+    _, data = cv2.imencode(coder, np.hstack(eyes), quality)
+    return marked_picture(data.tobytes())
 
 
 def parse_tiles(text: str) -> tuple[int, int]:

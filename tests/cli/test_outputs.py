@@ -47,8 +47,8 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
         ("scene sheet views -o views/view_01_01.png", "view_01_01.png"),
         ("scene view views --row 0 --col 0 -o notes.txt", "notes.txt"),
         ("scene view views --row 0 --col 0 -o me.png", "me.png"),
-        ("scene export views me.avi --as pair", "me.avi"),
-        ("scene export views views/view_00_00.png --as pair", "view_00_00.png"),
+        ("scene export views me.avi --as pair", "me_sbs.avi"),
+        ("scene export views views/view_00_00.png --as pair", "view_00_00_sbs.png"),
     ],
 )
 def test_a_file_of_a_person_is_kept(owned: Path, monkeypatch: pytest.MonkeyPatch, args: str, named: str) -> None:

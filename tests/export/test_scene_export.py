@@ -59,6 +59,52 @@ def test_a_pair_has_the_left_eyes_view_on_the_left(scene: Path, cache: str, tmp_
     assert picture.shape == (48, 128, 3) and picture[0, 0, 1] < picture[0, 100, 1]
 
 
+@pytest.fixture(scope="module")
+def textured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A row of three views that move by 3 px from one to the next."""
+    folder = tmp_path_factory.mktemp("textured") / "row"
+    folder.mkdir()
+    wide = cv2.GaussianBlur(np.random.default_rng(5).integers(0, 256, (96, 160, 3), np.uint8), (0, 0), 2)
+    for col in range(3):
+        cv2.imwrite(str(folder / f"view_00_{col:02d}.png"), wide[:, 3 * col : 3 * col + 128])
+    return folder
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".jps", ".mpo"])
+def test_every_pair_is_read_back_and_by_pillow(textured: Path, cache: str, tmp_path: Path, suffix: str) -> None:
+    how = ("--as", "pair", "--apart", 2, "--set", "render.zero_plane_px=0")
+    path = export(textured, tmp_path / f"boxes{suffix}", *how, cache=cache)
+    assert path.stem == ("boxes_sbs" if suffix in (".png", ".jpg") else "boxes")
+    eyes = [cv2.imread(str(textured / f"view_00_0{col}.png"))[..., ::-1].astype(int) for col in (0, 2)]
+    with Image.open(path) as image:
+        if suffix == ".mpo":
+            assert image.format == "MPO" and image.n_frames == 2
+            halves = []
+            for number in (0, 1):
+                image.seek(number)
+                halves.append(np.asarray(image.convert("RGB")))
+        else:
+            whole = np.asarray(image.convert("RGB"))
+            halves = [whole[:, :128], whole[:, 128:]][:: -1 if suffix == ".jps" else 1]
+    again = pack_scene(path, Scene(cache_dir=cache))
+    assert (again.rows, again.cols) == (1, 2)
+    for k in (0, 1):
+        stored = np.moveaxis(again.views[0, 0, k], 0, 2)
+        for seen in (halves[k], stored):
+            assert np.abs(seen.astype(int) - eyes[k]).mean() < 3
+    assert export(textured, path, *how, cache=cache) == path  # the name is kept, our file replaced
+
+
+def test_a_pair_in_motion_is_an_mp4_whose_index_comes_first(scene: Path, cache: str, tmp_path: Path) -> None:
+    path = export(scene, tmp_path / "boxes.mp4", "--as", "pair", "--apart", 1, "--seconds", 1, cache=cache)
+    assert path.name == "boxes_LR.mp4"
+    data = path.read_bytes()
+    assert data.index(b"moov") < data.index(b"mdat")
+    frames = decoded(path)
+    assert len(frames) == 30 and frames[0].shape == (48, 128, 3)
+    assert all(float(frame[5, 100, 1]) - float(frame[5, 5, 1]) == pytest.approx(8, abs=4) for frame in frames)
+
+
 def test_a_sweep_is_h264_that_ffmpeg_decodes(scene: Path, cache: str, tmp_path: Path) -> None:
     path = export(scene, tmp_path / "sweep.mp4", "--as", "sweep", "--seconds", 1, cache=cache)
     with av.open(str(path)) as container:
