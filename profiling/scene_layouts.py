@@ -1,87 +1,70 @@
-"""What scenes of many kinds open as: in order, undecided, or refused; and the memory that it takes.
+"""What sets of many kinds open as: right, undecided or refused; and what `scene info` costs.
 
-    uv run python -m profiling.scene_layouts --out profiling/results/layouts.md
+    python -m profiling.scene_layouts --out profiling/results/layouts.md
 
-Each kind is written to a folder of its own and opened by a child process. "right": every view is where it belongs, and so are
-near and far. "undecided": the program says that it cannot tell. "refused": with the message. "WRONG": none of these.
+Every set of ../shared/data/lightfields, light fields under many names and in many files, and what is none. "right": the expected
+grid, with every view where it belongs. "undecided": the program says that it cannot tell. "WRONG": sure, and not right.
 """
 
 import json
 import subprocess
 import sys
 import tempfile
-import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path
 
+import attrs
 import cv2
 import numpy as np
+from PIL import Image
 
-from lfpipe.scene.source import Turn
-from profiling.arguments import parser_of
-from tests.scene import made, test_orientation, test_plausibility, test_rgbd, test_slide, test_stereo
-
-Make = Callable[[Path], Path]
-CHILD = """
-import json, sys
-import numpy as np
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene import layouts
-from lfpipe.scene.orientation import orient
-from lfpipe.scene.plausibility import plausible
-path, wanted, out = sys.argv[1], sys.argv[2], {}
-try:
-    source = layouts.describe(path, config.Scene())
-    source = source if source.certain else plausible(source, False)
-    found = orient(source, config.Scene())
-    rows, cols = found.turn.grid(source.rows, source.cols)
-    out = {"layout": source.layout, "grid": f"{rows}x{cols}", "sure": found.sure, "undecided": found.undecided}
-    out["turn"] = [found.turn.rows, found.turn.cols, found.turn.transpose]
-    if wanted != "-":
-        true = np.load(wanted)
-        out["right"] = (rows, cols) == true.shape[:2] and all(
-            (at := found.turn.file_index(r, c, rows, cols)) in source.missing
-            or float(np.abs(source.read(0, *at).astype(int) - true[r, c]).mean()) < 6 for r in range(rows) for c in range(cols))
-except UserError as error:
-    out = {"refused": error.message, "remedy": error.remedy}
-out["mb"] = int(open("/proc/self/status").read().split("VmHWM:")[1].split()[0]) / 1024  # ru_maxrss would be the parent's
-print(json.dumps(out))
-"""
-TURNS = [Turn(*flags) for flags in product((False, True), repeat=3)]
+from lfpipe.scene.packing import examine_scene
+from profiling.arguments import parser_of
+from tests.scene import made, test_plausibility, test_rgbd, test_stereo
+
+Make = Callable[[Path], Path]
+SAMPLES = {
+    "atlas_jarabo_toys_9x9": (9, 9), "hci_antinous": (9, 9), "hci_old_monasroom_2x2": (2, 2), "hci_old_stillLife_3x3": (3, 3),
+    "hci_style_vr_newshot01": (9, 9), "lfvideo_airplane_8x8": (8, 8), "lytro_2067": (9, 9), "lytro_illum_field": (9, 9),
+    "quilt_4x8": (1, 32), "stanford_lego_knights_17x17": (17, 17),
+}  # fmt: skip
 NAMES = {
-    "view_00_00": "view_{r:02d}_{c:02d}.png", "counter before": "IMG_{n:04d}_001_{r:02d}_{c:02d}.png",
+    "row and column": "view_{r:02d}_{c:02d}.png", "a counter before": "IMG_{n:04d}_001_{r:02d}_{c:02d}.png",
     "coordinates behind": "Camera_{r:02d}_{c:02d}_{y:.1f}_{x:.1f}_30_36.png", "signs": "image_{sr:+d}_{sc:+d}.png",
     "words around": "im_t{r:03d}_s{c:03d}_GT.png", "column first": "x{c}_y{r}.png", "no separator": "v{r}{c}.png",
-    "letters": "{letter}{c}.png", "decimals": "cam {fr:.1f} {fc:.1f}.png", "dots": "a.{r:02d}.{c:02d}.png",
-    "1-based, wide": "scene-r{r1:04d}-c{c1:04d}.png", "running": "lowtoys{n:03d}.png", "running, from 7": "IMG {n7} x.png",
+    "letters": "{letter}{c}.png", "1-based, wide": "scene-r{r1:04d}-c{c1:04d}.png", "running": "lowtoys{n:03d}.png",
+    "folders": "row {r}/{c}.png", "times": "Screenshot 2026-07-04 at 15.{m:02d}.{s:02d}.png", "line breaks": "v\n{r}\n{c}.png",
+    "half PNG, half JPEG": "v_{r}_{c}.{end}", "AVIF": "v_{r}_{c}.avif", "GIF": "v_{r}_{c}.gif",
+    "four folders down": "a/b/c/d/{r}_{c}.png",
+    "left cameras beside right ones": "left cam {r:02d}_{c:02d}.png",
 }  # fmt: skip
 
 
-def turned(grid: np.ndarray, turn: Turn) -> np.ndarray:
-    grid = grid[::-1] if turn.rows else grid
-    grid = grid[:, ::-1] if turn.cols else grid
-    return grid.swapaxes(0, 1) if turn.transpose else grid
+@attrs.frozen(eq=False)
+class Case:
+    """make writes it below a folder and returns its path. grid: expected rows and columns, None for what is no light field.
+    true: views in canonical order, where they are compared."""
+
+    group: str
+    kind: str
+    make: Make
+    grid: tuple[int, int] | None
+    true: np.ndarray | None = None
 
 
-def written(folder: Path, grid: np.ndarray, name: str, leave_out: Callable[[int, int], bool] = lambda r, c: False) -> Path:
-    for r, c in product(range(grid.shape[0]), range(grid.shape[1])):
-        n = r * grid.shape[1] + c
-        words = {
-            "r": r,
-            "c": c,
-            "n": n,
-            "n7": n + 7,
-            "r1": r + 1,
-            "c1": c + 1,
-            "sr": r - 2,
-            "sc": c - 2,
-            "letter": chr(ord("a") + r),
-        }
-        words |= {"y": 400.0 + 2.5 * r, "x": 369.2 - 1.5 * c, "fr": r / 10, "fc": c / 10 - 0.2}
-        if not leave_out(r, c):
-            made.write(folder / name.format(**words), grid[r, c])
+def written(folder: Path, grid: np.ndarray, name: str) -> Path:
+    for n, (r, c) in enumerate(product(*map(range, grid.shape[:2]))):
+        words = {"r": r, "c": c, "n": n, "r1": r + 1, "c1": c + 1, "sr": r - 2, "sc": c - 2, "letter": chr(97 + r)}
+        words |= {"y": 400 + 2.5 * r, "x": 369.2 - 1.5 * c, "m": 30 + n // 12, "s": 5 * (n % 12), "end": ("png", "jpg")[n % 2]}
+        path = folder / name.format(**words)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(grid[r, c]).save(path, quality=95)
+        if name.startswith("left"):
+            made.write(path.with_name(path.name.replace("left", "right")), np.roll(grid[r, c], 3, 1))
     return folder
 
 
@@ -93,122 +76,136 @@ def one(name: str, picture: np.ndarray) -> Make:
     return make
 
 
-def cases() -> Iterator[tuple[str, str, Make, np.ndarray | None]]:
-    """(group, kind, how to write it, the true views in canonical order or None)."""
+def depth(name: str, values: np.ndarray) -> Make:
+    def make(folder: Path) -> Path:
+        made.write(folder / "car.jpg", test_rgbd.PICTURE)
+        made.write(folder / name, values)
+        return folder
+
+    return make
+
+
+def cases() -> Iterator[Case]:
+    for name, grid in SAMPLES.items():
+        if (made.SAMPLES / name).is_dir():
+            yield Case("sample sets", name, lambda _, name=name: made.SAMPLES / name, grid)
     scene = made.views(5, 6, 96, 128)
-    for number, (kind, name) in enumerate(NAMES.items()):
-        grid = turned(scene, TURNS[(3 * number + 1) % 8])
-        yield "names", kind, (lambda folder, grid=grid, name=name: written(folder, grid, name)), scene
-    large = made.views(16, 16, 48, 64)
-    yield "names", "running, 256 files", (lambda folder: written(folder, large, "t{n:03d}.png")), large
-    yield "gaps", "one view missing", (lambda f: written(f, scene, "v_{r}_{c}.png", lambda r, c: (r, c) == (2, 2))), scene
-    square = made.views(9, 9, 96, 128)
-    yield "gaps", "cross", (lambda f: written(f, square, "v_{r}_{c}.png", lambda r, c: r != 4 and c != 4)), square[4:5]
-    extra = "one file too many"
-    yield "gaps", extra, (lambda f: [written(f, scene, "v{n:02d}.png"), made.write(f / "v30.png", scene[2, 2])][0]), scene
-    yield (
-        "gaps",
-        "an odd picture",
-        (lambda f: [written(f, scene, "v{n:02d}.png"), made.write(f / "all.jpg", scene[0, 0, :50])][0]),
-        scene,
-    )
-    for kind, grid in test_plausibility.NO_LIGHT_FIELDS.items():
-        yield (
-            "no light field",
-            kind,
-            (lambda f, grid=grid: made.write_grid(f, grid, "v_{r:02d}_{c:02d}.png" if len(grid) > 1 else "v{c:02d}.png")),
-            None,
-        )
-    pair = np.stack([test_stereo.LEFT, test_stereo.RIGHT])[None]
-    for kind, make in test_stereo.FORMS.items():
-        yield "stereo", kind, make, pair
-    yield "stereo", "side by side, unnamed", one("x.png", test_stereo.BESIDE), pair
-    anaglyph = np.dstack([test_stereo.LEFT[..., 0], test_stereo.RIGHT[..., 0], test_stereo.RIGHT[..., 0]])
-    yield "refused by kind", "anaglyph", one("x.png", anaglyph), None
-    for name in ("a.lfp", "a.heic", "a.gif", "a.zip"):
-        yield "refused by kind", name, (lambda f, name=name: [(f / name).write_bytes(b"x"), f / name][1]), None
-    for kind, make in test_rgbd.FORMS.items():
-        yield "picture and depth", kind, make, None
+    for kind, name in NAMES.items():
+        yield Case("names", kind, lambda f, name=name: written(f, scene, name), (5, 6), scene)
+    for rows, cols in ((1, 9), (1, 51), (1, 101), (3, 17), (16, 16), (17, 17)):
+        views = made.views(rows, cols, 48, 64, 1.0, -0.5)
+        yield Case("a running number", f"{rows}x{cols}", lambda f, v=views: written(f, v, "t{n:03d}.png"), (rows, cols), views)
     for cols, rows in ((4, 8), (5, 9), (6, 10), (8, 6)):
         line = made.views(1, cols * rows, 150, 200, 0.5, -0.3)
         quilt = made.mosaic(line[0].reshape(rows, cols, 150, 200, 3)[::-1])
-        yield "quilts without a name", f"{cols}x{rows}", one("45_01.png", quilt), line
-    for path in sorted(made.SAMPLES.glob("*")):
-        yield "sample scenes", path.name, (lambda folder, path=path: path), None
-
-
-def tried(make: Make, true: np.ndarray | None) -> dict[str, object]:
-    with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "scene").mkdir()
-        path, wanted = make(Path(folder) / "scene"), "-"
-        if true is not None:
-            wanted = f"{folder}/true.npy"
-            np.save(wanted, true)
-        start = time.monotonic()
-        done = subprocess.run([sys.executable, "-c", CHILD, str(path), wanted], capture_output=True, text=True, check=False)
-        out: dict[str, object] = (
-            json.loads(done.stdout) if done.returncode == 0 else {"refused": done.stderr[-200:], "crashed": True}
+        yield Case("quilts without a name", f"{cols}x{rows}", one("45_01.png", quilt), (1, cols * rows), line)
+    for rows, cols in ((5, 5), (9, 5), (3, 8)):
+        views = made.views(rows, cols, 150, 200)
+        yield Case("mosaics", f"{rows}x{cols}", one("lf.png", made.mosaic(views)), (rows, cols), views)
+    pair = np.stack([test_stereo.LEFT, test_stereo.RIGHT])[None]
+    for kind, make in test_stereo.FORMS.items():
+        yield Case("stereo", kind, make, (1, 2), pair)
+    for kind, make in test_rgbd.FORMS.items():
+        yield Case("picture and depth", kind, make, (5, 9))
+    metres = (1000 * np.linspace(4, 1, 96)[:, None] * np.ones(128)).astype(np.uint16)
+    metres[20:30, 40:60] = 0
+    yield Case("picture and depth", "millimetres, 0 not measured", depth("car_depth.png", metres), (5, 9))
+    yield Case("picture and depth", "car.jpg, car.png", depth("car.png", test_rgbd.FLOOR), (5, 9))
+    yield Case("picture and depth", "black is near", depth("car_depth.png", 255 - test_rgbd.FLOOR), (5, 9))
+    yield Case("one picture", "moon.jpg, moon.png", depth("car.png", test_rgbd.PICTURE), (1, 1))
+    yield Case("none", "289 unknown files and a picture", lambda f: [
+        [(f / f"{k}.xyz").write_bytes(b"x") for k in range(289)], made.write(f / "a.png", scene[0, 0]), f][2], None)  # fmt: skip
+    for kind, grid in test_plausibility.NO_LIGHT_FIELDS.items():
+        yield Case(
+            "none", kind, lambda f, g=grid: made.write_grid(f, g, "v_{r}_{c:02d}.png" if len(g) > 1 else "v{c:02d}.png"), None
         )
-    return out | {"seconds": time.monotonic() - start}
-
-
-def verdict(found: dict[str, object], group: str, kind: str, true: np.ndarray | None) -> str:
-    if "refused" in found:
-        return (
-            "WRONG" if found.get("crashed") or true is not None or group in ("sample scenes", "picture and depth") else "refused"
+    portraits = [cv2.imread(str(path)) for path in sorted((made.SAMPLES.parent / "faces" / "imm").glob("*-1m.jpg"))[:9]]
+    if portraits:
+        yield Case(
+            "none", "nine portraits", lambda f: [made.write(f / f"{k}.jpg", p) for k, p in enumerate(portraits)] and f, None
         )
-    if group in ("no light field", "refused by kind"):
-        return "WRONG"
-    if found["undecided"]:
-        return "undecided"
-    if kind in test_orientation.SCENES:
-        layout, _, _, turn = test_orientation.SCENES[kind]
-        return "right" if (found["layout"], found["turn"]) == (layout, [turn.rows, turn.cols, turn.transpose]) else "WRONG"
-    return "right" if true is None or found["right"] else "WRONG"
 
 
-def slides() -> Iterator[str]:
-    from lfpipe.errors import UserError
+def verdict(case: Case, path: Path) -> tuple[str, str]:
+    """(word, what it opened as or why not)."""
+    try:
+        found = examine_scene(path, config.Scene())
+    except UserError as error:
+        return ("refused" if case.grid is None else "WRONG"), f"{error.message} ({error.remedy})".replace(str(path), "")
+    source, turn = found.source, found.orientation.turn
+    rows, cols = turn.grid(source.rows, source.cols)
+    what = f"{source.layout} {rows}x{cols}"
+    if case.grid is None:
+        return ("undecided" if found.orientation.undecided else "WRONG"), what
+    right = (rows, cols) == case.grid
+    if right and case.true is not None:
+        places = [(r, c, turn.file_index(r, c, rows, cols)) for r in (0, rows - 1) for c in (0, cols - 1)]
+        right = all(near(source.read(0, *at), case.true[r, c], case.true) for r, c, at in places)
+    if found.orientation.undecided:
+        return "undecided", f"{what}; {found.orientation.undecided.split(';')[0]}"
+    return ("right" if right else "WRONG"), what
 
-    clips = {"shaken": (test_slide.shaken(test_slide.SLID, 0.6), ""), **test_slide.CLIPS}
-    for kind, (views, _) in clips.items():
+
+def near(view: np.ndarray, true: np.ndarray, grid: np.ndarray) -> bool:
+    """Whether a view is the true one, and not the opposite one."""
+    if view.shape != true.shape:
+        return False
+    off = [float(np.abs(view.astype(int) - other).mean()) for other in (true, *grid[(0, 0, -1, -1), (0, -1, 0, -1)])]
+    return off[0] <= min(off) + 1e-9 and off[0] < 12
+
+
+COST = """
+import json, resource, subprocess, sys
+done = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(json.dumps([done.returncode, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024]))
+"""
+
+
+def photograph(folder: Path) -> Path:
+    made.write(folder / "x.jpg", cv2.resize(made.texture(300, 400, 1), (4000, 3000)))
+    made.write(folder / "x_depth.png", cv2.resize(test_rgbd.FLOOR, (4000, 3000)))
+    return folder
+
+
+def costs() -> Iterator[str]:
+    """CPU seconds and memory of `scene info` without a pack."""
+    makes: dict[str, Make] = {
+        f"{rows}x{cols} views of {w}x{h}": lambda f, r=rows, c=cols, w=w, h=h: written(f, made.views(r, c, h, w), "v_{r}_{c}.jpg")
+        for rows, cols, w, h in ((1, 2, 1920, 1080), (5, 5, 640, 480), (1, 101, 1000, 700), (17, 17, 512, 512))
+    }
+    for kind, make in {**makes, "a 12-megapixel RGB-D photograph": photograph}.items():
         with tempfile.TemporaryDirectory() as folder:
-            try:
-                done = test_slide.slide(Path(folder), list(views))
-                what = f"{done.residual_px:.2f} px up and down (95 %), {done.spread_px:.0f} px parallax"
-                yield f"| {kind} | {done.views} views | {what} |"
-            except UserError as error:
-                yield f"| {kind} | refused | {error.message.split(': ', 1)[1]} |"
+            path = make(Path(folder) / "s")
+            command = [sys.executable, "-m", "lfpipe", "scene", "info", str(path), "--set", f"scene.cache_dir={folder}/cache"]
+            done = subprocess.run([sys.executable, "-c", COST, *command], capture_output=True, text=True, check=True)
+            code, cpu_s, mb = json.loads(done.stdout)
+            yield f"| {kind} | {'ok' if code == 0 else f'exit code {code}'} | {cpu_s:.1f} | {mb:.0f} |"
 
 
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=Path("profiling/results/layouts.md"))
-    out = parser.parse_args().out
-    cv2.setNumThreads(1)
-    counts: dict[str, int] = {}
-    rows, most_mb = [], 0.0
-    for group, kind, make, true in cases():
-        found = tried(make, true)
-        word = verdict(found, group, kind, true)
-        counts[word] = counts.get(word, 0) + 1
-        what = str(found.get("refused") or f"{found['layout']} {found['grid']}, {found['sure']:.0%} sure")
-        if word == "refused":
-            most_mb = max(most_mb, float(str(found.get("mb", 0))))
-            what = what.split(": ", 1)[-1][:150]
-        rows.append(f"| {group} | {kind} | {word} | {what} | {float(str(found.get('mb', 0))):.0f} |")
+    parser.add_argument("--only", default="", help="groups or kinds that contain this word")
+    chosen = parser.parse_args()
+    counts: Counter[str] = Counter()
+    rows = []
+    for case in cases():
+        if chosen.only not in f"{case.group}: {case.kind}":
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            word, what = verdict(case, case.make(Path(folder)))
+        counts[word] += 1
+        expected = "no light field" if case.grid is None else f"{case.grid[0]}x{case.grid[1]}"
+        rows.append(f"| {case.group} | {case.kind} | {expected} | {word} | {what[:170]} |".replace("\n", " "))
         print(rows[-1], flush=True)
-    total = ", ".join(f"{word}: {count}" for word, count in sorted(counts.items()))
-    head = [
-        "# Scenes of many kinds",
-        "",
-        "`uv run python -m profiling.scene_layouts`: each kind opened by a process of its own.",
-        "",
-    ]
-    head += [f"{total}. Most memory of a refusal: {most_mb:.0f} MB.", ""]
-    head += ["| group | kind | result | what it opened as, or why not | MB |", "|---|---|---|---|---|"]
-    tail = ["", "## Clips of a camera slid by hand (`scene make`)", "", "| clip | result | |", "|---|---|---|", *slides()]
-    out.write_text("\n".join([*head, *rows, *tail]) + "\n")
+    total = ", ".join(f"{word} {count}" for word, count in sorted(counts.items()))
+    head = ["# What sets of many kinds open as", "", f"`python -m profiling.scene_layouts`: {total}.", ""]
+    head += ["| group | kind | expected | result | what it opened as, or why not |", "|---|---|---|---|---|"]
+    tail = ["", "`lfpipe scene info` without a pack, its processes together:", ""]
+    tail += ["| set | | CPU s | MB, largest process |", "|---|---|---|---|", *costs()]
+    chosen.out.write_text("\n".join([*head, *rows, *tail]) + "\n")
+    print(total, *tail[-5:], sep="\n")
 
 
 if __name__ == "__main__":

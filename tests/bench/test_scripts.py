@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SHARED = ("arguments", "people_habits", "people_litter", "people_scenes", "photon_simulation")
+SHARED = ("arguments", "photon_simulation")
 NO_SCRIPTS = (*SHARED, "package_page")  # the last is a build hook
 SCRIPTS = sorted(
     path for folder in ("profiling", "tools") for path in (ROOT / folder).glob("*.py") if path.stem not in NO_SCRIPTS

@@ -370,3 +370,15 @@ def test_a_quilt_whose_tiles_do_not_divide_it(tmp_path: Path) -> None:
     made.write(tmp_path / "45_01.jpg", picture)
     source = found(tmp_path / "45_01.jpg", "mosaic")
     assert (source.rows, source.cols, source.height_px, source.width_px) == (1, 45, 455, 819)
+
+
+@pytest.mark.parametrize(("cols", "rows"), [(5, 9), (4, 8), (6, 10), (8, 6)])
+def test_a_quilt_without_its_name_is_a_line(tmp_path: Path, cols: int, rows: int) -> None:
+    line = made.views(1, cols * rows, 150, 200, 0.5, -0.3)
+    made.write(tmp_path / "45_01.png", made.mosaic(line[0].reshape(rows, cols, 150, 200, 3)[::-1]))
+    source = layouts.describe(tmp_path, config.Scene())
+    assert (source.layout, source.rows, source.cols) == ("mosaic", 1, cols * rows)
+    assert np.array_equal(source.read(0, 0, 1), line[0, 1]) and np.array_equal(source.read(0, 0, cols), line[0, cols])
+    for layout, grid in (("quilt", (1, cols * rows)), ("mosaic", (rows, cols))):  # what the doubt offers
+        scene = config.Scene(layout=layout, grid=f"{rows}x{cols}")
+        assert (layouts.describe(tmp_path, scene).rows, layouts.describe(tmp_path, scene).cols) == grid

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
@@ -313,6 +314,41 @@ def test_folders_of_two_eyes_and_of_results(tmp_path: Path) -> None:
     source = layouts.describe(tmp_path / "scene", AUTO)
     assert (source.rows, source.cols) == (3, 4)
     assert "the pictures are those of rgb; not used: out/" in source.notes
+
+
+@pytest.mark.parametrize("name", ["v_{r}_{c}.avif", "v_{r}_{c}.gif", "project/export/final/views/{r}_{c}.png", "v\n{r}\n{c}.png"])
+def test_formats_depths_and_line_breaks(name: str, tmp_path: Path) -> None:
+    for r, c in PLACES:
+        path = tmp_path / name.format(r=r, c=c)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(GRID[r, c]).save(path, quality=95)
+    source = layouts.describe(tmp_path, AUTO)
+    assert (source.rows, source.cols) == (3, 4)
+    assert np.abs(source.read(0, 1, 2).astype(int) - GRID[1, 2]).mean() < 8
+    assert not any("\n" in note for note in source.notes)
+
+
+@pytest.mark.parametrize("pictures", [1, 2])
+def test_more_unknown_files_than_pictures_are_named(pictures: int, tmp_path: Path) -> None:
+    for k in range(pictures):
+        made.write(tmp_path / f"overview {k}.png", made.texture(48, 64, k))
+    for k in range(289):
+        (tmp_path / f"view_{k:03d}.xyz").write_bytes(b"x")
+    with pytest.raises(UserError, match=r"289 of \d+ files are of a kind that is not read: view_000\.xyz") as caught:
+        layouts.describe(tmp_path, AUTO)
+    alone = tmp_path / "overview 0.png"
+    assert str(alone) in caught.value.remedy and layouts.describe(alone, AUTO).layout == "picture"
+    for k in range(289):
+        (tmp_path / f"view_{k:03d}.xyz").rename(tmp_path / f"view_{k:03d}.txt")
+    if pictures == 1:
+        assert layouts.describe(tmp_path, AUTO).layout == "picture"
+
+
+@pytest.mark.parametrize(("count", "near_px"), [(51, 0.25), (51, 1.0), (45, 2.0), (101, 1.0)])
+def test_a_long_line_is_a_line(count: int, near_px: float) -> None:
+    views = made.views(1, count, 96, 128, near_px, -near_px / 2)[0, ..., 1]
+    found = find_columns(lambda k: views[k], [True] * count)
+    assert (found.rows, found.cols) == (1, count)
 
 
 @pytest.mark.parametrize("folders", [("images", "images_4", "images_8"), ("full", "half"), ("scale1", "scale2")])
