@@ -413,3 +413,16 @@ def test_photographs_of_a_phone_held_upright(orientation: int, tmp_path: Path) -
     source = layouts.describe(tmp_path, AUTO)
     assert (source.rows, source.cols, source.height_px, source.width_px) == (1, 7, 128, 96)
     assert all(np.abs(source.read(0, 0, c).astype(int) - grid[0, c]).mean() < 4 for c in range(7))
+
+
+def test_numbers_in_brackets_and_capital_endings_are_views_in_their_order(tmp_path: Path) -> None:
+    texture = cv2.GaussianBlur(np.random.default_rng(7).integers(0, 255, (120, 400, 3), np.uint8), (0, 0), 3)
+    for k in range(16):
+        row, col = divmod(k, 4)
+        stored = tmp_path / "made.jpg"
+        cv2.imwrite(str(stored), texture[20 + 2 * row : 100 + 2 * row, 20 + 2 * col : 200 + 2 * col])
+        stored.rename(tmp_path / f"photo ({k + 1}).JPG")
+    found = layouts.describe(tmp_path, config.Scene())
+    assert (found.layout, found.rows, found.cols) == ("numbered", 4, 4)
+    alone = layouts.describe(tmp_path / "photo (1).JPG", config.Scene())
+    assert (alone.layout, alone.rows * alone.cols) == ("picture", 1)
