@@ -10,7 +10,6 @@ from lfpipe.config.session_options import QualityLevel, ReplayOutput, SceneSumma
 from lfpipe.config.tree import (
     Camera,
     Config,
-    Control,
     Governor,
     Opt,
     Render,
@@ -25,7 +24,6 @@ from lfpipe.config.tree import (
 __all__ = [
     "Camera",
     "Config",
-    "Control",
     "Governor",
     "Opt",
     "QualityLevel",

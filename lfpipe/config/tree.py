@@ -14,13 +14,15 @@ AUTO_HZ = 60.0  # pictures per second without a screen
 @attrs.frozen
 class Opt:
     """Meaning and limits of a value. low and high: range of a number, inclusive; without them every number is valid.
-    live: `lfpipe ctl set` may change it, so the stage that uses the key must reread `context.config`."""
+    live: `lfpipe ctl set` may change it, so the stage that uses the key must reread `context.config`. replays: whether it can
+    change what a replay computes."""
 
     doc: str
     unit: str = ""
     low: float = -math.inf
     high: float = math.inf
     live: bool = False
+    replays: bool = True
 
 
 @attrs.frozen
@@ -28,7 +30,8 @@ class Camera:
     source: Annotated[
         str,
         Opt(
-            "camera:N, camera:/dev/videoN, camera:NAME, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found"
+            "camera:N, camera:/dev/videoN, camera:NAME, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found",
+            replays=False,
         ),
     ] = ""
     width_px: Annotated[
@@ -46,7 +49,10 @@ class Camera:
     ] = 30.0
     format: Annotated[
         Literal["auto", "MJPG", "YUYV", "UYVY", "NV12", "YU12", "BGR3", "RGB3", "GREY", "Y10"],
-        Opt("pixel format requested from the camera; auto: uncompressed up to 640x480, MJPG above, else any available one"),
+        Opt(
+            "pixel format requested from the camera; auto: uncompressed up to 640x480, MJPG above, else any available one",
+            replays=False,
+        ),
     ] = "auto"
     exposure: Annotated[float | Literal["auto"], Opt("exposure time; auto: the camera decides", "ms", 0.01, 1000)] = "auto"
     gain: Annotated[float | Literal["auto"], Opt("gain in the camera's own units; auto: the camera decides", "", 0, 65535)] = (
@@ -102,11 +108,20 @@ class Track:
 class Render:
     clock: Annotated[
         Literal["display", "camera"],
-        Opt("display: a picture for every refresh, eyes predicted to it; camera: one picture per camera frame, as in the paper"),
+        Opt(
+            "display: a picture for every refresh, eyes predicted to it; camera: one picture per camera frame, as in the paper",
+            replays=False,
+        ),
     ] = "display"
     rate_hz: Annotated[
         float | Literal["auto"],
-        Opt("pictures per second of the display clock; auto: every refresh of the screen, 60 without a screen", "Hz", 1, 1000),
+        Opt(
+            "pictures per second of the display clock; auto: every refresh of the screen, 60 without a screen",
+            "Hz",
+            1,
+            1000,
+            replays=False,
+        ),
     ] = "auto"
     method: Annotated[
         Literal["auto", "nearest", "blend", "warp", "warp2", "best"],
@@ -123,7 +138,14 @@ class Render:
         ),
     ] = "auto"
     depth: Annotated[
-        float, Opt("depth from comfort (0) to true (1), or to the whole grid where true is unknown; with alpha_px auto", "", 0, 1, live=True)
+        float,
+        Opt(
+            "depth from comfort (0) to true (1), or to the whole grid where true is unknown; with alpha_px auto",
+            "",
+            0,
+            1,
+            live=True,
+        ),
     ] = 0.0
     anaglyph: Annotated[
         Literal[
@@ -180,9 +202,12 @@ class Render:
             0,
             1000,
             live=True,
+            replays=False,
         ),
     ] = 0.0
-    loop_measured: Annotated[str, Opt("date, camera and monitor of the measurement of loop_ms; empty: not measured")] = ""
+    loop_measured: Annotated[
+        str, Opt("date, camera and monitor of the measurement of loop_ms; empty: not measured", replays=False)
+    ] = ""
 
     @property
     def nominal_hz(self) -> float:
@@ -199,6 +224,7 @@ class Screen:
             "",
             0,
             63,
+            replays=False,
         ),
     ] = ""
     width_mm: Annotated[
@@ -237,7 +263,7 @@ class Scene:
         Opt("screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: detect it", "", 0.1, 10),
     ] = "auto"
     force: Annotated[bool, Opt("open pictures even if they do not look like one light field")] = False
-    cache_dir: Annotated[str, Opt("folder for packed scenes; empty: the user's cache directory")] = ""
+    cache_dir: Annotated[str, Opt("folder for packed scenes; empty: the user's cache directory", replays=False)] = ""
 
 
 @attrs.frozen
@@ -247,23 +273,19 @@ class Governor:
         Opt(
             "auto: lower quality level by level if the machine is too slow, and raise it when CPU is free; fixed: never",
             live=True,
+            replays=False,
         ),
     ] = "auto"
     affinity: Annotated[
         str,
         Opt(
-            "cores of each stage, as in track=1,render=0+2; auto: on two cores, tracking has one of its own; none: the system decides"
+            "cores of each stage, as in track=1,render=0+2; auto: on two cores, tracking has one of its own; none: the system decides",
+            replays=False,
         ),
     ] = "auto"
-    nice: Annotated[str, Opt("niceness of each stage, as in render=0,track=5; empty: same as the parent process")] = ""
-
-
-@attrs.frozen
-class Control:
-    bind: Annotated[
-        Literal["ipc"],
-        Opt("where commands are accepted: ipc, sockets in the run directory; from another machine: `ssh HOST lfpipe ctl`"),
-    ] = "ipc"
+    nice: Annotated[
+        str, Opt("niceness of each stage, as in render=0,track=5; empty: same as the parent process", replays=False)
+    ] = ""
 
 
 @attrs.frozen
@@ -289,7 +311,6 @@ class Config:
     screen: Screen = Screen()
     scene: Scene = Scene()
     governor: Governor = Governor()
-    control: Control = Control()
     replay: Replay = Replay()
 
 

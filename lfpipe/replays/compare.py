@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import Config, to_dict
+from lfpipe.config import Config, options, to_dict
 from lfpipe.errors import UserError, shown
 from lfpipe.files.output import PLACE, marked_picture, write_output
 from lfpipe.files.pictures import header_of
@@ -47,18 +47,6 @@ CAUSES = {  # in the order of the pipeline: an earlier difference causes the lat
     "method": "another way of making views was chosen (render.method, the scene's scores)",
     "picture": "views are equal: the drawing changed (anaglyph coefficients, synthesis, or the scene's pictures and their order)",
 }
-OF_NO_EFFECT = (
-    "control.",
-    "camera.source",
-    "camera.format",
-    "scene.cache_dir",
-    "render.clock",
-    "render.rate_hz",
-    "render.loop_",
-    "governor.",
-    "observe.",
-    "screen.monitor",
-)
 
 
 @attrs.frozen
@@ -192,7 +180,9 @@ def compare(reference: Path, folder: Path) -> Comparison:
     eyes_px = _tolerance_px(was["versions"], now["versions"])
     # a key that one of them does not know had its default's effect
     before, after = (_flat(to_dict(Config())) | _flat(report["config"]) for report in (was, now))
-    found = _fields("config", before, after, OF_NO_EFFECT)
+    known = {key: opt.replays for key, (_, opt, _) in options().items()}
+    of_no_effect = tuple(key for key in before | after if not known.get(key))  # a key that is gone has none
+    found = _fields("config", before, after, of_no_effect)
     found += _fields("plan", was["plan"], now["plan"])
     if was["scene"] != now["scene"]:
         same_views = was["scene"]["views"] == now["scene"]["views"]

@@ -126,3 +126,10 @@ def test_a_running_session_takes_live_keys_only() -> None:
     assert config.updated(Config(), {"camera.width_px": 320}).camera.width_px == 320, "one that is still to begin takes all"
     with pytest.raises(UserError, match=r"camera\.width_px.*fixed while a session runs"):
         config.updated(Config(), {"render.alpha_px": 3, "camera.width_px": 320}, live_only=True)
+
+
+def test_the_pages_of_keys_and_commands_are_current() -> None:
+    from tools.make_reference import DOCS, PAGES
+
+    for name, text in PAGES.items():
+        assert (DOCS / name).read_text() == text(), "run: python tools/make_reference.py"

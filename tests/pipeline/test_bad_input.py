@@ -63,7 +63,6 @@ CASES: dict[str, tuple[Callable[[Path], list[str | Path]], tuple[str, ...]]] = {
     "unreadable image": (truncated, ("view_02_00.png",)),
     "no video": (no_video, ("notes.mp4",)),
     "missing video": (good("--camera", "file:nowhere.mp4"), ("nowhere.mp4",)),
-    "no camera": (good(), ("--camera demo", "file:")),
     "camera gone": (good("--camera", "camera:/dev/video97"), ("97",)),
     "unknown source": (good("--camera", "fil:x.mp4"), ("fil:x.mp4", "did you mean")),
     "unknown key": (good("--set", "render.alpa_px=3"), ("render.alpa_px", "did you mean 'render.alpha_px'")),
