@@ -174,7 +174,7 @@ def tables(inputs: Inputs) -> Iterator[Table]:
         for make in (partial(make_filter, Track()), partial(Mean, 5)):
             (pictures,) = displayed(make(), (SHOWN_MS,), noise_px=noise_px, motion=simple_motion(name))
             onset, steady = onset_ms(pictures), np.median(steady_ms(pictures))
-            cells.append(Cell((f"{np.mean(onset):.0f} / " if onset else "- / ") + f"{steady:.0f}"))
+            cells.append(Cell((f"{np.mean(onset):.0f} / " if onset else "- / ") + f"{round(float(steady))}"))
         rows.append((Cell(name), Cell(f"{noise_px:g} px"), *cells))
     head = ("motion", "noise of the landmarks", f"{Track().filter} (in use)", "mean of 5, the paper")
     note = (

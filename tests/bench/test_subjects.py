@@ -213,8 +213,10 @@ def test_anaglyph_encodings_are_ranked(tmp_path: Path) -> None:
 
 def test_extreme_cases_and_whether_they_matter(tmp_path: Path) -> None:
     """Nothing in use fails; what is not in use names the setting that reaches it; the tables can tell."""
-    tables = {t.title: t for t in stability.tables(inputs(wall(3, 3), tmp_path)) if not isinstance(t, Skipped)}
-    assert len(tables) == 9
+    given = inputs(wall(3, 3), tmp_path)
+    made = [stability.covariance_table(6), *stability.filter_tables((30,)), stability.viewer_table(given.field, (30,)),
+            extremes.mapping_table(), extremes.colour_table(given.field), extremes.synthesis_table(given)]  # fmt: skip
+    tables = {table.title: table for table in made}
     cells = [(title, *case) for title, table in tables.items() for case in table.failures()]
     assert not [case for case in cells if case[3].state == "failed" and not case[3].only]
     assert all("render.anaglyph=" in case[3].only for case in cells if case[3].state == "failed")
@@ -244,6 +246,16 @@ def test_latency_by_motion_and_noise() -> None:
     assert all(ours < 60 < 130 < paper for ours, paper in steady.values())
     for motion in photon.MOTIONS:
         assert steady[motion, "0.15 px"][0] < steady[motion, "0.5 px"][0]
+
+
+def test_the_figures_of_the_docs_are_those_of_a_run() -> None:
+    (table,) = photon.tables(None)  # type: ignore[arg-type]
+    page = (Path(__file__).parents[2] / "docs" / "photon.md").read_text()
+    for row in table.rows:
+        (line,) = [line for line in page.splitlines() if line.startswith(f"| {row[0].text} |")]
+        printed = line.split("|")[2 + photon.NOISES_PX.index(float(row[1].text.split()[0]))].split("/")
+        for ours, theirs in zip(row[2].text.split("/"), printed, strict=True):
+            assert ours.strip() == theirs.strip() == "-" or abs(float(ours) - float(theirs)) <= 5, (line, row[2].text)
 
 
 def test_photon_and_judder_read_no_sequence(tmp_path: Path) -> None:

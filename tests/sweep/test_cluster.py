@@ -33,7 +33,9 @@ def measured(cell: Cell, order: Order) -> Outcome:
         return Outcome(cell, DIED if len(list(tries.parent.glob("k2-*"))) == 1 else OK, "signal 9")
     if cell.key == "k3":
         get_worker().log_event(work.TOPIC, {"key": cell.key, "text": "", "host": "here"})
-        time.sleep(1.5)
+        end = time.monotonic() + 30
+        while not (tries.parent / "named").exists() and time.monotonic() < end:
+            time.sleep(0.05)
     return Outcome(cell, OK)
 
 
@@ -42,6 +44,11 @@ def test_a_local_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(run, "FIRST_LINE_S", 0.5)
     done: dict[str, Outcome] = {}
     notices: list[str] = []
+
+    def notice(line: str) -> None:
+        notices.append(line)
+        (tmp_path / "tries" / "named").touch()
+
     with cluster("", 2) as client:
         everyone = [psutil.Process(), *psutil.Process().children(recursive=True)]
         ports = {c.laddr.port for p in everyone for c in p.net_connections("inet") if c.status == psutil.CONN_LISTEN}
@@ -52,7 +59,7 @@ def test_a_local_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         assert all(client.run(lambda path=tmp_path / "mine": path.touch() or True).values()) and (tmp_path / "mine").exists()
         (tmp_path / "tries").mkdir()
         order = Order(60.0, str(tmp_path / "tries"))
-        Sweep(client, lambda one: done.update({one.cell.key: one}), lambda _: order, notices.append, measured).run(CELLS)
+        Sweep(client, lambda one: done.update({one.cell.key: one}), lambda _: order, notice, measured).run(CELLS)
         for stranger in strangers:
             try:
                 assert stranger.wait(20) != 0
