@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from lfpipe.render.replay_writer import ReplayWriter
 
 NO_ROOM = "make room there, or another --out"  # of a replay
-STALE_NS = 500 * MS_NS  # no camera is that slow: a record so old comes from a tracker that has died
+STALE_NS = 500 * MS_NS  # a record so old comes from a tracker that has died, unless
+STALE_FRAMES = 3  # frames come so slowly that it is younger than this many of their intervals
 HORIZON_NS = int(MAX_HORIZON_S * 1e9)
 
 
@@ -55,6 +56,7 @@ class Presenter:
         self._buffer = np.empty((), EYES)
         self._record: NDArray[np.void] | None = None
         self._stamp: Stamp | None = None
+        self._stale_ns = STALE_NS
         self._t_taken_ns = 0
         self._pending = self._fresh = False  # no picture was made yet for the newest record; its eyes are not accounted yet
         self._key: Hashable = None
@@ -93,6 +95,8 @@ class Presenter:
         if self._pending:
             self.leave_out()
         self._pending = self._fresh = True
+        if self._stamp is not None and stamp.epoch == self._stamp.epoch:
+            self._stale_ns = max(STALE_NS, STALE_FRAMES * (stamp.t_sensor_ns - self._stamp.t_sensor_ns))
         self._record, self._stamp, self._t_taken_ns = self._buffer, stamp, now_ns()
         return stamp
 
@@ -118,7 +122,7 @@ class Presenter:
         if self.mouse.looks:
             record, stamp = self.mouse.eyes(record, stamp, t_started_ns)
             t_sensor_ns = t_started_ns
-        elif record is not None and not options.lossless and t_started_ns - t_sensor_ns > STALE_NS:
+        elif record is not None and not options.lossless and t_started_ns - t_sensor_ns > self._stale_ns:
             record["face"], t_sensor_ns = 0, t_started_ns  # the tracker died or hangs: nobody is seen
         on_blanks = refresh is not None and refresh.on_blanks
         viewer.video_lead_ns = round(VIDEO_LEAD * refresh_ns) if on_blanks else 0
