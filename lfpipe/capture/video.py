@@ -17,7 +17,7 @@ from lfpipe.files.decoding import fitted, is_jpeg, is_video, picture_of
 from lfpipe.host import quiet
 from lfpipe.host.descriptors import path_of
 from lfpipe.host.limits import MemoryLimit
-from lfpipe.scene.video_probe import FRAME_BYTES_PX, MAX_FRAME_PX, OPENING_BYTES
+from lfpipe.scene.video import FRAME_BYTES_PX, MAX_FRAME_PX, OPENING_BYTES
 
 DAMAGED = "play it with another program, or export it again"
 TRIES = 16  # an undecodable frame looks like the end, unless a later one decodes

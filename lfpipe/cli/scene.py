@@ -231,13 +231,14 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
 def make(path: Path, out: Path | None, **options: Any) -> None:
     """Make a light field of one row from CLIP, a video or a folder of pictures taken while sliding the camera sideways."""
     from lfpipe.cli.progress import progress
-    from lfpipe.scene.slide import make_slide
+    from lfpipe.scene.open_scene import make_from_video
 
     config = scene_config(options)
     with progress() as bar:
-        made = make_slide(path, out or path.with_name(f"{path.stem}-views"), bar)
-    click.echo(f"{made.views} views of {made.width_px}x{made.height_px} px, chosen from {made.frames} pictures")
-    click.echo(f"  parallax    {made.spread_px:.0f} px between outermost views, {made.residual_px:.2f} px vertical error (95 %)")
-    click.echo(f"  direction   {made.order} ({'sure' if made.order_sure else '`lfpipe scene sheet` shows near and far'})")
-    opened(made.folder, config)
-    click.echo(made.folder)
+        made = make_from_video(path, out or path.with_name(f"{path.stem}-views"), config.scene, bar)
+    click.echo(f"{made['views']} views of {made['width_px']}x{made['height_px']} px, chosen from {made['frames']} pictures")
+    parallax = f"{made['spread_px']:.0f} px between outermost views, {made['residual_px']:.2f} px vertical error (95 %)"
+    click.echo(f"  parallax    {parallax}")
+    click.echo(f"  direction   {made['order']} ({'sure' if made['order_sure'] else '`lfpipe scene sheet` shows near and far'})")
+    opened(Path(made["folder"]), config)
+    click.echo(made["folder"])

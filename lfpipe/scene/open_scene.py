@@ -40,13 +40,21 @@ class Packing(Worker):
         do: str = "pack",
         expand: bool = False,
         remember: bool = False,
+        out: Path | None = None,
     ) -> None:
         paths = [os.fspath(path) for path in scenes]
         self.views: SceneSummary | None = None
         self.scenes: list[Path] = []
         self.step, self.share = "", 0.0
         self.progress: Progress = silent
-        request = {"do": do, "scenes": paths, "expand": expand, "remember": remember, "config": attrs.asdict(settings)}
+        request = {
+            "do": do,
+            "scenes": paths,
+            "expand": expand,
+            "remember": remember,
+            "out": os.fspath(out or ""),
+            "config": attrs.asdict(settings),
+        }
         super().__init__("lfpipe.scene.packer", request, paths[0], SILENT_S)
 
     def heard(self, step: dict[str, Any]) -> None:
@@ -128,3 +136,14 @@ def scene_facts(path: str | os.PathLike[str], settings: config.Scene) -> dict[st
     if not isinstance(info, dict):
         raise UserError(f"{path}: no answer from the packer", "try again")
     return info
+
+
+def make_from_video(path: Path, out: Path, settings: config.Scene, progress: Progress = silent) -> dict[str, Any]:
+    """Makes a light field of one row from a video or a folder of pictures, as `slide.make_slide`; returns the facts of its Slide.
+
+    Raises UserError.
+    """
+    with contextlib.closing(Packing([path], settings, do="make", out=out)) as packing:
+        packing.progress = progress
+        packing.wait()
+        return dict(packing.result()["slide"])

@@ -1,6 +1,6 @@
 """The packer: the only program that reads a person's pictures, as a child with limits on memory, time and output.
 
-`python -m lfpipe.scene.packer`, by `open_scene.Packing`. Request: {"do": "pack" or "info", "scenes": [path, ...],
+`python -m lfpipe.scene.packer`, by `open_scene.Packing`. Request: {"do": "pack", "info" or "make", "scenes": [path, ...],
 "expand": whether folders of light fields stand for what is in them, "remember": whether to note the scene as recent, "config":
 the table [scene]}. Steps, one JSON object each:
 
@@ -8,7 +8,8 @@ the table [scene]}. Steps, one JSON object each:
     {"step": "views", "done": 7, "total": 81}   progress
     {"summary": {...}}                          the pack can be shown, still without disparity
 
-Result: {"summary": {...}} of the pack, or {"info": {...}}.
+"make" writes a light field into the folder "out", from a video. Result: {"summary": {...}} of the pack, {"info": {...}}, or
+{"slide": {...}}.
 """
 
 import contextlib
@@ -26,6 +27,7 @@ from lfpipe.scene.info import describe_examined
 from lfpipe.scene.pack import open_pack, summarize
 from lfpipe.scene.playlist import playlist
 from lfpipe.scene.recent_scenes import remember_scene
+from lfpipe.scene.slide import make_slide
 
 NICE = 15
 MEMORY_BYTES = 1 << 30  # mapped files do not count
@@ -44,6 +46,9 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.half_turn))))
 
     paths = [Path(text) for text in request["scenes"]]
+    if request["do"] == "make":
+        made = make_slide(paths[0], Path(request["out"]), progress)
+        return {"slide": {**attrs.asdict(made), "folder": str(made.folder)}}
     if request["expand"]:
         paths = playlist(paths, settings)
         report(scenes=[str(path) for path in paths])

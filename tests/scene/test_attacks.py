@@ -18,11 +18,10 @@ import scipy.io
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.scene import video as video_module
 from lfpipe.scene.packing import pack_scene
 from tests.hostile_files import PEAK_MB, ended, jpeg_claiming, png_of
 from tests.scene import made
-from tests.scene.hostile_scenes import GRID, PARAMETERS, film, hci, hci_text, pictures
+from tests.scene.hostile_scenes import GRID, PARAMETERS, film, hci, hci_text
 
 SMALL_JPEG = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
 
@@ -390,31 +389,3 @@ def test_permissions_are_named(base: Path) -> None:
         pack_scene(listed, scene)
     with pytest.raises(UserError, match=r"view_01_01\.png: cannot be read: Permission denied"):
         pack_scene(holding, scene)
-
-
-def test_a_decoder_that_hangs_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    film(tmp_path, "mkv", "FFV1")
-    monkeypatch.setattr(video_module, "PROBE", ("-c", "import time; print('{}', flush=True); time.sleep(1000)"))
-    monkeypatch.setattr(video_module, "SILENT_S", 1.0)
-    with pytest.raises(UserError, match="no frame in 1 s"):
-        pack_scene(tmp_path / "film.mkv", config.Scene(cache_dir=str(tmp_path / "cache")))
-
-
-def test_a_decoder_that_crashes_is_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    film(tmp_path, "mkv", "FFV1")
-    code = 'import os; print(\'{"width_px": 8, "height_px": 8, "rate_hz": 25.0}\\n...\', end="", flush=True); os.abort()'
-    monkeypatch.setattr(video_module, "PROBE", ("-c", code))
-    with pytest.raises(UserError, match="stopped or crashed after 3 frames"):
-        pack_scene(tmp_path / "film.mkv", config.Scene(cache_dir=str(tmp_path / "cache")))
-
-
-@pytest.mark.parametrize("error", [MemoryError(), cv2.error("size.height > 0")])
-def test_libraries_that_give_up_are_a_message(tmp_path: Path, error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
-    pictures("png")(tmp_path)
-
-    def fail(*_: object) -> None:
-        raise error
-
-    monkeypatch.setattr("lfpipe.scene.axis_evidence.flow", fail)
-    with pytest.raises(UserError, match=r"not enough memory|OpenCV cannot read it"):
-        pack_scene(tmp_path, config.Scene(cache_dir=str(tmp_path / "cache")))
