@@ -4,6 +4,7 @@ import itertools
 import math
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -274,3 +275,9 @@ def test_a_sequence_takes_no_memory_and_a_recorded_one_will_do(tmp_path: Path) -
     assert isinstance(found.frames, np.memmap) and len(found.frames) == 10 and found.truth is not None
     whole = read_sequence(demo_sequence(tmp_path, 0.1), 40, tmp_path)
     assert isinstance(whole.frames, np.memmap) and whole.frames[3].any()
+    path, frame = tmp_path / "long.avi", np.full((480, 640, 3), 90, np.uint8)
+    video = cv2.VideoWriter(str(path), cv2.CAP_OPENCV_MJPEG, cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
+    for _ in range(300):  # 276 MB of frames: more than one frame may take
+        video.write(frame)
+    video.release()
+    assert len(read_sequence(path, 360, tmp_path).frames) == 300
