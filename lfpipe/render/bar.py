@@ -50,7 +50,7 @@ class Bar:
 
     def draw(self, window_px: tuple[int, int], text_px: int, state: BarState, at: tuple[int, int] | None) -> pygame.Surface:
         """The bar for a window of (width, height) px. at: the pointer, px of the bar; its entry is lit."""
-        lit = next((cell.event for cell in self._cells if at is not None and cell.rect.collidepoint(at)), "")
+        lit = self.entry(at)
         if self._drawn != (window_px, text_px, state, lit) or self.surface is None:
             self._drawn = (window_px, text_px, state, lit)
             self.surface = self._drawing(window_px, text_px, state, lit)
@@ -113,9 +113,13 @@ class Bar:
         knob = self._groove.left + round(min(max(depth, 0.0), 1.0) * self._groove.width), self._groove.centery
         pygame.draw.circle(surface, WHITE, knob, max(5, line // 3))
 
+    def entry(self, at: tuple[int, int] | None) -> str:
+        """The event of the entry at a place of the bar; "" where there is none."""
+        return next((cell.event for cell in self._cells if at is not None and cell.rect.collidepoint(at)), "")
+
     def press(self, x: int, y: int) -> str:
         """The event of a click or touch at (x, y) px of the bar; "" where there is none."""
-        event = next((cell.event for cell in self._cells if cell.rect.collidepoint(x, y)), "")
+        event = self.entry((x, y))
         self._sliding = event == SLIDER
         return self.slide(x) if self._sliding else event
 

@@ -71,6 +71,10 @@ class Pointer:
     right: bool = False
     wheel: int = 0
 
+    def at_px(self, size_px: tuple[int, int]) -> tuple[int, int]:
+        """The place in a window of (width, height) px."""
+        return round(self.x * size_px[0]), round(self.y * size_px[1])
+
 
 @attrs.frozen
 class BarState:

@@ -11,6 +11,8 @@ from lfpipe.errors import UserError
 from lfpipe.render import window_system
 from lfpipe.render.window_system import pygame
 
+SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of a first window: px, and share of the monitor's width
+SCREEN_SHARE = 0.85  # of the monitor, at most, for a first window
 INCH_MM = 25.4
 ASPECTS_MM = (16.0, 160.0)  # widths in EDIDs that know only an aspect: 160 x 90, 16 x 10, ...
 SQUARE = 0.1  # pixels further from square than this: the reported size is invented
@@ -30,6 +32,12 @@ class Monitor:
     height: int
     pixel_mm: float | None
     rate_hz: float = window_system.NOMINAL_HZ
+
+    def window_for(self, size_px: tuple[int, int]) -> tuple[int, int]:
+        """(width, height) of the first window for pictures of that size: small light fields are enlarged."""
+        largest = min(SCREEN_SHARE * self.width / size_px[0], SCREEN_SHARE * self.height / size_px[1])
+        scale = min(max(1.0, max(SMALLEST_PX, SMALLEST_SHARE * self.width) / max(size_px)), largest)
+        return max(1, round(size_px[0] * scale)), max(1, round(size_px[1] * scale))
 
     def __str__(self) -> str:
         size = f", {self.pixel_mm:.3f} mm a pixel" if self.pixel_mm else ""
