@@ -1,17 +1,14 @@
 """Light-field video: numbered mosaics in a folder (25 a second), or a video file whose every frame is a mosaic."""
 
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture
 from lfpipe.scene.files import VIDEOS, Listing
-from lfpipe.scene.layouts._tiles import LastPictures, find_tiles, picture_loader, tiling
+from lfpipe.scene.layouts._tiles import LastPictures, find_tiles, glance, picture_loader, tiling
 from lfpipe.scene.layouts._views import named_views
 from lfpipe.scene.layouts.stereo import are_a_pair
 from lfpipe.scene.source import SceneSource, Turn
@@ -39,16 +36,9 @@ def detect(listing: Listing) -> int | None:
 
 def _alike(a: Path, b: Path) -> bool:
     """Whether two pictures can be frames of one video. Raises UserError."""
-    kinds = {(h.width_px, h.height_px, h.grey) for h in (open_header(a), open_header(b))}
-    if len(kinds) > 1:
+    if len({(header.width_px, header.height_px, header.grey) for header in (open_header(a), open_header(b))}) > 1:
         return False
-    return float(np.corrcoef(_glance(a), _glance(b))[0, 1]) > 0.5
-
-
-def _glance(path: Path) -> NDArray[Any]:
-    """A picture, reduced to 256x256 values."""
-    small = cv2.resize(read_picture(path)[0], (256, 256), interpolation=cv2.INTER_AREA)
-    return (small if small.ndim == 2 else small[..., 1]).ravel()
+    return float(np.corrcoef(glance(a).ravel(), glance(b).ravel())[0, 1]) > 0.5
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
