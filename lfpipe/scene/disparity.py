@@ -14,12 +14,13 @@ from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, flow, grid_xy
 Neighbours = list[tuple[Grey, float, float]]  # (picture, rows away, columns away), fractions allowed
 
 
+HALVED_PX = 192  # views of at least this many px on either side are compared at half their size, which maps have anyway
 ROUNDS = 2  # of refinement by all neighbours jointly
-REFINED_OVER_PX = 2.0  # sigma of the window of the refinement
+REFINED_OVER_PX = 0.8  # sigma of the window of the refinement
 STEADY = 4.0  # squared grey levels per px: with less contrast in the neighbours a value stays
 OUTLIER = 6.0  # grey levels above which a pixel counts less
 LARGEST_STEP_PX = 0.5
-MEDIAN_PX = 5  # side of the last filter
+MEDIAN_PX = 3  # side of the last filter
 SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still count
 # Where disparity serves, over windows of WINDOW_PX: it explains a tenth of the squared difference between a view and one of its
 # neighbours, and a picture midway between them differs less between the two warps than the cross-fade differs from their mean.
@@ -166,6 +167,25 @@ def _windows(squares: FloatMap) -> FloatMap:
     return np.asarray(cv2.blur(squares, (WINDOW_PX, WINDOW_PX)), np.float32)
 
 
+def compared(view: Grey) -> Grey:
+    """A view, uint8 (h, w), at the size at which disparity is estimated: halved (rounded up) if it is large."""
+    height, width = view.shape
+    if min(height, width) < HALVED_PX:
+        return view
+    even = cv2.copyMakeBorder(view, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.resize(even, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def shrinking(height_px: int, width_px: int) -> int:
+    """The factor between a view and `compared` of it."""
+    return 2 if min(height_px, width_px) >= HALVED_PX else 1
+
+
+def stored_size(disparity_px: FloatMap, factor: int) -> FloatMap:
+    """A map of `compared` views at the size and in the px of stored maps."""
+    return disparity_px * np.float32(2) if factor == 2 else halved(disparity_px)
+
+
 def halved(disparity_px: FloatMap) -> FloatMap:
     """The map at half resolution (rounded up); values stay in px of the full view."""
     height, width = disparity_px.shape
@@ -218,7 +238,8 @@ def estimate_disparity(views: NDArray[np.uint8], offsets: NDArray[np.float32] | 
     rows, cols, _, height, width = views.shape
     if rows * cols < 2 or min(height, width) < SMALLEST_PX:
         return None
-    grid = [[luma(np.asarray(views[r, c])) for c in range(cols)] for r in range(rows)]
+    grid = [[compared(luma(np.asarray(views[r, c]))) for c in range(cols)] for r in range(rows)]
+    factor = shrinking(height, width)
     moved = np.zeros((rows, cols, 2), np.float32) if offsets is None else offsets
     out = np.zeros((rows, cols, (height + 1) // 2, (width + 1) // 2), np.float32)
     for r in range(rows):
@@ -226,8 +247,9 @@ def estimate_disparity(views: NDArray[np.uint8], offsets: NDArray[np.float32] | 
             around = neighbours_of(lambda i, j: grid[i][j], r, c, np.ones((rows, cols), bool), moved)
             if around:
                 found = view_disparity(grid[r][c], around)
-                out[r, c] = halved(found)
-                out[r, c][unexplained(grid[r][c], around, found)[::2, ::2]] = np.nan
+                every = 3 - factor
+                out[r, c] = stored_size(found, factor)
+                out[r, c][unexplained(grid[r][c], around, found)[::every, ::every]] = np.nan
     return out
 
 

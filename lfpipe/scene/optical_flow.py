@@ -15,7 +15,8 @@ Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 SMALLEST_PX = 24  # the flow needs a few of its 8x8 patches per side
-_FINEST_SCALE, _PATCH_STRIDE_PX, _SMOOTHINGS = 0, 4, 2  # of fine flow; see docs/quality.md
+# Of fine flow: scale, patch, stride of patches, steps of descent, smoothing. profiling/results/disparity.md
+_FINEST_SCALE, _PATCH_PX, _PATCH_STRIDE_PX, _DESCENTS, _SMOOTHINGS = 0, 4, 3, 8, 3
 _RETURN_PX, _RETURN_SHARE = 0.5, 0.1  # tolerance of flow followed back: px, and share of the way
 _here = threading.local()  # flow objects own buffers, so each serves one thread
 
@@ -23,14 +24,16 @@ _here = threading.local()  # flow objects own buffers, so each serves one thread
 def flow(a: Grey, b: Grey, fine: bool = False) -> FloatMap:
     """Dense flow from a to b, float32 (h, w, 2) in px (x, y): the point at x in a is at x + flow in b.
 
-    fine: down to single pixels, takes 1.8 times as long.
+    fine: down to single pixels, takes twice as long.
     """
     engines: dict[bool, cv2.DISOpticalFlow] = _here.__dict__.setdefault("engines", {})
     if fine not in engines:
         engine = engines[fine] = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
         if fine:
             engine.setFinestScale(_FINEST_SCALE)
+            engine.setPatchSize(_PATCH_PX)
             engine.setPatchStride(_PATCH_STRIDE_PX)
+            engine.setGradientDescentIterations(_DESCENTS)
             engine.setVariationalRefinementIterations(_SMOOTHINGS)
     return np.asarray(engines[fine].calc(a, b, np.zeros((*a.shape, 2), np.float32)), np.float32)
 

@@ -96,9 +96,10 @@ def hides(right: int, wrong: int) -> int:
     """1 if near surfaces hide far ones unmistakably, -1 if far ones hide near ones, 0 if that stays open.
 
     right, wrong: places. UNMISTAKABLE of them must agree, and each against cancels AGAINST: where glow, blur and repetition
-    mislead, many places are wrong at once. Right / wrong places of ../shared/data/lightfields: antinous 67 / 0, stillLife 61 / 1,
-    lytro 34 / 0, newshot01 23 / 1, monasroom 21 / 0, all sure; quilt 86 / 21 and lego knights 116 / 22 (repetition), toys 5 / 0,
-    airplane and illum_field 0 / 0 stay open. Made layers: 54 / 1, 102 / 2, 224 / 2 sure; 22 / 2, 17 / 1 and 10 / 1 open.
+    mislead, many places are wrong at once. Right / wrong places of ../shared/data/lightfields: antinous 101 / 1,
+    stillLife 74 / 1, lytro 50 / 3, newshot01 43 / 2, monasroom 49 / 0, all sure; quilt 80 / 28 and lego knights 136 / 29
+    (repetition), toys 6 / 0, airplane 0 / 2 and illum_field 0 / 0 stay open. Made layers: 75 / 0, 33 / 0, 260 / 0, 22 / 0,
+    31 / 0 sure; 0 / 0 open.
     """
     if right - AGAINST * wrong >= UNMISTAKABLE:
         return 1
