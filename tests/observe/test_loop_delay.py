@@ -11,7 +11,7 @@ from profiling.photon import bad_recordings, outcome
 from profiling.photon_simulation import HEIGHT_PX, WIDTH_PX, Loop, drawn, geometry, recording
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_the_delay_is_found_within_its_interval(seed: int) -> None:
     loop = drawn(np.random.default_rng(seed), seed)
     found = estimate(recording(loop))
@@ -32,16 +32,14 @@ def _mixed(made: Recording, share: float) -> Recording:
     return attrs.evolve(made, pictures=np.round(pictures).astype(np.uint8))
 
 
-@pytest.mark.parametrize("share", [0.25, 0.5])
-@pytest.mark.parametrize("seed", [0, 1, 4])
+@pytest.mark.parametrize(("seed", "share"), [(0, 0.5), (1, 0.25), (4, 0.25)])
 def test_a_camera_that_mixes_frames_is_refused(seed: int, share: float) -> None:
     """Found: with half of the frame before kept, one confident answer, 73.8 ms for 60.3."""
     with pytest.raises(UserError, match="temporal noise reduction"):
         estimate(_mixed(recording(drawn(np.random.default_rng(seed), seed)), share))
 
 
-@pytest.mark.parametrize("delay_ms", [60.0, 66.0])
-@pytest.mark.parametrize("camera_hz", [30.0012, 15.0006])
+@pytest.mark.parametrize(("camera_hz", "delay_ms"), [(30.0012, 60.0), (15.0006, 66.0)])
 def test_a_camera_in_step_with_the_screen_is_refused(camera_hz: float, delay_ms: float) -> None:
     """Found: 5 of 7 accepted, with errors to 3.3 ms and intervals without the truth."""
     with pytest.raises(UserError, match="in step"):
