@@ -19,6 +19,7 @@ from lfpipe.transport.session import Session, default_name
 
 if TYPE_CHECKING:
     from lfpipe.capture.open_source import CheckedSource
+    from lfpipe.render.plan import Plan
     from lfpipe.scene.open_scene import Opened, Packing
     from lfpipe.supervisor.live_session import Outcome
 
@@ -138,73 +139,104 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
     return SessionPlan(config, options, arguments.duration_s, (), None)
 
 
+@attrs.frozen
+class _Outputs:
+    """Where the pictures go. video, still: files that display writes. no_screen: a demo that records itself."""
+
+    display: str
+    video: Path | None
+    still: Path | None
+    duration_s: float | None
+    no_screen: bool
+
+
+def _chosen_outputs(arguments: UpArguments) -> _Outputs:
+    """The display; without a screen, the demo's own folder, which is created. Raises UserError."""
+    from lfpipe.cli.kiosk import check_exhibition
+    from lfpipe.render.display import has_display
+
+    no_screen = arguments.demo and arguments.display is None and not has_display()
+    out = Path("lfpipe-demo")
+    display = arguments.display or (f"file:{out / _demo_video()}" if no_screen else "fullscreen" if arguments.kiosk else "window")
+    check_exhibition(arguments.kiosk, arguments.visits is not None, display)
+    video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
+    if not no_screen:
+        return _Outputs(display, video, None, arguments.duration_s, no_screen)
+    try:
+        out.mkdir(exist_ok=True)
+    except OSError as error:
+        remedy = "run the demo in a directory that you may write to, or with --display none"
+        raise UserError(f"{out}/: {error.strerror}", remedy) from None
+    duration_s = arguments.duration_s or DEMO_S
+    say(f"no screen here: the demo runs for {duration_s:g} s and writes to {out}/")
+    return _Outputs(display, video, out / "demo.png", duration_s, no_screen)
+
+
 def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     """Checks all arguments, packs the scene unless it is packed, and prints the settings in force."""
-    from lfpipe.cli.kiosk import check_exhibition
     from lfpipe.cli.progress import progress
-    from lfpipe.cli.startup_summary import loop_lines, sharing_lines, size_line, startup_lines
-    from lfpipe.render.display import has_display
     from lfpipe.render.geometry import check_geometry
     from lfpipe.render.plan import make_plan
     from lfpipe.scene.open_scene import open_scenes
     from lfpipe.scene.pack import summarize
     from lfpipe.scene.recent_scenes import remember_scene
 
-    no_screen = arguments.demo and arguments.display is None and not has_display()
-    halved = ("render.rate_hz=30",) if no_screen else ()  # lossless video is large
+    outputs = _chosen_outputs(arguments)
+    halved = ("render.rate_hz=30",) if outputs.no_screen else ()  # lossless video is large
     config = config_module.load(arguments.config_file, (*halved, *arguments.sets))
-    out = Path("lfpipe-demo")
-    display = arguments.display or (f"file:{out / _demo_video()}" if no_screen else "fullscreen" if arguments.kiosk else "window")
-    check_exhibition(arguments.kiosk, arguments.visits is not None, display)
-    if no_screen:
-        try:
-            out.mkdir(exist_ok=True)
-        except OSError as error:
-            remedy = "run the demo in a directory that you may write to, or with --display none"
-            raise UserError(f"{out}/: {error.strerror}", remedy) from None
-        say(f"no screen here: the demo runs for {arguments.duration_s or DEMO_S:g} s and writes to {out}/")
 
     def opened() -> Opened:
         with progress() as bar:
             return open_scenes(arguments.scenes, config.scene, bar)
 
-    opening, camera, share = _checked(arguments, config, display, opened if arguments.scenes or arguments.demo else None)
+    has_scene = bool(arguments.scenes or arguments.demo)
+    opening, camera, share = _checked(arguments, config, outputs.display, opened if has_scene else None)
     assert opening is not None
-    field, scenes = opening.field, opening.scenes
+    scenes, scene = opening.scenes, summarize(opening.field)
+    tracking = scene.needs_tracking and not camera.is_mouse
     config = _with_measured_focal(config, camera)
-    scene = summarize(field)
-    config = _with_engine(config) if scene.needs_tracking and not camera.is_mouse else config
+    config = _with_engine(config) if tracking else config
     check_geometry(config, scene)
     if arguments.scenes and arguments.kiosk is None and not arguments.start:
         remember_scene(scenes[0])
-    plan = make_plan(field, config)
-    still = out / "demo.png" if no_screen else None
+
+    def whole(path: Path | None) -> str:
+        return "" if path is None else str(path.resolve())
+
     options = attrs.evolve(
         camera.options,
         scene=scene,
-        tracking=scene.needs_tracking and not camera.is_mouse,
-        display=display,
+        tracking=tracking,
+        display=outputs.display,
         kiosk=arguments.kiosk or "",
-        visits=str(arguments.visits.resolve()) if arguments.visits else "",
-        playlist=tuple(str(each.resolve()) for each in scenes) if len(scenes) > 1 or arguments.start else (),
+        visits=whole(arguments.visits),
+        playlist=tuple(map(whole, scenes)) if len(scenes) > 1 or arguments.start else (),
         start=arguments.start,
-        ask_glasses=_is_first_start(arguments, display),
-        trace=str(arguments.trace.resolve()) if arguments.trace else "",
-        still=str(still.resolve()) if still else "",
+        ask_glasses=_is_first_start(arguments, outputs.display),
+        trace=whole(arguments.trace),
+        still=whole(outputs.still),
         share=share,
     )
+    _announce(config, opening, make_plan(opening.field, config), camera, outputs, share)
+    files = tuple(path for path in (outputs.video, outputs.still, arguments.trace) if path is not None)
+    return SessionPlan(config, options, outputs.duration_s, files, opening.field.hold, outputs.video, opening.packing)
+
+
+def _announce(
+    config: Config, opening: Opened, plan: Plan, camera: CheckedSource, outputs: _Outputs, share: tuple[str, ...]
+) -> None:
+    """Prints the settings in force."""
+    from lfpipe.cli.startup_summary import loop_lines, sharing_lines, size_line, startup_lines
+
+    field, display = opening.field, outputs.display
     loop = [] if camera.is_mouse else loop_lines(config, camera.text, display)
     for line in (*startup_lines(config, field, plan, camera.text, display), *loop, *sharing_lines(share)):
         say(line)
-    duration_s = arguments.duration_s or (DEMO_S if no_screen else None)
-    video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
-    files = tuple(path for path in (video, still, arguments.trace) if path is not None)
-    if len(scenes) > 1:
-        say(f"scenes  {len(scenes)}: Tab, Page Up and Page Down show the others, as does `lfpipe ctl load --next`")
-    if video is not None:
+    if (count := len(opening.scenes)) > 1:
+        say(f"scenes  {count}: Tab, Page Up and Page Down show the others, as does `lfpipe ctl load --next`")
+    if outputs.video is not None:
         camera_hz = camera.rate_hz if config.render.clock == "camera" else None
-        say(size_line(video, scene.width_px * scene.height_px, camera_hz or config.render.nominal_hz, duration_s))
-    return SessionPlan(config, options, duration_s, files, field.hold, video, opening.packing)
+        say(size_line(outputs.video, field.width_px * field.height_px, camera_hz or config.render.nominal_hz, outputs.duration_s))
 
 
 def _is_first_start(arguments: UpArguments, display: str) -> bool:
