@@ -19,4 +19,6 @@ def start() -> int:
         say(f"using the demo's face instead of a camera: {error.message}")
         camera = "demo"
     demo = demo_scene(cache_dir(config.scene))
-    return up(UpArguments(camera=camera, scenes=(demo, *recent_scenes()), start=True))
+    return up(
+        UpArguments(camera=camera, scenes=(demo, *(scene for scene in recent_scenes() if scene != demo.resolve())), start=True)
+    )

@@ -108,4 +108,10 @@ class GlassesHelp:
             self._notices.say("kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}", now_ns())
         else:
             if values:
-                self._notices.say("kept", f"saved for the next session: {', '.join(values)}", now_ns())
+                self._notices.say("kept", f"saved for the next session: {', '.join(map(_words, values))}", now_ns())
+
+
+def _words(name: str) -> str:
+    return {"anaglyph": "your glasses", "swap_eyes": "swapped eyes", "ghost_compensation": "compensation of ghosts"}.get(
+        name, name
+    )

@@ -69,7 +69,7 @@ class Layers:
             found.append((self._middle, self._menu_at()))
         if self._top is not None:
             found.append((self._top, (EDGE_PX, EDGE_PX)))
-        if self._bar_until_ns:
+        if self._bar_until_ns and self.menu is None:
             bar = self._bar.draw(self._size_px, self._text_px, self.bar_state, self._in_bar(at_px))
             below_px = bar.get_height()
             found.append((bar, (0, height - below_px)))

@@ -21,6 +21,7 @@ TEXT_PX, TEXT_SHARE = 18, 1 / 32
 HEAD = "arrows and Enter, or a click, show a scene; Delete takes it off this page; Tab goes back"
 HINTS = "g tests the glasses, h shows all keys; drop a folder of views onto the window"
 WHITE, GREY, BACK = (255, 255, 255), (150, 150, 150), (0, 0, 0, 215)
+LEAST_NARROW = 1.5  # letters may be as many times narrower
 STEPS = {"less": (0, -1), "more": (0, 1), "up": (-1, 0), "down": (1, 0)}
 
 
@@ -141,9 +142,17 @@ class Thumbnails:
             )
         elif instead:
             made.blit(font.render(_cut(font, instead, room[0]), True, GREY), (x + line // 2, y + room[1] // 2))
-        made.blit(font.render(_cut(font, name, room[0]), True, WHITE), (x + line // 2, y + high - 3 * line // 2))
+        made.blit(_fitted(font, name, room[0]), (x + line // 2, y + high - 3 * line // 2))
         if selected:
             pygame.draw.rect(made, WHITE, (x + 2, y, wide - 4, high - line // 4), max(2, line // 8))
+
+
+def _fitted(font: pygame.font.Font, text: str, width_px: int) -> pygame.Surface:
+    """text in white: narrower letters where it does not fit, and cut where those do not either."""
+    text = _cut(font, text, round(LEAST_NARROW * width_px))
+    words = font.render(text, True, WHITE)
+    share = width_px / max(words.get_width(), 1)
+    return words if share >= 1 else pygame.transform.smoothscale_by(words, (share, 1.0))
 
 
 def _cut(font: pygame.font.Font, text: str, width_px: int) -> str:
