@@ -1,4 +1,5 @@
-"""The process table: a stage is one row here and one module with `main(context)`. No other module names a stage."""
+"""The process table: a stage is one row here and one module with `main(context)`. No other module of this room
+names a stage; `config/quality.py` names those whose work a level of quality reduces."""
 
 import math
 from collections.abc import Callable, Sequence
