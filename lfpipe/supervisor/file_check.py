@@ -9,7 +9,7 @@ from typing import Any
 from lfpipe.errors import UserError
 from lfpipe.host.worker import Report, Worker, serve
 
-MEMORY_BYTES = 256 << 20
+MEMORY_BYTES = 1 << 30  # the libraries of a recording reserve 300 MB when they are imported
 LIMIT_S = 10.0
 
 

@@ -84,7 +84,7 @@ def test_bad_input_is_an_error(
         (UserError("no memory for rings", "close something"), 2, "no memory for rings"),
         (KeyboardInterrupt(), 130, "interrupted"),
         (RuntimeError("a fault \x00\x1b[2J of \ud800 ours"), None, "a fault"),
-        (MemoryError(), None, "MemoryError"),
+        (MemoryError(), 2, "MemoryError"),
     ],
 )
 def test_a_failure_on_the_way_is_an_error(
