@@ -186,13 +186,10 @@ def costs() -> Iterator[str]:
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=Path("profiling/results/layouts.md"))
-    parser.add_argument("--only", default="", help="groups or kinds that contain this word")
-    chosen = parser.parse_args()
+    out = parser.parse_args().out
     counts: Counter[str] = Counter()
     rows = []
     for case in cases():
-        if chosen.only not in f"{case.group}: {case.kind}":
-            continue
         with tempfile.TemporaryDirectory() as folder:
             word, what = verdict(case, case.make(Path(folder)))
         counts[word] += 1
@@ -204,7 +201,7 @@ def main() -> None:
     head += ["| group | kind | expected | result | what it opened as, or why not |", "|---|---|---|---|---|"]
     tail = ["", "`lfpipe scene info` without a pack, its processes together:", ""]
     tail += ["| set | | CPU s | MB, largest process |", "|---|---|---|---|", *costs()]
-    chosen.out.write_text("\n".join([*head, *rows, *tail]) + "\n")
+    out.write_text("\n".join([*head, *rows, *tail]) + "\n")
     print(total, *tail[-5:], sep="\n")
 
 

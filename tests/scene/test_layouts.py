@@ -380,5 +380,6 @@ def test_a_quilt_without_its_name_is_a_line(tmp_path: Path, cols: int, rows: int
     assert (source.layout, source.rows, source.cols) == ("mosaic", 1, cols * rows)
     assert np.array_equal(source.read(0, 0, 1), line[0, 1]) and np.array_equal(source.read(0, 0, cols), line[0, cols])
     for layout, grid in (("quilt", (1, cols * rows)), ("mosaic", (rows, cols))):  # what the doubt offers
-        scene = config.Scene(layout=layout, grid=f"{rows}x{cols}")
-        assert (layouts.describe(tmp_path, scene).rows, layouts.describe(tmp_path, scene).cols) == grid
+        for text in ("", f"{rows}x{cols}"):
+            source = layouts.describe(tmp_path, config.Scene(layout=layout, grid=text))
+            assert (source.rows, source.cols) == grid

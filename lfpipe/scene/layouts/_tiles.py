@@ -263,7 +263,9 @@ def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling | N
                 "give the grid that was rendered with --set scene.grid=ROWSxCOLS",
             )
         return Tiling.even(picture, *grid)
-    return _as_quilt(picture, found) if grid is None and found is not None else found
+    if grid is not None or found is None or scene.layout == "mosaic":  # the user's word
+        return found if found is None else attrs.evolve(found, doubt="")
+    return _as_quilt(picture, found)
 
 
 def picture_loader(paths: list[Path]) -> LastPictures:
