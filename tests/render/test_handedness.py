@@ -206,7 +206,7 @@ PHOTOGRAPHS = {"stereo": (stereo, 2), "rgbd": (rgbd, 1)}  # and how many views t
 
 
 def test_every_layout_is_here() -> None:
-    assert set(WRITTEN) | set(PHOTOGRAPHS) | {"demo"} == set(layouts.layouts())
+    assert set(WRITTEN) | set(PHOTOGRAPHS) | {"array", "demo"} == set(layouts.layouts())
 
 
 @pytest.mark.parametrize("layout", PHOTOGRAPHS)
