@@ -8,7 +8,7 @@ import importlib
 import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from lfpipe.host.paths import is_dir
 
 _SAFE = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"))
 _FOLDER = sum(getattr(os, name, 0) for name in ("O_DIRECTORY", "O_CLOEXEC"))
-_PAUSE_S = 0.01
+_PAUSE_S, _REPORT_S = 0.01, 1.0
 _module: Any = importlib.import_module("msvcrt" if WINDOWS else "fcntl")
 
 
@@ -93,10 +93,15 @@ def take(path: Path, shared: bool = False, mode: int = 0o600) -> Lock | None:
 
 
 @contextlib.contextmanager
-def waited_for(path: Path) -> Iterator[None]:
-    """Holds the lock of a file, created if missing; waits until no other process holds one. Raises OSError."""
+def waited_for(path: Path, waiting: Callable[[], None]) -> Iterator[None]:
+    """Holds the lock of a file, created if missing; waits until no other process holds one. waiting: called once a second
+    meanwhile. Raises OSError."""
+    report_s = time.monotonic() + _REPORT_S
     while (lock := take(path)) is None:
         time.sleep(_PAUSE_S)
+        if time.monotonic() >= report_s:
+            report_s += _REPORT_S
+            waiting()
     try:
         yield
     finally:

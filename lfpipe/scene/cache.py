@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -121,9 +121,10 @@ def remember(root: Path, mark: str, key: str) -> None:
 
 
 @contextlib.contextmanager
-def locked(root: Path, key: str) -> Iterator[None]:
-    """Holds the lock of a key: waits for another process that writes the same pack, and removes leftovers of killed ones."""
-    with file_lock.waited_for(root / "locks" / key):
+def locked(root: Path, key: str, waiting: Callable[[], None]) -> Iterator[None]:
+    """Holds the lock of a key: waits for another process that writes the same pack, and removes leftovers of killed ones.
+    waiting: called once a second meanwhile."""
+    with file_lock.waited_for(root / "locks" / key, waiting):
         for left in (root / "scenes").glob(f".{key}.*"):
             shutil.rmtree(left, ignore_errors=True)
         yield

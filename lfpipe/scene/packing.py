@@ -128,7 +128,7 @@ def pack_scene(
         root = cache.prepare_cache(scene)
         key = cache.content_key(source, scene)
         folder = root / "scenes" / key
-        with cache.locked(root, key):
+        with cache.locked(root, key, lambda: progress("waiting for another packer", 0, 1)):
             field = _opened(folder, scene)
             if field is None:
                 shutil.rmtree(folder, ignore_errors=True)

@@ -142,3 +142,14 @@ def test_a_path_that_is_not_utf8_arrives_whole(tmp_path: Path, scene_config: con
     with pytest.raises(UserError, match=r"udcff|xff"):
         open_scene(os.fsdecode(os.fsencode(tmp_path) + b"/\xff"), scene_config)
     assert json.loads(json.dumps({"path": "/tmp/\udcff"}))["path"] == "/tmp/\udcff"
+
+
+def test_who_waits_for_another_packer_says_so(folder: Path, scene_config: config.Scene) -> None:
+    field = open_scene(folder, scene_config)
+    os.utime(folder / "input_Cam000.png")  # the key is found by content, under the lock
+    with (
+        cache.locked(Path(scene_config.cache_dir), str(field.manifest["key"]), lambda: None),
+        closing(Packing([folder], scene_config)) as packing,
+    ):
+        packing.wait(lambda: packing.step.startswith("waiting"))
+        assert not packing.done
