@@ -82,7 +82,8 @@ def write_report(results: dict[str, SubjectResults], out: Path) -> Path:
         links = " ".join(f'<a href="#{name}">{html.escape(SUBJECTS[name].title)}</a>' for name in results)
         wall_s, cpu_s = sum(one.wall_s for one in results.values()), sum(one.cpu_s for one in results.values())
         page = (
-            '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+            '<!doctype html><!-- written by lfpipe --><html lang="en">'
+            '<head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
             f"<title>lfpipe bench</title><style>{STYLE}</style></head><body><h1>Error against run time</h1>"
             f"<p class=soft>Measured in {wall_s:.0f} s of wall time, {cpu_s:.0f} s of CPU.</p>"
             f"{_busy(results)}{_verdicts(results)}{_failures(results)}<nav>{links}</nav>{sections}{_how()}</body></html>"
@@ -236,7 +237,8 @@ def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def summary(results: dict[str, SubjectResults]) -> str:
     """The run in Markdown, for a pull request: verdicts, and the best rows, the paper's, and those in use."""
-    return "\n".join(["## lfpipe bench", "", *_summary_lines(results), "■ in use by default, ★ what the paper does.", ""])
+    head = ["<!-- written by lfpipe -->", "## lfpipe bench", ""]
+    return "\n".join([*head, *_summary_lines(results), "■ in use by default, ★ what the paper does.", ""])
 
 
 def _summary_lines(results: dict[str, SubjectResults]) -> Iterator[str]:

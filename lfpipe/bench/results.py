@@ -22,7 +22,7 @@ from lfpipe.files.untrusted import json_fields
 if TYPE_CHECKING:
     from lfpipe.bench.inputs import Inputs
 
-FORMAT = 2
+FORMAT = "lfpipe-bench-2"
 MAX_BYTES = 16 << 20  # of results.json
 State = Literal["", "ok", "degraded", "failed"]
 Samples = dict[str, list[float]]  # by the key of a figure

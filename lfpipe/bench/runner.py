@@ -29,6 +29,7 @@ from lfpipe.bench.results import (
 )
 from lfpipe.bench.stats import MIN_SAMPLES, median_interval
 from lfpipe.errors import UserError
+from lfpipe.files.output import check_output
 
 SUBJECTS: dict[str, Subject] = {  # in the order of the report
     module.SUBJECT.name: module.SUBJECT for module in (tracker, filters, photon, judder, synthesis, anaglyph, pipeline, stability)
@@ -49,6 +50,8 @@ def measure(names: Sequence[str], inputs: Inputs, out: Path, progress: Progress)
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"{out}: {error.strerror}", "choose another folder with --out DIR") from None
+    for name in ("results.json", "report.html", "summary.md"):
+        check_output(out / name)
     try:
         results = read(out)
     except UserError:  # nothing to continue

@@ -24,6 +24,7 @@ from lfpipe.bench.page import table as html_table
 from lfpipe.bench.style import STYLE
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError, plain
+from lfpipe.files.output import check_output
 from lfpipe.host.paths import exists
 from lfpipe.scene.lightfield import LightField
 
@@ -214,6 +215,8 @@ def measure(
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
+        for name in (FILE, "table.md", "table.html"):
+            check_output(out / name)
         file = out / FILE
         old = [line for line in file.read_text().splitlines() if line.endswith("}")] if exists(file) else []
         known = {key: Line(**line) for key, line in map(_parsed, old)}
@@ -290,10 +293,11 @@ def write(lines: Sequence[Line], protocol: Protocol, out: Path) -> Path:
         body += f"<h2>{ABOUT_PRINTED}</h2>" + html_table(("method", *SETS, "from"), PRINTED)
     text = markdown(lines, protocol)
     try:
-        (out / "table.md").write_text(text)
+        (out / "table.md").write_text(f"<!-- written by lfpipe -->\n{text}")
         page = out / "table.html"
         page.write_text(
-            '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>lfpipe bench table</title><style>'
+            '<!doctype html><!-- written by lfpipe --><html lang="en">'
+            '<head><meta charset="utf-8"><title>lfpipe bench table</title><style>'
             f"{STYLE}</style></head><body><h1>Views between: quality over time</h1><p>"
             f"{html.escape(text.partition(chr(10))[0])}</p>{body}</body></html>"
         )

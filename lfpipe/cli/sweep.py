@@ -59,11 +59,14 @@ def run(
     except ImportError as error:
         raise UserError(f"sweeps need the package {error.name}", "pip install 'lfpipe[sweep]'") from None
     from lfpipe.cli.progress import progress
+    from lfpipe.files.output import check_output
     from lfpipe.host.processes import usable_cores
     from lfpipe.sweep.cell import DIFFERS, FAILED
     from lfpipe.sweep.plan import read_plan
     from lfpipe.sweep.results import verdict, write
 
+    if junit is not None:
+        check_output(junit, [plan], label="--junit")
     if update and expect is None:
         raise UserError("--update needs references", "name their folder with --expect DIR")
     if jobs and address:

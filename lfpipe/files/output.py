@@ -37,6 +37,9 @@ _TEXTS = (
     re.compile(rb'\{"displayTimeUnit": "ms", "traceEvents": \[\s*\{"name": "process_name"[^\n]*"lfpipe"'),
     re.compile(rb'\{\s*"format": ("lfpipe-|\d+,\s*"versions": \{\s*"lfpipe")'),
     re.compile(rb"<\?xml[^>]*\?>\s*<testsuites?\b[^>]*\bname=\"lfpipe "),
+    re.compile(rb"state,subject,sequence,scene,config,"),  # of a sweep, as the next
+    re.compile(rb'\{"subject": "[a-z]+", "sequence": "'),
+    re.compile(rb'\{"key": "\['),  # of `bench table`
     re.compile(rb"seq,source_seq,epoch,t_sensor_ns,t_read_ns\b"),
     re.compile(rb"(# |// |<!-- |<!doctype html>\s*<!-- )" + MARK, re.IGNORECASE),
 )

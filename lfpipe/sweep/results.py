@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 from lfpipe.bench.style import STYLE
 from lfpipe.errors import UserError, plain
 from lfpipe.files.line_file import LineFile
+from lfpipe.files.output import check_output
 from lfpipe.files.safe_files import reason, replaced
 from lfpipe.sweep.cell import DIFFERS, FAILED, LEFT_OUT, OK, Outcome, parsed
 
@@ -32,6 +33,8 @@ class Store:
         try:
             if not read_only:
                 folder.mkdir(parents=True, exist_ok=True)
+                for name in (LINES, TABLE, PAGE, JUNIT):
+                    check_output(folder / name)
                 self._file = LineFile(self.path)
             with self.path.open("rb") as file:
                 for line in file:
@@ -109,7 +112,8 @@ def _page(outcomes: Sequence[Outcome]) -> str:
             lines += f'<tr><td class="{STATES[row[0]]}">{row[0]}</td>{cells}</tr>'
         sections += f'<h2>{html.escape(subject)}</h2><div class="wide"><table>{lines}</table></div>'
     return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        '<!doctype html><!-- written by lfpipe --><html lang="en">'
+        '<head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
         f"<title>lfpipe sweep</title><style>{STYLE}</style></head><body><h1>Sweep</h1><p>{html.escape(verdict(outcomes))}</p>"
         f"{sections}</body></html>"
     )

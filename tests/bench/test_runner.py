@@ -29,6 +29,7 @@ from lfpipe.bench.results import (
 )
 from lfpipe.bench.runner import run
 from lfpipe.bench.stats import front
+from lfpipe.errors import UserError
 from tests.bench.inputs import inputs, wall
 
 FIGURES = (Figure("error_px", "error", "px", "rms"), Figure("time_ms", "time", "ms"))
@@ -157,3 +158,16 @@ def test_an_exact_zero_stands_where_the_axis_says_so() -> None:
     found = SubjectResults("fake", rows=[row("none", 1.0, 0.1, 0.0), row("some", 1.0, 0.1, 2.0), row("more", 1.0, 0.1, 9.0)])
     zero, some, _ = points(found, CHART)
     assert zero.zero == (False, True) and 0 < zero.y < some.y == 2.0
+
+
+def test_nothing_that_lfpipe_did_not_write_is_replaced(tmp_path: Path) -> None:
+    given = inputs(wall(2, 2), tmp_path)
+    for name in ("results.json", "report.html", "summary.md"):
+        mine = tmp_path / name
+        mine.write_text("my own notes")
+        with pytest.raises(UserError, match=name):
+            runner.measure(["judder"], given, tmp_path, quiet)
+        assert mine.read_text() == "my own notes"
+        mine.unlink()
+    write_report(runner.measure([], given, tmp_path, quiet), tmp_path)
+    write_report(runner.measure([], given, tmp_path, quiet), tmp_path)  # its own files are replaced

@@ -97,6 +97,15 @@ def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None
         store.append(outcome)
     store.close()
     assert list(Store(tmp_path / "out", read_only=True).outcomes.values()) == outcomes
+    write(outcomes, tmp_path / "out", None)
+    Store(tmp_path / "out").close()  # its own files are continued and replaced
+    for name in ("results.jsonl", "table.csv", "report.html", "junit.xml"):
+        mine = tmp_path / name
+        mine.write_text("my own notes")
+        with pytest.raises(UserError, match=name):
+            Store(tmp_path)
+        assert mine.read_text() == "my own notes"
+        mine.unlink()
 
 
 def test_words_that_do_not_go_together(tmp_path: Path) -> None:
