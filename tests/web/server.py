@@ -63,7 +63,7 @@ def served(world: World, *args: str) -> Iterator[Server]:
     """Serves the page of the world's session. Fails where it wrote a traceback, or its token anywhere but at the start."""
     log = world.root / f"monitor-{time.monotonic_ns()}.log"
     with log.open("w") as output:
-        words = ("monitor", "--session", world.name, "--web", *(args or ("--port", "0")))
+        words = ("monitor", "--session", world.name, "--web", *(args or (":0",)))
         process = world.start(*words, stdout=output, stderr=output)
     said = until(lambda: re.search(r"http://(\S+):(\d+)/\?token=(\S+)", log.read_text()), "address")
     yield Server(int(said[2]), said[3], process.pid, log)

@@ -1,0 +1,9 @@
+"""Replays a recording with two filters and compares their errors: python compare_filters.py SEQ SCENE."""
+
+import sys
+
+import lfpipe
+
+for name in ("predictive", "mean"):
+    report = lfpipe.replay(sys.argv[1], sys.argv[2], settings={"track.filter": name})
+    print(name, report["counts"]["faces"], "faces", report["truth_error"] or "no truth", report["digests"]["eyes"][:12])
