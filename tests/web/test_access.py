@@ -89,7 +89,7 @@ def test_only_commands_of_the_page_are_passed_on(server: Server, world: World) -
     assert server.ask("POST", "/ctl", COMMAND, **{"Content-Type": "text/plain"})[0] == 400
     answer = json.loads(server.ask("POST", "/ctl", COMMAND)[1])
     assert answer["ok"] is False and "no session" in answer["error"]
-    busy = world.run("monitor", "--web", "--port", str(server.port))
+    busy = world.run("monitor", "--web", f":{server.port}")
     assert busy.returncode == 2 and "another port" in busy.stderr
 
 
