@@ -22,7 +22,7 @@ ASLEEP_S = 1.0  # after such a gap between checks, the supervisor was stopped or
 STALL_S = 60.0  # time for a disk to spin up, or for a network to return
 LONGEST_S = 600.0  # of continuous computing: imports and tables of a large scene on an emulated machine
 COMPUTING = 5  # hang timeouts of computing without a beat: on an emulated machine one search for a face takes seconds
-WORKS_SHARE = 0.01  # of the time on a CPU: more than a thread that polls a timer, less than a share beside dozens of busy programs
+WORKS_SHARE = 0.01  # of the time on a CPU: more than polling a timer takes, less than a share beside dozens of busy programs
 LOOK_NS = 500 * MS_NS  # between two looks at a silent process
 
 
