@@ -205,7 +205,7 @@ def _manifest(examined: Examined, job: PackJob, key: str) -> dict[str, Any]:
         "disparity": {"source": "none", "scale_px": 1 / 16, "min_px": low, "max_px": high,
                       "border_low_px": border_low, "border_high_px": border_high},
         "notes": list(source.notes),
-        "method": "blend" if max(abs(low), abs(high)) <= BLEND_PX else "nearest", "scores": {},
+        "method": "blend" if orientation.disparity_px and max(-low, high) <= BLEND_PX else "nearest", "scores": {},
     }  # fmt: skip
 
 

@@ -46,5 +46,5 @@ def test_a_picture_is_not_written_under_an_ending_that_is_not_utf8(tmp_path: Pat
     folder = made.write_grid(tmp_path / "scene", made.views(2, 2, 24, 32))
     out = str(tmp_path / os.fsdecode(b"a.p\xff"))
     told = ["scene", "sheet", str(folder), "-o", out, "--set", f"scene.cache_dir={tmp_path / 'cache'}"]
-    with pytest.raises(UserError, match="cannot be written"):
+    with pytest.raises(UserError, match=r"a\.p"):
         CliRunner().invoke(cli, told, catch_exceptions=False)
