@@ -3,6 +3,7 @@
     python tools/make_reference.py
 """
 
+import argparse
 import inspect
 import math
 from pathlib import Path
@@ -68,5 +69,6 @@ def commands() -> str:
 PAGES = {"configuration.md": configuration, "commands.md": commands}
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     for name, text in PAGES.items():
         (DOCS / name).write_text(text())
