@@ -159,7 +159,7 @@ def test_a_cluster_does_what_this_machine_does(
     assert timed[0][0] >= shared_end, "nothing else beside them"
 
 
-def test_what_is_missing_is_named(world: World, corpus: Path) -> None:
+def test_missing(world: World, corpus: Path) -> None:
     plan = write_plan(world.root, corpus, MIXED)
     done = world.run("sweep", plan, "--out", "out", timeout_s=120)
     assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
