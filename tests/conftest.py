@@ -50,7 +50,7 @@ def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
     (`everyday`). What only Linux's own host has is skipped on the portable one."""
     items.sort(key=lambda item: item.path.parent.name not in LONGEST_ROOMS)
     for item in items:
-        if SESSIONS & set(item.fixturenames) and item.get_closest_marker("everyday") is None:
+        if SESSIONS & set(item.fixturenames) and not any(map(item.get_closest_marker, ("everyday", "soak", "camera_vm"))):
             item.add_marker(pytest.mark.live)
     for item in items if PORTABLE else ():
         for mark in item.iter_markers("native"):

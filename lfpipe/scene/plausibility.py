@@ -83,15 +83,17 @@ class _Motion:
         half = a.shape[1] / 2
         x, y = (x - half) / half, (y - a.shape[0] / 2) / half
         one, none = np.ones_like(x), np.zeros_like(x)
+        values = there[sure].T.ravel().astype(np.float64)
         matrix = np.concatenate([np.stack([one, none, x, -y], 1), np.stack([none, one, y, x], 1)])
-        values, weights = there[sure].T.ravel().astype(np.float64), np.ones(2 * len(x))
-        for _ in range(6):  # robust: what is near moves otherwise
-            fit = np.linalg.lstsq(matrix * weights[:, None], values * weights, rcond=None)[0]
-            weights = np.sqrt(np.minimum(1, 0.5 / np.maximum(np.abs(values - matrix @ fit), 1e-6)))
+        fit = _robust_fit(matrix, values)
+        # A plane that recedes moves along the line of cameras only; size and roll change along both axes alike.
+        (wider, sheared), (leaning, taller) = (_robust_fit(np.stack([x, y, one], 1), axis)[:2] for axis in values.reshape(2, -1))
+        size = min(abs(wider), abs(taller)) if wider * taller > 0 else 0.0
+        roll = min(abs(sheared), abs(leaning)) if sheared * leaning < 0 else 0.0
         low, high = np.percentile((values - matrix @ fit).reshape(2, -1), (5, 95), axis=1)
         shared = float(np.count_nonzero(sure) / np.count_nonzero(detail))
-        size, roll = abs(float(fit[2])), abs(float(fit[3]))
-        return cls(float(np.hypot(*fit[:2])), size, roll, (float(high[0] - low[0]), float(high[1] - low[1])), shared)
+        left_px = float(high[0] - low[0]), float(high[1] - low[1])
+        return cls(float(np.hypot(*fit[:2])), float(size), float(roll), left_px, shared)
 
     @property
     def parallax_px(self) -> float:
@@ -107,6 +109,15 @@ class _Motion:
         if min(self.left_px) > _STILL_PX and max(self.left_px) < _ROUND * min(self.left_px) > 2 * self.shift_px:
             return "what moves, moves in no direction"
         return ""
+
+
+def _robust_fit(matrix: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Least-squares solution in which what moves otherwise, because it is near, counts less."""
+    weights = np.ones(len(values))
+    for _ in range(6):
+        fit = np.linalg.lstsq(matrix * weights[:, None], values * weights, rcond=None)[0]
+        weights = np.sqrt(np.minimum(1, 0.5 / np.maximum(np.abs(values - matrix @ fit), 1e-6)))
+    return np.asarray(fit, np.float64)
 
 
 def _change(views: list[Grey], every: list[Grey]) -> str:

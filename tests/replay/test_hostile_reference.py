@@ -87,7 +87,8 @@ def test_a_reference_with_thousands_of_other_settings_is_told_in_a_few_lines(run
     (tmp_path / "ref" / REPORT).write_text(json.dumps(report))
     with pytest.raises(UserError, match="bytes"):
         compare(tmp_path / "ref", run)
-    report["config"] = {f"x{n}": {"k": "v" * 50} for n in range(3626)}
+    report["config"] = json.loads((run / REPORT).read_text())["config"]  # keys of no effect are not compared
+    report["plan"] = {f"x{n}": "v" * 50 for n in range(3626)}
     (tmp_path / "ref" / REPORT).write_text(json.dumps(report))
     found = [str(each) for each in compare(tmp_path / "ref", run).differences]
     assert len(found) == comparison.MOST_FIELDS + 1 and found[-1].endswith("more keys")

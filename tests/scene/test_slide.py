@@ -75,11 +75,12 @@ def test_a_shaken_slide_becomes_a_rectified_row(tmp_path: Path, degrees: float, 
 
 def test_known_positions_come_back(tmp_path: Path) -> None:
     picked = [0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 16]
-    slide(tmp_path, shaken(SLID[picked], 0.3))
+    row = slide(tmp_path, shaken(SLID[picked], 0.3))
     at = [float(path.name.split("_")[4]) for path in sorted((tmp_path / "out").glob("*.png"))]
     assert at == sorted(at)
     every = np.array(picked) / 16 * at[-1]
-    assert max(np.abs(every - value).min() for value in at) < 0.06 * at[-1]
+    ways = (every,) if row.order_sure else (every, at[-1] - every)  # undecided, either end may be the left one
+    assert min(max(np.abs(way - value).min() for value in at) for way in ways) < 0.06 * at[-1]
 
 
 def test_a_video_by_the_command(tmp_path: Path) -> None:
