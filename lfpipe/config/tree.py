@@ -50,7 +50,7 @@ class Camera:
     format: Annotated[
         Literal["auto", "MJPG", "YUYV", "UYVY", "NV12", "YU12", "BGR3", "RGB3", "GREY", "Y10"],
         Opt(
-            "pixel format requested from the camera; auto: uncompressed up to 640x480, MJPG above, else any available one",
+            "pixel format requested from the camera; auto: the one that reaches the size, then the rate, then the cheapest to decode",
             replays=False,
         ),
     ] = "auto"
