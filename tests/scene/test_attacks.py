@@ -197,6 +197,7 @@ ATTACKS: list[tuple[str, Callable[[Path], Path], str]] = [
     ("JPEG among views", one_of_the_views(jpeg_claiming(SMALL_JPEG, 20_000, 20_000)), r"view_02_02\.png.*20000x20000"),
     ("PNG, whole", one_picture("a.png", png_of(16_384, 16_384)), "16384x16384"),
     ("HDF5", claiming_h5("lf.h5"), "0 bytes are stored|views of 40000x40000"),
+    ("HDF5 bomb", chunk_bomb, "bytes are stored for"),
     ("HDF5, no end", claiming_h5("lf.h5", (1, 2**40, 32, 32, 3)), r"lf\.h5"),
     ("chain of links", chained_links, "links to another"),
     ("virtual data set", virtual, "stored in other files"),

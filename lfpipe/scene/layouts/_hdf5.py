@@ -85,6 +85,11 @@ class Hdf5:
         with self._guarded(key):
             if key not in self._whole:
                 found = self._file[key]
+                if found.chunks:
+                    whole = math.prod(-(-size // chunk) * chunk for size, chunk in zip(found.shape, found.chunks, strict=True))
+                    stored = found.id.get_storage_size()
+                    if stored > whole * found.dtype.itemsize * 1.1 + 1024:  # it would unpack to more than it says
+                        raise ValueError(f"{stored} bytes are stored for {whole} values")
                 # a view may cross every compressed chunk: unpacking all of them once beats unpacking for each view
                 if found.chunks and found.nbytes <= _WHOLE_BYTES:
                     found = found[()]
