@@ -325,6 +325,7 @@ def test_a_name_of_any_bytes_is_a_name(whole: Path, tmp_path: Path, name: bytes)
     assert code in (0, 2) and "Traceback" not in err, err
 
 
+@pytest.mark.live
 @pytest.mark.parametrize("name", ["jpeg of 20000x20000", "png cut off"])
 def test_a_session_that_comes_to_a_broken_frame_names_it(whole: Path, tmp_path: Path, name: str) -> None:
     shutil.copytree(whole, tmp_path / "seq")

@@ -72,6 +72,7 @@ def test_a_local_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert any("quality s3" in line and "running for" in line for line in notices), notices
 
 
+@pytest.mark.live
 def test_a_scheduler_without_tls_is_refused_unless_insecure() -> None:
     for address in ("tcp://127.0.0.1:9", "127.0.0.1:9"):
         with pytest.raises(UserError) as caught, cluster(address, 1):
@@ -121,6 +122,7 @@ def test_timed_cells_wait_for_each_other_and_say_for_whom(tmp_path: Path, monkey
     assert mine.read_text() == "precious"
 
 
+@pytest.mark.live
 def test_a_subject_of_the_benchmark_as_a_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
