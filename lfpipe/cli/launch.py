@@ -187,7 +187,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
 
     def opened() -> Opened:
         with progress() as bar:
-            return open_scenes(arguments.scenes, config.scene, bar)
+            return open_scenes(arguments.scenes, config.scene, bar, complete=outputs.video is not None)
 
     has_scene = bool(arguments.scenes or arguments.demo)
     opening, camera, share = _checked(arguments, config, outputs.display, opened if has_scene else None)

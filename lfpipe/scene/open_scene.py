@@ -82,10 +82,13 @@ class Opened:
     packing: Packing | None = None
 
 
-def open_scenes(paths: Sequence[Path], settings: config.Scene, progress: Progress = silent) -> Opened:
+def open_scenes(
+    paths: Sequence[Path], settings: config.Scene, progress: Progress = silent, *, complete: bool = False
+) -> Opened:
     """Opens the first of the light fields at paths as soon as it can be shown; a folder of light fields stands for those in it.
 
-    An empty sequence stands for the demo. progress: called from this thread. Raises UserError.
+    An empty sequence stands for the demo. progress: called from this thread. complete: with its disparity, for pictures that are
+    kept. Raises UserError.
     """
     paths = list(paths) or [demo_scene(cache_dir(settings))]
     known = packed(paths[0], settings)
@@ -95,7 +98,7 @@ def open_scenes(paths: Sequence[Path], settings: config.Scene, progress: Progres
     packing = Packing(paths, settings, expand=bool(unclear))
     try:
         packing.progress = progress
-        packing.wait(lambda: packing.views is not None)
+        packing.wait(lambda: packing.views is not None and not complete)
         summary = packing.views if not packing.done and packing.views is not None else packing.summary()
         packing.progress = silent
         field = open_pack(Path(summary.pack), settings.half_turn)

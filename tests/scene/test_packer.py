@@ -45,6 +45,11 @@ def test_the_views_come_first(folder: Path, scene_config: config.Scene) -> None:
     assert summary.complete and summary.has_disparity and summary.pack == packing.views.pack
 
 
+def test_pictures_that_are_kept_wait_for_disparity(folder: Path, scene_config: config.Scene) -> None:
+    opened = open_scenes([folder], scene_config, complete=True)
+    assert opened.packing is None and opened.field.complete and opened.field.disparity is not None
+
+
 def test_a_folder_of_scenes_stands_for_them(folder: Path, scene_config: config.Scene) -> None:
     made.write_grid(folder.parent / "scene2", made.views(2, 2), "input_Cam{n:03d}.png")
     (folder.parent / "notes").mkdir()
