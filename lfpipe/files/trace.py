@@ -56,7 +56,7 @@ class TraceFile:
     """
 
     def __init__(self, path: Path | None, lost: Callable[[str], None], since: Path | None = None) -> None:
-        """since: for a restarted writer, a file that its session wrote at its start: lines of this session are kept."""
+        """since: for a restarted writer, a file that its session wrote at its start: its lines are kept."""
         self._path, self._lost = path, lost
         self._output: OutputFile | None = None
         self._file: LineFile | None = None

@@ -79,7 +79,7 @@ class Pointer:
 @attrs.frozen
 class BarState:
     """What the bar shows. depth: 0 for comfort, 1 for true depth. recording: whether the camera is being recorded. without:
-    events of entries that this session does not have."""
+    events of entries that the session does not have."""
 
     depth: float = 0.0
     recording: bool = False

@@ -275,7 +275,7 @@ class LiveSession:
                 outcome = Outcome(f"{process.stage.name} could not end", *died_of, user_error=True, final=outcome.final)
         lost = sum(int(row["lost_outputs"]) for row in self._memory.table.rows.values())
         if lost and outcome.failure is None:
-            files = "a file of this session is" if lost == 1 else f"{lost} files of this session are"
+            files = "a file of the session is" if lost == 1 else f"{lost} files of the session are"
             outcome.failure = f"{outcome.reason}, but {files} incomplete"
             outcome.remedy = "see the messages above; make room on the disk, or name files on another one"
         return outcome

@@ -3,8 +3,8 @@
 Interacting multiple models (Blom and Bar-Shalom 1988; Bar-Shalom, Li, Kirubarajan 2001, section 11.6.6), on the point midway
 between the eyes: one model of rest, the others of constant velocity under accelerations of different strength. At rest, the model
 of rest dominates, and noise does not move the picture. If the eyes move by more than noise explains, a livelier model takes over
-within a frame. The eyes' half distance, which changes slowly, is smoothed separately. How far velocity and acceleration are to be
-trusted for predictions is measured: see `extrapolation`.
+within a frame. The eyes' half distance, which changes slowly, is smoothed separately. How far velocity and acceleration
+carry predictions is measured: see `extrapolation`.
 
 The noise is measured while running, from third differences of the half distance, in which head motion cancels. Lengths are in
 distances between the eyes, so the constants are valid for any camera and viewing distance.
