@@ -45,9 +45,11 @@ SESSIONS = {"world", "live", "screen", "xvfb"}  # fixtures of real sessions and 
 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
-def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Function]) -> None:
     """Long rooms first. A test with a session is `live`, unless it is the one of its kind that every run plays through
-    (`everyday`). What only Linux's own host has is skipped on the portable one."""
+    (`everyday`). What soaks runs only if `-m` names it; what only Linux's own host has is skipped on the portable one."""
+    if "soak" not in config.option.markexpr:
+        items[:] = [item for item in items if item.get_closest_marker("soak") is None]
     items.sort(key=lambda item: item.path.parent.name not in LONGEST_ROOMS)
     for item in items:
         if SESSIONS & set(item.fixturenames) and not any(map(item.get_closest_marker, ("everyday", "soak", "camera_vm"))):

@@ -34,7 +34,7 @@ STOP_S, LOAD_S = 30.0, 900.0
 # Ends with the program that started it: the program holds the other end of this pipe.
 COMMAND = (
     "import os, runpy, signal, sys, threading\\n"
-    "def watch():\\n    sys.stdin.buffer.read(); os.kill(os.getpid(), signal.SIGTERM)\\n"
+    "def watch():\\n    os.read(0, 1); os.kill(os.getpid(), signal.SIGTERM)\\n"
     "threading.Thread(target=watch, daemon=True).start(); sys.argv[0] = 'lfpipe'\\n"
     "runpy.run_module('lfpipe', run_name='__main__')"
 ).replace("\\n", "\n")
@@ -162,7 +162,7 @@ class Session(Attachment):
         config = config_of(settings)
         path = scene_path(scene, config.scene)
         self._process: subprocess.Popen[bytes] | None = None
-        name = name or f"python.{os.getpid()}.{time.monotonic_ns() % 10**6}"
+        name = name or f"py{os.getpid()}.{time.monotonic_ns() % 1000}"  # short: it is part of a socket's path
         words = ["up", *([str(path.resolve())] if path is not None else ["--demo"]), "--session", name]
         words += ["--camera", camera] if camera is not None else []
         words += ["--display", display or ("window" if has_display() else "none")]

@@ -104,13 +104,22 @@ def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_j
 @pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
 def test_without_a_camera_no_capture_and_no_tracking_runs(world: World, scene: Path, screen: Screen) -> None:
     world.env["DISPLAY"] = screen.name
-    process = world.start("up", scene, "--camera", "mouse", "--trace", world.trace, "--session", world.name)
+    words = ("--camera", "mouse", "--display", "fullscreen", "--trace", world.trace, "--session", world.name)
+    process = world.start("up", scene, *words)
     world.pictures(5)
-    for x in ("200", "1000"):
+
+    def col_at(x: str) -> float:
+        """The left eye's column when the picture has followed the mouse there and rests."""
         subprocess.run(["xdotool", "mousemove", x, "400"], check=True, env=world.env)
-        world.pictures(len(world.lines()) + 60)
-    cols = [line["view"]["left"][1] for line in world.lines()]
-    assert max(cols) - min(cols) > 0.5 and all(line["face"] for line in world.lines())
+        before = len(world.lines())
+
+        def at_rest() -> list[float] | None:
+            cols = [line["view"]["left"][1] for line in world.lines()[before:]]
+            return cols if len(cols) > 40 and len(set(cols[-20:])) == 1 else None
+
+        return float(world.wait_for(at_rest, "picture at rest")[-1])
+
+    assert abs(col_at("1200") - col_at("80")) > 0.5 and all(line["face"] for line in world.lines())
     states = {name: stage["state"] for name, stage in world.monitor()["stages"].items()}
     assert states.pop("render") == "RUNNING" and set(states.values()) <= {"NONE"}
     assert world.run("ctl", "--session", world.name, "stop").returncode == 0

@@ -233,7 +233,7 @@ def test_the_video_of_a_render_stage_that_was_killed_is_not_overwritten(world: W
     args = ("--camera", "demo", "--display", f"file:{video}", "--trace", world.trace, "--session", world.name)
     process = world.start("up", packed, *args)
     world.pictures(20)
-    world.wait_for(lambda: video.stat().st_size > 1000, "video on disk")
+    world.wait_for(lambda: video.exists() and video.stat().st_size > 1000, "video on disk")
     os.kill(world.monitor()["stages"]["render"]["pid"], signal.SIGKILL)
     count = len(world.lines())
     world.pictures(count + 20)

@@ -131,7 +131,7 @@ def test_a_folder_that_goes_away_ends_the_recording_and_nothing_else(world: Worl
     world.wait_for(lambda: frames(again) > 10, "frames")
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
-    assert process.returncode == 0 and f"recording {out}: its folder is gone" in err, err
+    assert process.returncode == 1 and f"recording {out}: its folder is gone" in err, err
     assert open_sequence(again).complete and "restarting" not in err
 
 
