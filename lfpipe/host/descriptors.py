@@ -1,8 +1,8 @@
-"""Open files: by name for libraries that need one, inherited by child processes, read and written at an offset."""
+"""Open files: by name for libraries that need one, read and written at an offset."""
 
 import os
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from lfpipe.host import WINDOWS
 from lfpipe.host.paths import exists
@@ -31,11 +31,6 @@ def write_at(fd: int, data: bytes | memoryview, offset: int) -> int:
 def path_of(file: IO[bytes]) -> str:
     """A plain ASCII path to an open file, whatever its own name is, and even if it has none; its own where a system has none."""
     return f"{_DESCRIPTORS}/{file.fileno()}" if _DESCRIPTORS else str(Path(file.name).absolute())
-
-
-def inherited(file: IO[bytes]) -> tuple[str, dict[str, Any]]:
-    """The path by which a child process opens the file, and options for Popen."""
-    return path_of(file), {"pass_fds": (file.fileno(),)} if _DESCRIPTORS else {}
 
 
 def longest_name(folder: Path) -> int:
