@@ -1,0 +1,27 @@
+"""Every refusal once: what causes it and its whole text. The rows stand in `messages.py` in the tests of the room that refuses.
+Elsewhere tests assert the error's class, the exit code and the thing it names, never the sentence."""
+
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from lfpipe.errors import UserError
+
+Cause = Callable[[Path], object]
+ROWS: dict[str, tuple[Cause, str]] = {
+    f"{path.parent.name}: {name}": row
+    for path in sorted(Path(__file__).parent.glob("*/messages.py"))
+    for name, row in importlib.import_module(f"tests.{path.parent.name}.messages").MESSAGES.items()
+}
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_message(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cause is called in an empty folder, which the text calls `/here`."""
+    cause, text = ROWS[name]
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError) as error:
+        cause(tmp_path)
+    assert str(error.value).replace(str(tmp_path), "/here") == text
