@@ -12,10 +12,8 @@ from lfpipe.bench.motion import duration_s, position_at, viewer_path
 from lfpipe.bench.results import Candidate, Chart, Choice, Figure, Prepared, Profile, Samples, Skipped, Subject
 from lfpipe.bench.stats import time_figures, times_ms
 from lfpipe.config import Track
-from lfpipe.track.filters import make_filter
-from lfpipe.track.kalman import Kalman
-from lfpipe.track.motion_models import Predictive, Tuning
-from lfpipe.track.smoothing import EyeFilter, Mean, OneEuro
+from lfpipe.track.filters import Predictive, Tuning, make_filter
+from lfpipe.track.smoothing import EyeFilter, Kalman, Mean, OneEuro
 
 HORIZONS_MS = (0, 20, 40, 60, 80, 100, 120)
 RATES_HZ = (30, 60, 120)

@@ -20,8 +20,7 @@ from lfpipe.config import Config, Track
 from lfpipe.eyes import EYES as RECORD
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.lightfield import LightField
-from lfpipe.track.filters import make_filter
-from lfpipe.track.motion_models import Motion, Predictive, Tuning
+from lfpipe.track.filters import Motion, Predictive, Tuning, make_filter
 
 FILTERS = (Track().filter, *(name for name in ("mean", "one-euro", "kalman") if name != Track().filter))
 RATES_HZ = (15, 30, 60, 120, 240)

@@ -14,8 +14,7 @@ from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Candidate, Chart, Choice, Figure, Prepared, Samples, Skipped, Subject
 from lfpipe.bench.stats import time_figures, times_ms
 from lfpipe.config import Track
-from lfpipe.track.engine import Engine
-from lfpipe.track.engines import make_engine
+from lfpipe.track.engine import Engine, make_engine
 from lfpipe.track.models import package_folder
 
 ENGINES = ("litert", "mediapipe")

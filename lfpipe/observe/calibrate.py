@@ -10,8 +10,8 @@ from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.render.display import has_display
-from lfpipe.track.calibration import EyeGauge
-from lfpipe.track.engines import make_engine
+from lfpipe.track.engine import make_engine
+from lfpipe.track.eye_distance import EyeGauge
 
 PATIENCE_FRAMES = 600  # frames without a still face before giving up
 EDGES = ("Click the middle of one short edge.", "First edge marked. Click the middle of the other short edge.")

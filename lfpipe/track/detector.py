@@ -1,14 +1,29 @@
-"""Faces in a whole picture: the face detectors of MediaPipe (BlazeFace, arXiv:1907.05047), with anchors and suppression."""
+"""Faces in a whole picture: the face detectors of MediaPipe (BlazeFace, arXiv:1907.05047), and the choice of the viewer's.
+
+`FaceSelector` counts pictures, not time: an engine has no clock, and a replay must make the same decisions as the session.
+"""
+
+import math
+from collections.abc import Sequence
 
 import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.track.network import Network, model_file
-from lfpipe.track.roi import Roi, Warp, fill, warp
+from lfpipe.track.network import Network, Roi, Warp, fill, model_file, warp
 
 MIN_OVERLAP = 0.3  # boxes that overlap more are one face
+SAME = 0.2  # overlap of one face's boxes in successive pictures: 0.3 at 2 m/s, arm's length and 30 Hz
+HOME = 0.45  # overlap with the viewer's usual place: sides differ by less than a third, which excludes people behind
+SCAN_PERIOD = 30  # pictures between two scans of the whole picture: about a second
+FAST_SCAN_PERIOD = 10  # the same while another face may be the viewer
+WINS = 4  # consecutive scans that a nearer face must win, FAST_SCAN_PERIOD pictures apart: about a second
+NEARER = 1.6  # required ratio of prominence; equal faces never alternate
+HOME_SHARE = 0.02  # weight of the newest picture in the viewer's usual place: 50 pictures
+MEMORY = 150  # pictures at another place after which that place becomes the usual one
+
+Box = tuple[float, float, float, float]
 
 
 @attrs.frozen
@@ -46,13 +61,12 @@ def anchors(grids: tuple[tuple[int, int], ...]) -> NDArray[np.float32]:
     return np.concatenate(out)
 
 
-def overlap(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Intersection over union of box a (4,) with each of b (n, 4), as (x0, y0, x1, y1); 0 if the union is empty."""
-    low, high = np.maximum(a[:2], b[:, :2]), np.minimum(a[2:], b[:, 2:])
-    common = np.prod(np.clip(high - low, 0, None), axis=1)
-    union = np.prod(a[2:] - a[:2]) + np.prod(b[:, 2:] - b[:, :2], axis=1) - common
-    shares: NDArray[np.floating] = np.divide(common, union, out=np.zeros_like(common), where=union > 0)
-    return shares
+def overlap(a: Box, b: Box) -> float:
+    """Intersection over union of two boxes (x0, y0, x1, y1)."""
+    width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+    common = max(width, 0.0) * max(height, 0.0)
+    union = (a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - common
+    return common / union if union > 0 else 0.0
 
 
 def suppressed(rows: NDArray[np.floating], scores: NDArray[np.floating]) -> list[tuple[NDArray[np.float64], float]]:
@@ -61,13 +75,12 @@ def suppressed(rows: NDArray[np.floating], scores: NDArray[np.floating]) -> list
     rows (n, 4 + anything): the box (x0, y0, x1, y1), then values to average with it.
     """
     left = list(np.argsort(-scores, kind="stable"))
+    boxes: list[Box] = rows[:, :4].tolist()
     out = []
     while left:
-        best = left[0]
-        together = overlap(rows[best, :4], rows[left, :4]) > MIN_OVERLAP
-        together[0] = True  # a box of no area overlaps nothing, itself included
-        cluster = [index for index, same in zip(left, together, strict=True) if same]
-        left = [index for index, same in zip(left, together, strict=True) if not same]
+        best = left[0]  # a box of no area overlaps nothing, itself included
+        cluster = [index for index in left if index == best or overlap(boxes[best], boxes[index]) > MIN_OVERLAP]
+        left = [index for index in left if index not in cluster]
         weights = scores[cluster].astype(np.float64)
         out.append((weights @ rows[cluster] / weights.sum(), float(scores[best])))
     return out
@@ -106,3 +119,84 @@ class Detector:
             (x0, y0), (x1, y1) = points[0], points[1]
             found.append(Detection((float(x0), float(y0), float(x1), float(y1)), points[2:], score))
         return found
+
+
+def same_place(a: Box, b: Box) -> bool:
+    """Whether boxes of two pictures can be the same face: near in position and size."""
+    return overlap(a, b) > SAME
+
+
+def prominence(box: Box, width_px: int, height_px: int) -> float:
+    """Likelihood that a face is the viewer's: its area, divided by 1 + (distance from the centre / half diagonal)^2."""
+    x0, y0, x1, y1 = box
+    away = math.hypot((x0 + x1 - width_px) / width_px, (y0 + y1 - height_px) / height_px) / math.sqrt(2)
+    return (x1 - x0) * (y1 - y0) / (1 + away * away)
+
+
+class FaceSelector:
+    """Remembers where the viewer usually is. Ranks the faces of a picture, and decides whether to follow another one.
+
+    If another face is followed, a face at the usual place is the viewer, who was hidden by a passer-by; the selector returns to
+    it at once. A face that is clearly nearer and more central (NEARER) for WINS scans takes over.
+    """
+
+    def __init__(self) -> None:
+        self._home: Box | None = None
+        self._away = 0  # pictures since the face followed left the usual place
+        self._pictures = 0  # since the last scan
+        self._rival: Box | None = None
+        self._wins = 0
+
+    def follow(self, box: Box) -> None:
+        """Reports the box of the followed face in this picture."""
+        self._pictures += 1
+        if self._home is None or self._away > MEMORY:
+            self._home, self._away = box, 0
+        elif overlap(self._home, box) > HOME:
+            self._home = _between(self._home, box, HOME_SHARE)
+            self._away = 0
+        else:
+            self._away += 1
+
+    @property
+    def due(self) -> bool:
+        """Whether to scan the whole picture for other faces now."""
+        return self._pictures >= (FAST_SCAN_PERIOD if self._away or self._wins else SCAN_PERIOD)
+
+    def rank(self, found: Sequence[Detection], width_px: int, height_px: int) -> list[Detection]:
+        """Faces of a picture in which none is followed, best first: at the usual place, then by prominence."""
+
+        def order(face: Detection) -> tuple[bool, float]:
+            return self._at_home(face.box_px), prominence(face.box_px, width_px, height_px)
+
+        return sorted(found, key=order, reverse=True)
+
+    def rival(self, found: Sequence[Detection], followed: Box, width_px: int, height_px: int) -> Detection | None:
+        """The face of found to follow instead of the one in the box followed; None: no change, or not yet."""
+        self._pictures = 0
+        others = [face for face in found if not same_place(followed, face.box_px)]
+        back = [face for face in others if self._at_home(face.box_px)]
+        if self._away and back:
+            return max(back, key=lambda face: face.score)
+        mine = max(found, key=lambda face: overlap(followed, face.box_px), default=None)
+        box = mine.box_px if mine is not None and same_place(followed, mine.box_px) else followed
+        least = NEARER * prominence(box, width_px, height_px)
+        best = max(others, key=lambda face: prominence(face.box_px, width_px, height_px), default=None)
+        if best is None or prominence(best.box_px, width_px, height_px) < least:
+            self._wins = 0
+            return None
+        again = self._wins > 0 and self._rival is not None and same_place(self._rival, best.box_px)
+        self._rival, self._wins = best.box_px, self._wins + 1 if again else 1
+        return best if self._wins >= WINS else None
+
+    def change(self, box: Box) -> None:
+        """Starts to follow the face in box; its place becomes the usual one."""
+        self._home, self._away, self._wins, self._rival = box, 0, 0, None
+
+    def _at_home(self, box: Box) -> bool:
+        return self._home is not None and overlap(self._home, box) > HOME
+
+
+def _between(a: Box, b: Box, share: float) -> Box:
+    x0, y0, x1, y1 = (p + share * (q - p) for p, q in zip(a, b, strict=True))
+    return x0, y0, x1, y1

@@ -1,4 +1,4 @@
-"""The protocol of the face engines, which find the eyes in a picture."""
+"""Face engines find the eyes in a picture: their protocol, what they return, and their names in the configuration."""
 
 import math
 from typing import Protocol
@@ -6,6 +6,9 @@ from typing import Protocol
 import attrs
 import numpy as np
 from numpy.typing import NDArray
+
+from lfpipe.config import Track
+from lfpipe.plugins import ENGINES, load
 
 LIMIT_PX = 1e6  # beyond every camera's picture
 MIN_APART_PX = 0.5  # between the eyes; a tracked face has at least 4 px
@@ -61,3 +64,21 @@ class Engine(Protocol):
         ...
 
     def close(self) -> None: ...
+
+
+def make_engine(track: Track, portable: bool = False) -> Engine:
+    """The engine that track names, ready. Its libraries are imported only now. portable: see `LitertEngine`.
+
+    Raises UserError if its libraries or models are missing or have another version.
+    """
+    name: str = track.engine
+    if name == "litert":
+        from lfpipe.track.litert_engine import LitertEngine
+
+        return LitertEngine(track.refine, portable)
+    if name == "mediapipe":
+        from lfpipe.track.mediapipe_engine import MediapipeEngine
+
+        return MediapipeEngine(track.refine)
+    engine: Engine = load(ENGINES, name)(track)
+    return engine

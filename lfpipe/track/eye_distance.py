@@ -1,4 +1,4 @@
-"""The viewer's own distance between the eyes, learnt from the size of the iris, which is nearly the same for everybody.
+"""The distance between the eyes: the viewer's own in mm, learnt from the size of the iris, and in px for `lfpipe calibrate`.
 
 The visible iris is 11.7 +- 0.5 mm wide, so the result is accurate to 4 %. People's distances differ by +-10 % from the mean, 63
 mm.
@@ -19,6 +19,8 @@ SPREAD = 0.05  # a distance is reported if half of the samples are within this s
 PLAUSIBLE_MM = (45.0, 80.0)  # adults and children; anything else is a wrong measurement
 CHANGED_MM = 1.0  # smallest change that is reported
 EVERY = 8  # samples between two updates of the median
+GAUGE_FRAMES = 45  # frames per measurement
+GAUGE_SPREAD = 0.05  # the viewer has moved if the quartiles differ by more than this share of the median
 
 
 class EyeDistance:
@@ -50,3 +52,31 @@ class EyeDistance:
             if steady and abs(middle - self.mm) >= CHANGED_MM:
                 self.mm = middle
         return self.mm
+
+
+class EyeGauge:
+    """Distance between the eyes in px over the last GAUGE_FRAMES frames with a face: median and spread."""
+
+    def __init__(self) -> None:
+        self._apart_px: deque[float] = deque(maxlen=GAUGE_FRAMES)
+
+    def add(self, face: Face | None) -> None:
+        """Adds a frame's face; ignores a frame without one."""
+        if face is not None:
+            self._apart_px.append(float(np.hypot(*(face.eyes_px[0] - face.eyes_px[1]))))
+
+    @property
+    def full(self) -> bool:
+        """Whether GAUGE_FRAMES frames are collected."""
+        return len(self._apart_px) == GAUGE_FRAMES
+
+    @property
+    def median_px(self) -> float:
+        """0 before the first face."""
+        return float(np.median(self._apart_px)) if self._apart_px else 0.0
+
+    @property
+    def steady(self) -> bool:
+        """Whether the viewer kept still enough for a reliable median."""
+        low, middle, high = np.percentile(self._apart_px, [25, 50, 75]) if self._apart_px else (0.0, 0.0, 1.0)
+        return bool(high - low <= GAUGE_SPREAD * middle)

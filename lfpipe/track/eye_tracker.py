@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
-from lfpipe.track.engine import Face
-from lfpipe.track.engines import make_engine
+from lfpipe.track.detector import same_place
+from lfpipe.track.engine import Face, make_engine
 from lfpipe.track.eye_distance import EyeDistance
 from lfpipe.track.filters import make_filter
-from lfpipe.track.selector import same_place
 from lfpipe.track.smoothing import MAX_STEP_NS
 
 log = logging.getLogger(__name__)

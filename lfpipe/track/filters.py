@@ -1,27 +1,301 @@
-"""The filters by their names in the configuration, with their constants.
+"""The filters by their names in the configuration, and the default one: several models of head motion, run in parallel and
+weighted by how well each predicts.
 
-Constants of the default were chosen on videos of heads and on sequences of known motion, by the rule in
-profiling/results/eyes.md, and checked on others (`profiling/eyes_tracks.py`). All are in distances
-between the eyes and in seconds, so they are valid for any camera, picture size and viewer distance.
+Interacting multiple models (Blom and Bar-Shalom 1988; Bar-Shalom, Li, Kirubarajan 2001, section 11.6.6), on the point midway
+between the eyes: one model of rest, the others of constant velocity under accelerations of different strength. At rest, the model
+of rest dominates, and noise does not move the picture. If the eyes move by more than noise explains, a livelier model takes over
+within a frame. The eyes' half distance, which changes slowly, is smoothed separately.
+
+The noise is measured while running, from third differences of the half distance, in which head motion cancels. All constants are
+in distances between the eyes and in seconds, so they are valid for any camera, picture size and viewer distance. They were chosen
+on videos of heads and on sequences of known motion, by the rule in profiling/results/eyes.md, and checked on others
+(`profiling/eyes_tracks.py`).
 """
+
+import math
+from collections import deque
+
+import attrs
+import numpy as np
 
 from lfpipe.config import Track
 from lfpipe.plugins import FILTERS, load
-from lfpipe.track.kalman import Kalman
-from lfpipe.track.motion_models import Predictive
-from lfpipe.track.smoothing import EyeFilter, Mean, OneEuro
+from lfpipe.track.smoothing import EyeFilter, Filter, Kalman, Mean, OneEuro, Points
+
+Pair = tuple[float, float]
+
+FIRST_SPEED = 8.0  # distances between the eyes per second (500 mm/s): all that is known of a face that has just appeared
+RATE_HZ = 30.0  # of the recordings that the constants were chosen on
+# No head is further from its prediction than this, in distances between the eyes: 20 m/s^2, and twice the worst of real heads.
+STEP, STEP_S2 = 0.12, 158.0
+# Horizon of predictions without a loop: age of the frame, a camera period, half a refresh; the best of 0.05 to 0.1 on real heads.
+FRAME_S = 0.07
+SMOOTH_S = 0.03  # time constant of the acceleration: about one frame of a webcam
+MEMORY_S = 10.0
+MOST_GAINED = 2.0  # by one line, times what it adds; more is a glitch of the landmarks
+# Squared distances between the eyes that a line of velocity or of acceleration adds at most; landmarks that jump add more.
+MOST_MOVED, MOST_BENT = 1.0, 0.1
+# The same as evidence: less than this leaves velocity at its full share, and acceleration near 0.
+UNPROVEN, NOTHING = 0.3, 0.01
+
+
+@attrs.frozen
+class Motion:
+    """A model of constant velocity. acceleration: density of its noise, squared distances between the eyes per s^3. trust:
+    share of its velocity used for prediction; a lively model sees velocities that end before the picture is shown."""
+
+    acceleration: float
+    trust: float
+
+
+@attrs.frozen
+class Tuning:
+    """Constants of the filter, by the rule in profiling/results/eyes.md.
+
+    motions: the models. wander: variance of the drift of a head at rest, squared distances between the eyes per s. stay_s: mean
+    time in a model. common: noise of the point between the eyes divided by that of their half distance. caution: exponent of
+    the likelihoods, because noise is correlated between frames. half_band: changes of the half distance below this many
+    standard deviations count as noise. speed_band: the same for the speed, per 1/30 s. noise_s: time constant of the noise
+    estimate. first, least: initial and smallest noise, in distances between the eyes. rate_common: `common` grows with this power
+    of the frame rate above 30 Hz, because each picture then shows another measurement and its step is seen.
+    """
+
+    motions: tuple[Motion, ...] = (Motion(1.0, 1.0), Motion(4.7, 1.0), Motion(85.0, 0.45), Motion(1200.0, 0.31))
+    wander: float = 1e-7
+    stay_s: float = 0.7
+    common: float = 2.1
+    caution: float = 0.34
+    half_band: float = 4.5
+    speed_band: float = 9.0
+    noise_s: float = 2.6
+    first: float = 1.5e-3
+    least: float = 1e-3
+    rate_common: float = 0.4
+
+
+@attrs.define
+class _Model:
+    """State of one model: position and velocity (px, px/s) along both axes, one covariance for both axes, and its weight."""
+
+    motion: Motion | None  # None: the model of rest
+    x: float
+    y: float
+    u: float
+    v: float
+    a: float
+    b: float
+    c: float
+    share: float
+
+
+class Extrapolation:
+    """Corrects velocities by what has improved predictions. All in px; a new run of the filter needs a new one.
+
+    At constant acceleration a, the mean velocity over the next h seconds is v + a h / 2. Reaches and swaying follow that. A nod
+    turns within a tenth of a second: there an acceleration carries too far, and over a long delay a velocity does, too. So the
+    shares of both that are used are least-squares factors, measured over the delay that predictions cover: of velocity between
+    where the head went and where the velocity pointed, of acceleration between what that missed and what acceleration would
+    have added. loop_s: delay of camera and display.
+    """
+
+    def __init__(self, loop_s: float) -> None:
+        self._horizon_ns = round((FRAME_S + loop_s) * 1e9)
+        self._velocity = self._acceleration = (0.0, 0.0)
+        self._lines: deque[tuple[int, Pair, Pair, Pair]] = deque()  # stamp, position, velocity, acceleration
+        self._moved = self._pointed = UNPROVEN
+        self._gained = self._bent = 0.0
+
+    def corrected(self, t_ns: int, dt_s: float, position: Pair, velocity: Pair, measured: Pair, apart_px: float) -> Pair:
+        """The velocity to predict with from t_ns on.
+
+        position, velocity: estimates at t_ns, px and px/s. measured: the eyes' midpoint at t_ns, px. dt_s: since the last one.
+        """
+        share = dt_s / (dt_s + SMOOTH_S)
+        (ax, ay), (ux, uy) = self._acceleration, self._velocity
+        ax += share * ((velocity[0] - ux) / dt_s - ax)
+        ay += share * ((velocity[1] - uy) / dt_s - ay)
+        keep = math.exp(-dt_s / MEMORY_S)
+        self._moved, self._pointed = UNPROVEN + keep * (self._moved - UNPROVEN), UNPROVEN + keep * (self._pointed - UNPROVEN)
+        self._gained, self._bent = keep * self._gained, keep * self._bent
+        while self._lines and t_ns - self._lines[0][0] > self._horizon_ns:
+            self._score(t_ns, measured, apart_px * apart_px)
+        self._velocity, self._acceleration = velocity, (ax, ay)
+        self._lines.append((t_ns, position, velocity, (ax, ay)))
+        speed = self._share()
+        ahead_s = self._horizon_ns / 2e9 * min(max(self._gained / (self._bent + NOTHING), 0.0), 1.0)
+        return speed * velocity[0] + ahead_s * ax, speed * velocity[1] + ahead_s * ay
+
+    def _share(self) -> float:
+        return min(max(self._moved / self._pointed, 0.0), 1.0)
+
+    def _score(self, t_ns: int, measured: Pair, unit: float) -> None:
+        """Compares the oldest line with the measurement that it predicted. unit: squared px of one distance between the eyes."""
+        began_ns, (x, y), (u, v), (ax, ay) = self._lines.popleft()
+        ahead_s, share = (t_ns - began_ns) / 1e9, self._share()
+        dx, dy, px, py = measured[0] - x, measured[1] - y, u * ahead_s, v * ahead_s
+        pointed, moved = (px * px + py * py) / unit, (dx * px + dy * py) / unit
+        weight = 1 / (1 + pointed / MOST_MOVED) ** 2
+        self._pointed += weight * pointed
+        self._moved += weight * min(max(moved, -MOST_GAINED * pointed), MOST_GAINED * pointed)
+        bend = ahead_s * ahead_s / 2
+        dx, dy, px, py = dx - share * px, dy - share * py, ax * bend, ay * bend
+        bent, gained = (px * px + py * py) / unit, (dx * px + dy * py) / unit
+        weight = 1 / (1 + bent / MOST_BENT) ** 2
+        self._bent += weight * bent
+        self._gained += weight * min(max(gained, -MOST_GAINED * bent), MOST_GAINED * bent)
+
+
+class Predictive(Filter):
+    """See the module. All arithmetic uses plain numbers: numpy's overhead would dominate for so few.
+
+    loop_s: delay of camera and display that predictions must cover.
+    """
+
+    def __init__(self, tuning: Tuning | None = None, loop_s: float = 0.0) -> None:
+        self._tuning, self._loop_s = tuning or Tuning(), loop_s
+        super().__init__()
+
+    def _start(self, t_ns: int, measured: Points) -> None:
+        (lx, ly), (rx, ry) = measured.tolist()
+        half = (lx - rx) / 2, (ly - ry) / 2
+        apart = max(2 * math.hypot(*half), 1.0)
+        self._halves, self._half = [half], half
+        self._noise = (self._tuning.first * apart) ** 2  # variance of the half distance, px^2
+        spread = self._noise * self._tuning.common**2
+        x, y = (lx + rx) / 2, (ly + ry) / 2
+        fast = (FIRST_SPEED * apart) ** 2
+        motions = (None, *self._tuning.motions)
+        self._models = [
+            _Model(motion, x, y, 0.0, 0.0, spread, 0.0, fast if motion else 0.0, 1 / len(motions)) for motion in motions
+        ]
+        self._extrapolation = Extrapolation(self._loop_s)
+        self._held: Pair | None = None
+        self._used_ns = t_ns
+
+    def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
+        (lx, ly), (rx, ry) = measured.tolist()
+        x, y = (lx + rx) / 2, (ly + ry) / 2
+        (plx, ply), (prx, pry) = self._position.tolist()
+        u, v = self._velocity[0].tolist()
+        px, py = u * dt_s, v * dt_s
+        used_s = (t_ns - self._used_ns) / 1e9
+        off = max(math.hypot(lx - plx - px, ly - ply - py), math.hypot(rx - prx - px, ry - pry - py))
+        apart = max(2 * math.hypot(*self._half), 1.0)
+        if off > (STEP + STEP_S2 * used_s * used_s) * apart and not self._confirmed(
+            x, y, (plx + prx) / 2 + px, (ply + pry) / 2 + py
+        ):
+            self._held = x, y
+            return self._position + self._velocity * dt_s, self._velocity
+        self._held, self._used_ns = None, t_ns
+        half = (lx - rx) / 2, (ly - ry) / 2
+        apart = max(2 * math.hypot(*half), 1.0)
+        self._measure_noise(half, apart, used_s)
+        self._update(x, y, apart, used_s)
+        self._follow_half(half)
+        mx = my = u = v = 0.0
+        for model in self._models:
+            share, motion = model.share, model.motion
+            mx, my = mx + share * model.x, my + share * model.y
+            if motion is not None:
+                share *= motion.trust
+                u, v = u + share * model.u, v + share * model.v
+        band = (30 * self._tuning.speed_band) ** 2 * self._noise  # a smaller speed may be noise
+        fast = (u * u + v * v) / max(u * u + v * v + band, 1e-300)
+        u, v = self._extrapolation.corrected(t_ns, used_s, (mx, my), (fast * u, fast * v), (x, y), apart)
+        hx, hy = self._half
+        return np.array(((mx + hx, my + hy), (mx - hx, my - hy))), np.array(((u, v), (u, v)))
+
+    def _confirmed(self, x: float, y: float, ahead_x: float, ahead_y: float) -> bool:
+        """Whether a step that no head makes is one, because the frame before showed it already: a landmark is wrong only once."""
+        if self._held is None:
+            return False
+        return math.hypot(x - self._held[0], y - self._held[1]) < math.hypot(x - ahead_x, y - ahead_y)
+
+    def _measure_noise(self, half: Pair, apart: float, dt_s: float) -> None:
+        """The variance of a third difference is 20 times that of its input. A glitch counts as at most three standard
+        deviations."""
+        halves = self._halves
+        halves.append(half)
+        if len(halves) < 4:
+            return
+        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = halves
+        del halves[0]
+        variance = ((x3 - 3 * x2 + 3 * x1 - x0) ** 2 + (y3 - 3 * y2 + 3 * y1 - y0) ** 2) / 40
+        self._noise += (min(variance, 9 * self._noise) - self._noise) * min(dt_s / self._tuning.noise_s, 1.0)
+        self._noise = max(self._noise, (self._tuning.least * apart) ** 2)
+
+    def _update(self, x: float, y: float, apart: float, dt_s: float) -> None:
+        """One cycle of the models: mix, predict, compare with the point (x, y) between the eyes, and update the weights.
+
+        Moments are taken about the measurement, so that the mixture of each model follows from common sums.
+        """
+        tuning, models = self._tuning, self._models
+        count = len(models)
+        noise = self._noise * tuning.common**2 * max(1 / (RATE_HZ * dt_s), 1.0) ** (2 * tuning.rate_common)
+        stay = math.exp(-dt_s / tuning.stay_s)
+        leave = (1 - stay) / (count - 1)
+        extra = stay - leave
+        total = sx = sy = su = sv = sa = sb = sc = 0.0
+        for model in models:
+            share, dx, dy, u, v = model.share, model.x - x, model.y - y, model.u, model.v
+            model.x, model.y = dx, dy
+            model.a += (dx * dx + dy * dy) / 2
+            model.b += (dx * u + dy * v) / 2
+            model.c += (u * u + v * v) / 2
+            total, sx, sy, su, sv = total + share, sx + share * dx, sy + share * dy, su + share * u, sv + share * v
+            sa, sb, sc = sa + share * model.a, sb + share * model.b, sc + share * model.c
+        logs, best = [], -math.inf
+        for model in models:
+            own = extra * model.share
+            prior = leave * total + own
+            dx, dy = (leave * sx + own * model.x) / prior, (leave * sy + own * model.y) / prior
+            u, v = (leave * su + own * model.u) / prior, (leave * sv + own * model.v) / prior
+            a = max((leave * sa + own * model.a) / prior - (dx * dx + dy * dy) / 2, 0.0)
+            b = (leave * sb + own * model.b) / prior - (dx * u + dy * v) / 2
+            c = max((leave * sc + own * model.c) / prior - (u * u + v * v) / 2, 0.0)
+            if model.motion is None:
+                u = v = b = c = 0.0
+                a += tuning.wander * apart**2 * dt_s
+            else:  # white acceleration of density q, exactly
+                q = model.motion.acceleration * apart**2
+                dx, dy = dx + u * dt_s, dy + v * dt_s
+                a += dt_s * (2 * b + dt_s * (c + q * dt_s / 3))
+                b += dt_s * (c + q * dt_s / 2)
+                c += q * dt_s
+            a = max(a, 0.0)
+            spread = a + noise
+            log = -tuning.caution * ((dx * dx + dy * dy) / (2 * spread) + math.log(spread))
+            best = max(best, log)
+            logs.append((prior, log))
+            to_speed, kept = b / spread, noise / spread
+            model.x, model.y = x + dx * kept, y + dy * kept
+            model.u, model.v = u - to_speed * dx, v - to_speed * dy
+            model.a, model.b, model.c = a * kept, b * kept, max(c - to_speed * b, 0.0)
+        total = 0.0
+        for model, (prior, log) in zip(models, logs, strict=True):
+            model.share = prior * math.exp(max(log - best, -60.0))
+            total += model.share
+        for model in models:
+            model.share /= total
+
+    def _follow_half(self, half: Pair) -> None:
+        """Passes large changes of the half distance unchanged, and attenuates changes within its noise band."""
+        dx, dy = half[0] - self._half[0], half[1] - self._half[1]
+        off = dx * dx + dy * dy
+        share = off / max(off + self._noise * self._tuning.half_band**2, 1e-300)
+        self._half = self._half[0] + share * dx, self._half[1] + share * dy
 
 
 def make_filter(track: Track, loop_s: float = 0.0) -> EyeFilter:
-    """Returns a new filter of the name in track. loop_s: delay of camera and display that predictions must cover."""
-    if track.filter == "mean":
-        return Mean(track.mean_k)
-    if track.filter == "one-euro":
-        return OneEuro(1.0, 2.0, 4.0)
-    if track.filter == "kalman":
-        return Kalman(1e4)
+    """A new filter of the name in track. loop_s: delay of camera and display that predictions must cover."""
     name: str = track.filter
     if name == "predictive":
         return Predictive(loop_s=loop_s)
-    made: EyeFilter = load(FILTERS, name)(track, loop_s)
-    return made
+    if name == "mean":
+        return Mean(track.mean_k)
+    if name == "one-euro":
+        return OneEuro(1.0, 2.0, 4.0)
+    if name == "kalman":
+        return Kalman(1e4)
+    plugin: EyeFilter = load(FILTERS, name)(track, loop_s)
+    return plugin

@@ -1,4 +1,4 @@
-"""The points of the face mesh around the eyes.
+"""The points of the face mesh around the eyes, and the irises by MediaPipe's iris network (arXiv:2006.11341).
 
 The 468 points, and the 5 + 5 of the iris that follow them when refined, are those of MediaPipe's canonical face model.
 """
@@ -6,10 +6,12 @@ The 468 points, and the 5 + 5 of the iris that follow them when refined, are tho
 import math
 
 import attrs
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.eyes import HEAD_POINTS
+from lfpipe.track.network import Network, Warp, around, fill, model_file, warp
 
 # The 16 points of each eyelid contour. The viewer's own left eye: at larger x in an unmirrored picture.
 LEFT_EYE = np.array([263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466])
@@ -21,6 +23,9 @@ FRONTAL = 0.12  # of `turn`: a head turned by about 7 degrees, whose eyes appear
 EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the face
 
 EYE_LINE = (33, 263)  # outer corners of the eyes, right to left: defines the rotation of a face's region
+IRIS_PX = 64  # side of the crop
+_IRIS_SCALE = 2.3  # width of the crop in distances between the eye's corners
+_CORNERS = ((362, 263), (33, 133))  # inner and outer of the viewer's left eye, outer and inner of the right: both left to right
 _LIDS = 9  # corners and lower lid: the first of LEFT_EYE and RIGHT_EYE. A blink moves the upper lid by a third of an eye
 _KEY = np.concatenate([LEFT_EYE[:_LIDS], RIGHT_EYE[:_LIDS], EYE_LINE, HEAD_POINTS])
 _HEAD = 2 * _LIDS + len(EYE_LINE)  # index of the first of HEAD_POINTS in _KEY
@@ -88,3 +93,32 @@ def box(points: NDArray[np.floating]) -> tuple[float, float, float, float]:
     """Upright box around points (n, 2 or 3): (x0, y0, x1, y1)."""
     (x0, y0), (x1, y1) = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     return float(x0), float(y0), float(x1), float(y1)
+
+
+class Irises:
+    """Raises UserError if the network is missing or has another version."""
+
+    def __init__(self, warp: Warp = warp) -> None:
+        self._warp = warp
+        self._network = Network(model_file("modules/iris_landmark/iris_landmark.tflite"), (1, IRIS_PX, IRIS_PX, 3), (15,))
+        self.model = self._network.name
+
+    def find(self, image: NDArray[np.uint8], points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Irises in px of image, uint8 (h, w, 3) BGR. points: (468, 2) px of the face mesh.
+
+        Returns (2, 5, 2), left first: the centre and four points around it, as for `landmarks.iris_diameter`.
+        """
+        out = np.empty((2, 5, 2))
+        for eye, (start, end) in enumerate(_CORNERS):
+            middle, reach = (points[start] + points[end]) / 2, np.abs(points[end] - points[start]).max() / 2
+            corners = (*(middle - reach), *(middle + reach))
+            roi = around(corners, points[start], points[end], _IRIS_SCALE)
+            crop = roi.crop(image, IRIS_PX, cv2.BORDER_REPLICATE, self._warp)
+            # the network knows only right eyes, so the left one is mirrored
+            crop = crop if eye else np.ascontiguousarray(crop[:, ::-1])
+            fill(self._network.input, crop, 0.0, 1.0)
+            found = self._network.run()[0].reshape(5, 3)[:, :2].astype(np.float64)
+            if not eye:
+                found[:, 0] = IRIS_PX - found[:, 0]
+            out[eye] = roi.to_picture(found, IRIS_PX)
+        return out

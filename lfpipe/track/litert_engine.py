@@ -1,26 +1,23 @@
 """Engine "litert": MediaPipe's landmark network run in this thread, on a region of interest that follows the face.
 
 The same network and regions as the FaceMesh graph, without its scheduler. A detector runs for the first face, after a loss, and
-about once a second in addition. FaceMesh takes the face with the highest score; this engine takes the viewer's (`selector.py`).
+about once a second in addition. FaceMesh takes the face with the highest score; this engine takes the viewer's (`FaceSelector`).
 If the landmark network rejects a candidate, it tries the next.
 """
 
 import logging
 import math
+from collections import Counter
 
 import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.track.detector import FULL, Detection, Detector
+from lfpipe.track.detector import FULL, Detection, Detector, FaceSelector
 from lfpipe.track.engine import Face
-from lfpipe.track.iris import Irises
-from lfpipe.track.landmarks import FRONTAL, TURN, eye_points, iris_diameter, turn
-from lfpipe.track.network import Network, model_file
-from lfpipe.track.picture import as_bgr8
-from lfpipe.track.roi import Roi, around, fill, portable_warp, warp
-from lfpipe.track.selector import FaceSelector
+from lfpipe.track.landmarks import FRONTAL, TURN, Irises, eye_points, iris_diameter, turn
+from lfpipe.track.network import Network, Roi, around, fill, model_file, portable_warp, warp
 
 SIZE_PX = 192
 POINTS = 468
@@ -36,9 +33,7 @@ FAR_EVERY = 8  # pictures without a face between runs of the full-range detector
 UPRIGHT_DEG = 80.0  # no head leans further; such a face is in a rotated picture
 LEANING_DEG, REPEATS = 30.0, 4  # a new face that leans further is measured again, at most REPEATS times
 QUARTERS = (math.pi, math.pi / 2, -math.pi / 2)
-SURER = (
-    5.0  # logits by which a face is surer in the region turned by quarters: upside down by 11 to 32, behind a mask by up to 4.3
-)
+SURER = 5.0  # logits by which a face is surer in a region turned by quarters: upside down by 11 to 32, behind a mask by up to 4.3
 ROTATED_FACES = 3  # number of rotated faces before the hint appears
 
 log = logging.getLogger(__name__)
@@ -51,6 +46,11 @@ class Measured:
     face: Face
     region: Roi
     logit: float
+
+    @property
+    def upright(self) -> bool:
+        """False for a face that leans further than a head can: the picture is rotated."""
+        return abs(self.face.lean_deg) <= UPRIGHT_DEG
 
 
 class LitertEngine:
@@ -71,7 +71,7 @@ class LitertEngine:
         self._irises = Irises(self._warp) if refine else None
         self.model = self._network.name + (f" + {self._irises.model}" if self._irises else "")
         self.rotated_deg = 0
-        self._rotated: dict[int, int] = {}  # rotation -> number of faces
+        self._rotated: Counter[int] = Counter()  # rotation in degrees
         self._size: tuple[int, ...] = ()
         self.reset()
 
@@ -85,14 +85,12 @@ class LitertEngine:
         self.reset()
 
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
-        """See Engine.detect; also takes grey, BGRA and 16-bit pictures. Raises UserError for other arrays."""
-        bgr = as_bgr8(image)
-        if bgr.shape[:2] != self._size:  # regions in px of another size are invalid
-            self._size = bgr.shape[:2]
+        if image.shape[:2] != self._size:  # regions in px of another size are invalid
+            self._size = image.shape[:2]
             self.reset()
-        measured = self._measure(bgr, self._roi, KEPT) if self._roi else None
-        if measured is None or abs(measured.face.lean_deg) > UPRIGHT_DEG:
-            measured = self._search(bgr)
+        measured = self._measure(image, self._roi, KEPT) if self._roi else None
+        if measured is None or not measured.upright:
+            measured = self._search(image)
         if measured is None:
             self._followed = self._roi = None
             self._without += 1
@@ -106,53 +104,49 @@ class LitertEngine:
         """See Engine.examine. If another face should be followed, that starts with the next picture."""
         if self._followed is None or not self._selector.due:
             return
-        bgr, followed = as_bgr8(image), self._followed
-        height_px, width_px = bgr.shape[:2]
-        candidates = self._near.detect(bgr)
+        followed = self._followed
+        height_px, width_px = image.shape[:2]
+        candidates = self._near.detect(image)
         if followed.apart_px < SMALL * max(width_px, height_px):
-            candidates += self._far_detector.detect(bgr)
+            candidates += self._far_detector.detect(image)
         rival = self._selector.rival(candidates, followed.box_px, width_px, height_px)
-        if rival is not None and (measured := self._acquire(bgr, _region(rival), FOUND)) is not None:
+        measured = self._acquire(image, _region(rival), FOUND) if rival else None
+        if measured is not None and measured.upright:
             log.info("another face is followed: %s instead of %s", measured.face.box_px, followed.box_px)
             self._roi = measured.region
             self._selector.change(measured.face.box_px)
 
-    def _search(self, bgr: NDArray[np.uint8]) -> Measured | None:
+    def _search(self, image: NDArray[np.uint8]) -> Measured | None:
         """Searches the whole picture for a face."""
-        height_px, width_px = bgr.shape[:2]
-        looks = [(FOUND, self._near.detect(bgr))]
+        height_px, width_px = image.shape[:2]
+        looks = [(FOUND, self._near.detect(image))]
         if self._without % FAR_EVERY == FAR_EVERY - 1:
-            looks.append((FOUND_FAR, self._look_far(bgr)))
+            looks.append((FOUND_FAR, self._look_far(image)))
         elif self._without % FAR_EVERY == FAR_EVERY // 2:
-            self._look_rotated(bgr)
+            self._look_rotated(image)
         for least, candidates in looks:
             for candidate in self._selector.rank(candidates, width_px, height_px)[:CANDIDATES]:
-                if measured := self._acquire(bgr, _region(candidate), least):
+                measured = self._acquire(image, _region(candidate), least)
+                if measured is not None and measured.upright:
                     return measured
+                self._count_rotated(measured)
         return None
 
-    def _acquire(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Measured | None:
+    def _acquire(self, image: NDArray[np.uint8], roi: Roi, least: float) -> Measured | None:
         """Measures a new face in roi. A leaning face is measured again until its own region is found. The detector often takes an
         upside-down face for an upright one, but the landmark network is surer in the rotated region."""
-        measured = self._measure(bgr, roi, least)
+        measured = self._measure(image, roi, least)
         for _ in range(REPEATS):
             if measured is None or abs(measured.face.lean_deg) < LEANING_DEG:
                 break
-            measured = self._measure(bgr, measured.region, KEPT)
-        if measured is None:
-            return None
-        if abs(measured.face.lean_deg) > UPRIGHT_DEG:
-            self._count_rotated(measured)
-            return None
-        region = measured.region
-        sure = self._run(bgr, region)[1]
-        turned = [attrs.evolve(region, angle=region.angle + angle) for angle in QUARTERS]
-        logit, surest = max(((self._run(bgr, roi)[1], roi) for roi in turned), key=lambda each: each[0])
-        if logit > sure + SURER and (rotated := self._measure(bgr, surest, FOUND)) is not None:
-            self._count_rotated(rotated)
-            if abs(rotated.face.lean_deg) > UPRIGHT_DEG:
-                return None
-        return measured
+            measured = self._measure(image, measured.region, KEPT)
+        if measured is None or not measured.upright:
+            return measured
+        turned = [attrs.evolve(measured.region, angle=measured.region.angle + angle) for angle in QUARTERS]
+        (_, sure), *logits = (self._run(image, region) for region in (measured.region, *turned))
+        logit, surest = max(zip((logit for _, logit in logits), turned, strict=True), key=lambda pair: pair[0])
+        rotated = self._measure(image, surest, FOUND) if logit > sure + SURER else None
+        return measured if rotated is None or rotated.upright else rotated
 
     @property
     def _far_detector(self) -> Detector:
@@ -160,36 +154,35 @@ class LitertEngine:
             self._far = Detector(FULL, self._warp)
         return self._far
 
-    def _look_far(self, bgr: NDArray[np.uint8]) -> list[Detection]:
+    def _look_far(self, image: NDArray[np.uint8]) -> list[Detection]:
         """Searches small faces, alternately in the whole picture and, enlarged, in one of three parts that cover its width."""
-        height_px, width_px = bgr.shape[:2]
+        height_px, width_px = image.shape[:2]
         part = self._without // FAR_EVERY % 4
         if part == 0:
-            return self._far_detector.detect(bgr)
+            return self._far_detector.detect(image)
         side_px = 0.6 * max(width_px, height_px)
         x_px, y_px = (min(max(share * length, side_px / 2), max(length - side_px / 2, length / 2)) for share, length in
                       (((0.5, 0.0, 1.0)[part - 1], width_px), (0.4, height_px)))  # fmt: skip
-        return self._far_detector.detect(bgr, Roi(x_px, y_px, side_px, 0.0))
+        return self._far_detector.detect(image, Roi(x_px, y_px, side_px, 0.0))
 
-    def _look_rotated(self, bgr: NDArray[np.uint8]) -> None:
+    def _look_rotated(self, image: NDArray[np.uint8]) -> None:
         """Counts faces that are upside down or sideways; the detector misses many of them unless the picture is rotated."""
-        height_px, width_px = bgr.shape[:2]
+        height_px, width_px = image.shape[:2]
         angle = QUARTERS[self._without // FAR_EVERY % 3]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), angle)
-        for candidate in self._near.detect(bgr, whole)[:1]:
-            if measured := self._measure(bgr, _region(candidate), FOUND):
-                self._count_rotated(measured)
+        for candidate in self._near.detect(image, whole)[:1]:
+            self._count_rotated(self._measure(image, _region(candidate), FOUND))
 
-    def _run(self, bgr: NDArray[np.uint8], roi: Roi) -> tuple[NDArray[np.float32], float]:
+    def _run(self, image: NDArray[np.uint8], roi: Roi) -> tuple[NDArray[np.float32], float]:
         """Returns the network's points in px of the crop, flat, and the logit of its confidence."""
-        crop = roi.crop(bgr, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
+        crop = roi.crop(image, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
         fill(self._network.input, crop, 0.0, 1.0)
         values, logit = self._network.run()
         return values, float(logit[0])
 
-    def _measure(self, bgr: NDArray[np.uint8], roi: Roi, least: float) -> Measured | None:
+    def _measure(self, image: NDArray[np.uint8], roi: Roi, least: float) -> Measured | None:
         """Measures the face in roi, however it leans. least: the required confidence."""
-        values, logit = self._run(bgr, roi)
+        values, logit = self._run(image, roi)
         confidence = 1 / (1 + math.exp(-min(max(logit, -80.0), 80.0)))
         if confidence < least:
             return None
@@ -208,30 +201,29 @@ class LitertEngine:
         eyes_px = np.array(((lx + x, ly + y), (rx + x, ry + y)))
         iris_px = 0.0
         if self._irises is not None:
-            eyes_px, iris_px = self._refined(self._irises, bgr, points.T + matrix[:, 2], eyes_px, eyes.apart)
+            eyes_px, iris_px = self._refined(self._irises, image, points.T + matrix[:, 2], eyes_px, eyes.apart)
         return Measured(Face(eyes_px, confidence, edges, iris_px, eyes.apart, lean_deg, head_px), region, logit)
 
     @staticmethod
     def _refined(
-        irises: Irises, bgr: NDArray[np.uint8], mesh_px: NDArray[np.float64], lids_px: NDArray[np.float64], apart_px: float
+        irises: Irises, image: NDArray[np.uint8], mesh_px: NDArray[np.float64], lids_px: NDArray[np.float64], apart_px: float
     ) -> tuple[NDArray[np.float64], float]:
         """(eyes, diameter of the irises), both in px: those of the irises where they are seen, else lids_px and 0."""
-        found = irises.find(bgr, mesh_px)
+        found = irises.find(image, mesh_px)
         off = (found[:, 0] - lids_px) / max(apart_px, 1.0)
         if float(np.hypot(*(off[0] - off[1]))) > APART or float(np.abs(off).max()) > ASIDE:
             return lids_px, 0.0
         frontal = abs(turn(mesh_px[list(TURN)])) <= FRONTAL
         return found[:, 0], iris_diameter(found) if frontal else 0.0
 
-    def _count_rotated(self, measured: Measured) -> None:
-        """Counts a face that leans further than a head can: the picture may be rotated. The most frequent one is the hint."""
-        if abs(measured.face.lean_deg) <= UPRIGHT_DEG:
+    def _count_rotated(self, measured: Measured | None) -> None:
+        """Counts a face that is not upright. The most frequent rotation is the hint."""
+        if measured is None or measured.upright:
             return
-        turned = round(-measured.face.lean_deg / 90) * 90 % 360
-        self._rotated[turned] = self._rotated.get(turned, 0) + 1
-        if not self.rotated_deg and sum(self._rotated.values()) >= ROTATED_FACES:
-            self.rotated_deg = max(self._rotated, key=lambda each: self._rotated[each])
-            log.info("faces are rotated: %s", self._rotated)
+        self._rotated[round(-measured.face.lean_deg / 90) * 90 % 360] += 1
+        if not self.rotated_deg and self._rotated.total() >= ROTATED_FACES:
+            ((self.rotated_deg, _),) = self._rotated.most_common(1)
+            log.info("faces are rotated: %s", dict(self._rotated))
 
 
 def _region(face: Detection) -> Roi:

@@ -25,7 +25,6 @@ from lfpipe.track.landmarks import (
     iris_diameter,
     turn,
 )
-from lfpipe.track.picture import as_bgr8
 
 _BLANK = np.zeros((64, 64, 3), np.uint8)
 
@@ -63,14 +62,12 @@ class MediapipeEngine:
             self._mesh.process(_BLANK)
 
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
-        """See Engine.detect; also takes grey, BGRA and 16-bit pictures. Raises UserError for other arrays."""
-        bgr = as_bgr8(image)
         with quiet_stderr() if self._noisy else contextlib.nullcontext():
-            found = self._mesh.process(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)).multi_face_landmarks
+            found = self._mesh.process(cv2.cvtColor(image, cv2.COLOR_BGR2RGB)).multi_face_landmarks
         if not found:
             return None
         self._noisy = False
-        height_px, width_px = bgr.shape[:2]
+        height_px, width_px = image.shape[:2]
         marks = found[0].landmark  # each access calls protobuf: reading all 468 would take 0.4 ms
         eyes, edges = (
             np.array([[(marks[j].x, marks[j].y) for j in part] for part in parts]) * (width_px, height_px)

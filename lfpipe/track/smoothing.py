@@ -1,4 +1,4 @@
-"""Smoothing and prediction of the eye positions: common parts of the filters, the paper's mean, and One-Euro.
+"""Smoothing and prediction of the eye positions: what all filters share, and those for comparison: mean, One-Euro, Kalman.
 
 No filter reads a clock. Stamps are subtracted as integers before conversion to float, so no precision is lost on a machine that
 has been up for years. Speeds are in distances between the eyes per second: a near head moves by more pixels, and the noise of its
@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from typing import Protocol
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -120,6 +121,61 @@ class OneEuro(Filter):
         self._last = measured
         cutoff_hz = self._min_cutoff_hz + self._beta * speed(self._slope, measured)
         return blended(self._position, measured, weight(cutoff_hz, dt_s)), np.zeros((2, 2))
+
+
+@attrs.frozen
+class Covariance:
+    """Covariance [[a, b], [b, c]] of (position, velocity), stored with its determinant.
+
+    Both steps are the exact ones for white acceleration (Bar-Shalom, Li, Kirubarajan 2001, section 6.2.2), rearranged so that
+    they only add, multiply and divide non-negative numbers. Nothing cancels, so every entry keeps nearly all of its digits, and
+    the matrix stays symmetric and positive semi-definite. (The Joseph form loses digits of c.) b >= 0 holds if the start is
+    diagonal.
+    """
+
+    a: float
+    b: float
+    c: float
+    det: float
+
+    def ahead(self, dt_s: float, q: float) -> "Covariance":
+        """After dt_s >= 0 under acceleration noise of density q."""
+        a, b, c, d = self.a, self.b, self.c, dt_s
+        return Covariance(
+            a + d * (2 * b + d * (c + q * d / 3)),
+            b + d * (c + q * d / 2),
+            c + q * d,
+            self.det + q * d * (a + d * (b + d * (c / 3 + q * d / 12))),
+        )
+
+    def measured(self, r: float) -> tuple["Covariance", float, float]:
+        """After a measurement of the position with variance r > 0; also the gains for position and velocity."""
+        s = self.a + r
+        kept = r / s
+        return Covariance(self.a * kept, self.b * kept, (self.det + self.c * r) / s, self.det * kept), self.a / s, self.b / s
+
+
+class Kalman(Filter):
+    """Constant-velocity model with one covariance for the four coordinates. Reports the estimated velocity.
+
+    agility: density of the acceleration noise divided by the variance of the measurement, 1/s^3. Only this ratio affects the
+    gains.
+    """
+
+    START_SPREAD = 1e6  # variance of the first velocity over that of a measurement, 1/s^2: covers all head motion
+
+    def __init__(self, agility: float) -> None:
+        self._agility = agility
+        super().__init__()
+
+    def _start(self, t_ns: int, measured: Points) -> None:
+        self._covariance = Covariance(1.0, 0.0, self.START_SPREAD, self.START_SPREAD)
+
+    def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
+        self._covariance, k_position, k_velocity = self._covariance.ahead(dt_s, self._agility).measured(1.0)
+        ahead = self._position + self._velocity * dt_s
+        surprise = measured - ahead
+        return ahead + k_position * surprise, self._velocity + k_velocity * surprise
 
 
 def weight(cutoff_hz: float, dt_s: float) -> float:

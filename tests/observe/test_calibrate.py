@@ -14,8 +14,8 @@ import pytest
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Camera
 from lfpipe.config.user_settings import write_key
-from lfpipe.track.calibration import FRAMES, EyeGauge
 from lfpipe.track.engine import Face
+from lfpipe.track.eye_distance import GAUGE_FRAMES, EyeGauge
 from tests.world import World
 from tests.xvfb_screen import Screen, outline
 
@@ -60,11 +60,11 @@ def test_a_viewer_who_moves_is_no_measure() -> None:
 
     gauge = EyeGauge()
     assert not gauge.full and not gauge.steady and gauge.median_px == 0
-    for k in range(FRAMES):
+    for k in range(GAUGE_FRAMES):
         gauge.add(face(60 + k % 2 * 0.5))
         gauge.add(None)
     assert gauge.full and gauge.steady and abs(gauge.median_px - 60) <= 0.5
-    for k in range(FRAMES):
+    for k in range(GAUGE_FRAMES):
         gauge.add(face(50 + k))
     assert gauge.full and not gauge.steady
 

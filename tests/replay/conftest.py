@@ -13,7 +13,7 @@ import pytest
 from lfpipe.capture.demo import EYE_DISTANCE_PX, FRAME_PX, PORTRAIT_EYES_PX, backdrop, demo_eyes_px
 from lfpipe.sequence.folder import TRUTH, begin_manifest, check_out, end_manifest, open_sequence
 from lfpipe.sequence.packets import PacketWriter
-from lfpipe.track.roi import portable_warp
+from lfpipe.track.network import portable_warp
 
 SIZE = (320, 240)
 RATE_HZ = 30.0

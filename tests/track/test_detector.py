@@ -4,9 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.track.detector import SHORT, anchors, overlap, suppressed
-from lfpipe.track.roi import Roi, around, portable_warp, warp
-from lfpipe.track.selector import same_place
+from lfpipe.track.detector import SHORT, anchors, overlap, same_place, suppressed
+from lfpipe.track.network import Roi, around, portable_warp, warp
 
 
 def test_anchors_are_two_on_each_cell_of_16_and_six_on_each_of_8() -> None:
@@ -18,10 +17,9 @@ def test_anchors_are_two_on_each_cell_of_16_and_six_on_each_of_8() -> None:
 
 
 def test_overlap_is_intersection_over_union() -> None:
-    a = np.array([0.0, 0.0, 2.0, 2.0])
-    others = np.array([a, [1.0, 0.0, 3.0, 2.0], [2.0, 2.0, 3.0, 3.0], [0.5, 0.5, 0.5, 0.5], [5.0, 5.0, 6.0, 6.0]])
-    np.testing.assert_allclose(overlap(a, others), [1, 1 / 3, 0, 0, 0])
-    assert overlap(others[3], others[3:4])[0] == 0  # no area, no overlap, no division by zero
+    a, others = (0.0, 0.0, 2.0, 2.0), [(0.0, 0.0, 2.0, 2.0), (1.0, 0.0, 3.0, 2.0), (2.0, 2.0, 3.0, 3.0), (0.5, 0.5, 0.5, 0.5)]
+    assert [overlap(a, other) for other in others] == pytest.approx([1, 1 / 3, 0, 0])
+    assert overlap(others[3], others[3]) == 0  # no area, no overlap, no division by zero
 
 
 def test_suppression_averages_by_score_and_keeps_the_best_score() -> None:

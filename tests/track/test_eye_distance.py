@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Track
 from lfpipe.config.camera_pose import EYES_MM
-from lfpipe.track.engine import Face
-from lfpipe.track.engines import make_engine
+from lfpipe.track.engine import Face, make_engine
 from lfpipe.track.eye_distance import IRIS_MM, PLAUSIBLE_MM, EyeDistance
 from lfpipe.track.landmarks import FRONTAL, iris_diameter, turn
 from tests.track.people import needs_mediapipe

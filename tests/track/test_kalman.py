@@ -6,7 +6,7 @@ from fractions import Fraction
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfpipe.track.kalman import Covariance
+from lfpipe.track.smoothing import Covariance
 
 NOISES = (1e-12, 1e-6, 1.0, 1e6, 1e12)
 STEPS_S = (1e-9, 1e-3, 1 / 30, 10.0, 1e6)

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Track
 from lfpipe.errors import UserError
-from lfpipe.track.engine import Face
-from lfpipe.track.engines import make_engine
+from lfpipe.track.engine import Face, make_engine
 from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.mediapipe_engine import MediapipeEngine
 from lfpipe.track.network import Network, model_file
@@ -135,27 +134,6 @@ def test_every_size_of_frame(engine: LitertEngine, placed: Placed, size: tuple[i
     assert apart(face.eyes_px) == pytest.approx(89 * 0.7 * factor, rel=0.08)
 
 
-def test_grey_deep_and_transparent_pictures_show_the_same_face(engine: LitertEngine, placed: Placed) -> None:
-    colour = placed((320, 200, 0.8))
-    plain = engine.detect(colour)
-    assert plain is not None
-    grey = cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
-    deep = colour.astype(np.uint16) * 257
-    for picture in (grey, grey[..., None], deep, cv2.cvtColor(colour, cv2.COLOR_BGR2BGRA), colour[:, ::-1][:, ::-1]):
-        engine.reset()
-        face = engine.detect(picture)  # type: ignore[arg-type]
-        assert face is not None
-        assert np.abs(face.eyes_px - plain.eyes_px).max() < 2.5
-
-
-@pytest.mark.parametrize(
-    ("shape", "kind"), [((0, 5, 3), np.uint8), ((9, 9, 2), np.uint8), ((9,), np.uint8), ((9, 9, 3), np.float32)]
-)
-def test_other_arrays_are_refused_by_name(engine: LitertEngine, shape: tuple[int, ...], kind: type) -> None:
-    with pytest.raises(UserError, match=r"shape \("):
-        engine.detect(np.zeros(shape, kind))
-
-
 def test_iris_refinement_stays_within_the_eye(placed: Placed) -> None:
     plain, refined = LitertEngine(), make_engine(Track(refine=True))
     picture = placed((320, 200, 0.8))
@@ -188,7 +166,7 @@ def test_broken_model_and_model_of_another_version_are_refused(tmp_path: Path) -
 def test_mediapipe_is_never_imported() -> None:
     """Its import takes longer than everything else of a start."""
     code = (
-        "import sys; from lfpipe.config import Track; from lfpipe.track.engines import make_engine;"
+        "import sys; from lfpipe.config import Track; from lfpipe.track.engine import make_engine;"
         "make_engine(Track()); print([m for m in ('mediapipe', 'matplotlib', 'scipy', 'jax') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

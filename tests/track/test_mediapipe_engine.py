@@ -4,15 +4,13 @@ import sys
 import types
 from collections.abc import Callable, Iterator
 
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
 from lfpipe.errors import UserError
-from lfpipe.track.engine import Engine
-from lfpipe.track.engines import make_engine
+from lfpipe.track.engine import Engine, make_engine
 from lfpipe.track.mediapipe_engine import MediapipeEngine
 
 pytest.importorskip("mediapipe", reason="mediapipe has no wheel for this Python or machine")
@@ -37,13 +35,6 @@ def test_finds_loses_and_finds_the_eyes(engine: Engine, placed: Placed, capfd: p
     assert engine.detect(np.zeros((1, 1, 3), np.uint8)) is None
     assert engine.detect(placed((200, 210, 0.8))) is not None
     assert capfd.readouterr().err == ""  # its graph would log at the start, at the first picture and at the first face
-
-
-def test_takes_grey_and_deep_pictures(engine: Engine, placed: Placed) -> None:
-    colour = placed((320, 200, 0.8))
-    for picture in (cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), colour.astype(np.uint16) * 257):
-        engine.reset()
-        assert engine.detect(picture) is not None  # type: ignore[arg-type]
 
 
 def test_version_without_facemesh_says_which_one_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
