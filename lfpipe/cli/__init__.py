@@ -4,6 +4,7 @@ import codecs
 import contextlib
 import difflib
 import errno
+import importlib
 import io
 import logging
 import os
@@ -13,22 +14,7 @@ from typing import NoReturn
 import click
 
 from lfpipe import __version__, host
-from lfpipe.cli.bench import bench
-from lfpipe.cli.calibrate import calibrate
-from lfpipe.cli.cameras import cameras
-from lfpipe.cli.config import config
-from lfpipe.cli.ctl import ctl
-from lfpipe.cli.doctor import doctor
-from lfpipe.cli.kiosk import kiosk
-from lfpipe.cli.models import models
-from lfpipe.cli.monitor import monitor
-from lfpipe.cli.record import record
-from lfpipe.cli.replay import replay
-from lfpipe.cli.scene import scene
-from lfpipe.cli.sequence import sequence
-from lfpipe.cli.sweep import sweep
-from lfpipe.cli.trace import trace
-from lfpipe.cli.up import up
+from lfpipe.cli import completions  # noqa: F401 - registers how bash completes
 from lfpipe.errors import UserError, shown
 from lfpipe.host.streams import protect
 from lfpipe.log import set_up
@@ -36,23 +22,54 @@ from lfpipe.log import set_up
 log = logging.getLogger(__name__)
 
 
-class Suggesting(click.Group):
-    """A group that suggests the closest command for an unknown one and lists its commands in order of use."""
+COMMANDS = {  # in order of use: the module of lfpipe.cli that has the command, and its line in the list of commands
+    "up": ("up", "Show a light field from where your eyes are."),
+    "monitor": ("sessions", "Show latency, rate, drops and load of a running session."),
+    "ctl": ("sessions", "Query and control a running session."),
+    "scene": ("scene", "Pack, list and inspect light fields."),
+    "cameras": ("machine", "List cameras with formats, sizes and rates."),
+    "calibrate": ("calibrate", "Measure the camera's focal length and store it."),
+    "doctor": ("machine", "Check this machine."),
+    "models": ("machine", "Fetch the face networks if mediapipe has no wheel here."),
+    "kiosk": ("kiosk", "Run an exhibition that starts with the desktop."),
+    "config": ("machine", "Write, show and check the configuration."),
+    "trace": ("sessions", "Record timelines of a running session for Perfetto."),
+    "record": ("record", "Record a camera to a new folder."),
+    "replay": ("replay", "Run a recorded sequence; compare with a reference."),
+    "sequence": ("sequence", "Inspect, cut, import and export recordings."),
+    "bench": ("bench", "Measure error against run time."),
+    "sweep": ("sweep", "Run replays, quality and benchmarks over a whole corpus."),
+    "completion": ("completions", "Print the completion script of a shell."),
+}
+
+
+class Commands(click.Group):
+    """The commands of COMMANDS. Each module is imported when its command runs; an unknown command gets the closest one named."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(self.commands)
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in COMMANDS:
+            return None
+        command: click.Command = getattr(importlib.import_module(f"lfpipe.cli.{COMMANDS[name][0]}"), name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
-            close = difflib.get_close_matches(args[0], self.list_commands(ctx), 1, 0.5)
+            close = difflib.get_close_matches(args[0], COMMANDS, 1, 0.5)
             hint = f" Did you mean {close[0]!r}?" if close else ""
             raise click.UsageError(error.message + hint, ctx) from None
 
 
 @click.group(
-    cls=Suggesting,
+    cls=Commands,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
@@ -71,44 +88,9 @@ def cli(context: click.Context, verbose: int) -> int | None:
 
     if not has_display():
         raise click.exceptions.NoArgsIsHelpError(context)
-    from lfpipe.cli.start import start
+    from lfpipe.cli.up import start
 
     return start()
-
-
-@click.command()
-@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def completion(shell: str) -> None:
-    """Print the completion script of a shell: eval "$(lfpipe completion bash)"."""
-    from click.shell_completion import get_completion_class
-
-    made = get_completion_class(shell)
-    assert made is not None
-    click.echo(made(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").source())
-
-
-COMMANDS = (  # in order of use, each with its line in the list of commands
-    (up, "Show a light field from where your eyes are."),
-    (monitor, "Show latency, rate, drops and load of a running session."),
-    (ctl, "Query and control a running session."),
-    (scene, "Pack, list and inspect light fields."),
-    (cameras, "List cameras with formats, sizes and rates."),
-    (calibrate, "Measure the camera's focal length and store it."),
-    (doctor, "Check this machine."),
-    (models, "Fetch the face networks if mediapipe has no wheel here."),
-    (kiosk, "Run an exhibition that starts with the desktop."),
-    (config, "Write, show and check the configuration."),
-    (trace, "Record timelines of a running session for Perfetto."),
-    (record, "Record a camera to a new folder."),
-    (replay, "Run a recorded sequence; compare with a reference."),
-    (sequence, "Inspect, cut, import and export recordings."),
-    (bench, "Measure error against run time."),
-    (sweep, "Run replays, quality and benchmarks over a whole corpus."),
-    (completion, "Print the completion script of a shell."),
-)
-for command, line in COMMANDS:
-    command.short_help = line
-    cli.add_command(command)
 
 
 def _path_bytes(error: UnicodeError) -> tuple[str | bytes, int]:

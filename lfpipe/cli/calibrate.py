@@ -1,17 +1,23 @@
 """`lfpipe calibrate`: measures the camera's focal length, on which true depth depends."""
 
-from __future__ import annotations
-
+import datetime
+import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from lfpipe.capture.open_source import camera_name
 from lfpipe.cli.options import with_camera, with_config
-
-if TYPE_CHECKING:
-    from lfpipe.config import Config
+from lfpipe.config import Config, load, user_file
+from lfpipe.config.camera_file import camera_file
+from lfpipe.config.camera_pose import EYES_MM
+from lfpipe.config.user_settings import write_key
+from lfpipe.errors import UserError
+from lfpipe.observe.calibrate import by_card, by_eyes
+from lfpipe.observe.loop_calibration import measure_loop
+from lfpipe.render.geometry import BANK_CARD_MM, focal_px_from
+from lfpipe.render.monitors import LoopConditions
 
 USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
 
@@ -41,16 +47,6 @@ def calibrate(
     --latency measures what camera and display add to the age of a picture: a window flickers for 10 to 20 s
     while the camera watches it. Turn the camera to the screen, or show it the screen in a hand mirror.
     """
-    import math
-
-    from lfpipe.capture.open_source import camera_name
-    from lfpipe.config import load, user_file
-    from lfpipe.config.camera_file import camera_file
-    from lfpipe.config.camera_pose import EYES_MM
-    from lfpipe.errors import UserError
-    from lfpipe.observe.calibrate import by_card, by_eyes
-    from lfpipe.render.geometry import BANK_CARD_MM, focal_px_from
-
     config = load(config_file, sets)
     name = camera_name(camera or config.camera.source)
     if latency:
@@ -80,12 +76,6 @@ def calibrate(
 
 def _latency(config: Config, camera: str | None, name: str) -> None:
     """Measures and stores render.loop_ms."""
-    import datetime
-
-    from lfpipe.config import user_file
-    from lfpipe.observe.loop_calibration import measure_loop
-    from lfpipe.render.monitors import LoopConditions
-
     found, monitor = measure_loop(config, camera)
     loop_ms = round(max(found.delay_ms, 0.0), 1)
     click.echo(f"total delay of camera and display: {loop_ms} ms (90 %: {found.low_ms:.1f} to {found.high_ms:.1f} ms)")
@@ -97,9 +87,6 @@ def _latency(config: Config, camera: str | None, name: str) -> None:
 
 def _store(path: Path, section: str, values: Mapping[str, float | str | None]) -> None:
     """Writes the values under [section] of path. Raises UserError."""
-    from lfpipe.config.user_settings import write_key
-    from lfpipe.errors import UserError
-
     try:
         for key, value in values.items():
             write_key(path, section, key, value)

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import click
-from click.shell_completion import BashComplete, CompletionItem, add_completion_class, split_arg_string
+from click.shell_completion import BashComplete, CompletionItem, add_completion_class, get_completion_class, split_arg_string
 
 BREAKS = "=:"  # bash treats the text after one of these as a separate word
 
@@ -116,3 +116,14 @@ class WholeWordBash(BashComplete):
 
 
 add_completion_class(WholeWordBash)
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the completion script of a shell: eval "$(lfpipe completion bash)"."""
+    from lfpipe.cli import cli
+
+    script = get_completion_class(shell)
+    assert script is not None
+    click.echo(script(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").source())

@@ -9,7 +9,12 @@ from pathlib import Path
 import click
 
 from lfpipe.cli import completions
+from lfpipe.config import user_file
+from lfpipe.config.session_options import check_code
 from lfpipe.errors import UserError
+from lfpipe.files.output import check_outputs, write_output
+from lfpipe.files.safe_files import read_text, reason, replaced
+from lfpipe.host.paths import exists
 
 AGAIN_S = 2.0  # pause between a failed session and the next
 CODE_BYTES = 256
@@ -39,9 +44,6 @@ def kiosk_code(file: Path | None) -> str:
 
     Raises UserError if there is none, or if it cannot be typed.
     """
-    from lfpipe.config.session_options import check_code
-    from lfpipe.files.safe_files import read_text
-
     if file is not None:
         code = read_text(file, CODE_BYTES, f"--code-file {file}", "name a file that holds the code").strip()
     elif not (code := os.environ.get(VARIABLE, "")):
@@ -85,11 +87,6 @@ def kiosk() -> None:
 def install(scenes: tuple[Path, ...], code_file: Path | None, visits: Path | None) -> None:
     """Write a systemd unit that shows SCENE in full screen when this user's desktop starts, and restarts it after any failure."""
     import platformdirs
-
-    from lfpipe.config import user_file
-    from lfpipe.files.output import check_outputs, write_output
-    from lfpipe.files.safe_files import reason, replaced
-    from lfpipe.host.paths import exists
 
     code = kiosk_code(code_file)
     if missing := [str(path) for path in scenes if not exists(path)]:

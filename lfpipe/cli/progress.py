@@ -3,15 +3,11 @@
 import shutil
 import sys
 import textwrap
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import click
-
-from lfpipe.host.paths import exists
 
 QUIET_S = 5.0
 Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
@@ -56,28 +52,3 @@ def _lines() -> Progress:
             click.echo(f"{what}: {done} of {total}", err=True)
 
     return report
-
-
-@contextmanager
-def growing_file(path: Path | None) -> Iterator[None]:
-    """Shows on a terminal the size of the file at path and the time elapsed."""
-    if path is None or not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-
-    ended, began = threading.Event(), time.monotonic()
-
-    def watch() -> None:
-        with Console(stderr=True).status("", refresh_per_second=2) as status:
-            while not ended.wait(0.5):
-                size_mb = path.stat().st_size / 1e6 if exists(path) else 0.0
-                status.update(f"{path.name}: {size_mb:.1f} MB after {time.monotonic() - began:.0f} s; Ctrl-C ends it")
-
-    watcher = threading.Thread(target=watch, name="growing-file", daemon=True)
-    watcher.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        watcher.join()

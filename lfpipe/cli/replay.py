@@ -94,7 +94,7 @@ def replay(
     config_file: str | None,
 ) -> int:
     """Run SEQ through the pipeline; exit code 0: as expected, 1: it differs, 2: bad input."""
-    from lfpipe.cli.scene_options import opened
+    from lfpipe.cli.scene import opened
     from lfpipe.replays import run
     from lfpipe.replays.compare import Comparison, check_reference, compare
     from lfpipe.replays.junit import cases_of, write_junit

@@ -1,14 +1,70 @@
 """`lfpipe scene`: packs, lists, inspects and plans light fields."""
 
+import json
 from pathlib import Path
 from typing import Any
 
+import attrs
 import click
+import cv2
+import numpy as np
+from numpy.typing import NDArray
 
-from lfpipe.cli.options import with_config
-from lfpipe.cli.scene_options import JSON, SCENE, check_picture, opened, scene_config, with_scene_options, write_picture
-from lfpipe.config.quality import METHODS
+from lfpipe.cli.options import JSON, SCENE, with_config, with_scene_options
+from lfpipe.cli.progress import filled, progress
+from lfpipe.config import Config, load, parse_set, updated
+from lfpipe.config.quality import METHODS, WARPS
+from lfpipe.errors import UserError
+from lfpipe.export.clip import check_clip, write_clip
+from lfpipe.export.scene_pictures import RATE_HZ, SWEEP_S, WIGGLE_S, SceneExport, pair_name, parse_tiles, quilt_name, stereo_file
+from lfpipe.files.output import check_output, marked_picture, write_output
 from lfpipe.host.paths import is_dir
+from lfpipe.render.plan import make_plan
+from lfpipe.render.single_view import render_view
+from lfpipe.scene.cache import cache_dir, packs, remove, sweep
+from lfpipe.scene.contact_sheet import contact_sheet, require_view_index
+from lfpipe.scene.info import describe_pack, lines
+from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.open_scene import make_from_video, open_scene, packed, scene_facts
+
+PICTURES = (".png", ".jpg", ".jpeg", ".jps")
+
+
+def scene_config(options: dict[str, Any]) -> Config:
+    """The configuration with the scene options applied. Raises UserError."""
+    config = load(options["config_file"], options["sets"])
+    chosen: dict[str, Any] = {f"scene.{key}": options[key] for key in ("layout", "grid", "flip") if options[key] is not None}
+    if options["force"]:
+        chosen["scene.force"] = True
+    if options["transpose"] is not None:
+        chosen["scene.transpose"] = "yes" if options["transpose"] else "no"
+    if options["gamma"] is not None:
+        chosen["scene.gamma"] = parse_set(f"scene.gamma={options['gamma']}")[1]
+    return updated(config, chosen)
+
+
+def opened(path: Path | None, config: Config) -> LightField:
+    """Opens the scene, or the demo; packs it first if necessary, with a progress bar. Raises UserError."""
+    with progress() as bar:
+        return open_scene(path, config.scene, bar)
+
+
+def check_picture(path: Path, scene: Path) -> None:
+    """Raises UserError if a command that reads scene must not write a picture to path. Called before any work."""
+    if path.suffix.lower() not in PICTURES:
+        raise UserError(f"{path}: not {', '.join(PICTURES[:-1])} or {PICTURES[-1]}", "for example view.png")
+    if is_dir(scene) and path.resolve().is_relative_to(scene.resolve()):
+        raise UserError(f"{path}: in the folder of the scene, which would count it as a view", "name a file in another folder")
+    check_output(path, [scene])
+
+
+def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Writes an RGB picture to a path that `check_picture` allows. Raises UserError."""
+
+    suffix = ".png" if path.suffix.lower() == ".png" else ".jpg"
+    _, data = cv2.imencode(suffix, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    write_output(path, marked_picture(data.tobytes()))
+    click.echo(path)
 
 
 @click.group()
@@ -22,10 +78,6 @@ def scene() -> None:
 @JSON
 def pack(path: Path, as_json: bool, **options: Any) -> None:
     """Pack SCENE into the cache, as `lfpipe up` does by itself."""
-    import json
-
-    from lfpipe.render.plan import make_plan
-
     config = scene_config(options)
     field = opened(path, config)
     if as_json:
@@ -41,11 +93,6 @@ def pack(path: Path, as_json: bool, **options: Any) -> None:
 @JSON
 def list_packs(config_file: str | None, sets: tuple[str, ...], as_json: bool) -> None:
     """List the packs in the cache."""
-    import json
-
-    from lfpipe.config import load
-    from lfpipe.scene.cache import cache_dir, packs
-
     config = load(config_file, sets).scene
     found = packs(config)
     if as_json:
@@ -65,10 +112,6 @@ def list_packs(config_file: str | None, sets: tuple[str, ...], as_json: bool) ->
 @with_config
 def clean(keys: tuple[str, ...], everything: bool, config_file: str | None, sets: tuple[str, ...]) -> None:
     """Remove packs by key or name. Without KEY, remove only leftovers of killed runs. Packs that a session shows are kept."""
-    from lfpipe.config import load
-    from lfpipe.errors import UserError
-    from lfpipe.scene.cache import packs, remove, sweep
-
     config = load(config_file, sets).scene
     found = packs(config)
     known = {word for folder, m, _ in found for word in (folder.name, m.get("name"), m.get("source"))}
@@ -89,13 +132,6 @@ def clean(keys: tuple[str, ...], everything: bool, config_file: str | None, sets
 @JSON
 def plan(path: Path, as_json: bool, **options: Any) -> None:
     """Show which work SCENE does not need, why, and what leaving it out saves."""
-    import json
-
-    import attrs
-
-    from lfpipe.cli.progress import filled
-    from lfpipe.render.plan import make_plan
-
     config = scene_config(options)
     field = opened(path, config)
     made = make_plan(field, config, measure=True)
@@ -116,12 +152,6 @@ def plan(path: Path, as_json: bool, **options: Any) -> None:
 @JSON
 def info(path: Path, as_json: bool, **options: Any) -> None:
     """Show SCENE's layout, grid, order of views, disparity and geometry."""
-    import json
-
-    from lfpipe.cli.progress import filled
-    from lfpipe.scene.info import describe_pack, lines
-    from lfpipe.scene.open_scene import packed, scene_facts
-
     settings = scene_config(options).scene
     field = packed(path, settings)
     facts = describe_pack(field) if field is not None and field.complete else scene_facts(path, settings)
@@ -138,11 +168,6 @@ def info(path: Path, as_json: bool, **options: Any) -> None:
 @with_scene_options
 def view(path: Path, row: float, col: float, frame: int, method: str, out: Path, **options: Any) -> None:
     """Write the picture that a camera at ROW, COL of the grid would see."""
-    from lfpipe.config.quality import WARPS
-    from lfpipe.errors import UserError
-    from lfpipe.render.single_view import render_view
-    from lfpipe.scene.contact_sheet import require_view_index
-
     check_picture(out, path)
     config = scene_config(options)
     field = opened(path, config)
@@ -161,8 +186,6 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
 def sheet(path: Path, out: Path, **options: Any) -> None:
     """Write a contact sheet of all views, epipolar slices, and depth: near in red, far in blue. If the order is undecided,
     show depth for both orders."""
-    from lfpipe.scene.contact_sheet import contact_sheet
-
     check_picture(out, path)
     write_picture(out, contact_sheet(opened(path, scene_config(options))))
 
@@ -181,19 +204,6 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
 
     The name tells viewers the form: _qs8x6a1.00 is appended to a quilt's, _sbs or _LR to a pair's. MP4 needs lfpipe[media].
     """
-    from lfpipe.export.clip import check_clip, write_clip
-    from lfpipe.export.scene_pictures import (
-        RATE_HZ,
-        SWEEP_S,
-        WIGGLE_S,
-        SceneExport,
-        pair_name,
-        parse_tiles,
-        quilt_name,
-        stereo_file,
-    )
-    from lfpipe.files.output import check_output, write_output
-
     cols, rows = parse_tiles(tiles)
     seconds = seconds or (WIGGLE_S if form == "wiggle" else SWEEP_S)
     video = form in ("wiggle", "sweep") or (form == "pair" and out.suffix.lower() == ".mp4")
@@ -230,9 +240,6 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
 @with_scene_options
 def make(path: Path, out: Path | None, **options: Any) -> None:
     """Make a light field of one row from CLIP, a video or a folder of pictures taken while sliding the camera sideways."""
-    from lfpipe.cli.progress import progress
-    from lfpipe.scene.open_scene import make_from_video
-
     config = scene_config(options)
     with progress() as bar:
         made = make_from_video(path, out or path.with_name(f"{path.stem}-views"), config.scene, bar)

@@ -3,10 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from lfpipe.capture.open_source import camera_name
 from lfpipe.config import Config
 from lfpipe.host.load import has_gpu
 from lfpipe.render.compositor import mixed_as
 from lfpipe.render.geometry import parallax
+from lfpipe.render.monitors import detect_monitors, loop_doubt
 from lfpipe.render.plan import Plan
 from lfpipe.scene.lightfield import LightField
 
@@ -51,8 +53,6 @@ def loop_lines(config: Config, camera: str, display: str) -> list[str]:
     render = config.render
     if not render.loop_ms or display not in ("window", "fullscreen"):
         return []
-    from lfpipe.capture.open_source import camera_name
-    from lfpipe.render.monitors import detect_monitors, loop_doubt
 
     doubt = loop_doubt(config, camera_name(camera) if camera else "", detect_monitors()[1])
     why = f"; doubtful: {doubt}; `lfpipe calibrate --latency` measures it" if doubt else ""

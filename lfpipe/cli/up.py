@@ -1,8 +1,8 @@
 """`lfpipe up`: a live session."""
 
 from pathlib import Path
+from typing import Any
 
-import attrs
 import click
 
 from lfpipe.cli import completions
@@ -51,34 +51,37 @@ Examples:
 @click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")
 @with_session
 @with_config
-def up(
-    scenes: tuple[Path, ...],
-    camera: str | None,
-    display: str | None,
-    duration_s: float | None,
-    trace: Path | None,
-    demo: bool,
-    share: tuple[str, ...],
-    kiosk: bool,
-    code_file: Path | None,
-    visits: Path | None,
-    force: bool,
-    no_picture: bool,
-    session_name: str | None,
-    sets: tuple[str, ...],
-    config_file: str | None,
-) -> int:
+def up(**options: Any) -> int:
     """Show SCENE, a folder or file with a light field, from the position of the viewer's eyes.
 
     Several scenes, or a folder of scenes, form a playlist. Switch with Tab, Page Up and Page Down, or `lfpipe ctl load --next`.
     Camera, layout, method and alpha are detected and printed in five lines. In the window, h shows the keys.
     """
-    from lfpipe.cli import launch
     from lfpipe.cli.kiosk import kiosk_code
+    from lfpipe.cli.launch import UpArguments, launch
 
-    scene = scenes[0] if scenes else None
-    arguments = launch.UpArguments(
-        scene, camera, display, duration_s, trace, demo, share, no_picture, session_name, sets, config_file, scenes
-    )
-    arguments = attrs.evolve(arguments, kiosk=kiosk_code(code_file) if kiosk else None, visits=visits, force=force)
-    return launch.up(arguments)
+    is_kiosk, code_file = options.pop("kiosk"), options.pop("code_file")
+    return launch(UpArguments(**options, kiosk=kiosk_code(code_file) if is_kiosk else None))
+
+
+def start() -> int:
+    """`lfpipe` without arguments on a desktop: a session that begins with thumbnails of the demo and of recent scenes, with the
+    demo's viewer if there is no camera. Returns the exit code."""
+    from lfpipe import config as config_module
+    from lfpipe.capture.open_source import check_source
+    from lfpipe.cli.launch import UpArguments, launch, say
+    from lfpipe.errors import UserError
+    from lfpipe.scene.cache import cache_dir
+    from lfpipe.scene.demo import demo_scene
+    from lfpipe.scene.recent_scenes import recent_scenes
+
+    config = config_module.load(None, ())
+    camera = None
+    try:
+        check_source(config.camera.source, config.camera)
+    except UserError as error:
+        say(f"using the demo's face instead of a camera: {error.message}")
+        camera = "demo"
+    demo = demo_scene(cache_dir(config.scene))
+    scenes = (demo, *(scene for scene in recent_scenes() if scene != demo.resolve()))
+    return launch(UpArguments(camera=camera, scenes=scenes, start=True))

@@ -154,6 +154,6 @@ def test_words_of_the_user_are_checked(shell: Shell, folder: Path) -> None:
 
 def test_help_imports_no_room() -> None:
     code = (
-        "import sys, lfpipe.cli.scene; print([m for m in ('cv2', 'numpy', 'h5py', 'lfpipe.scene.packing') if m in sys.modules])"
+        "import sys, lfpipe.cli; print([m for m in ('cv2', 'numpy', 'h5py', 'lfpipe.scene.packing') if m in sys.modules])"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"

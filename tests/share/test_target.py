@@ -4,7 +4,6 @@ import socket
 import sys
 from pathlib import Path
 
-import attrs
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -107,8 +106,6 @@ def test_a_check_sends_nothing() -> None:
 
 
 def test_no_picture_goes_with_nothing_that_shows_one() -> None:
-    for more in ({"display": "none"}, {"trace": Path("t.jsonl")}, {"scene": Path()}):
-        nothing = dict.fromkeys(attrs.fields_dict(UpArguments))
-        given = nothing | {"camera": "demo", "no_picture": True, "share": (), "sets": ()} | more
+    for more in ({"display": "none"}, {"trace": Path("t.jsonl")}, {"scenes": (Path(),)}):
         with pytest.raises(UserError, match="--no-picture"):
-            prepare(UpArguments(**given))
+            prepare(UpArguments(**{"camera": "demo", "no_picture": True} | more))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.cli.launch import _with_engine
+from lfpipe.cli.launch import with_engine
 from lfpipe.config import Config, Track
 from lfpipe.errors import UserError
 from lfpipe.track import models
@@ -117,7 +117,7 @@ def test_up_falls_back_to_litert_and_fetches_its_networks(
     bare: Path, wheel: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(models, "fetch_models", lambda say: models.install_models(wheel))
-    config = _with_engine(Config(track=Track(engine="mediapipe")))
+    config = with_engine(Config(track=Track(engine="mediapipe")))
     assert config.track.engine == "litert" and not models.missing_models()
     assert "mediapipe is not installed" in capsys.readouterr().err
 

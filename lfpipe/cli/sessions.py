@@ -1,7 +1,8 @@
-"""`lfpipe ctl`: queries and controls a running session."""
+"""Commands to running sessions: `lfpipe monitor`, `ctl` and `trace`."""
 
 import itertools
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +11,45 @@ import click
 
 from lfpipe.cli import completions
 from lfpipe.cli.options import with_session
+from lfpipe.config import parse_set
+from lfpipe.observe import terminal
+from lfpipe.observe.latency_table import latency_table
+from lfpipe.observe.session_commands import SessionCommands
+from lfpipe.observe.timeline import check_out, finish_trace
+from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 
 LOAD_S = 900.0  # packing a large scene takes minutes
-
-
 VALUED = ("--session",)
+
+
+@click.command()
+@with_session
+@click.option("--once", is_flag=True, help="Print the state once and end.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
+@click.option("--web", is_flag=False, flag_value="", metavar="[[HOST]:PORT]",
+              help="Serve a page with charts, pictures and controls on 127.0.0.1, or on HOST; a token protects it.")  # fmt: skip
+def monitor(session_name: str, once: bool, as_json: bool, web: str | None) -> None:
+    """Show latency, rate, drops and load of every stage of a running session.
+
+    On a terminal, the screen updates four times a second. Several monitors may watch one session. If the session ends,
+    the monitor waits for it to start again.
+    Keys: q quit, p pause, r reset, t record a timeline, w toggle warp, m mode, c recentre.
+    """
+    if web is not None:
+        if once or as_json:
+            raise click.UsageError(f"--web excludes {'--once' if once else '--json'}")
+        from lfpipe.observe.web import serve  # Tornado is not needed for anything else
+
+        serve(session_name, web or ":8765", click.echo)
+    else:
+        terminal.run(session_name, once, as_json)
 
 
 @attrs.frozen
 class Target:
     """The session to talk to, and how to print its answers."""
 
-    session_name: str | None
+    session_name: str
     as_json: bool
 
 
@@ -45,7 +73,7 @@ class Leading(click.Group):
 @with_session
 @click.option("--json", "as_json", is_flag=True, help="Print answers as JSON.")
 @click.pass_context
-def ctl(context: click.Context, session_name: str | None, as_json: bool) -> None:
+def ctl(context: click.Context, session_name: str, as_json: bool) -> None:
     """Query and control a running session. A change shows in the next picture.
 
     For a session on another machine: ssh HOST lfpipe ctl ...
@@ -53,22 +81,12 @@ def ctl(context: click.Context, session_name: str | None, as_json: bool) -> None
     context.obj = Target(session_name, as_json)
 
 
-def _ask(target: Target, message: dict[str, Any], timeout_s: float) -> dict[str, Any]:
-    from lfpipe.supervisor.rundir import find
-    from lfpipe.transport import control
-    from lfpipe.transport.session import default_name
-
-    return control.request(find(target.session_name or default_name()).run_dir, message, timeout_s)
-
-
 def _send(target: Target, message: dict[str, Any], timeout_s: float = 3.0) -> None:
-    answer = _ask(target, message, timeout_s)
-    answer = {key: value for key, value in answer.items() if key != "v"}
+    answer = SessionCommands(target.session_name).ask(message, timeout_s)
+    answer.pop("v", None)
     if target.as_json:
         click.echo(json.dumps(answer))
     elif message["cmd"] == "status":
-        from lfpipe.observe.latency_table import latency_table
-
         latency_table(answer)
     else:
         said = ", ".join(f"{key} {value}" for key, value in answer.items() if key not in ("ok", "rev", "applied"))
@@ -80,8 +98,6 @@ def _send(target: Target, message: dict[str, Any], timeout_s: float = 3.0) -> No
 @click.pass_obj
 def set_keys(target: Target, sets: tuple[str, ...]) -> None:
     """Change keys of the configuration: all of them, or none if one is refused."""
-    from lfpipe.config import parse_set
-
     _send(target, {"cmd": "set", "set": dict(parse_set(text) for text in sets)})
 
 
@@ -126,8 +142,6 @@ def record() -> None:
 @click.pass_obj
 def start(target: Target, out: Path, with_eyes: bool) -> None:
     """Record to the new folder OUT, until `stop` or the end of the session."""
-    from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
-
     _send(target, {"cmd": "record", "path": str(out.resolve()), "eyes": with_eyes}, FILE_CHECK_TIMEOUT_S)
 
 
@@ -148,8 +162,6 @@ def share() -> None:
 @click.pass_obj
 def start_share(target: Target, targets: tuple[str, ...]) -> None:
     """Start sharing with each TARGET: opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]. Append ?rate=HZ for predicted eyes."""
-    from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
-
     _send(target, {"cmd": "share", "start": list(targets)}, FILE_CHECK_TIMEOUT_S)
 
 
@@ -159,3 +171,28 @@ def start_share(target: Target, targets: tuple[str, ...]) -> None:
 def stop_share(target: Target, targets: tuple[str, ...]) -> None:
     """Stop sharing with each TARGET, written as `start` printed it. Without TARGET, stop all sharing."""
     _send(target, {"cmd": "share", "stop": list(targets)})
+
+
+@click.group()
+def trace() -> None:
+    """Record a timeline of a running session as Chrome trace-event JSON, which Perfetto opens."""
+
+
+@trace.command("start")
+@click.argument("out", metavar="[OUT.json]", required=False, type=click.Path(path_type=Path))
+@with_session
+def start_trace(out: Path | None, session_name: str) -> None:
+    """Start a timeline. `lfpipe trace stop` writes it to OUT.json; the default is a name made of the time, in this folder."""
+    out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json"))).absolute()
+    check_out(out)
+    SessionCommands(session_name).ask({"cmd": "trace", "path": f"{out}.part"}, FILE_CHECK_TIMEOUT_S)
+    click.echo(f"recording; `lfpipe trace stop` writes {out}")
+
+
+@trace.command("stop")
+@click.argument("out", metavar="[OUT.json]", required=False, type=click.Path(path_type=Path))
+@with_session
+def stop_trace(out: Path | None, session_name: str) -> None:
+    """End the timeline and write it to OUT.json, or to the file given to `start`."""
+    done = finish_trace(SessionCommands(session_name).ask, out)
+    click.echo(f"{done}: open it at ui.perfetto.dev, which does not upload it, or in chrome://tracing")

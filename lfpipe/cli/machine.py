@@ -1,0 +1,152 @@
+"""Commands about this machine: `lfpipe cameras`, `doctor`, `models` and `config`."""
+
+import json
+import os
+import shutil
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import click
+
+from lfpipe.capture.camera_controls import control_states
+from lfpipe.capture.camera_device import known
+from lfpipe.capture.pixel_formats import DECODED
+from lfpipe.capture.v4l2_device import FrameSizes, V4L2Device
+from lfpipe.cli.options import JSON, with_config
+from lfpipe.cli.progress import filled
+from lfpipe.config import load, user_file
+from lfpipe.config.text import commented
+from lfpipe.errors import UserError
+from lfpipe.files.safe_files import reason, replaced
+from lfpipe.observe.doctor import checks
+from lfpipe.observe.report import write_report
+from lfpipe.track.models import SHA256, fetch_models, find_model, install_models, missing_models
+
+
+@click.command()
+@click.option("--all", "everything", is_flag=True, help="Show every rate of every size of every pixel format.")
+@JSON
+def cameras(everything: bool, as_json: bool) -> None:
+    """List cameras with pixel formats, frame sizes, rates and controls, without starting them.
+
+    Each size is shown with its highest rate. Give --camera the path or the name: camera:/dev/video0, camera:NAME.
+    """
+    width = shutil.get_terminal_size((100, 24)).columns
+    found: list[dict[str, Any]] = []
+    for device in known().cameras():
+        about: dict[str, Any] = {"camera": f"camera:{device.path}", "name": device.name}
+        about |= {"formats": [], "controls": [], "trouble": ""}
+        lines: list[str] = []
+        try:
+            modes, about["controls"] = known().asking(device.path, lambda opened: _about(opened, everything or as_json))
+            about["formats"] = [_every(fourcc, sizes) for fourcc, sizes in modes.items()]
+            lines = about["formats"] if everything else _folded(modes)
+            lines = [*(lines or ["formats unknown"]), *about["controls"]]
+        except OSError as error:
+            about["trouble"] = os.strerror(error.errno or 0)
+            lines = [about["trouble"]]
+        found.append(about)
+        if not as_json:
+            click.echo(f"{about['camera']}  {about['name']}")
+            for line in lines:
+                click.echo(textwrap.fill(line, width, initial_indent="  ", subsequent_indent="      ", break_on_hyphens=False))
+    if as_json:
+        click.echo(json.dumps({"cameras": found}))
+    elif not found:
+        click.echo("no camera found; --demo and --camera file:PATH work without one")
+
+
+def _about(device: V4L2Device, everything: bool) -> tuple[dict[str, list[FrameSizes]], list[str]]:
+    """Pixel formats with their sizes, and controls. Formats that cannot be decoded are included only if everything is set."""
+    modes = {fourcc: device.sizes(fourcc) if everything or fourcc in DECODED else [] for fourcc in device.fourccs()}
+    return modes, [state.text for state in control_states(device)]
+
+
+def _every(fourcc: str, sizes: list[FrameSizes]) -> str:
+    rates = [",".join(f"{hz:.4g}" for hz in size.rates_hz) for size in sizes]
+    return " ".join([fourcc, *(f"{size.text}@{rate}" if rate else size.text for size, rate in zip(sizes, rates, strict=True))])
+
+
+def _folded(modes: dict[str, list[FrameSizes]]) -> list[str]:
+    """One line per group of formats with equal sizes and rates (highest rate per size), and one for undecodable formats."""
+    groups: dict[str, list[str]] = {}
+    for fourcc, sizes in modes.items():
+        if fourcc in DECODED:
+            text = " ".join(f"{size.text}@{size.rates_hz[0]:.4g}" if size.rates_hz else size.text for size in sizes)
+            groups.setdefault(text, []).append(fourcc)
+    useless = len(modes) - sum(map(len, groups.values()))
+    lines = [f"{' '.join(fourccs)}: {text}" for text, fourccs in groups.items()]
+    return lines + ([f"and {useless} formats that cannot be decoded (--all lists them)"] if useless else [])
+
+
+@click.command()
+@click.option("--report", type=click.Path(path_type=Path), metavar="FILE",
+              help="Also pack versions, settings, and the log and state of sessions into a ZIP, for a bug report.")  # fmt: skip
+def doctor(report: Path | None) -> int:
+    """Check this machine: one line per check, with remedies. Exit code 1 if `lfpipe up SCENE` would fail."""
+    found = checks()
+    if report is not None:
+        write_report(report, found)
+    for check in found:
+        head = f"{'ok  ' if check.ok else 'FAIL'} {check.name:<12} "
+        click.echo(filled(check.detail, head))
+        if check.remedy:
+            click.echo(filled(f"remedy: {check.remedy}", " " * len(head)))
+    return 0 if all(check.ok for check in found) else 1
+
+
+@click.group()
+def models() -> None:
+    """Manage the face networks that tracking needs."""
+
+
+@models.command()
+@click.option("--from", "wheel", type=click.Path(path_type=Path), metavar="WHEEL", help="Take them from this file; no network.")
+def get(wheel: Path | None) -> None:
+    """Fetch the face networks with uv or pip if the package mediapipe is not installed.
+
+    Their checksums are verified, and they are kept in your data folder. The first `lfpipe up` does the same.
+    """
+    if wheel is not None:
+        install_models(wheel)
+    elif missing_models():
+        fetch_models(lambda text: click.echo(text, err=True))
+    for relative, sha256 in SHA256.items():
+        click.echo(f"{sha256[:8]}  {find_model(relative)}")
+
+
+@click.group()
+def config() -> None:
+    """Write, show and check the configuration."""
+
+
+@config.command()
+@click.argument("path", required=False, type=click.Path(path_type=Path))
+def init(path: Path | None) -> None:
+    """Write every key with its default, unit and meaning to PATH, or to your own settings."""
+    path = path or user_file()
+    try:
+        if os.path.lexists(path):
+            raise UserError(f"{path} exists", "remove it first, or name another PATH")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replaced(path, 0o644) as file:
+            file.write(commented().encode())
+    except OSError as error:
+        raise UserError(f"{path}: {reason(error)}", "name a PATH that you may write to") from None
+    click.echo(path)
+
+
+@config.command()
+@with_config
+def show(config_file: str | None, sets: tuple[str, ...]) -> None:
+    """Print the configuration as `lfpipe up` would use it."""
+    click.echo(commented(load(config_file, sets)), nl=False)
+
+
+@config.command()
+@click.argument("path", required=False)
+def check(path: str | None) -> None:
+    """Check PATH, or your own settings, and report every wrong key."""
+    load(path)
+    click.echo(f"{path or user_file()}: ok")
