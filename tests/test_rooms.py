@@ -114,7 +114,7 @@ def test_only_host_names_an_operating_system() -> None:
 
 
 def test_paths_are_examined_without_exceptions() -> None:
-    """`Path.exists` and its like raise up to Python 3.13, for a folder that may not be searched: `host.paths` does not."""
+    """`Path.exists` and its like raise up to Python 3.13, for a folder that may not be searched: `host.files` does not."""
     wrong = []
     for path in PACKAGE.rglob("*.py"):
         if room(path) in ("scene", "files"):

@@ -15,7 +15,7 @@ from lfpipe.api.settings import config_of
 from lfpipe.config import Scene
 from lfpipe.errors import UserError
 from lfpipe.files.output import output_file
-from lfpipe.host.paths import is_file
+from lfpipe.host.files import is_file
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.single_view import ViewRenderer
 from lfpipe.scene import open_scene as scenes

@@ -13,8 +13,8 @@ from typing import Any
 import lfpipe
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Subject
+from lfpipe.host.machine import versions
 from lfpipe.host.processes import usable_cores
-from lfpipe.host.versions import versions
 
 
 def source_digest() -> str:

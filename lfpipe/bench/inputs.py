@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.bench.eye_path import HEAD, EyePath
 from lfpipe.errors import UserError
-from lfpipe.host.paths import exists, is_file
+from lfpipe.host.files import exists, is_file
 from lfpipe.scene.lightfield import LightField
 
 Progress = Callable[[str, int, int], None]

@@ -18,7 +18,7 @@ import psutil
 
 from lfpipe.bench.anaglyph import view_bgr
 from lfpipe.bench.paper_loop import Loop
-from lfpipe.host.paths import exists
+from lfpipe.host.files import exists
 from lfpipe.scene.lightfield import LightField
 
 STEADY_S = 1.0  # after the first picture every stage has started and found the face

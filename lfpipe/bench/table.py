@@ -25,7 +25,7 @@ from lfpipe.bench.style import STYLE
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError, plain
 from lfpipe.files.output import check_output
-from lfpipe.host.paths import exists
+from lfpipe.host.files import exists
 from lfpipe.scene.lightfield import LightField
 
 SIDE = 7  # views per side in the printed protocol

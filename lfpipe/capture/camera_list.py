@@ -10,8 +10,8 @@ from lfpipe.capture.camera_device import CameraDevice, with_time_limit
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.errors import UserError
-from lfpipe.host import handover
-from lfpipe.host.paths import exists
+from lfpipe.host import processes
+from lfpipe.host.files import exists
 
 SYS, DEV = Path("/sys/class/video4linux"), Path("/dev")
 ANSWER_S = 3.0  # drivers answer in microseconds; a stuck one never does
@@ -39,7 +39,7 @@ def opened(path: Path) -> V4L2Device:
 
     Raises OSError as the driver does, ETIMEDOUT after ANSWER_S.
     """
-    kept = handover.take(str(path))
+    kept = processes.receive(str(path))
     return _limited(ANSWER_S, lambda: V4L2Device(path, kept))
 
 

@@ -13,7 +13,7 @@ from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.schedule import EvenSchedule
 from lfpipe.errors import UserError
-from lfpipe.host.paths import is_file
+from lfpipe.host.files import is_file
 
 # Mean of the 16 landmarks around each eye in the portrait, the left eye of the sitter first, as FaceMesh finds them.
 PORTRAIT_EYES_PX = np.array([[308.0, 188.1], [220.2, 193.0]])

@@ -21,7 +21,7 @@ from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_note, fitted
-from lfpipe.host import quiet
+from lfpipe.host.terminal import opencv_logging
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.stamp_kind import StampKind
 
@@ -102,7 +102,7 @@ class OpenCVCamera:
         """Raises UserError if it cannot be opened or delivers no picture."""
         number = _number(path)
         self._name, self._seq = f"camera {number}", -1
-        with quiet.silent():
+        with opencv_logging():
             self._capture = cv2.VideoCapture(number)
         sizes = ((cv2.CAP_PROP_FRAME_WIDTH, camera.width_px), (cv2.CAP_PROP_FRAME_HEIGHT, camera.height_px))
         for key, value in (*sizes, (cv2.CAP_PROP_FPS, camera.rate_hz)):

@@ -12,8 +12,8 @@ from lfpipe.capture.video import Video
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, is_jpeg, picture_of
 from lfpipe.files.safe_files import open_regular, reason
-from lfpipe.host import quiet
-from lfpipe.host.paths import is_dir
+from lfpipe.host.files import is_dir
+from lfpipe.host.terminal import opencv_logging
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
 MAX_FILE_BYTES = 1 << 28  # of one picture; larger files are refused
@@ -54,7 +54,7 @@ def _load(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
             data = np.fromfile(file, np.uint8, MAX_FILE_BYTES)
     except OSError as error:
         raise BrokenFrame(f"{path}: not a readable picture: {reason(error)}", "save it again") from None
-    with quiet.silent():
+    with opencv_logging():
         picture = picture_of(data)
     if picture is None:
         raise BrokenFrame(f"{path}: not a readable picture", "remove it from the folder, or save it again")

@@ -13,7 +13,7 @@ from typing import TypeVar
 import attrs
 
 from lfpipe.capture import v4l2_abi as abi
-from lfpipe.host import handover
+from lfpipe.host import processes
 
 MAX_LISTED = 256  # entries of one list, in case a driver never ends it
 
@@ -182,7 +182,7 @@ class V4L2Device:
 
     def keep(self) -> None:
         """Keeps the device open for its next user, in this process or in the stage that it starts."""
-        handover.keep(str(self.path), self.fd)
+        processes.hand_over(str(self.path), self.fd)
         self.fd = -1
 
     def close(self) -> None:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, is_jpeg, is_video, picture_of
-from lfpipe.host import quiet
-from lfpipe.host.descriptors import path_of
+from lfpipe.host.files import path_of
 from lfpipe.host.limits import MemoryLimit
+from lfpipe.host.terminal import opencv_logging
 from lfpipe.scene.video import FRAME_BYTES_PX, MAX_FRAME_PX, OPENING_BYTES
 
 DAMAGED = "play it with another program, or export it again"
@@ -72,7 +72,7 @@ class Video:
         """Opens the file at its start; on failure the capture is not open."""
         # One decoder thread: measured on 400x300 to 720x576, two take 20 to 40 % more CPU and are no faster. The path is
         # that of the checked descriptor; OpenCV would crash on names that are not UTF-8.
-        with self._memory, quiet.silent():
+        with self._memory, opencv_logging():
             self._capture.open(path_of(self._file), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
             if jpegs:
                 self._capture.set(cv2.CAP_PROP_FORMAT, -1)

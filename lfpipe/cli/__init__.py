@@ -16,7 +16,7 @@ import click
 from lfpipe import __version__, host
 from lfpipe.cli import completions  # noqa: F401 - registers how bash completes
 from lfpipe.errors import UserError, shown
-from lfpipe.host.streams import protect
+from lfpipe.host.terminal import protect_output
 from lfpipe.log import set_up
 
 log = logging.getLogger(__name__)
@@ -126,7 +126,7 @@ def _fail(error: UserError) -> NoReturn:
 
 def run() -> None:
     """Runs the command line. A user's mistake prints one message and ends with exit code 2."""
-    protect("stderr")
+    protect_output("stderr")
     codecs.register_error("path", _path_bytes)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="path")

@@ -116,7 +116,7 @@ def table(
     from lfpipe.bench.table import Protocol, markdown, measure, write
     from lfpipe.cli.progress import progress
     from lfpipe.config import load
-    from lfpipe.host.versions import versions
+    from lfpipe.host.machine import versions
     from lfpipe.scene.open_scene import open_scene
 
     settings = load(config_file, sets)

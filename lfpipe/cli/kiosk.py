@@ -14,7 +14,7 @@ from lfpipe.config.session_options import check_code
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_outputs, write_output
 from lfpipe.files.safe_files import read_text, reason, replaced
-from lfpipe.host.paths import exists
+from lfpipe.host.files import exists
 
 AGAIN_S = 2.0  # pause between a failed session and the next
 CODE_BYTES = 256

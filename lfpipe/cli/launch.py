@@ -20,7 +20,7 @@ from lfpipe.config.user_settings import has_key
 from lfpipe.errors import UserError
 from lfpipe.files.h264 import encoder_name
 from lfpipe.files.output import check_outputs
-from lfpipe.host.paths import exists
+from lfpipe.host.files import exists
 from lfpipe.observe.latency_table import latency_table
 from lfpipe.render.display import check_display, has_display
 from lfpipe.render.geometry import check_geometry

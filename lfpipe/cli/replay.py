@@ -16,7 +16,7 @@ from click.shell_completion import CompletionItem
 
 from lfpipe.cli.options import with_config
 from lfpipe.errors import UserError
-from lfpipe.host.paths import is_dir
+from lfpipe.host.files import is_dir
 
 PATH = click.Path(path_type=Path)
 PACES = ("step", "max", "recorded")

@@ -18,7 +18,7 @@ from lfpipe.errors import UserError
 from lfpipe.export.clip import check_clip, write_clip
 from lfpipe.export.scene_pictures import RATE_HZ, SWEEP_S, WIGGLE_S, SceneExport, pair_name, parse_tiles, quilt_name, stereo_file
 from lfpipe.files.output import check_output, marked_picture, write_output
-from lfpipe.host.paths import is_dir
+from lfpipe.host.files import is_dir
 from lfpipe.render.plan import make_plan
 from lfpipe.render.single_view import render_view
 from lfpipe.scene.cache import cache_dir, packs, remove, sweep

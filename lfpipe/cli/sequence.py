@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from lfpipe.errors import UserError, plain
-from lfpipe.host.paths import exists
+from lfpipe.host.files import exists
 
 MOST_WRONG = 5  # damaged parts listed per sequence, at most
 PATH = click.Path(path_type=Path)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from lfpipe.capture.open_source import camera_name
 from lfpipe.config import Config
-from lfpipe.host.load import has_gpu
+from lfpipe.host.machine import has_gpu
 from lfpipe.render.compositor import mixed_as
 from lfpipe.render.geometry import parallax
 from lfpipe.render.monitors import detect_monitors, loop_doubt

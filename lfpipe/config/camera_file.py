@@ -10,7 +10,7 @@ from lfpipe.config.tree import Config
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import toml_table
-from lfpipe.host.paths import is_missing
+from lfpipe.host.files import is_missing
 
 
 def camera_file() -> Path:

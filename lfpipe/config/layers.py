@@ -14,7 +14,7 @@ from lfpipe.config.tree import Config
 from lfpipe.errors import UserError, shown
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import toml_table
-from lfpipe.host.paths import is_missing
+from lfpipe.host.files import is_missing
 
 PRESETS = Path(__file__).parent / "presets"
 FILE_BYTES = 128 << 10  # ten times the size of a file with every key

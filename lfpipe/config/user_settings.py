@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tomlkit
 
-from lfpipe.host.paths import exists
+from lfpipe.host.files import exists
 
 
 def has_key(path: Path, section: str, name: str) -> bool:

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from lfpipe.files.safe_files import PRIVATE, check_regular
-from lfpipe.host.descriptors import CAREFUL, read_at
+from lfpipe.host.files import CAREFUL, read_at
 
 LONGEST_LINE = 1 << 16  # bytes; limit of the search for the end of the last line
 

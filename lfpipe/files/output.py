@@ -23,8 +23,8 @@ from typing import IO
 
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import PRIVATE, check_regular, create_private, open_regular, reason
-from lfpipe.host.descriptors import longest_name, write_at
 from lfpipe.host.file_lock import is_held, lock_open
+from lfpipe.host.files import longest_name, write_at
 
 MARK = b"written by lfpipe"
 TRACE_KEYS = {"source_seq", "epoch", "t_sensor_ns", "t_presented_ns", "eyes_used", "view", "composed"}

@@ -16,7 +16,7 @@ from PIL import Image, ImageFile
 
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import open_regular, reason
-from lfpipe.host.descriptors import path_of
+from lfpipe.host.files import path_of
 
 MAX_DECODING_BYTES = 240_000_000  # 8192x8192 px of 8-bit colour, 7574x5264 px (lenslets of a Lytro Illum) of 16-bit colour
 FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP", "AVIF", "GIF")

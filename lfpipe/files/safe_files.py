@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO
 
 from lfpipe.errors import UserError
-from lfpipe.host.descriptors import CAREFUL, longest_name
+from lfpipe.host.files import CAREFUL, longest_name
 
 PRIVATE = 0o600  # of a file that records a face or its movements; its folder has PRIVATE_FOLDER
 PRIVATE_FOLDER = 0o700

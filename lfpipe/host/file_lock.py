@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe.host import WINDOWS
-from lfpipe.host.paths import is_dir
+from lfpipe.host.files import flags, is_dir
 
-_SAFE = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"))
-_FOLDER = sum(getattr(os, name, 0) for name in ("O_DIRECTORY", "O_CLOEXEC"))
-_PAUSE_S, _REPORT_S = 0.01, 1.0
+_SAFE, _FOLDER = flags("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"), flags("O_DIRECTORY", "O_CLOEXEC")
+_PAUSE_S, _REPORT_S = 0.01, 1.0  # between attempts; between reports to a person
 _module: Any = importlib.import_module("msvcrt" if WINDOWS else "fcntl")
 
 
@@ -65,20 +64,15 @@ class Lock:
                 if not os.path.samestat(os.stat(self._path.name, dir_fd=directory, follow_symlinks=False), os.fstat(self._fd)):
                     return
                 with os.scandir(directory) as entries:
-                    names = [entry.name for entry in entries if entry.name != self._path.name]
+                    names = sorted((entry.name for entry in entries), key=lambda name: name == self._path.name)
                 for name in names:
-                    _remove_entry(name, directory)
-                os.unlink(self._path.name, dir_fd=directory)
+                    try:
+                        os.unlink(name, dir_fd=directory)
+                    except OSError:
+                        shutil.rmtree(name, ignore_errors=True, dir_fd=directory)
                 self._path.parent.rmdir()
             finally:
                 os.close(directory)
-
-
-def _remove_entry(name: str, directory: int) -> None:
-    try:
-        os.unlink(name, dir_fd=directory)
-    except OSError:
-        shutil.rmtree(name, ignore_errors=True, dir_fd=directory)
 
 
 def take(path: Path, shared: bool = False, mode: int = 0o600) -> Lock | None:

@@ -5,6 +5,7 @@ low. Memory: limited only if the system reports the use of a process.
 import contextlib
 import sys
 from pathlib import Path
+from typing import Self
 
 from lfpipe.errors import UserError
 
@@ -24,39 +25,22 @@ def allowed_files() -> int:
     return soft if soft >= 0 else MOST_FILES
 
 
-def allow_files(needed: int = OPEN_FILES) -> None:
+def allow_files() -> None:
     """Raises the limit of open files, for this process and its children, to the hard limit.
 
-    Raises UserError if that is fewer than needed.
+    Raises UserError if that is fewer than OPEN_FILES.
     """
     if not resource:
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if 0 <= hard < needed:
+    if 0 <= hard < OPEN_FILES:
         raise UserError(
-            f"{hard} open files are allowed here (RLIMIT_NOFILE), a session needs {needed}",
-            f"`ulimit -n {max(1024, needed)}` in the shell that starts it, or LimitNOFILE= in its systemd unit",
+            f"{hard} open files are allowed here (RLIMIT_NOFILE), a session needs {OPEN_FILES}",
+            "`ulimit -n 1024` in the shell that starts it, or LimitNOFILE= in its systemd unit",
         )
     most = MOST_FILES if hard < 0 else min(hard, MOST_FILES)
     if 0 <= soft < most:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
-
-
-def _used_bytes() -> int | None:
-    """Memory of this process that the limit counts; None if the system does not report it."""
-    with contextlib.suppress(OSError, StopIteration):
-        lines = Path("/proc/self/status").read_text().splitlines()
-        return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmData"))
-    return None
-
-
-def limit_memory(more_bytes: int) -> None:
-    """Limits this process to this much more memory than it uses now; mapped files do not count."""
-    used = _used_bytes()
-    if resource and used is not None:
-        hard = resource.getrlimit(resource.RLIMIT_DATA)[1]  # of the user or of a container: it stays
-        most = used + more_bytes if hard < 0 else min(used + more_bytes, hard)
-        resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
 
 
 class MemoryLimit:
@@ -65,15 +49,18 @@ class MemoryLimit:
     """
 
     def __init__(self, more_bytes: int) -> None:
-        used = _used_bytes()
-        self._most = None if resource is None or used is None else used + more_bytes
+        self._most: int | None = None
+        with contextlib.suppress(OSError, StopIteration):
+            lines = Path("/proc/self/status").read_text().splitlines()
+            self._most = more_bytes + 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmData"))
 
-    def __enter__(self) -> None:
-        if self._most is not None:
+    def __enter__(self) -> Self:
+        if resource and self._most is not None:
             self._before = resource.getrlimit(resource.RLIMIT_DATA)
-            soft, hard = self._most, self._before[1]
-            resource.setrlimit(resource.RLIMIT_DATA, (soft if hard < 0 else min(soft, hard), hard))
+            hard = self._before[1]  # of the user or of a container: it stays
+            resource.setrlimit(resource.RLIMIT_DATA, (self._most if hard < 0 else min(self._most, hard), hard))
+        return self
 
     def __exit__(self, *_: object) -> None:
-        if self._most is not None:
+        if resource and self._most is not None:
             resource.setrlimit(resource.RLIMIT_DATA, self._before)

@@ -1,8 +1,19 @@
-"""Reports of a window system about a picture on its screen."""
+"""Reports of a window system about a picture on its screen: their form, and those of an X server.
 
+X's Present extension reports vertical blanks, over a separate connection. The first one after the hand-over of a picture shows
+it, unless a compositor intervenes. It is identified by its time, because servers without a screen count blanks half a period off
+(present_fake.c).
+"""
+
+import ctypes
+import time
 from typing import Protocol
 
 import attrs
+
+_GENERIC_EVENT, _COMPLETE_NOTIFY_MASK, _NOTIFY_MSC = 35, 2, 1
+_MOST_WAITING = 64  # answers outstanding
+_PERIOD_GAIN = 0.05  # of each new period in the average
 
 
 @attrs.frozen
@@ -38,3 +49,106 @@ class Presentation(Protocol):
     def close(self) -> None:
         """Call before the window closes."""
         ...
+
+
+class _Complete(ctypes.Structure):
+    """The head of xcb_present_complete_notify_event_t."""
+
+    _pack_ = 1
+    _fields_ = (
+        *(("response_type", ctypes.c_uint8), ("extension", ctypes.c_uint8), ("sequence", ctypes.c_uint16)),
+        *(("length", ctypes.c_uint32), ("event_type", ctypes.c_uint16), ("kind", ctypes.c_uint8), ("mode", ctypes.c_uint8)),
+        *(("event", ctypes.c_uint32), ("window", ctypes.c_uint32), ("serial", ctypes.c_uint32)),
+        *(("ust", ctypes.c_uint64), ("full_sequence", ctypes.c_uint32), ("msc", ctypes.c_uint64)),
+    )
+
+
+class _Extension(ctypes.Structure):
+    """xcb_query_extension_reply_t up to the opcode."""
+
+    _fields_ = (("head", ctypes.c_uint32 * 2), ("present", ctypes.c_uint8), ("major_opcode", ctypes.c_uint8))
+
+
+class XPresentation:
+    """Blanks for one window of the server that DISPLAY names. Raises OSError if the library or the extension is missing."""
+
+    name = "x_present"
+
+    def __init__(self, window: int) -> None:
+        self._xcb, self._present = ctypes.CDLL("libxcb.so.1"), ctypes.CDLL("libxcb-present.so.0")
+        self._free = ctypes.CDLL(None).free
+        self._free.argtypes = [ctypes.c_void_p]
+        self._xcb.xcb_connect.restype = ctypes.c_void_p
+        self._xcb.xcb_get_extension_data.restype = ctypes.POINTER(_Extension)
+        self._xcb.xcb_get_extension_data.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
+        self._xcb.xcb_poll_for_event.restype = ctypes.c_void_p
+        for name in ("xcb_poll_for_event", "xcb_flush", "xcb_disconnect", "xcb_connection_has_error", "xcb_generate_id"):
+            getattr(self._xcb, name).argtypes = [ctypes.c_void_p]
+        self._present.xcb_present_select_input.argtypes = [ctypes.c_void_p, *[ctypes.c_uint32] * 3]
+        self._present.xcb_present_notify_msc.argtypes = [ctypes.c_void_p, *[ctypes.c_uint32] * 2, *[ctypes.c_uint64] * 3]
+        self._window = window
+        self._handed_ns: dict[int, int] = {}  # serial -> hand-over
+        self._period_ns = 0.0
+        self._held: Presented | None = None
+        self._last: tuple[int, int] | None = None  # (time, number) of a blank
+        self._connection = self._xcb.xcb_connect(None, None)
+        extension = None
+        if not self._xcb.xcb_connection_has_error(self._connection):
+            key = ctypes.addressof(ctypes.c_char.in_dll(self._present, "xcb_present_id"))
+            extension = self._xcb.xcb_get_extension_data(self._connection, key)
+        if not extension or not extension.contents.present:
+            self._xcb.xcb_disconnect(self._connection)
+            raise OSError("the X server has no Present extension")
+        self._opcode = int(extension.contents.major_opcode)
+        events = self._xcb.xcb_generate_id(self._connection)
+        self._present.xcb_present_select_input(self._connection, events, window, _COMPLETE_NOTIFY_MASK)
+        self._xcb.xcb_flush(self._connection)
+
+    def expect(self, serial: int) -> None:
+        """Does nothing: the request follows the picture."""
+
+    def handed_over(self, serial: int) -> None:
+        """Asks for the next blank."""
+        if len(self._handed_ns) < _MOST_WAITING:
+            number = serial & 0xFFFFFFFF
+            self._handed_ns[number] = time.monotonic_ns()
+            self._present.xcb_present_notify_msc(self._connection, self._window, number, 0, 1, 0)
+            self._xcb.xcb_flush(self._connection)
+
+    def take(self) -> list[Presented]:
+        """What became known since the last call."""
+        reports: list[Presented] = []
+        while address := self._xcb.xcb_poll_for_event(self._connection):
+            event = _Complete.from_address(address)
+            if event.response_type & 0x7F == _GENERIC_EVENT and event.extension == self._opcode and event.kind == _NOTIFY_MSC:
+                reports += self._answered(event.serial, event.ust * 1000, event.msc)
+            self._free(address)
+        if self._held and not self._handed_ns:
+            reports.append(self._held)
+            self._held = None
+        return reports
+
+    def _answered(self, serial: int, t_ns: int, number: int) -> list[Presented]:
+        """Blank `number` at t_ns answers for a picture; returns what is certain now.
+
+        Of several pictures before one blank the last was shown: an answer is held while another may follow for its blank.
+        """
+        if self._last and number > self._last[1]:
+            period_ns = (t_ns - self._last[0]) / (number - self._last[1])
+            self._period_ns += (period_ns - self._period_ns) * (_PERIOD_GAIN if self._period_ns else 1.0)
+        self._last = t_ns, number
+        after_ns = max(t_ns - self._handed_ns.pop(serial, t_ns), 0)
+        before = int(after_ns / self._period_ns) if self._period_ns else 0
+        new, held = Presented(serial, round(t_ns - before * self._period_ns), round(self._period_ns)), self._held
+        if held is None:
+            self._held = new
+            return []
+        if new.t_ns - held.t_ns > self._period_ns / 2:
+            self._held = new
+            return [held]
+        self._held = Presented(serial, held.t_ns, held.period_ns)
+        return [Presented(held.serial, 0, 0)]
+
+    def close(self) -> None:
+        """Ends the connection."""
+        self._xcb.xcb_disconnect(self._connection)

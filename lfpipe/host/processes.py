@@ -1,18 +1,34 @@
-"""Processes: cores, niceness, and settings of a stage's own process."""
+"""Processes: cores and niceness, load, the settings of a stage's own, its end with its parent, what it gets from its parent."""
+
+from __future__ import annotations
 
 import contextlib
 import ctypes
+import functools
+import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Iterable
+from multiprocessing import connection, reduction
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from lfpipe.host import WINDOWS
 
-PR_SET_TIMERSLACK = 29
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
+if TYPE_CHECKING:
+    import psutil
+
+PR_SET_PDEATHSIG, PR_SET_TIMERSLACK = 1, 29  # linux/prctl.h
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h
 KEPT_BYTES = 32 << 20  # the maximum of glibc; a 4K frame has 25 MB
+
+
+def _libc(function: str, *arguments: int) -> None:
+    """Calls a function of the C library, if it has it."""
+    with contextlib.suppress(AttributeError, OSError, TypeError):
+        getattr(ctypes.CDLL(None), function)(*arguments)
 
 
 def usable_cores() -> list[int]:
@@ -23,8 +39,7 @@ def usable_cores() -> list[int]:
 def scheduling(pid: int) -> tuple[list[int], int]:
     """Cores that a process may run on, and its niceness; ([], 0) if it is gone."""
     try:
-        nice = os.getpriority(os.PRIO_PROCESS, pid) if pid > 0 else 0
-        return (sorted(os.sched_getaffinity(pid)) if pid > 0 else [], nice)
+        return (sorted(os.sched_getaffinity(pid)), os.getpriority(os.PRIO_PROCESS, pid)) if pid > 0 else ([], 0)
     except (OSError, AttributeError):  # macOS and Windows place processes themselves
         return [], 0
 
@@ -49,11 +64,27 @@ def set_up(name: str) -> None:
     """
     with contextlib.suppress(OSError):
         Path("/proc/self/comm").write_text(name[:15])
-    with contextlib.suppress(AttributeError, OSError, TypeError):  # another C library: leave it unchanged
-        libc = ctypes.CDLL(None)
-        libc.mallopt(M_MMAP_THRESHOLD, KEPT_BYTES)
-        libc.mallopt(M_TRIM_THRESHOLD, 2 * KEPT_BYTES)
-        libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)  # up to 50 us late otherwise
+    _libc("mallopt", M_MMAP_THRESHOLD, KEPT_BYTES)
+    _libc("mallopt", M_TRIM_THRESHOLD, 2 * KEPT_BYTES)
+    _libc("prctl", PR_SET_TIMERSLACK, 1, 0, 0, 0)  # up to 50 us late otherwise
+
+
+def end_with_parent(parent_pid: int) -> bool:
+    """Sends this process SIGTERM when its parent ends. Returns False if the parent has already ended.
+
+    A thread reads the pipe that multiprocessing holds open in the parent until it ends. On Linux, the kernel sends the signal
+    too: at once, and even to a process whose threads do not run.
+    """
+    _libc("prctl", PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_wait_for_end, args=(parent.sentinel,), name="parent", daemon=True).start()
+    return os.getppid() == parent_pid
+
+
+def _wait_for_end(sentinel: int) -> None:
+    connection.wait([sentinel])
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def sentinels(process: BaseProcess) -> list[int]:
@@ -66,3 +97,76 @@ def resume_stage(pid: int) -> None:
     with contextlib.suppress(OSError):
         if Path(f"/proc/{pid}/comm").read_text().startswith("lfpipe-"):
             os.kill(pid, signal.SIGCONT)
+
+
+@functools.lru_cache(64)
+def _process(pid: int) -> psutil.Process:  # creating it takes longer than the query itself
+    import psutil  # only for monitors: a stage starts faster without it
+
+    return psutil.Process(pid)
+
+
+def _ask(pid: int, question: str) -> Any:
+    """The answer of one of psutil's methods, None if the process is gone."""
+    import psutil
+
+    try:
+        return getattr(_process(pid), question)()
+    except (psutil.Error, ValueError):
+        return None
+
+
+def cpu_ns(pid: int) -> int:
+    """User and system time of a process so far; 0 if it is gone."""
+    times = _ask(pid, "cpu_times")
+    return int((times.user + times.system) * 1e9) if times else 0
+
+
+def activity(pid: int) -> tuple[int, bool]:
+    """As `cpu_ns`, and whether the process waits for a disk or a network drive."""
+    return cpu_ns(pid), _ask(pid, "status") == "disk-sleep"
+
+
+def rss_bytes(pid: int) -> int:
+    """Resident memory of a process, including shared pages; 0 if it is gone."""
+    memory = _ask(pid, "memory_info")
+    return int(memory.rss) if memory else 0
+
+
+_handed_over: dict[str, int] = {}
+
+
+def hand_over(name: str, fd: int) -> None:
+    """Keeps an open descriptor for the next user of that name, here or in the child that is started with `HandedOver`: reopening
+    a webcam takes up to a second. Closes an older one of that name."""
+    close_handed_over(name)
+    _handed_over[name] = fd
+
+
+def receive(name: str) -> int | None:
+    """The descriptor that was kept under that name, which the caller then owns; None if there is none."""
+    return _handed_over.pop(name, None)
+
+
+def close_handed_over(*names: str) -> None:
+    """Closes the descriptors kept under these names, or all."""
+    for name in names or tuple(_handed_over):
+        if (fd := receive(name)) is not None:
+            os.close(fd)
+
+
+class HandedOver:
+    """All kept descriptors, as an argument of a spawned process: pickling duplicates them for it."""
+
+    def __init__(self, copies: dict[str, Any] | None = None) -> None:
+        self._copies = copies or {}
+
+    def __reduce__(self) -> tuple[type[HandedOver], tuple[dict[str, Any]]]:
+        return HandedOver, ({name: reduction.DupFd(fd) for name, fd in _handed_over.items()},)
+
+    def adopt(self) -> None:
+        """In the child: keeps the descriptors there."""
+        for name, copy in self._copies.items():
+            fd = copy.detach()
+            os.set_inheritable(fd, False)
+            hand_over(name, fd)

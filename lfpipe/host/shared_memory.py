@@ -17,16 +17,15 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from lfpipe.host.descriptors import read_at, write_at
 from lfpipe.host.file_lock import lock_open
-from lfpipe.host.users import user_id
+from lfpipe.host.files import flags, read_at, user_id, write_at
 
 SHM_DIR = Path("/dev/shm" if sys.platform == "linux" else tempfile.gettempdir())
 WRITABLE = f"a tmpfs at {SHM_DIR} that you may write to: docker run --shm-size=128m, or mount one there"
 MAGIC = b"LFSEGM1\0"
 PAGE = 4096
 _OWNER = struct.Struct("<8sq")  # magic, length of the path that follows
-_CAREFUL = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
+_SAFE = flags("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY")
 
 
 class Mapping:
@@ -35,9 +34,10 @@ class Mapping:
 
     def __init__(self, name: str, locks: bool = False) -> None:
         self.name = name
-        fd = os.open(SHM_DIR / name, os.O_RDWR | _CAREFUL)
+        fd = os.open(SHM_DIR / name, os.O_RDWR | _SAFE)
         try:
-            self.size, self._identity = os.fstat(fd).st_size, _identity(fd)
+            entry = os.fstat(fd)
+            self.size, self._identity = entry.st_size, (entry.st_dev, entry.st_ino)
             self._map = mmap.mmap(fd, self.size)  # has a copy of the descriptor, and with it the lock
             if locks:
                 lock_open(fd, shared=True)
@@ -75,7 +75,7 @@ def create(name: str, size_bytes: int, run_dir: bytes) -> Segment:
     owner = (_OWNER.pack(MAGIC, len(run_dir)) + run_dir).ljust(PAGE, b"\0")
     whole = size_bytes + PAGE
     if not hasattr(os, "O_TMPFILE"):  # the session holds its lock: nobody else creates this name
-        fd = os.open(SHM_DIR / name, os.O_RDWR | os.O_CREAT | os.O_EXCL | _CAREFUL, 0o600)
+        fd = os.open(SHM_DIR / name, os.O_RDWR | os.O_CREAT | os.O_EXCL | _SAFE, 0o600)
         with os.fdopen(fd, "r+b") as file:
             file.truncate(whole)
             write_at(fd, owner, size_bytes)
@@ -94,11 +94,6 @@ def create(name: str, size_bytes: int, run_dir: bytes) -> Segment:
             os.close(fd)  # the lock lives on in the segment's own descriptor
     finally:
         os.close(directory)
-
-
-def _identity(fd: int) -> tuple[int, int]:
-    entry = os.fstat(fd)
-    return entry.st_dev, entry.st_ino
 
 
 def identity(name: str) -> tuple[int, int]:
@@ -142,7 +137,7 @@ def _opened(prefix: str) -> Iterator[tuple[str, int, Path]]:
         return
     for name in names:
         try:
-            fd = os.open(SHM_DIR / name, os.O_RDONLY | _CAREFUL)
+            fd = os.open(SHM_DIR / name, os.O_RDONLY | _SAFE)
         except OSError:
             continue  # just removed, another user's, a link, ...
         try:
@@ -167,5 +162,5 @@ def abandoned(prefix: str) -> Iterator[tuple[str, Path]]:
     for name, fd, owner in _opened(prefix):
         if lock_open(fd):
             with contextlib.suppress(FileNotFoundError):
-                if identity(name) == _identity(fd):
+                if os.path.samestat((SHM_DIR / name).lstat(), os.fstat(fd)):
                     yield name, owner

@@ -44,8 +44,9 @@ def ignore() -> None:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINAL)
 
 
-def handle(handler: Callable[[int, FrameType | None], None]) -> dict[signal.Signals, Any]:
-    """Calls handler for signals that end a session; returns the previous handlers, for `restore`.
+@contextlib.contextmanager
+def handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Calls handler for signals that end a session.
 
     A hang-up stays ignored if it was: a session started with nohup should outlive the terminal.
     """
@@ -54,18 +55,12 @@ def handle(handler: Callable[[int, FrameType | None], None]) -> dict[signal.Sign
     ends = [signal.SIGINT, signal.SIGTERM]
     if _HANGUP is not None and signal.getsignal(_HANGUP) != signal.SIG_IGN:
         ends.append(_HANGUP)
-    return {signum: signal.signal(signum, handler) for signum in ends}
-
-
-def restore(before: dict[signal.Signals, Any]) -> None:
-    """Restores the handlers that `handle` returned."""
-    for signum, handler in before.items():
-        signal.signal(signum, handler)
-
-
-def send(pid: int, signum: int) -> None:
-    """Sends END or KILL. Raises OSError if the process is gone."""
-    os.kill(pid, signum)
+    before: dict[signal.Signals, Any] = {signum: signal.signal(signum, handler) for signum in ends}
+    try:
+        yield
+    finally:
+        for signum, earlier in before.items():
+            signal.signal(signum, earlier)
 
 
 def leave_stack_on_request(file: IO[str]) -> None:

@@ -5,6 +5,7 @@ The child prints a JSON object for each step and, last, its verdict: {"ok": true
 "remedy": ...}. The parent never waits longer than it wants, keeps little of the output, and survives whatever the child does.
 """
 
+import contextlib
 import json
 import os
 import subprocess
@@ -12,11 +13,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from multiprocessing import connection
+from typing import IO, Any
 
 from lfpipe.errors import UserError
-from lfpipe.host.limits import limit_memory
-from lfpipe.host.pipes import PipeReader
+from lfpipe.host import WINDOWS
+from lfpipe.host.limits import MemoryLimit
 
 MAX_LINE_BYTES = 1 << 20  # of the child's output; a longer line is not one of ours
 MAX_LOG_BYTES = 2000  # the end of what the child wrote to stderr
@@ -24,6 +26,36 @@ LAST_WORDS_S = 0.5  # how long what a child wrote before its end may take to arr
 
 Report = Callable[..., None]  # report(key=value, ...): one line for the parent
 Serve = Callable[[dict[str, Any], Report], dict[str, Any]]  # (request, report) -> result; raises UserError
+
+
+class _Output:
+    """A pipe from the child, read without waiting; on Windows from Python 3.12 on. data: what was read and not yet used."""
+
+    def __init__(self, stream: IO[bytes] | None) -> None:
+        assert stream is not None
+        self._stream, self.data, self.ended = stream, bytearray(), False
+        self.fd = stream.fileno()
+        os.set_blocking(self.fd, False)
+
+    def wait(self, timeout_s: float) -> bool:
+        """Whether there is something to read, or the end, within timeout_s."""
+        return not self.ended and bool(connection.wait([self.fd], timeout_s))
+
+    def read(self) -> bool:
+        """Adds at most 64 KiB to data. False if nothing is available yet, or never again."""
+        if self.ended:
+            return False
+        try:
+            data = os.read(self.fd, 1 << 16)
+        except BlockingIOError:
+            return False
+        self.ended = not data
+        self.data += data
+        return True
+
+    def close(self) -> None:
+        self.ended = True
+        self._stream.close()
 
 
 class Worker:
@@ -40,16 +72,12 @@ class Worker:
         pipe = subprocess.PIPE
         command = [sys.executable, "-P", "-m", module]  # -P: imports nothing from the working directory, which may be anybody's
         self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe)
-        assert self._process.stdin is not None and self._process.stdout is not None and self._process.stderr is not None
+        assert self._process.stdin is not None
         self._stdin = self._process.stdin
-        self._out, self._log = bytearray(), bytearray()
-        self._pipes = ((PipeReader(self._process.stdout), self._out), (PipeReader(self._process.stderr), self._log))
-        self._ended: list[PipeReader] = []
-        try:
+        self._out, self._log = _Output(self._process.stdout), _Output(self._process.stderr)
+        with contextlib.suppress(BrokenPipeError):  # `result` says how it ended
             self._stdin.write(json.dumps(request).encode() + b"\n")
             self._stdin.flush()
-        except BrokenPipeError:  # `result` says how it ended
-            pass
 
     def heard(self, step: dict[str, Any]) -> None:
         """A step of the child, not checked. Subclasses keep what they need."""
@@ -59,8 +87,8 @@ class Worker:
 
     @property
     def fds(self) -> list[int]:
-        """Descriptors that wake the parent."""
-        return [fd for pipe, _ in self._pipes if pipe not in self._ended for fd in pipe.fds]
+        """Descriptors that wake the parent; none on Windows, whose pipes a poller cannot watch."""
+        return [] if WINDOWS else [output.fd for output in (self._out, self._log) if not output.ended]
 
     @property
     def done(self) -> bool:
@@ -69,18 +97,12 @@ class Worker:
 
     def read(self) -> None:
         """Reads the child's output, at most 1 MB of it: an endless writer does not block the parent."""
-        for pipe, kept in self._pipes:
-            for _ in range(16):
-                if pipe in self._ended or (data := pipe.read()) is None:
-                    break
-                if not data:
-                    self._ended.append(pipe)
-                kept += data
-                if kept is self._log:
-                    del kept[:-MAX_LOG_BYTES]
-                    continue
-                *lines, rest = bytes(kept).split(b"\n")
-                kept[:] = rest[-MAX_LINE_BYTES:]
+        for _ in range(16):
+            if self._log.read():
+                del self._log.data[:-MAX_LOG_BYTES]
+            if self._out.read():
+                *lines, rest = bytes(self._out.data).split(b"\n")
+                self._out.data[:] = rest[-MAX_LINE_BYTES:]
                 for line in lines:
                     self._take(line)
 
@@ -100,18 +122,19 @@ class Worker:
     def wait(self, until: Callable[[], bool] = lambda: False) -> None:
         """Waits until the child has ended, or `until` holds."""
         while not self.done and not until():
-            if (out := self._pipes[0][0]) not in self._ended:
-                out.wait(0.1)
+            if self._out.ended:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    self._process.wait(max(0.0, self._end_s - time.monotonic()))
             else:
-                self._process.wait(max(0.0, self._end_s - time.monotonic()))
+                self._out.wait(0.1)
             self.read()
 
     def result(self) -> dict[str, Any]:
         """The child's result, once it is done. Raises UserError if it refused, failed or took too long."""
         ended = self._process.poll()
         self.read()
-        for pipe, _ in self._pipes if ended is not None else ():
-            while pipe not in self._ended and pipe.wait(LAST_WORDS_S):
+        for output in (self._out, self._log) if ended is not None else ():
+            while output.wait(LAST_WORDS_S):
                 self.read()
         self.close()
         if ended is None:
@@ -122,7 +145,7 @@ class Worker:
         if verdict.get("ok") is False and isinstance(verdict.get("error"), str):
             raise UserError(verdict["error"], str(verdict.get("remedy", "")))
         how = f"signal {-ended}" if ended < 0 else f"exit code {ended}"
-        log = self._log.decode(errors="replace").strip()
+        log = self._log.data.decode(errors="replace").strip()
         why = f"{self.subject}: the process that read it ended with {how}" + (f": {log.splitlines()[-1]}" if log else "")
         raise UserError(why, "use smaller or fewer pictures, or convert them with another program")
 
@@ -131,8 +154,8 @@ class Worker:
         self._process.kill()
         self._process.wait()
         self._stdin.close()
-        for pipe, _ in self._pipes:
-            pipe.close()
+        self._out.close()
+        self._log.close()
 
 
 def serve(work: Serve, memory_bytes: int) -> None:
@@ -149,17 +172,14 @@ def serve(work: Serve, memory_bytes: int) -> None:
 
     request = json.loads(sys.stdin.buffer.readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    limit_memory(memory_bytes)
-    try:
-        report(ok=True, result=work(request, report))
-    except UserError as error:
-        report(ok=False, error=error.message, remedy=error.remedy)
-    except MemoryError:
-        report(
-            ok=False,
-            error=f"reading it needs more than {memory_bytes >> 20} MB of memory",
-            remedy="use smaller or fewer pictures",
-        )
+    with MemoryLimit(memory_bytes):
+        try:
+            report(ok=True, result=work(request, report))
+        except UserError as error:
+            report(ok=False, error=error.message, remedy=error.remedy)
+        except MemoryError:
+            message = f"reading it needs more than {memory_bytes >> 20} MB of memory"
+            report(ok=False, error=message, remedy="use smaller or fewer pictures")
     os._exit(0)  # the thread still blocks in read
 
 

@@ -16,7 +16,7 @@ from lfpipe.capture.camera_device import CameraDevice, known
 from lfpipe.capture.open_source import camera_name
 from lfpipe.errors import UserError
 from lfpipe.host import shared_memory as memory
-from lfpipe.host.paths import exists, is_missing
+from lfpipe.host.files import exists, is_missing
 from lfpipe.host.processes import usable_cores
 from lfpipe.plugins import GROUPS, plugins
 from lfpipe.render.display import has_display

@@ -6,8 +6,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host.load import cpu_ns, rss_bytes
-from lfpipe.host.processes import scheduling
+from lfpipe.host.processes import cpu_ns, rss_bytes, scheduling
 from lfpipe.supervisor.process_table import SHOWN_BY, SOURCE, TRACKED_BY
 from lfpipe.supervisor.snapshot import busy, judder_percent, light, motion_to_photon, photon_words, quality, viewer
 from lfpipe.transport.clock import now_ns

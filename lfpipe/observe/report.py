@@ -11,7 +11,7 @@ from lfpipe import config, log
 from lfpipe.config.text import commented
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import reason
-from lfpipe.host.versions import versions
+from lfpipe.host.machine import versions
 from lfpipe.observe.doctor import Check
 from lfpipe.supervisor import rundir
 from lfpipe.transport.session import Session

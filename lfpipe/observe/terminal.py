@@ -7,7 +7,7 @@ import sys
 import time
 
 from lfpipe.errors import UserError
-from lfpipe.host.keyboard import Keyboard
+from lfpipe.host.terminal import Keyboard
 from lfpipe.observe.latency_table import latency_table
 from lfpipe.observe.screen import Screen, SessionActivity
 from lfpipe.observe.session_commands import SessionCommands

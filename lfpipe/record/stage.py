@@ -16,8 +16,8 @@ import numpy as np
 
 from lfpipe.config import to_dict
 from lfpipe.eyes import EYES as EYES_TYPE
-from lfpipe.host.paths import exists
-from lfpipe.host.versions import versions
+from lfpipe.host.files import exists
+from lfpipe.host.machine import versions
 from lfpipe.record.frame_reader import FrameReader
 from lfpipe.record.store import Store
 from lfpipe.sequence.folder import MANIFEST, begin_manifest, end_manifest

@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host.addition import add
+from lfpipe.host.machine import add
 
 Weights = tuple[float, float, float]
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.host.load import has_desktop
+from lfpipe.host.machine import has_desktop
 from lfpipe.host.presentation import Presented
 from lfpipe.plugins import DISPLAYS, load, plugins
 from lfpipe.render.pair_layout import Pair

@@ -20,8 +20,8 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area, opencv_name
 from lfpipe.files.h264 import H264Writer, encoder_name, write_error
 from lfpipe.files.output import OutputFile, check_output, mark_video, marked_picture, write_output
-from lfpipe.host import quiet
-from lfpipe.host.paths import is_dir
+from lfpipe.host.files import is_dir
+from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
 from lfpipe.render.display import DisplayNotice, NullDisplay
 from lfpipe.render.pair_layout import Pair, scale_into
 
@@ -120,9 +120,8 @@ class FileDisplay(NullDisplay):
                 continue
         self._thread.join()
 
+    @opencv_logging(OPENCV_ERROR)  # otherwise a full disk gives a warning for every picture
     def _run(self) -> None:
-        # otherwise a full disk gives a warning for every picture
-        before = quiet.set_log_level(quiet.ERROR)
         try:
             self._write_all()
         except OSError as error:  # of H264Writer
@@ -135,7 +134,6 @@ class FileDisplay(NullDisplay):
                 if not self._lost.is_set():
                     self._end(error.strerror or "it cannot be completed")
             self._output.close()
-            quiet.set_log_level(before)
         if self.dropped and not self._lost.is_set():
             text = f"{self._path}: {self.dropped} pictures are missing: they came faster than they could be written"
             self._notices.put(DisplayNotice(text, lost=False))

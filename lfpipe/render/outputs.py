@@ -14,7 +14,7 @@ from lfpipe.config import SessionOptions
 from lfpipe.files.output import VISITS_HEADER, output_file
 from lfpipe.files.safe_files import read_text, reason
 from lfpipe.files.trace import TraceFile
-from lfpipe.host.paths import is_missing
+from lfpipe.host.files import is_missing
 from lfpipe.render.geometry import Parallax
 from lfpipe.render.presence import ViewerState
 from lfpipe.render.viewer import Viewer, Viewpoints

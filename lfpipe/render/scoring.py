@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS, may_fade
-from lfpipe.host.addition import add
+from lfpipe.host.machine import add
 from lfpipe.render.synthesis import Synthesiser
 from lfpipe.render.view_weights import Position
 from lfpipe.scene.lightfield import LightField

@@ -8,10 +8,9 @@ import functools
 import os
 from collections import deque
 
-from lfpipe.host.load import has_gpu
-from lfpipe.host.presentation import Presentation
+from lfpipe.host.machine import has_gpu
+from lfpipe.host.presentation import Presentation, XPresentation
 from lfpipe.host.wayland_presentation import WaylandPresentation
-from lfpipe.host.x_presentation import XPresentation
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")  # the process has its own handlers

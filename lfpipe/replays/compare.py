@@ -19,7 +19,7 @@ from lfpipe.errors import UserError, shown
 from lfpipe.files.output import PLACE, marked_picture, write_output
 from lfpipe.files.pictures import header_of
 from lfpipe.files.safe_files import open_regular, reason
-from lfpipe.host.descriptors import read_at
+from lfpipe.host.files import read_at
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.render.scoring import psnr_db
 from lfpipe.replays.report import REPORT, WRITTEN, Line, pair, read_report, read_trace

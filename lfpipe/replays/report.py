@@ -17,7 +17,7 @@ from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import check_links, read_text
 from lfpipe.files.trace import check_sides, trace_lines
 from lfpipe.files.untrusted import json_fields
-from lfpipe.host.versions import versions
+from lfpipe.host.machine import versions
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.folder import Sequence

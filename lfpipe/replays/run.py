@@ -19,7 +19,7 @@ from lfpipe.config import Config, ReplayOutput, SessionOptions
 from lfpipe.errors import UserError
 from lfpipe.files.output import written_by_lfpipe
 from lfpipe.files.safe_files import PRIVATE_FOLDER, reason
-from lfpipe.host.paths import is_dir
+from lfpipe.host.files import is_dir
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.replays.report import REPORT, STEADY, TRACE, make_report, write_report
 from lfpipe.scene.lightfield import LightField

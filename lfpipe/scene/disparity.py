@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host.addition import add
+from lfpipe.host.machine import add
 from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, flow, grid_xy
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, shown
 from lfpipe.files.safe_files import open_regular, reason
-from lfpipe.host import quiet
-from lfpipe.host.descriptors import path_of
+from lfpipe.host.files import path_of
+from lfpipe.host.terminal import opencv_logging
 
 MAX_FILES = 20_000  # a light field of 100x100 views has half of this; a larger folder is something else
 MAX_FILE_BYTES = 1 << 36  # of any file of a scene; an hour of lossless light-field video is smaller
@@ -119,9 +119,9 @@ def _require_entry(folder: Path, entry: os.DirEntry[str]) -> None:
 def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turns errors of the libraries that read files, and lack of memory, into UserError; silences OpenCV's warnings about the
     files."""
-    before = quiet.set_log_level(quiet.SILENT)
     try:
-        yield
+        with opencv_logging():
+            yield
     except MemoryError:
         raise UserError(f"{path}: not enough memory to read it", "use smaller or fewer views") from None
     except cv2.error as error:
@@ -129,8 +129,6 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
         raise UserError(f"{path}: OpenCV cannot read it: {why}", "check its pictures with another program") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {reason(error)}", _CHECK) from None
-    finally:
-        quiet.set_log_level(before)
 
 
 def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BinaryIO:

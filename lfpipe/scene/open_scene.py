@@ -11,7 +11,7 @@ import attrs
 from lfpipe import config
 from lfpipe.config import SceneSummary
 from lfpipe.errors import UserError
-from lfpipe.host.paths import is_dir
+from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Worker
 from lfpipe.scene.cache import cache_dir, find_pack
 from lfpipe.scene.demo import demo_scene

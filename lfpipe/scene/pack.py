@@ -28,7 +28,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import open_regular, read_bytes, reason
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host import file_lock
-from lfpipe.host.descriptors import CAREFUL, read_at, write_at
+from lfpipe.host.files import CAREFUL, read_at, write_at
 from lfpipe.scene.half_turn import shown_as
 from lfpipe.scene.lightfield import Geometry, LightField
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import platformdirs
 
 from lfpipe.files.safe_files import read_bytes, replaced
-from lfpipe.host.paths import exists
+from lfpipe.host.files import exists
 
 COUNT, MAX_BYTES = 40, 1 << 18
 

@@ -22,8 +22,8 @@ from lfpipe.files.decoding import is_video, opencv_name
 from lfpipe.files.output import PLACE, check_output, finished_output, mark_video, output_file
 from lfpipe.files.safe_files import create_private, lines, open_regular, reason
 from lfpipe.files.untrusted import Fields, json_fields
-from lfpipe.host.descriptors import path_of
-from lfpipe.host.versions import versions
+from lfpipe.host.files import path_of
+from lfpipe.host.machine import versions
 from lfpipe.sequence.folder import EYES, TRUTH, Sequence, begin_manifest, end_manifest, new_folder
 from lfpipe.sequence.index import COPY, LINE_BYTES, MAX_PIXELS
 from lfpipe.sequence.packets import PacketWriter, decoded, encoded

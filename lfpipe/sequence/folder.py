@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import PRIVATE_FOLDER, check_links, open_regular, read_bytes, reason, replaced
 from lfpipe.files.untrusted import Fields, json_fields
-from lfpipe.host.descriptors import read_at
-from lfpipe.host.paths import exists
+from lfpipe.host.files import exists, read_at
 from lfpipe.sequence.index import COPY, INDEX, MAX_PIXELS, PACKETS, Packets, read_index
 from lfpipe.sequence.packets import CHANGED, changed, decoded
 

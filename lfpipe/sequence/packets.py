@@ -21,8 +21,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
 from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
 from lfpipe.files.safe_files import PRIVATE
-from lfpipe.host.descriptors import CAREFUL
-from lfpipe.host.paths import exists
+from lfpipe.host.files import CAREFUL, exists
 from lfpipe.sequence.index import INDEX, PACKETS, Packet, line_of, read_index
 
 SCAN, MAX_SCANS = b"\xff\xda", 100  # of a JPEG: each scan of a dozen bytes can cost one more pass over the whole picture

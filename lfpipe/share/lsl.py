@@ -16,7 +16,7 @@ from typing import Any
 import attrs
 
 from lfpipe.host.processes import yield_to_others
-from lfpipe.host.quiet import quiet_stderr
+from lfpipe.host.terminal import quiet_stderr
 from lfpipe.share.output import Sample, Shown
 from lfpipe.share.target import Target
 from lfpipe.transport.clock import SECOND_NS, now_ns

@@ -13,8 +13,8 @@ from typing import NoReturn, TextIO
 
 from lfpipe import log
 from lfpipe.errors import UserError
-from lfpipe.host import handover, processes, signals, streams
-from lfpipe.host.parent import end_with_parent
+from lfpipe.host import processes, signals
+from lfpipe.host.terminal import protect_output
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.placement import settle
 from lfpipe.transport.context import Context
@@ -36,13 +36,13 @@ def stack_file(run_dir: Path, stage: str) -> Path:
     return run_dir / f"stack.{stage}"
 
 
-def run(spec: StageSpec, parent_pid: int, kept: handover.Kept | None = None) -> None:
+def run(spec: StageSpec, parent_pid: int, kept: processes.HandedOver | None = None) -> None:
     """Entry of a spawned process. kept: what its parent opened for it."""
     if kept is not None:
         kept.adopt()
     signals.ignore()  # the terminal sends signals to the whole group; only the supervisor acts on them
-    streams.protect("stdout", "stderr")
-    if not end_with_parent(parent_pid):
+    protect_output("stdout", "stderr")
+    if not processes.end_with_parent(parent_pid):
         return
     processes.set_up(f"lfpipe-{spec.name}")
     run_dir = spec.session.run_dir

@@ -3,12 +3,14 @@
 Connections beyond the limit are closed at once; ZeroMQ clients retry by themselves until there is room.
 """
 
+import contextlib
+import os
+import socket
 from collections.abc import Callable, Iterable
 
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
-from lfpipe.host import endpoints
 from lfpipe.host.limits import OPEN_FILES, allowed_files
 
 MOST_CONNECTIONS, FEWEST_CONNECTIONS = 512, 24  # the stages need two each
@@ -48,7 +50,10 @@ class ConnectionLimit:
         if not self._refusing:
             self._refusing = True
             self._log(f"{self._limit} programs are connected to the session; further ones are refused until some disconnect")
-        endpoints.shut_down(fd)
+        # libzmq closes the descriptor itself, perhaps already; its number then belongs to something else, or to another client
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(fd)) as connection:
+            if connection.family.name == "AF_UNIX":
+                connection.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         """Stops counting; does not close the sockets."""

@@ -16,7 +16,6 @@ import zmq
 
 from lfpipe.config import SceneSummary
 from lfpipe.errors import UserError
-from lfpipe.host import endpoints
 from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor.connection_limit import ConnectionLimit
@@ -76,7 +75,7 @@ class ControlServer:
         self._connections = ConnectionLimit(named.values(), log)
         for name, socket in named.items():
             control.limit(socket)
-            endpoints.bind(socket, session.run_dir, name)
+            control.bind(socket, session.run_dir, name)
         self._requests, self._telemetry = ThrottledSocket(self._ctl), ThrottledSocket(self._bus)
         self._waiting: deque[_Waiting] = deque()  # by revision, so by time as well
         self._files = FileRequests(self._report_step)

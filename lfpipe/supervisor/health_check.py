@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host.load import activity
+from lfpipe.host.processes import activity
 from lfpipe.supervisor.process_table import Stage
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.status import State, busy_words

@@ -10,8 +10,7 @@ from pathlib import Path
 from lfpipe.errors import UserError
 from lfpipe.host import file_lock
 from lfpipe.host.file_lock import Lock
-from lfpipe.host.paths import is_dir
-from lfpipe.host.users import user_id
+from lfpipe.host.files import is_dir, user_id
 
 ATTEMPTS = 30  # to take a lock, PAUSE_S apart
 PAUSE_S = 0.01

@@ -16,7 +16,7 @@ import zmq
 from lfpipe.errors import UserError
 from lfpipe.host import file_lock, processes, shared_memory
 from lfpipe.host.file_lock import Lock
-from lfpipe.host.paths import is_missing
+from lfpipe.host.files import is_missing
 from lfpipe.supervisor import run_lock
 from lfpipe.transport import control, segment, status
 from lfpipe.transport.session import PREFIX, Session, base_dir

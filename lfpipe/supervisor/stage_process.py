@@ -10,8 +10,8 @@ from multiprocessing.process import BaseProcess
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host import handover, signals
-from lfpipe.host.paths import exists
+from lfpipe.host import processes, signals
+from lfpipe.host.files import exists
 from lfpipe.supervisor import child
 from lfpipe.supervisor.health_check import HealthCheck
 from lfpipe.supervisor.process_table import Stage
@@ -53,14 +53,14 @@ class StageProcess:
         self._killed = False
         self.process = multiprocessing.get_context("spawn").Process(
             target=child.run,
-            args=(spec, os.getpid(), handover.Kept() if self.stage.source else None),
+            args=(spec, os.getpid(), processes.HandedOver() if self.stage.source else None),
             name=f"lfpipe-{self.stage.name}",
             daemon=True,
         )
         with signals.blocked():
             self.process.start()
         if self.stage.source:
-            handover.release()  # the child has them: the camera must close with it
+            processes.close_handed_over()  # the child has them: the camera must close with it
         self.row["pid"] = self.process.pid
         logger.info("%s starts as process %d, restart %d", self.stage.name, self.process.pid, self.row["restarts"])
         self._health = HealthCheck(self.stage, self.row, int(self.row["pid"]))
@@ -133,4 +133,4 @@ class StageProcess:
     def signal(self, signum: int) -> None:
         """Sends END or KILL of `host.signals` if there is a process to take it."""
         if self.process is not None and self.process.pid is not None:
-            signals.send(self.process.pid, signum)
+            os.kill(self.process.pid, signum)

@@ -6,8 +6,9 @@ from types import FrameType
 
 from lfpipe import log as session_log
 from lfpipe.config import Config, SessionOptions
-from lfpipe.host import limits, signals, streams
+from lfpipe.host import limits, signals
 from lfpipe.host.processes import usable_cores
+from lfpipe.host.terminal import protect_output
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import placement, rundir
 from lfpipe.supervisor.live_session import LiveSession, Outcome
@@ -52,10 +53,10 @@ class Supervisor:
         with rundir.filled(self._session):
             swept = rundir.sweep()
             lock = rundir.acquire(self._session)
-        streams.protect("stdout", "stderr")
-        before = signals.handle(self._signalled)
+        protect_output("stdout", "stderr")
         try:
-            with session_log.kept_in(self._session.run_dir), control.context() as ctx:
+            log, signalled = session_log.kept_in(self._session.run_dir), signals.handled(self._signalled)
+            with signalled, log, control.context() as ctx:
                 if swept:
                     logger.info("removed what dead sessions left: %s", ", ".join(swept))
                 with rundir.filled(self._session):
@@ -65,7 +66,6 @@ class Supervisor:
                     outcome = live.loop(duration_s, self._signals, lambda: rundir.lost(self._session, lock))
                 logger.info("session %s: %s; %s", self._session.name, outcome.reason, outcome.failure or "no failure")
         finally:
-            signals.restore(before)
             session_log.keep_last(self._session.run_dir)
             rundir.release(self._session, lock)
         return outcome

@@ -29,7 +29,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import parse_toml
-from lfpipe.host.paths import exists
+from lfpipe.host.files import exists
 from lfpipe.scene.open_scene import open_scene
 from lfpipe.sequence.folder import FILES, MANIFEST, is_sequence
 from lfpipe.sweep.cell import BENCH, NEEDS_SCENE, NEEDS_SEQUENCE, QUALITY, SUBJECTS, TABLE, Cell

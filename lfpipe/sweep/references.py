@@ -9,7 +9,7 @@ import attrs
 
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import reason
-from lfpipe.host.paths import is_dir, is_file
+from lfpipe.host.files import is_dir, is_file
 from lfpipe.sweep.cell import DIFFERS, FAILED, OK, QUALITY, REPLAY, Cell, Outcome
 
 FIGURES = "figures.json"  # reference of a cell without pictures

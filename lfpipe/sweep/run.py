@@ -19,8 +19,8 @@ from distributed.scheduler import KilledWorker
 
 from lfpipe.bench.conditions import source_digest
 from lfpipe.errors import UserError
-from lfpipe.host.paths import is_dir
-from lfpipe.host.versions import versions
+from lfpipe.host.files import is_dir
+from lfpipe.host.machine import versions
 from lfpipe.sweep.cell import DIED, DONE, FAILED, REPLAY, Cell, Outcome
 from lfpipe.sweep.plan import Plan, cells
 from lfpipe.sweep.references import judged, marked, place_of

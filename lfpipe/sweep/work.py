@@ -17,8 +17,7 @@ import attrs
 
 from lfpipe.bench.results import figures_of
 from lfpipe.errors import UserError, plain
-from lfpipe.host.paths import exists
-from lfpipe.host.users import user_word
+from lfpipe.host.files import exists, user_id
 from lfpipe.replays.report import read_report
 from lfpipe.supervisor import run_lock
 from lfpipe.sweep.cell import DIED, DIFFERS, FAILED, LEFT_OUT, OK, QUALITY, REPLAY, TABLE, TRUTH, Cell, Outcome
@@ -29,7 +28,7 @@ TOPIC = "lfpipe"  # of the messages to the sweep
 POLL_S, PATIENCE_S = 0.2, 5.0  # of the lock of timed cells; a shorter wait is not reported
 # A command ends with the worker that started it; otherwise the stages of its session would continue.
 COMMAND = (
-    "import runpy, sys; from lfpipe.host.parent import end_with_parent; sys.argv[0] = 'lfpipe';"
+    "import runpy, sys; from lfpipe.host.processes import end_with_parent; sys.argv[0] = 'lfpipe';"
     " end_with_parent(int(sys.argv.pop(1))) and runpy.run_module('lfpipe', run_name='__main__')"
 )
 Figures = dict[str, Any]
@@ -51,7 +50,7 @@ def alone(host: str, limit_s: float, say: Callable[[str], None]) -> Iterator[Non
     The lock is in a 0700 directory of the user. host: its address, because containers may share it. Raises UserError after
     limit_s, or if the directory is not the user's own.
     """
-    path = base_dir() / f"lfpipe-sweep-{user_word()}" / f"{re.sub(r'[^0-9A-Za-z.-]', '_', host)}.lock"
+    path = base_dir() / f"lfpipe-sweep-{user_id()}" / f"{re.sub(r'[^0-9A-Za-z.-]', '_', host)}.lock"
     began, reported = time.monotonic(), False
     try:
         while (lock := run_lock.take(path, make=True)) is None:

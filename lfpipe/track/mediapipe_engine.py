@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.eyes import HEAD_POINTS
-from lfpipe.host.quiet import quiet_stderr
+from lfpipe.host.terminal import quiet_stderr
 from lfpipe.track.engine import Face
 from lfpipe.track.landmarks import (
     EDGES,

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import check_regular, reason, replaced
-from lfpipe.host.paths import exists, is_dir, is_file
+from lfpipe.host.files import exists, is_dir, is_file
 
 VERSION = "0.10.21"  # the last version with these files
 PACKAGE = f"mediapipe=={VERSION}"

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.host.quiet import quiet_stderr
+from lfpipe.host.terminal import quiet_stderr
 from lfpipe.track import models
 
 # (image (h, w, 4), affine (2, 3) from crop px to image px, size_px, border) -> crop, uint8 (size_px, size_px, 4)

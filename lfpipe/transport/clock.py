@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable
 
-from lfpipe.host.clock import asleep_ns
-from lfpipe.host.clock import now_ns as now_ns
+from lfpipe.host.machine import asleep_ns
+from lfpipe.host.machine import now_ns as now_ns
 
 SECOND_NS = 1_000_000_000
 MS_NS = 1_000_000

@@ -14,7 +14,6 @@ import msgpack
 import zmq
 
 from lfpipe.errors import UserError
-from lfpipe.host import endpoints
 
 VERSION = 1
 MAX_BYTES = 64 * 1024
@@ -80,17 +79,25 @@ def limit(socket: zmq.Socket[bytes]) -> None:
 
 def check_place(run_dir: Path, name: str) -> None:
     """Raises UserError where the path of a socket in the run directory is too long."""
-    if length := endpoints.too_long(run_dir, name):
+    length = len(str(run_dir / name))
+    if length > zmq.IPC_PATH_MAX_LEN:
         raise UserError(
-            f"{run_dir / name} has {length} characters, a socket takes {endpoints.LONGEST}",
+            f"{run_dir / name} has {length} characters, a socket takes {zmq.IPC_PATH_MAX_LEN}",
             "use a shorter --session name, or a shorter XDG_RUNTIME_DIR",
         )
 
 
 def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
-    """Connects to the session's ctl, bus or tap. Raises UserError if the path is too long for a socket."""
+    """Connects to the session's ctl, bus or tap: Unix sockets in its run directory, which only its user may enter. If there is
+    none, messages wait. Raises UserError if the path is too long for a socket."""
     check_place(run_dir, name)
-    endpoints.connect(socket, run_dir, name)
+    socket.connect(f"ipc://{run_dir / name}")
+
+
+def bind(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
+    """Makes a socket reachable under name. Raises zmq.ZMQError."""
+    socket.bind(f"ipc://{run_dir / name}")
+    (run_dir / name).chmod(0o600)
 
 
 def request(run_dir: Path, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:

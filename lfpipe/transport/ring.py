@@ -36,7 +36,7 @@ import attrs
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from lfpipe.host.fence import fence
+from lfpipe.host.machine import fence
 from lfpipe.transport import segment
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.segment import Segment

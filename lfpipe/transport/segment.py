@@ -11,9 +11,9 @@ from pathlib import Path
 
 from lfpipe.errors import UserError
 from lfpipe.host import shared_memory
+from lfpipe.host.files import user_id, user_name
 from lfpipe.host.shared_memory import SHM_DIR, Mapping
 from lfpipe.host.shared_memory import Segment as Segment
-from lfpipe.host.users import user_id, user_name
 
 PREFIX = "lfp-"  # of every segment's name
 PAGE = 4096

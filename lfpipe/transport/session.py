@@ -8,10 +8,10 @@ from pathlib import Path
 import attrs
 
 from lfpipe.errors import UserError
-from lfpipe.host.users import runtime_dir, user_word
+from lfpipe.host.files import runtime_dir, user_id
 from lfpipe.transport import segment
 
-PREFIX = f"lfpipe-{user_word()}-"  # of run directories, to separate users
+PREFIX = f"lfpipe-{user_id()}-"  # of run directories, to separate users
 LONGEST_PART = 13  # characters of a ring's name in the name of its segment
 
 

@@ -17,7 +17,7 @@ from lfpipe.capture.camera import CameraFinder, check_camera, open_camera
 from lfpipe.capture.demo import DemoSource
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.errors import UserError
-from lfpipe.host import handover
+from lfpipe.host import processes
 from tests.camera_vm import driver
 from tests.camera_vm.usb_camera import AE_PRIORITY, Frames, UsbCamera
 
@@ -69,7 +69,7 @@ def plug() -> Iterator[Plug]:
     yield add
     for camera in plugged:
         unplug(camera)
-    handover.release()
+    processes.close_handed_over()
 
 
 def unplug(camera: UsbCamera) -> None:

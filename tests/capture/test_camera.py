@@ -20,7 +20,7 @@ from lfpipe.capture.sensor_clock import MAX_AGE_NS, SensorClock, stamp_kind
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device, has
 from lfpipe.errors import UserError
-from lfpipe.host import handover
+from lfpipe.host import processes
 from lfpipe.transport.stamp_kind import StampKind
 from tests.capture.fake_camera import PATH, FakeCamera, source
 
@@ -419,4 +419,4 @@ def test_a_check_that_fails_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(FakeCamera, "configure", busy)
     with pytest.raises(UserError, match="busy"):
         check_source("camera:/dev/video7", config.Camera())
-    assert handover.take("/dev/video7") is None
+    assert processes.receive("/dev/video7") is None

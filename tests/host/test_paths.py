@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.host import paths
+from lfpipe.host import files
 from tests.as_nobody import as_nobody as as_nobody
 from tests.world import World
 
@@ -27,11 +27,12 @@ def locked(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_what_cannot_be_examined_is_neither_there_nor_missing(locked: Path, as_nobody: list[str]) -> None:
-    code = "import sys; from lfpipe.host.paths import *; p = sys.argv[1]; print(exists(p), is_file(p), is_dir(p), is_missing(p))"
+    code = "import sys; from lfpipe.host.files import *; from lfpipe.host.files import is_missing; p = sys.argv[1];"
+    code += "print(exists(p), is_file(p), is_dir(p), is_missing(p))"
     done = subprocess.run([*as_nobody, sys.executable, "-c", code, locked / "in"], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False", "False", "False"]
-    assert not paths.exists(LONG) and not paths.is_missing(LONG)
-    assert paths.is_missing(locked.parent / "absent" / "in") and not paths.is_missing(locked)
+    assert not files.exists(LONG) and not files.is_missing(LONG)
+    assert files.is_missing(locked.parent / "absent" / "in") and not files.is_missing(locked)
 
 
 def run(world: World, *command: str | Path, before: str = "", **env: str) -> subprocess.CompletedProcess[str]:

@@ -49,7 +49,7 @@ def test_noise_without_end_neither_blocks_nor_fills_memory(child: Start) -> None
     running.wait()
     with pytest.raises(UserError, match="exit code 0"):
         running.result()
-    assert len(running._log) <= worker.MAX_LOG_BYTES and len(running._out) <= worker.MAX_LINE_BYTES
+    assert len(running._log.data) <= worker.MAX_LOG_BYTES and len(running._out.data) <= worker.MAX_LINE_BYTES
 
 
 @pytest.mark.parametrize(

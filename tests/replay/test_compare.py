@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from lfpipe.errors import UserError
-from lfpipe.host.versions import OPENCV, versions
+from lfpipe.host.machine import OPENCV, versions
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.replays.compare import LEAST_DB, compare, likeness_db
 from lfpipe.replays.report import read_trace

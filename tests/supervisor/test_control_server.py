@@ -16,7 +16,6 @@ import pytest
 import zmq
 from hypothesis import HealthCheck, given, settings
 
-from lfpipe.host import endpoints
 from lfpipe.supervisor import connection_limit
 from lfpipe.supervisor.connection_limit import ConnectionLimit
 from lfpipe.transport import control
@@ -141,7 +140,7 @@ def test_connections_beyond_the_limit_are_closed_and_those_before_are_kept(
     said: list[str] = []
     with control.context() as ctx, ctx.socket(zmq.ROUTER) as ctl:
         limit = ConnectionLimit([ctl], said.append)
-        endpoints.bind(ctl, tmp_path, "ctl")
+        control.bind(ctl, tmp_path, "ctl")
 
         def connect() -> socket.socket:
             """A connection; what libzmq greets it with is taken."""

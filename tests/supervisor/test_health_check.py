@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lfpipe.config import Config, SessionOptions
-from lfpipe.host.load import activity
+from lfpipe.host.processes import activity
 from lfpipe.supervisor import health_check
 from lfpipe.supervisor.health_check import HealthCheck
 from lfpipe.supervisor.process_table import SOURCE, Stage, consumers
