@@ -81,7 +81,7 @@ def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, s
         world.trace.unlink()
         world.up(scene)
         until(lambda: browser.ask("window.lfpipe.last && window.lfpipe.last.alive"), "session that returned")
-        until(lambda: browser.ask("window.lfpipe.last.camera_hz > 5 && window.lfpipe.last.face"), "its figures", 60)
+        until(lambda: browser.ask("window.lfpipe.last.camera_fps > 5 && window.lfpipe.last.stages.track.face"), "its figures", 60)
         assert server.ask("POST", "/ctl", {"cmd": "recentre"})[0] == 200
 
 
