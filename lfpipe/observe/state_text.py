@@ -63,7 +63,7 @@ def state_text(state: Mapping[str, Any]) -> Text:
     out.append(f"{'ms':>22}   wait                busy\n", "bold")
     names = [name.removesuffix("_ms") for name in QUANTILES]
     times = "".join(f"{name:>6}" for name in (names[0], names[1], *names, "max"))
-    out.append(f"{'stage':<8}{'state':<9}{'Hz':>5}{times} drops rst cpu%  MB\n", "bold")
+    out.append(f"{'stage':<8}{'state':<9}{'Hz':>5}{times} drops rst{' cpu%  MB' if 'cpu_percent' in state else ''}\n", "bold")
     stages = {name: stage for name, stage in state["stages"].items() if stage["state"] != "NONE"}
     for name, stage in stages.items():
         waits, busies = ([stage[kind][each] for each in QUANTILES] for kind in ("wait", "busy"))
@@ -75,7 +75,7 @@ def state_text(state: Mapping[str, Any]) -> Text:
             out.append(f"{'':<8}{stage['busy_with']}\n", "yellow")
     if "cpu_percent" in state:
         out.append(f"{'supervisor':<68}{_load(state)}\n", "dim")
-    level = f"lowered to level {state['level']} of {state['lowest_level']}: {state['level_words']}" if state["level"] else "full"
+    level = f"level {state['level']} of {state['lowest_level']}" if state["level"] else "full"
     out.append(f"quality {level}\n", "bold yellow" if state["level"] else "dim")
     cores = ", ".join(
         f"{name} {spans(stage['cpus'])}{f' nice {nice}' if (nice := stage['nice']) else ''}"
@@ -89,7 +89,7 @@ def state_text(state: Mapping[str, Any]) -> Text:
 
 
 def _load(load: Mapping[str, Any]) -> str:
-    return f" {load['cpu_percent']:4.0f}{load['rss_mb']:4.0f}" if "cpu_percent" in load else "    -   -"
+    return f" {load['cpu_percent']:4.0f}{load['rss_mb']:4.0f}" if "cpu_percent" in load else ""
 
 
 def _age(state: Mapping[str, Any]) -> Text:
