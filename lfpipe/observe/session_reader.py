@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.host.load import cpu_ns, rss_bytes
+from lfpipe.host.processes import cpu_ns, rss_bytes
 from lfpipe.supervisor.process_table import SHOWN_BY
 from lfpipe.supervisor.rundir import find
 from lfpipe.supervisor.snapshot import snapshot
