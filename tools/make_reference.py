@@ -7,7 +7,6 @@ import argparse
 import inspect
 import math
 from pathlib import Path
-from typing import get_args
 
 import click
 
@@ -31,16 +30,16 @@ def configuration() -> str:
         " *no replay*: of no effect on what a replay computes.",
     ]
     section = ""
-    for key, (kind, opt, default) in options().items():
-        head, _, name = key.partition(".")
+    for dotted, key in options().items():
+        head, _, name = dotted.partition(".")
         if head != section:
             section = head
             lines += [f"\n## [{head}]\n", "| key | default | values | meaning |", "|---|---|---|---|"]
-        words = [f"`{word}`" for part in get_args(kind) if not isinstance(part, type) for word in get_args(part) or (part,)]
-        limits = [f"{opt.low:g} to {opt.high:g} {opt.unit}".strip()] if math.isfinite(opt.low) else [opt.unit] if opt.unit else []
-        marks = "".join(f" *{mark}*" for mark, holds in (("live", opt.live), ("no replay", not opt.replays)) if holds)
-        shown = f"`{str(default).lower() if isinstance(default, bool) else default}`" if default != "" else ""
-        lines.append(f"| `{name}` | {shown} | {_cell(', '.join([*limits, *words]))} | {_cell(opt.doc)}{marks} |")
+        words = [f"`{word}`" for word in key.words]
+        limits = [f"{key.low:g} to {key.high:g} {key.unit}".strip()] if math.isfinite(key.low) else [key.unit] if key.unit else []
+        marks = "".join(f" *{mark}*" for mark, holds in (("live", key.live), ("no replay", not key.replays)) if holds)
+        default = f"`{str(key.default).lower() if isinstance(key.default, bool) else key.default}`" if key.default != "" else ""
+        lines.append(f"| `{name}` | {default} | {_cell(', '.join([*limits, *words]))} | {_cell(key.doc)}{marks} |")
     return HEAD + "\n".join(lines) + "\n"
 
 

@@ -10,9 +10,8 @@ import click
 from lfpipe.capture.open_source import camera_name
 from lfpipe.cli.options import with_camera, with_config
 from lfpipe.config import Config, load, user_file
-from lfpipe.config.camera_file import camera_file
 from lfpipe.config.camera_pose import EYES_MM
-from lfpipe.config.user_settings import write_key
+from lfpipe.config.user_files import camera_file, write_keys
 from lfpipe.errors import UserError
 from lfpipe.observe.calibrate import by_card, by_eyes
 from lfpipe.observe.loop_calibration import measure_loop
@@ -88,8 +87,7 @@ def _latency(config: Config, camera: str | None, name: str) -> None:
 def _store(path: Path, section: str, values: Mapping[str, float | str | None]) -> None:
     """Writes the values under [section] of path. Raises UserError."""
     try:
-        for key, value in values.items():
-            write_key(path, section, key, value)
+        write_keys(path, section, values)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         lines = " and ".join(f"{key} = {value}" for key, value in values.items())

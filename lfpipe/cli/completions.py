@@ -39,11 +39,11 @@ def settings(_context: click.Context, _parameter: click.Parameter, incomplete: s
 
     key, sign, _ = incomplete.partition("=")
     if not sign:
-        return [CompletionItem(f"{name}=", help=opt.doc) for name, (_, opt, _) in options().items() if name.startswith(key)]
+        return [CompletionItem(f"{name}=", help=opt.doc) for name, opt in options().items() if name.startswith(key)]
     if key not in options():
         return []
     words = choices(key)
-    if options()[key][0] is bool:
+    if bool in options()[key].types:
         words = ("true", "false")
     elif key == "scene.layout":
         from lfpipe.scene.layouts import layouts

@@ -15,8 +15,7 @@ from lfpipe.cli.kiosk import check_exhibition, until_it_ends
 from lfpipe.cli.progress import progress
 from lfpipe.cli.startup_summary import loop_lines, sharing_lines, size_line, startup_lines
 from lfpipe.config import Config, SessionOptions
-from lfpipe.config.camera_file import with_measured_focal
-from lfpipe.config.user_settings import has_key
+from lfpipe.config.user_files import has_key, with_measured_focal
 from lfpipe.errors import UserError
 from lfpipe.files.h264 import encoder_name
 from lfpipe.files.output import check_outputs

@@ -16,7 +16,7 @@ from lfpipe.capture.v4l2_device import FrameSizes, V4L2Device
 from lfpipe.cli.options import JSON, with_config
 from lfpipe.cli.progress import filled
 from lfpipe.config import load, user_file
-from lfpipe.config.text import commented
+from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import reason, replaced
 from lfpipe.observe.doctor import checks

@@ -22,7 +22,7 @@ def record(
     from lfpipe import config as config_module
     from lfpipe.capture.open_source import camera_name, check_source
     from lfpipe.cli.launch import exit_code, say
-    from lfpipe.config.camera_file import with_measured_focal
+    from lfpipe.config.user_files import with_measured_focal
     from lfpipe.sequence.folder import check_out
     from lfpipe.supervisor.supervisor import Supervisor
     from lfpipe.transport.session import Session

@@ -1,23 +1,23 @@
 """The layers of a configuration: defaults, the user's file, `--config`, `--set`. Later layers win."""
 
-import difflib
+import json
 import math
 import os
+import re
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from lfpipe.config.check import changed, corrected, flat, problems, refusal, wrong_text
-from lfpipe.config.keys import options
-from lfpipe.config.tree import Config
+from lfpipe.config.check import changed, closest, corrected, flat, problems, refusal, wrong_text
+from lfpipe.config.tree import Config, options
+from lfpipe.config.user_files import FILE_BYTES, user_file
 from lfpipe.errors import UserError, shown
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import toml_table
 from lfpipe.host.files import is_missing
 
 PRESETS = Path(__file__).parent / "presets"
-FILE_BYTES = 128 << 10  # ten times the size of a file with every key
 
 
 def parse_set(text: str) -> tuple[str, bool | int | float | str]:
@@ -38,7 +38,7 @@ def parse_set(text: str) -> tuple[str, bool | int | float | str]:
         pass
     if isinstance(value, int) and value.bit_length() > 63:
         value = math.inf if value > 0 else -math.inf  # out of every range, and too large for a message
-    word = isinstance(value, bool) and options().get(key, (bool,))[0] is not bool  # as in render.alpha_px=true
+    word = isinstance(value, bool) and key in options() and bool not in options()[key].types  # as in render.alpha_px=true
     if word or not isinstance(value, bool | int | float | str):
         value = raw
     for part in (key, value):
@@ -47,47 +47,31 @@ def parse_set(text: str) -> tuple[str, bool | int | float | str]:
     return key, value
 
 
-def user_file() -> Path:
-    """Path of the user's own settings, which need not exist."""
-    import platformdirs
-
-    return Path(platformdirs.user_config_dir("lfpipe")) / "config.toml"
-
-
 def presets() -> list[str]:
     """Names of presets that `--config` accepts."""
     return sorted(path.stem for path in PRESETS.glob("*.toml"))
 
 
-def _layers(file: str | os.PathLike[str] | None) -> list[tuple[str, Path]]:
+def _files(file: str | os.PathLike[str] | None) -> list[tuple[str, Path]]:
     """(name in messages, path) of the files to read; later ones win."""
     own = user_file()
-    found = [(str(own), own)] if not is_missing(own) else []
+    files = [(str(own), own)] if not is_missing(own) else []
     if file is None:
-        return found
+        return files
     name = os.fspath(file)
     preset = name in presets() and is_missing(name)
-    return [*found, (f"--config {name}", PRESETS / f"{name}.toml" if preset else Path(name))]
+    return [*files, (f"--config {name}", PRESETS / f"{name}.toml" if preset else Path(name))]
 
 
 def _meant(text: str) -> str:
     """A hint for text without `=`: another separator was used, or the value is missing."""
-    key, sign, value = (part.strip() for part in text.replace(":", "=", 1).replace(" ", "=", 1).partition("="))
-    if key not in options():
-        close = difflib.get_close_matches(key, options(), 1, 0.6) if len(key) < 40 else []
-        key = close[0] if close else ""
-    if not key:
+    key, _, value = (part.strip() for part in re.sub("[: ]", "=", text, count=1).partition("="))
+    if not (key := closest(key, options())):
         return ""
-    return (
-        f", did you mean {key}={value}?"
-        if sign and value and len(value) < 40
-        else f": the value is missing; for example {key}={_example(key)}"
-    )
-
-
-def _example(key: str) -> str:
-    default = options()[key][2]
-    return ("true" if default else "false") if isinstance(default, bool) else str(default)
+    if 0 < len(value) < 40:
+        return f", did you mean {key}={value}?"
+    example = options()[key].default
+    return f": the value is missing; for example {key}={example if isinstance(example, str) else json.dumps(example)}"
 
 
 def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -> Config:
@@ -99,23 +83,23 @@ def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -
     wrong: list[str] = []
     remedy = f"name a TOML file (`lfpipe config init` writes a complete one), or a preset: {', '.join(presets())}"
     remedies: list[str] = []
-    for name, path in _layers(file):
+    for name, path in _files(file):
         try:
-            found = flat(toml_table(read_text(path, FILE_BYTES, name, remedy), name, remedy))
+            pairs = flat(toml_table(read_text(path, FILE_BYTES, name, remedy), name, remedy))
         except UserError as error:
             wrong.append(error.message)
             remedies = [remedy]
             continue
-        wrong += [f"{name}: {each}" for each in problems(found)]
-        values |= {str(key): value for key, value in found}
+        wrong += [f"{name}: {problem}" for problem in problems(pairs)]
+        values |= {str(key): value for key, value in pairs}
     for text in sets:
         try:
             key, value = parse_set(text)
         except UserError as error:
             wrong.append(f"{error.message.removeprefix('configuration: ')}{_meant(text)}")
             continue
-        if found_wrong := problems([(key, value)]):
-            wrong += found_wrong
+        if problem := problems([(key, value)]):
+            wrong += problem
             remedies += [f"--set {fixed}"] if (fixed := corrected(key, value)) else []
         values[key] = value
     if wrong:

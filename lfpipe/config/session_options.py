@@ -150,13 +150,7 @@ class SessionOptions:
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> SessionOptions:
         """The inverse of `to_dict`, unchecked."""
-        scene, replay, level, jpeg_px = (plain[name] for name in ("scene", "replay", "level", "jpeg_px"))
-        nested = {
-            "scene": SceneSummary(**scene) if scene else None,
-            "replay": ReplayOutput(**replay) if replay else None,
-            "level": QualityLevel(**level) if level else None,
-            "jpeg_px": tuple(jpeg_px) if jpeg_px else None,
-            "share": tuple(plain["share"]),
-            "playlist": tuple(plain["playlist"]),
-        }
-        return cls(**{**plain, **nested})
+        classes = {"scene": SceneSummary, "replay": ReplayOutput, "level": QualityLevel}
+        nested = {name: kind(**plain[name]) if plain[name] else None for name, kind in classes.items()}
+        tuples = {name: tuple(plain[name]) if plain[name] is not None else None for name in ("jpeg_px", "share", "playlist")}
+        return cls(**{**plain, **nested, **tuples})

@@ -1,87 +1,82 @@
-"""Every key with its type, default and meaning. `Opt` adds unit, range, and whether the key can change while a session runs
-(`live`).
-"""
+"""Every key with its type, default and meaning."""
 
+import functools
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin
 
 import attrs
 
 AUTO_HZ = 60.0  # pictures per second without a screen
+# fmt: off
+PixelFormat = Literal["auto", "MJPG", "YUYV", "UYVY", "NV12", "YU12", "BGR3", "RGB3", "GREY", "Y10"]
+Anaglyph = Literal[
+    "colour", "grey", "half-colour", "wimmer", "dubois", "dubois-green-magenta", "dubois-amber-blue", "mono", "side-by-side",
+    "row-interleaved",
+]
+# fmt: on
 
 
 @attrs.frozen
-class Opt:
-    """Meaning and limits of a value. low and high: range of a number, inclusive; without them every number is valid.
-    live: `lfpipe ctl set` may change it, so the stage that uses the key must reread `context.config`. replays: whether it can
-    change what a replay computes."""
+class Key:
+    """Meaning and limits of a value. types: of int, float, str and bool, those that it may have. words: values besides.
+    low and high: range of a number, inclusive; without them every number is valid. live: `lfpipe ctl set` may change it, so the
+    stage that uses the key must reread `context.config`. replays: whether it can change what a replay computes."""
 
+    default: Any
     doc: str
-    unit: str = ""
-    low: float = -math.inf
-    high: float = math.inf
-    live: bool = False
-    replays: bool = True
+    unit: str
+    low: float
+    high: float
+    live: bool
+    replays: bool
+    types: tuple[type, ...] = ()
+    words: tuple[str | int, ...] = ()
 
 
+def key(
+    default: Any,
+    unit: str = "",
+    low: float = -math.inf,
+    high: float = math.inf,
+    *,
+    doc: str,
+    live: bool = False,
+    replays: bool = True,
+) -> Any:
+    """A key as a field of its section."""
+    return attrs.field(default=default, metadata={"key": Key(default, doc, unit, low, high, live, replays)})
+
+
+# fmt: off
 @attrs.frozen
 class Camera:
-    source: Annotated[
-        str,
-        Opt(
-            "camera:N, camera:/dev/videoN, camera:NAME, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found",
-            replays=False,
-        ),
-    ] = ""
-    width_px: Annotated[
-        int,
-        Opt(
-            "frame width requested from the camera; frames of another size are scaled, frames of another aspect ratio get black bars",
-            "px",
-            16,
-            7680,
-        ),
-    ] = 640
-    height_px: Annotated[int, Opt("frame height requested from the camera", "px", 16, 4320)] = 480
-    rate_hz: Annotated[
-        float, Opt("frame rate requested from the camera, and used for a file without a rate of its own", "Hz", 0.1, 1000)
-    ] = 30.0
-    format: Annotated[
-        Literal["auto", "MJPG", "YUYV", "UYVY", "NV12", "YU12", "BGR3", "RGB3", "GREY", "Y10"],
-        Opt(
-            "pixel format requested from the camera; auto: the one that reaches the size, then the rate, then the cheapest to decode",
-            replays=False,
-        ),
-    ] = "auto"
-    exposure: Annotated[float | Literal["auto"], Opt("exposure time; auto: the camera decides", "ms", 0.01, 1000)] = "auto"
-    gain: Annotated[float | Literal["auto"], Opt("gain in the camera's own units; auto: the camera decides", "", 0, 65535)] = (
-        "auto"
-    )
-    power_line_hz: Annotated[
-        Literal["auto", 0, 50, 60],
-        Opt("mains frequency whose flicker the exposure avoids, 0 for none; auto: leave the camera's setting", "Hz"),
-    ] = "auto"
-    dynamic_framerate: Annotated[
-        Literal["off", "on", "auto"],
-        Opt("let a camera lower its rate in dim light, until the session ends; auto: leave the camera's setting"),
-    ] = "off"
-    rotate: Annotated[
-        Literal[0, 90, 180, 270], Opt("turn the picture clockwise, for a camera mounted upside down or sideways", "deg")
-    ] = 0
-    mirror: Annotated[bool, Opt("mirror the picture, after the turn, for a driver that delivers it mirrored")] = False
-    above_mm: Annotated[
-        float, Opt("height of the camera above the middle of the picture on the screen", "mm", -2000, 2000, live=True)
-    ] = 0.0
-    tilt_deg: Annotated[float, Opt("angle by which the camera looks down", "deg", -60, 60, live=True)] = 0.0
-    focal_px: Annotated[
-        float | Literal["auto"],
-        Opt("focal length at width_px; auto: measured by `lfpipe calibrate`, else from fov_deg", "px", 1, 100000, live=True),
-    ] = "auto"
-    fov_deg: Annotated[
-        float, Opt("horizontal field of view, used if focal_px is auto and was not measured", "deg", 5, 175, live=True)
-    ] = 56.0
-
+    source: str = key("", replays=False,
+        doc="camera:N, camera:/dev/videoN, camera:NAME, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found")
+    width_px: int = key(640, "px", 16, 7680,
+        doc="frame width requested from the camera; frames of another size are scaled, frames of another aspect ratio get black bars")
+    height_px: int = key(480, "px", 16, 4320, doc="frame height requested from the camera")
+    rate_hz: float = key(30.0, "Hz", 0.1, 1000,
+        doc="frame rate requested from the camera, and used for a file without a rate of its own")
+    format: PixelFormat = key("auto", replays=False,
+        doc="pixel format requested from the camera; auto: the one that reaches the size, then the rate, then the cheapest to decode")
+    exposure: float | Literal["auto"] = key("auto", "ms", 0.01, 1000, doc="exposure time; auto: the camera decides")
+    gain: float | Literal["auto"] = key("auto", "", 0, 65535, doc="gain in the camera's own units; auto: the camera decides")
+    power_line_hz: Literal["auto", 0, 50, 60] = key("auto", "Hz",
+        doc="mains frequency whose flicker the exposure avoids, 0 for none; auto: leave the camera's setting")
+    dynamic_framerate: Literal["off", "on", "auto"] = key("off",
+        doc="let a camera lower its rate in dim light, until the session ends; auto: leave the camera's setting")
+    rotate: Literal[0, 90, 180, 270] = key(0, "deg",
+        doc="turn the picture clockwise, for a camera mounted upside down or sideways")
+    mirror: bool = key(False, doc="mirror the picture, after the turn, for a driver that delivers it mirrored")
+    above_mm: float = key(0.0, "mm", -2000, 2000, live=True,
+        doc="height of the camera above the middle of the picture on the screen")
+    tilt_deg: float = key(0.0, "deg", -60, 60, live=True, doc="angle by which the camera looks down")
+    focal_px: float | Literal["auto"] = key("auto", "px", 1, 100000, live=True,
+        doc="focal length at width_px; auto: measured by `lfpipe calibrate`, else from fov_deg")
+    fov_deg: float = key(56.0, "deg", 5, 175, live=True,
+        doc="horizontal field of view, used if focal_px is auto and was not measured")
     @property
     def frame_px(self) -> tuple[int, int]:
         """(width, height) of a frame after the turn."""
@@ -91,124 +86,41 @@ class Camera:
 
 @attrs.frozen
 class Track:
-    engine: Annotated[
-        Literal["litert", "mediapipe"], Opt("litert: the landmark network in-thread; mediapipe: FaceMesh, as in the paper")
-    ] = "litert"
-    filter: Annotated[
-        Literal["predictive", "one-euro", "kalman", "mean"], Opt("smoothing of the eye positions; mean is the paper's", live=True)
-    ] = "predictive"
-    mean_k: Annotated[int, Opt("frames in the moving average of filter = mean", "frames", 1, 1000, live=True)] = 5
-    refine: Annotated[
-        bool,
-        Opt("refine the eye centres with the iris network, and learn the viewer's own distance between the eyes from the iris"),
-    ] = False
+    engine: Literal["litert", "mediapipe"] = key("litert",
+        doc="litert: the landmark network in-thread; mediapipe: FaceMesh, as in the paper")
+    filter: Literal["predictive", "one-euro", "kalman", "mean"] = key("predictive", live=True,
+        doc="smoothing of the eye positions; mean is the paper's")
+    mean_k: int = key(5, "frames", 1, 1000, live=True, doc="frames in the moving average of filter = mean")
+    refine: bool = key(False,
+        doc="refine the eye centres with the iris network, and learn the viewer's own distance between the eyes from the iris")
 
 
 @attrs.frozen
 class Render:
-    clock: Annotated[
-        Literal["display", "camera"],
-        Opt(
-            "display: a picture for every refresh, eyes predicted to it; camera: one picture per camera frame, as in the paper",
-            replays=False,
-        ),
-    ] = "display"
-    rate_hz: Annotated[
-        float | Literal["auto"],
-        Opt(
-            "pictures per second of the display clock; auto: every refresh of the screen, 60 without a screen",
-            "Hz",
-            1,
-            1000,
-            replays=False,
-        ),
-    ] = "auto"
-    method: Annotated[
-        Literal["auto", "nearest", "blend", "warp", "warp2", "best"],
-        Opt("how a view between the stored views is made; nearest is the paper's", live=True),
-    ] = "auto"
-    alpha_px: Annotated[
-        float | Literal["auto", "true"],
-        Opt(
-            "camera pixels between neighbouring views of the grid; auto: from geometry and comfort; true: depth as in nature",
-            "px",
-            1e-9,
-            1e9,
-            live=True,
-        ),
-    ] = "auto"
-    depth: Annotated[
-        float,
-        Opt(
-            "depth from comfort (0) to true (1), or to the whole grid where true is unknown; with alpha_px auto",
-            "",
-            0,
-            1,
-            live=True,
-        ),
-    ] = 0.0
-    anaglyph: Annotated[
-        Literal[
-            "colour",
-            "grey",
-            "half-colour",
-            "wimmer",
-            "dubois",
-            "dubois-green-magenta",
-            "dubois-amber-blue",
-            "mono",
-            "side-by-side",
-            "row-interleaved",
-        ],
-        Opt("how the two eyes' views share one picture; colour is the paper's", live=True),
-    ] = "dubois"
-    light: Annotated[
-        Literal["linear", "gamma"], Opt("where matrices with cross terms are applied: linear light, or code values", live=True)
-    ] = "linear"
-    ghost_compensation: Annotated[
-        float,
-        Opt(
-            "share of the light leaking through the other eye's glass that is subtracted; no effect with dubois-amber-blue",
-            "%",
-            0,
-            100,
-            live=True,
-        ),
-    ] = 0.0
-    zero_plane_px: Annotated[
-        float | Literal["auto"],
-        Opt(
-            "disparity of points in the plane of the screen; auto: that of the nearest at the picture's left and right border",
-            "px/view",
-            -1000,
-            1000,
-            live=True,
-        ),
-    ] = "auto"
-    extrapolate_views: Annotated[float, Opt("how far beyond the grid the viewpoint may go", "views", 0, 16, live=True)] = 2.0
-    keep_depth: Annotated[
-        bool,
-        Opt(
-            "at the edge of the grid, keep the distance of the eyes and stop their middle; no: stop each eye, as the paper does",
-            live=True,
-        ),
-    ] = True
-    swap_eyes: Annotated[bool, Opt("swap the eyes, for glasses worn or printed the other way round", live=True)] = False
-    loop_ms: Annotated[
-        float,
-        Opt(
-            "delay of the camera before its stamp plus delay of the display after the present; prediction adds it; `lfpipe calibrate --latency` measures it",
-            "ms",
-            0,
-            1000,
-            live=True,
-            replays=False,
-        ),
-    ] = 0.0
-    loop_measured: Annotated[
-        str, Opt("date, camera and monitor of the measurement of loop_ms; empty: not measured", replays=False)
-    ] = ""
-
+    clock: Literal["display", "camera"] = key("display", replays=False,
+        doc="display: a picture for every refresh, eyes predicted to it; camera: one picture per camera frame, as in the paper")
+    rate_hz: float | Literal["auto"] = key("auto", "Hz", 1, 1000, replays=False,
+        doc="pictures per second of the display clock; auto: every refresh of the screen, 60 without a screen")
+    method: Literal["auto", "nearest", "blend", "warp", "warp2", "best"] = key("auto", live=True,
+        doc="how a view between the stored views is made; nearest is the paper's")
+    alpha_px: float | Literal["auto", "true"] = key("auto", "px", 1e-09, 1e+09, live=True,
+        doc="camera pixels between neighbouring views of the grid; auto: from geometry and comfort; true: depth as in nature")
+    depth: float = key(0.0, "", 0, 1, live=True,
+        doc="depth from comfort (0) to true (1), or to the whole grid where true is unknown; with alpha_px auto")
+    anaglyph: Anaglyph = key("dubois", live=True, doc="how the two eyes' views share one picture; colour is the paper's")
+    light: Literal["linear", "gamma"] = key("linear", live=True,
+        doc="where matrices with cross terms are applied: linear light, or code values")
+    ghost_compensation: float = key(0.0, "%", 0, 100, live=True,
+        doc="share of the light leaking through the other eye's glass that is subtracted; no effect with dubois-amber-blue")
+    zero_plane_px: float | Literal["auto"] = key("auto", "px/view", -1000, 1000, live=True,
+        doc="disparity of points in the plane of the screen; auto: that of the nearest at the picture's left and right border")
+    extrapolate_views: float = key(2.0, "views", 0, 16, live=True, doc="how far beyond the grid the viewpoint may go")
+    keep_depth: bool = key(True, live=True,
+        doc="at the edge of the grid, keep the distance of the eyes and stop their middle; no: stop each eye, as the paper does")
+    swap_eyes: bool = key(False, live=True, doc="swap the eyes, for glasses worn or printed the other way round")
+    loop_ms: float = key(0.0, "ms", 0, 1000, live=True, replays=False,
+        doc="delay of the camera before its stamp plus delay of the display after the present; prediction adds it; `lfpipe calibrate --latency` measures it")
+    loop_measured: str = key("", replays=False, doc="date, camera and monitor of the measurement of loop_ms; empty: not measured")
     @property
     def nominal_hz(self) -> float:
         """rate_hz as a number; AUTO_HZ if the screen decides."""
@@ -217,88 +129,43 @@ class Render:
 
 @attrs.frozen
 class Screen:
-    monitor: Annotated[
-        int | str,
-        Opt(
-            "monitor for the window and for full screen: its number or part of its name, as `lfpipe doctor` lists them; empty: the window's own",
-            "",
-            0,
-            63,
-            replays=False,
-        ),
-    ] = ""
-    width_mm: Annotated[
-        float | Literal["auto"],
-        Opt(
-            "width of the picture on the screen; auto: from the monitor's reported size, 530 if unknown",
-            "mm",
-            10,
-            20000,
-            live=True,
-        ),
-    ] = "auto"
-    distance_mm: Annotated[
-        float | Literal["auto"],
-        Opt("viewer to screen; auto: from the distance between the eyes in the camera picture", "mm", 50, 50000, live=True),
-    ] = "auto"
+    monitor: int | str = key("", "", 0, 63, replays=False,
+        doc="monitor for the window and for full screen: its number or part of its name, as `lfpipe doctor` lists them; empty: the window's own")
+    width_mm: float | Literal["auto"] = key("auto", "mm", 10, 20000, live=True,
+        doc="width of the picture on the screen; auto: from the monitor's reported size, 530 if unknown")
+    distance_mm: float | Literal["auto"] = key("auto", "mm", 50, 50000, live=True,
+        doc="viewer to screen; auto: from the distance between the eyes in the camera picture")
 
 
 @attrs.frozen
 class Scene:
-    layout: Annotated[str, Opt("layout on disk; auto: detect it (`lfpipe scene info` shows it)")] = "auto"
-    grid: Annotated[str, Opt("ROWSxCOLS, if the files do not define it; empty: detect it")] = ""
-    flip: Annotated[Literal["auto", "none", "rows", "cols", "both"], Opt("reverse the order of the views; auto: detect it")] = (
-        "auto"
-    )
-    transpose: Annotated[Literal["auto", "no", "yes"], Opt("exchange rows and columns of the grid; auto: detect it")] = "auto"
-    half_turn: Annotated[
-        Literal["auto", "no", "yes"],
-        Opt(
-            "exchange near and far: reverse both rows and columns; auto: as chosen for this scene before, else as its files say",
-            live=True,
-        ),
-    ] = "auto"
-    gamma: Annotated[
-        float | Literal["auto"],
-        Opt("screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: detect it", "", 0.1, 10),
-    ] = "auto"
-    force: Annotated[bool, Opt("open pictures even if they do not look like one light field")] = False
-    cache_dir: Annotated[str, Opt("folder for packed scenes; empty: the user's cache directory", replays=False)] = ""
+    layout: str = key("auto", doc="layout on disk; auto: detect it (`lfpipe scene info` shows it)")
+    grid: str = key("", doc="ROWSxCOLS, if the files do not define it; empty: detect it")
+    flip: Literal["auto", "none", "rows", "cols", "both"] = key("auto", doc="reverse the order of the views; auto: detect it")
+    transpose: Literal["auto", "no", "yes"] = key("auto", doc="exchange rows and columns of the grid; auto: detect it")
+    half_turn: Literal["auto", "no", "yes"] = key("auto", live=True,
+        doc="exchange near and far: reverse both rows and columns; auto: as chosen for this scene before, else as its files say")
+    gamma: float | Literal["auto"] = key("auto", "", 0.1, 10,
+        doc="screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: detect it")
+    force: bool = key(False, doc="open pictures even if they do not look like one light field")
+    cache_dir: str = key("", replays=False, doc="folder for packed scenes; empty: the user's cache directory")
 
 
 @attrs.frozen
 class Governor:
-    quality: Annotated[
-        Literal["auto", "fixed"],
-        Opt(
-            "auto: lower quality level by level if the machine is too slow, and raise it when CPU is free; fixed: never",
-            live=True,
-            replays=False,
-        ),
-    ] = "auto"
-    affinity: Annotated[
-        str,
-        Opt(
-            "cores of each stage, as in track=1,render=0+2; auto: on two cores, tracking has one of its own; none: the system decides",
-            replays=False,
-        ),
-    ] = "auto"
-    nice: Annotated[
-        str, Opt("niceness of each stage, as in render=0,track=5; empty: same as the parent process", replays=False)
-    ] = ""
+    quality: Literal["auto", "fixed"] = key("auto", live=True, replays=False,
+        doc="auto: lower quality level by level if the machine is too slow, and raise it when CPU is free; fixed: never")
+    affinity: str = key("auto", replays=False,
+        doc="cores of each stage, as in track=1,render=0+2; auto: on two cores, tracking has one of its own; none: the system decides")
+    nice: str = key("", replays=False, doc="niceness of each stage, as in render=0,track=5; empty: same as the parent process")
 
 
 @attrs.frozen
 class Replay:
-    latency_ms: Annotated[
-        float,
-        Opt(
-            "assumed latency from sensor to light if pictures do not depend on the clock: replay in steps, pace=max",
-            "ms",
-            0,
-            1000,
-        ),
-    ] = 20.0
+    latency_ms: float = key(20.0, "ms", 0, 1000,
+        doc="assumed latency from sensor to light if pictures do not depend on the clock: replay in steps, pace=max")
+
+# fmt: on
 
 
 @attrs.frozen
@@ -314,10 +181,30 @@ class Config:
     replay: Replay = Replay()
 
 
+SECTIONS: dict[str, Any] = {section.name: section.type for section in attrs.fields(Config)}
+
+
+@functools.cache
+def options() -> dict[str, Key]:
+    """Every key by its dotted name, in the order of the tree."""
+    keys = {}
+    for section, kind in SECTIONS.items():
+        for field in attrs.fields(kind):
+            parts = get_args(field.type) if get_origin(field.type) in (Union, UnionType) else (field.type,)
+            types = tuple(part for part in parts if isinstance(part, type))
+            words = tuple(word for part in parts if part not in types for word in get_args(part))
+            keys[f"{section}.{field.name}"] = attrs.evolve(field.metadata["key"], types=types, words=words)
+    return keys
+
+
+def choices(name: str) -> tuple[str, ...]:
+    """The words that a key accepts, in order."""
+    return tuple(word for word in options()[name].words if isinstance(word, str))
+
+
 def trusted(tree: Mapping[str, Any]) -> Config:
     """The inverse of `to_dict`, unchecked."""
-    default = Config()
-    return Config(**{name: type(getattr(default, name))(**values) for name, values in tree.items()})
+    return Config(**{name: SECTIONS[name](**values) for name, values in tree.items()})
 
 
 def to_dict(config: Config) -> dict[str, Any]:

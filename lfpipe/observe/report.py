@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from lfpipe import config, log
-from lfpipe.config.text import commented
+from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import reason
 from lfpipe.host.machine import versions

@@ -99,11 +99,10 @@ class GlassesHelp:
 
     def _keep(self, values: Mapping[str, float | bool | str]) -> None:
         """Saves keys of [render] in the person's settings."""
-        from lfpipe.config.user_settings import write_key
+        from lfpipe.config.user_files import write_keys
 
         try:
-            for name, value in values.items():
-                write_key(user_file(), "render", name, value)
+            write_keys(user_file(), "render", values)
         except (OSError, ValueError) as error:
             self._notices.say("kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}", now_ns())
         else:

@@ -180,7 +180,7 @@ def compare(reference: Path, folder: Path) -> Comparison:
     eyes_px = _tolerance_px(was["versions"], now["versions"])
     # a key that one of them does not know had its default's effect
     before, after = (_flat(to_dict(Config())) | _flat(report["config"]) for report in (was, now))
-    known = {key: opt.replays for key, (_, opt, _) in options().items()}
+    known = {name: key.replays for name, key in options().items()}
     of_no_effect = tuple(key for key in before | after if not known.get(key))  # a key that is gone has none
     found = _fields("config", before, after, of_no_effect)
     found += _fields("plan", was["plan"], now["plan"])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.config import Config, load
-from lfpipe.config.text import commented
+from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
 
 

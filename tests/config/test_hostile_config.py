@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.config import Config
-from lfpipe.config.text import commented
+from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
 from tests import hostile_files
 from tests.hostile_files import NO_FILES, TOML_TEXTS, VALUES, deep, ended

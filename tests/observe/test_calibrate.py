@@ -13,7 +13,7 @@ import pytest
 
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Camera
-from lfpipe.config.user_settings import write_key
+from lfpipe.config.user_files import write_keys
 from lfpipe.track.engine import Face
 from lfpipe.track.eye_distance import GAUGE_FRAMES, EyeGauge
 from tests.world import World
@@ -36,9 +36,9 @@ def test_one_key_changes_and_nothing_else(before: str, tmp_path: Path) -> None:
     wanted = tomllib.loads(before)
     wanted.setdefault("camera", {})["focal_px"] = 612.5
     path = tmp_path / "new" / "config.toml"
-    write_key(path, "camera", "focal_px", 1.5)
+    write_keys(path, "camera", {"focal_px": 1.5})
     path.write_text(before)
-    write_key(path, "camera", "focal_px", 612.5)
+    write_keys(path, "camera", {"focal_px": 612.5})
     assert tomllib.loads(path.read_text()) == wanted and len(list(path.parent.iterdir())) == 1
     assert [line.partition("#")[2] for line in path.read_text().splitlines() if "#" in line] == [
         line.partition("#")[2] for line in before.splitlines() if "#" in line
@@ -50,7 +50,7 @@ def test_a_file_without_a_place_for_the_key_stays_as_it_is(before: str, tmp_path
     path = tmp_path / "config.toml"
     path.write_text(before)
     with pytest.raises(ValueError):
-        write_key(path, "camera", "focal_px", 612.5)
+        write_keys(path, "camera", {"focal_px": 612.5})
     assert path.read_text() == before
 
 

@@ -1,0 +1,100 @@
+"""The user's own files: settings with every key explained, or written key by key, and measured cameras."""
+
+import json
+import math
+from collections.abc import Mapping, MutableMapping
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+from lfpipe.config.tree import Config, Key, options, to_dict
+from lfpipe.files.safe_files import read_text, replaced
+from lfpipe.files.untrusted import Fields, toml_table
+from lfpipe.host.files import exists, is_missing
+
+FILE_BYTES = 128 << 10  # ten times the size of a file with every key
+FOCAL_PX = 1.0, 1e6  # of a camera: what camera.focal_px accepts, at any width
+
+
+def user_file() -> Path:
+    """Path of the user's own settings, which need not exist."""
+    import platformdirs
+
+    return Path(platformdirs.user_config_dir("lfpipe")) / "config.toml"
+
+
+def camera_file() -> Path:
+    """Path of the measured focal lengths, which need not exist: `[NAME] focal_px, width_px`, one table per camera."""
+    return user_file().with_name("cameras.toml")
+
+
+def with_measured_focal(config: Config, camera: str) -> Config:
+    """Returns config with the measured focal length of that camera, unless camera.focal_px has a value. Without a
+    measurement, config is unchanged. Raises UserError if the file is damaged."""
+    path = camera_file()
+    if config.camera.focal_px != "auto" or is_missing(path):
+        return config
+    remedy = "remove the file, and run `lfpipe calibrate` again"
+    cameras = toml_table(read_text(path, FILE_BYTES, str(path), remedy), str(path), remedy)
+    if camera not in cameras:
+        return config
+    measured = Fields(cameras, str(path), remedy).table(camera)
+    focal_px, width_px = (measured.number(name, *FOCAL_PX) for name in ("focal_px", "width_px"))
+    here_px = round(focal_px * config.camera.frame_px[0] / width_px, 1)
+    return attrs.evolve(config, camera=attrs.evolve(config.camera, focal_px=here_px))
+
+
+def has_key(path: Path, section: str, name: str) -> bool:
+    """Whether the TOML file at path sets [section] name. A file that cannot be read sets nothing."""
+    import tomlkit
+
+    try:
+        return name in tomlkit.parse(path.read_text()).get(section, {})
+    except (OSError, ValueError):
+        return False
+
+
+def write_keys(path: Path, section: str, values: Mapping[str, float | bool | str | None]) -> None:
+    """Sets keys of [section] in the TOML file at path, or removes those whose value is None. Keeps everything else, comments and
+    order too. The write is atomic.
+
+    Raises OSError if it cannot be written, ValueError if it is not TOML or section is not a table.
+    """
+    import tomlkit
+
+    tree = tomlkit.parse(path.read_text() if exists(path) else "")
+    table = tree.setdefault(section, tomlkit.table())
+    if not isinstance(table, MutableMapping):
+        raise ValueError(f"{section} is not a table")
+    for name, value in values.items():
+        if value is None:
+            table.pop(name, None)
+        else:
+            table[name] = value
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replaced(path, 0o644) as file:
+        file.write(tomlkit.dumps(tree).encode())
+
+
+def _range(key: Key) -> str:
+    limits = f"{key.low:g} to {key.high:g}" if math.isfinite(key.low) else ""
+    accepted = " or ".join(part for part in (f"{limits} {key.unit}".strip(), ", ".join(map(str, key.words))) if part)
+    return f" [{accepted}]" if accepted else ""
+
+
+def _toml(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)  # TOML allows no surrogate pairs
+
+
+def commented(config: Config | None = None) -> str:
+    """TOML text of config (the defaults when None) for people: above each key its meaning, unit and range."""
+    lines = ["# Every key of lfpipe. `--set SECTION.KEY=VALUE` changes one for one run."]
+    for section, values in to_dict(config or Config()).items():
+        lines += ["", f"[{section}]"]
+        for name, value in values.items():
+            key = options()[f"{section}.{name}"]
+            live = "; `lfpipe ctl set` changes it live" if key.live else ""
+            was = "" if value == key.default else f"; default {_toml(key.default)}"
+            lines += [f"# {key.doc}{_range(key)}{live}{was}", f"{name} = {_toml(value)}"]
+    return "\n".join(lines) + "\n"
