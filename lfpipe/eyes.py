@@ -1,7 +1,12 @@
 """The records that travel from tracking to rendering and on, and their one piece of arithmetic."""
 
+import struct
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
+
+Eyes = tuple[float, float, float, float]  # x and y of the left eye, x and y of the right one
 
 # Points are [[left x, left y], [right x, right y]] of the viewer's own eyes in px of the unmirrored camera picture, so
 # the left eye stands at larger x. The ring's slot header repeats source_seq, epoch and the stamps of the frame.
@@ -21,6 +26,31 @@ EYES = np.dtype(
         ("head_px", "<f4", (10, 3)),  # HEAD_POINTS in the picture: right, down, away from the camera; zeros: not known
     ]
 )
+
+_PLAIN = struct.Struct("<14d2iq2id")  # the fields before head_px
+
+
+class EyesRecord(NamedTuple):
+    """A record of EYES without head_px, as plain numbers: on a path where each numpy call costs some microseconds."""
+
+    raw_px: Eyes
+    filtered_px: Eyes
+    velocity_px_s: Eyes
+    apart_px: float
+    confidence: float
+    width_px: int
+    height_px: int
+    t_tracked_ns: int
+    face: int
+    generation: int
+    eyes_mm: float
+
+    @classmethod
+    def of(cls, record: NDArray[np.void]) -> "EyesRecord":
+        """From a record of dtype EYES, shape ()."""
+        numbers = _PLAIN.unpack_from(record.tobytes())
+        return cls(numbers[:4], numbers[4:8], numbers[8:12], *numbers[12:])
+
 
 # Points of MediaPipe's face mesh that jaw and mouth do not move: tip of the nose, top of the forehead, corners of the eyes from
 # the right outer to the left outer one, temples, and in front of the ears.

@@ -16,8 +16,7 @@ from lfpipe.config import Scene
 from lfpipe.errors import UserError
 from lfpipe.files.output import output_file
 from lfpipe.host.files import is_file
-from lfpipe.render.compositor import Compositor
-from lfpipe.render.single_view import ViewRenderer
+from lfpipe.render.compositor import Compositor, ViewRenderer
 from lfpipe.scene import open_scene as scenes
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.layouts.array import require_views

@@ -40,7 +40,7 @@ def mapping_error(alpha_px: float, u: float, count: int = 9, reach: float = 2.0)
     """Distance in views between the mapping and the same in long double, before the clamp; infinite if it is not finite, leaves
     the zone, or is wrong in its clamp."""
     solver = ViewSolver(count, count, Render(extrapolate_views=reach), alpha_px, (320.0, 240.0))
-    left, right = (view[1] for view in solver.views([[u, 240.0], [u - 60.0, 240.0]]))
+    left, right = (view[1] for view in solver.views((u, 240.0, u - 60.0, 240.0)))
     if not (
         math.isfinite(left) and math.isfinite(right) and -reach <= min(left, right) and max(left, right) <= count - 1 + reach
     ):

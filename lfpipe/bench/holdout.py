@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.render.synthesis import Synthesiser
-from lfpipe.render.view_weights import Position
+from lfpipe.render.viewpoint import Position
 from lfpipe.scene.disparity import estimate_disparity, quantised, scale_for
 from lfpipe.scene.lightfield import LightField
 

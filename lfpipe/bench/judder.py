@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Cell, Skipped, Subject, Table
-from lfpipe.render.refresh import LeadTime, ScreenClock, ScreenRefresh
+from lfpipe.render.refresh import ScreenClock, ScreenRefresh
 from lfpipe.render.viewer import VIDEO_LEAD, video_frame
 from lfpipe.transport.clock import MS_NS
 
@@ -41,8 +41,9 @@ def simulate(
 ) -> Shown:
     """A screen of rate_hz. slow: share of wake-ups that are 5 ms late in the mean. whole_ms: blanks are reported in whole ms."""
     random = np.random.default_rng(5)
-    clock, lead = ScreenClock(rate_hz, T0_NS), LeadTime()
-    refresh = ScreenRefresh(clock, lead, 0.0, T0_NS)
+    clock = ScreenClock(rate_hz, T0_NS)
+    refresh = ScreenRefresh(clock, 0.0, T0_NS)
+    lead = refresh.lead
     period_ns, bad, leads, blanks, targets = 1e9 / rate_hz, [], [], [], []
     clock.blank(T0_NS)
     now_ns = T0_NS

@@ -18,6 +18,7 @@ from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Cell, Skipped, State, Subject, Table
 from lfpipe.config import Config, Track
 from lfpipe.eyes import EYES as RECORD
+from lfpipe.eyes import EyesRecord
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.lightfield import LightField
 from lfpipe.track.filters import Motion, Predictive, Tuning, make_filter
@@ -146,7 +147,7 @@ def viewer_run(field: LightField, rate_hz: int, jittered: bool, bad: Callable[[i
         record["velocity_px_s"], record["apart_px"], record["confidence"] = 0.0, APART_PX, 1.0
         record["width_px"], record["height_px"], record["face"], record["generation"] = 640, 480, 1, 1
         bad(k, record)
-        shown = viewer.viewpoints(record, stamps[k], shown_ns + 50_000_000)
+        shown = viewer.viewpoints(EyesRecord.of(record), stamps[k], shown_ns + 50_000_000)
         views.append((shown.left, shown.right))
     return np.array(views)
 

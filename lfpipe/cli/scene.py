@@ -19,8 +19,8 @@ from lfpipe.export.clip import check_clip, write_clip
 from lfpipe.export.scene_pictures import RATE_HZ, SWEEP_S, WIGGLE_S, SceneExport, pair_name, parse_tiles, quilt_name, stereo_file
 from lfpipe.files.output import check_output, marked_picture, write_output
 from lfpipe.host.files import is_dir
+from lfpipe.render.compositor import render_view
 from lfpipe.render.plan import make_plan
-from lfpipe.render.single_view import render_view
 from lfpipe.scene.cache import cache_dir, packs, remove, sweep
 from lfpipe.scene.contact_sheet import contact_sheet, require_view_index
 from lfpipe.scene.info import describe_pack, lines
@@ -134,7 +134,7 @@ def plan(path: Path, as_json: bool, **options: Any) -> None:
     """Show which work SCENE does not need, why, and what leaving it out saves."""
     config = scene_config(options)
     field = opened(path, config)
-    made = make_plan(field, config, measure=True)
+    made = make_plan(field, config)
     if as_json:
         click.echo(json.dumps({"scene": field.name, **attrs.asdict(made)}))
         return

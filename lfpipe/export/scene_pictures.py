@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.files.output import MARK, marked_picture
-from lfpipe.render.geometry import parallax
-from lfpipe.render.screen_plane import zero_plane_px
-from lfpipe.render.single_view import ViewRenderer
+from lfpipe.render.compositor import ViewRenderer
+from lfpipe.render.geometry import parallax, zero_plane_px
 from lfpipe.scene.lightfield import LightField
 
 Picture = NDArray[np.uint8]

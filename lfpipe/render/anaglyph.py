@@ -18,6 +18,8 @@ omits the gamma of 1.5 on red that some copies have. With it, grey differs betwe
 have a rivalry of 12 L* instead of 0.4.
 """
 
+from collections import OrderedDict
+from collections.abc import Callable
 from functools import lru_cache
 
 import attrs
@@ -26,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.machine import add
+from lfpipe.scene.lightfield import LightField
 
 Weights = tuple[float, float, float]
 
@@ -270,6 +273,44 @@ def _plane_tables(weights: Weights, linear: bool) -> tuple[list[NDArray[np.uint1
     level = np.arange(65536) / scale
     value = encoded(level) if linear else np.clip(level, 0.0, 1.0)
     return terms, np.rint(value * 255).astype(np.uint8).reshape(1, -1)
+
+
+BUDGET_BYTES = 64 << 20
+
+
+def stored_channels(field: LightField, plane: Plane) -> tuple[int, ...]:
+    """Stored channels of a plane. Weights sum to 1: every plane of a grey view is the view."""
+    return (0,) if field.channels == 1 else plane.channels
+
+
+class PlaneStore:
+    """Planes of stored views: channels without a copy, others built when first shown and kept while they fit."""
+
+    def __init__(self, field: LightField, budget_bytes: int = BUDGET_BYTES) -> None:
+        self._views = np.asarray(field.views)  # a plain view of the map: indexing an np.memmap costs microseconds
+        self._field = field
+        self._builder = PlaneBuilder(field.height_px, field.width_px)
+        self._room = max(8, budget_bytes // max(1, field.height_px * field.width_px))
+        self._built: OrderedDict[tuple[int, int, int, Plane], NDArray[np.uint8]] = OrderedDict()
+
+    def getter(self, plane: Plane) -> Callable[[int, int, int], NDArray[np.uint8]]:
+        """A function (frame, row, col) -> uint8 (height, width), read-only, valid for at least the next seven calls."""
+        channels, views = stored_channels(self._field, plane), self._views
+        if len(channels) > 1:
+            return lambda frame, row, col: self._get(frame, row, col, plane)
+        return lambda frame, row, col: views[frame, row, col, channels[0]]
+
+    def _get(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
+        place = (frame, row, col, plane)
+        built = self._built.get(place)
+        if built is not None:
+            self._built.move_to_end(place)
+            return built
+        full = len(self._built) >= self._room
+        buffer = self._built.popitem(last=False)[1] if full else np.empty(self._views.shape[4:], np.uint8)
+        self._builder.build(self._views[frame, row, col], plane, buffer)
+        self._built[place] = buffer
+        return buffer
 
 
 def encode(left: NDArray[np.uint8], right: NDArray[np.uint8], how: Recipe) -> NDArray[np.uint8]:

@@ -1,8 +1,7 @@
-"""From two viewpoints to one picture: the only interface that the render stage needs."""
+"""From two viewpoints to one picture, and from one viewpoint to one camera's view."""
 
 import math
-from collections.abc import Hashable
-from functools import partial
+from typing import Any
 
 import attrs
 import cv2
@@ -11,15 +10,15 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Render
 from lfpipe.config.quality import NO_SCORES, drawn_with
-from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, Recipe, recipe
+from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, PlaneStore, Recipe, recipe
 from lfpipe.render.blocks import near_array
+from lfpipe.render.geometry import zero_plane_px
 from lfpipe.render.pair_layout import Pair
-from lfpipe.render.planes import PlaneStore
-from lfpipe.render.screen_plane import zero_plane_px
-from lfpipe.render.synthesis import Synthesiser
-from lfpipe.render.view_weights import Position
-from lfpipe.render.viewpoint import extrapolation_views
+from lfpipe.render.synthesis import Source, Synthesiser
+from lfpipe.render.viewpoint import Position, extrapolation_views
 from lfpipe.scene.lightfield import LightField
+
+Key = tuple[int, Position, Position]  # frame of a video, viewpoints of the eyes on a grid of small steps
 
 _RGB = tuple(Plane(0, weights, False) for weights in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 _WHOLE = Recipe(_RGB, (Channel(0), Channel(1), Channel(2)), False)  # one eye's view in its own colours
@@ -55,13 +54,12 @@ def _quantum(method: str, disparity_px: float) -> float:
     """Grid step to which coordinates are rounded, a power of two, at least 1/1024. Up to 16 px per view it moves nothing by more
     than 1/128 px, and it changes the weights of a cross-fade by at most 1/512.
     """
-    finest = 1 / 1024
     if method == "nearest":
         return 1.0
-    wanted = 1 / 256 if method in ("blend", "warp2", "best") else 1 / 16
+    step = 1 / 256 if method in ("blend", "warp2", "best") else 1 / 16
     if method != "blend" and disparity_px > 0:
-        wanted = min(wanted, 1 / (64 * disparity_px))
-    return max(finest, 2.0 ** math.floor(math.log2(wanted)))
+        step = min(step, 1 / (64 * disparity_px))
+    return max(1 / 1024, 2.0 ** math.floor(math.log2(step)))
 
 
 class Compositor:
@@ -74,60 +72,61 @@ class Compositor:
     def __init__(self, field: LightField, render: Render) -> None:
         self.method = method_for(field, render.method)
         render = mixed_as(field, self.method, render)
-        self._field, self._render = field, render
+        self._anaglyph, self._frames, self._frame = render.anaglyph, field.frames, 0
         height, width = field.height_px, field.width_px
-        self._recipe = recipe_for(render)
-        self._mixer = Mixer(self._recipe, height, width)
-        self._store = PlaneStore(field)
+        made_of = recipe_for(render)
+        self._mixer = Mixer(made_of, height, width)
+        store = PlaneStore(field)
         self._synthesiser = Synthesiser(field, self.method)
-        wanted_planes = self._recipe.planes
-        self._places = [[k for k, plane in enumerate(wanted_planes) if plane.eye == eye] for eye in (0, 1)]
-        self._sources = [[partial(self._source, wanted_planes[k]) for k in places] for places in self._places]
-        self._frame = 0
-        self._outs = [[np.empty((height, width), np.uint8) for _ in places] for places in self._places]
-        self._made: list[NDArray[np.uint8]] = [plane for outs in self._outs for plane in outs]
+        self._planes: list[NDArray[np.uint8]] = [np.empty((height, width), np.uint8) for _ in made_of.planes]
+        self._eyes: list[tuple[list[int], list[Source], list[NDArray[np.uint8]]]] = []  # of each: planes, sources, scratch
+        for eye in (0, 1):
+            of_eye = [k for k, plane in enumerate(made_of.planes) if plane.eye == eye]
+            sources = [self._source(store, made_of.planes[k]) for k in of_eye]
+            self._eyes.append((of_eye, sources, [self._planes[k] for k in of_eye]))
         self._picture = near_array((height, width, 3))
         self.pair: Pair | None = None  # the views of the last picture, if it consists of two
         if render.anaglyph in TWO_VIEWS:
             self.pair = np.empty((height, width, 3), np.uint8), np.empty((height, width, 3), np.uint8)
         self._zero_px = zero_plane_px(field, render)
-        extent = max(abs(edge - self._zero_px) for edge in (field.disparity_min_px, field.disparity_max_px))
-        self._quantum = _quantum(self.method, extent)
-        self._settings = (self.method, render.anaglyph, render.light, render.ghost_compensation, self._zero_px)
+        extent_px = max(abs(edge - self._zero_px) for edge in (field.disparity_min_px, field.disparity_max_px))
+        self._quantum = _quantum(self.method, extent_px)
+        self._reach, self._last = extrapolation_views(self.method, render), (field.rows - 1, field.cols - 1)
 
-    def _quantised(self, position: Position) -> Position:
-        """position rounded to the key's grid, within the stored views plus the extrapolated zone; the centre if not finite."""
-        reach = extrapolation_views(self.method, self._render)
-        found = []
-        for value, count in zip(position, (self._field.rows, self._field.cols), strict=True):
-            value = value if math.isfinite(value) else (count - 1) / 2
-            inside = min(max(value, -reach), count - 1 + reach)
-            found.append(math.floor(inside / self._quantum + 0.5) * self._quantum)
-        return found[0], found[1]
+    def _source(self, store: PlaneStore, plane: Plane) -> Source:
+        get = store.getter(plane)
+        return lambda row, col: get(self._frame, row, col)
 
-    def _eyes(self, left: Position, right: Position) -> tuple[Position, Position]:
-        if self._render.anaglyph == "mono":
-            middle = ((left[0] + right[0]) / 2, (left[1] + right[1]) / 2)
-            left = right = middle
-        return self._quantised(left), self._quantised(right)
+    def _rounded(self, value: float, last: int) -> float:
+        """value on an axis of views 0 to last, rounded to the key's grid, within the extrapolated zone; the middle if not
+        finite."""
+        inside = min(max(value, -self._reach), last + self._reach) if math.isfinite(value) else last / 2
+        return math.floor(inside / self._quantum + 0.5) * self._quantum
 
-    def key(self, left: Position, right: Position, frame: int = 0) -> Hashable:
-        """Equal keys mean the same picture: a caller that holds it need not compose it again.
-
-        left, right: (row, col) viewpoints of the eyes. frame: of light-field video, taken modulo its length.
-        """
-        return (*self._settings, frame % self._field.frames, *self._eyes(left, right))
+    def key(self, left: Position, right: Position, frame: int = 0) -> Key:
+        """What `draw` draws for (row, col) viewpoints of the eyes: equal keys mean the same picture, which need not be drawn
+        again. frame: of light-field video, taken modulo its length."""
+        last_row, last_col = self._last
+        if self._anaglyph == "mono":
+            left = right = (left[0] + right[0]) / 2, (left[1] + right[1]) / 2
+        row = self._rounded(left[0], last_row)
+        left_eye = row, self._rounded(left[1], last_col)
+        row = row if right[0] == left[0] else self._rounded(right[0], last_row)
+        return frame % self._frames, left_eye, (row, self._rounded(right[1], last_col))
 
     def compose(self, left: Position, right: Position, frame: int = 0) -> NDArray[np.uint8]:
-        """The picture for the two viewpoints: uint8 (height, width, 3) BGR, valid until the next call."""
-        eyes = self._eyes(left, right)
-        self._frame = frame % self._field.frames
+        """The picture for two viewpoints: uint8 (height, width, 3) BGR, valid until the next call."""
+        return self.draw(self.key(left, right, frame))
+
+    def draw(self, key: Key) -> NDArray[np.uint8]:
+        """The picture of a key of this Compositor: uint8 (height, width, 3) BGR, valid until the next call."""
+        self._frame, left, right = key
         if self.pair is None:
-            self._draw(eyes, self._picture)
+            self._mix(left, right, self._picture)
             return self._picture
-        for position, whole in zip(eyes, self.pair, strict=True):
-            self._draw((position, position), whole)
-        if self._render.anaglyph == "row-interleaved":
+        for position, whole in zip((left, right), self.pair, strict=True):
+            self._mix(position, position, whole)
+        if self._anaglyph == "row-interleaved":
             for eye, whole in enumerate(self.pair):
                 self._picture[eye::2] = whole[eye::2]
         else:
@@ -137,13 +136,33 @@ class Compositor:
                     self._picture[:, x0:x1] = cv2.resize(whole, (x1 - x0, height), interpolation=cv2.INTER_AREA)
         return self._picture
 
-    def _draw(self, eyes: tuple[Position, Position], out: NDArray[np.uint8]) -> None:
-        for position, places, sources, outs in zip(eyes, self._places, self._sources, self._outs, strict=True):
-            if places:
-                drawn = self._synthesiser.render(position, self._frame, self._zero_px, sources, outs)
-                for k, made in zip(places, drawn, strict=True):
-                    self._made[k] = made
-        self._mixer.mix(self._made, out)
+    def _mix(self, left: Position, right: Position, out: NDArray[np.uint8]) -> None:
+        for position, (of_eye, sources, scratch) in zip((left, right), self._eyes, strict=True):
+            if of_eye:
+                drawn = self._synthesiser.render(position, self._frame, self._zero_px, sources, scratch)
+                for k, plane in zip(of_eye, drawn, strict=True):
+                    self._planes[k] = plane
+        self._mixer.mix(self._planes, out)
 
-    def _source(self, plane: Plane, row: int, col: int) -> NDArray[np.uint8]:
-        return self._store.get(self._frame, row, col, plane)
+
+class ViewRenderer:
+    """Draws one camera's views of a light field, in its own colours; keeps its tables from view to view. method: as
+    `render.method`. zero_plane_px: disparity that stays in place from view to view; only warps shift by it."""
+
+    def __init__(self, field: LightField, method: str = "auto", zero_plane_px: float = 0.0) -> None:
+        self._field, self._zero_plane_px = field, zero_plane_px
+        self._synthesiser = Synthesiser(field, method_for(field, method))
+        self._outs = [np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)]
+
+    def render(self, row: float, col: float, frame: int = 0) -> NDArray[np.uint8]:
+        """The view at (row, col), fractions allowed, as a new uint8 (height, width, 3) BGR. frame: of a light-field video."""
+        number = frame % self._field.frames
+        views: NDArray[Any] = np.asarray(self._field.views[number])
+        sources: list[Source] = [lambda r, c, k=k: views[r, c, k] for k in range(self._field.channels)]  # type: ignore[misc]
+        planes = self._synthesiser.render((row, col), number, self._zero_plane_px, sources, self._outs)
+        return np.stack(planes * 3 if len(planes) == 1 else planes[::-1], axis=2)
+
+
+def render_view(field: LightField, row: float, col: float, method: str = "auto", frame: int = 0) -> NDArray[np.uint8]:
+    """See `ViewRenderer.render`."""
+    return ViewRenderer(field, method).render(row, col, frame)

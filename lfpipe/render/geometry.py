@@ -4,6 +4,9 @@ The eyes are S views apart, `alpha = IPD_px / S`. A scene of baseline b and focu
 apart, is true to nature at `S_true = e F / (b Z)`. Fewer views flatten it by `g = S / S_true`, in stereo and in motion alike, so
 the scene stays rigid. The limit of comfort is what the eyes can fuse: on the screen the two images of a point of disparity d are
 `S |d - zero plane| pitch` apart, at most 1 degree of visual angle and 3 % of the picture's width.
+
+What the border of a picture cuts off must not stand before the screen: a window violation, which the eyes cannot fuse. The zero
+plane `auto` puts the nearest thing at the left and right border into the screen; what is in the middle may come forward.
 """
 
 from __future__ import annotations
@@ -13,10 +16,9 @@ from typing import Protocol
 
 import attrs
 
-from lfpipe.config import Config, SceneSummary
+from lfpipe.config import Config, Render, SceneSummary
 from lfpipe.config.camera_pose import EYES_MM, camera_focal_px
 from lfpipe.errors import UserError
-from lfpipe.render.screen_plane import zero_plane_px
 from lfpipe.scene.lightfield import LightField
 
 PICTURE_MM = 530.0  # width of a picture that fills a 24 inch screen, used if the monitor size is unknown
@@ -231,3 +233,28 @@ def _unknown_capture(name: str) -> UserError:
         f'render.alpha_px = "true": the baseline and focus distance of {name or "this scene"} are not known',
         'use render.alpha_px = "auto", or a number',
     )
+
+
+STEPS = 40  # from the farthest to the nearest of a scene
+LEAST_PX = 0.01
+UNKNOWN_PX = (-2.0, 2.0)  # if disparities are unknown, or all equal
+
+
+def zero_plane_px(field: LightField, render: Render) -> float:
+    """render.zero_plane_px as a number, px per view."""
+    return field.border_px[1] if isinstance(render.zero_plane_px, str) else render.zero_plane_px
+
+
+def depth_step_px(low_px: float, high_px: float) -> float:
+    """One press of a key: 1, 2 or 5 times a power of ten. low_px, high_px: disparities of the scene."""
+    low_px, high_px = (low_px, high_px) if high_px > low_px else UNKNOWN_PX
+    least_px = max((high_px - low_px) / STEPS, LEAST_PX)
+    decade = 10.0 ** math.floor(math.log10(least_px) + 1e-9)
+    return next(factor * decade for factor in (1, 2, 5, 10) if factor * decade >= least_px * (1 - 1e-9))
+
+
+def depth_range_px(low_px: float, high_px: float) -> tuple[float, float]:
+    """Zero planes to offer: the disparities of the scene and half their range beyond either end."""
+    low_px, high_px = (low_px, high_px) if high_px > low_px else UNKNOWN_PX
+    room = max((high_px - low_px) / 2, 10 * LEAST_PX)
+    return low_px - room, high_px + room

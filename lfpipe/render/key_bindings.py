@@ -16,11 +16,11 @@ from lfpipe.config.quality import level_number
 from lfpipe.render.display import BarState, Display
 from lfpipe.render.file_dialog import ABSENT, FileDialog
 from lfpipe.render.file_display import picture_folder, save
+from lfpipe.render.geometry import depth_step_px, zero_plane_px
 from lfpipe.render.glasses_help import GlassesHelp
 from lfpipe.render.overlay import SHOWN_NS, Notices, StatusOverlay
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.scene_menu import NO_OTHER, SceneLoader, SceneMenu
-from lfpipe.render.screen_plane import depth_step_px, zero_plane_px
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, undecided
 from lfpipe.transport.clock import SECOND_NS, now_ns

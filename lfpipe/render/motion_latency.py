@@ -8,9 +8,9 @@ time of the light, compared with the eyes that the picture was made for. The sta
 
 import math
 from collections import deque
+from typing import NamedTuple
 
-import attrs
-
+from lfpipe.eyes import Eyes
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 
 ONSET = 0.05  # of the distance between the eyes: ten times the noise, yet the head has hardly moved; 3 px in docs/photon.md
@@ -24,11 +24,8 @@ SHARE = 0.2  # weight of the newest onset in its running mean, which begins as a
 MOST_PICTURES = 120
 GAP_NS = SECOND_NS // 4  # from frame to frame; after a longer gap the time between is unknown
 
-Eyes = tuple[tuple[float, float], tuple[float, float]] | list[list[float]]
 
-
-@attrs.frozen
-class _Frame:
+class _Frame(NamedTuple):
     """x, y: the middle of the eyes, px."""
 
     t_ns: int
@@ -37,8 +34,7 @@ class _Frame:
     apart_px: float
 
 
-@attrs.frozen
-class _Picture:
+class _Picture(NamedTuple):
     """t_light_ns: its first light. t_middle_ns: the middle of its time on the screen, for which it was made. Both in the
     camera's time."""
 
@@ -46,16 +42,6 @@ class _Picture:
     t_middle_ns: int
     x: float
     y: float
-
-
-@attrs.frozen
-class _Motion:
-    """t_ns: when the eyes were reach_px from (x, y), where they had rested."""
-
-    t_ns: int
-    x: float
-    y: float
-    reach_px: float
 
 
 class MotionLatency:
@@ -67,7 +53,7 @@ class MotionLatency:
         self._pictures: deque[_Picture] = deque(maxlen=MOST_PICTURES)  # of which no frame shows yet where the eyes were
         self._recent: deque[_Picture] = deque(maxlen=MOST_PICTURES)  # that may show the next motion
         self._rest: _Frame | None = None  # the middle of the last rest, and its end
-        self._motion: _Motion | None = None  # that no picture has shown yet
+        self._motion: tuple[_Frame, float] | None = None  # no picture shows it yet: when it began, from where; its reach, px
         self._under_way_ns: int | None = None  # since then
         self._onsets = 0
         self._lag = self._power = 0.0
@@ -81,7 +67,7 @@ class MotionLatency:
             self._rest = self._motion = self._under_way_ns = last = None
         if eyes_px is None:
             return
-        (lx, ly), (rx, ry) = eyes_px
+        lx, ly, rx, ry = eyes_px
         frame = _Frame(t_sensor_ns, (lx + rx) / 2, (ly + ry) / 2, max(math.hypot(lx - rx, ly - ry), 1.0))
         if last is not None:
             self._add_lag(last, frame)
@@ -92,12 +78,11 @@ class MotionLatency:
 
     def pictured(self, t_presented_ns: int, after_ns: int, loop_ns: int, eyes_px: Eyes) -> None:
         """Adds a presented picture, made for eyes_px at after_ns later; loop_ns: the delay of camera and display in that."""
-        (lx, ly), (rx, ry) = eyes_px
+        lx, ly, rx, ry = eyes_px
         picture = _Picture(t_presented_ns + loop_ns, t_presented_ns + after_ns, (lx + rx) / 2, (ly + ry) / 2)
         self._pictures.append(picture)
         self._recent.append(picture)
-        if self._motion is not None:
-            self._find_light(picture)
+        self._find_light(picture)
 
     def _add_lag(self, last: _Frame, frame: _Frame) -> None:
         """Compares the pictures between two frames with where the eyes were."""
@@ -117,10 +102,11 @@ class MotionLatency:
             self.steady_ns = round(self._lag / self._power)
 
     def _find_motion(self, last: _Frame, frame: _Frame) -> None:
-        reach_px = ONSET * last.apart_px
-        if self._frames[0].t_ns <= last.t_ns - 0.9 * REST_NS:
-            x, y = (sum(getattr(each, axis) for each in self._frames) / len(self._frames) for axis in "xy")
-            if all(math.hypot(each.x - x, each.y - y) < reach_px / 2 for each in self._frames):
+        """Finds the end of a rest: the moment at which the eyes were ONSET from where they had rested."""
+        reach_px, frames = ONSET * last.apart_px, self._frames
+        if frames[0].t_ns <= last.t_ns - 0.9 * REST_NS:
+            x, y = sum([f.x for f in frames]) / len(frames), sum([f.y for f in frames]) / len(frames)
+            if max([math.hypot(f.x - x, f.y - y) for f in frames]) < reach_px / 2:
                 self._rest, self._motion = _Frame(last.t_ns, x, y, last.apart_px), None
         rest = self._rest
         if rest is None:
@@ -130,20 +116,20 @@ class MotionLatency:
             if frame.t_ns - rest.t_ns > START_NS:
                 self._rest = None
             return
-        share = (reach_px - before_px) / (now_px - before_px)
-        self._motion, self._rest = _Motion(last.t_ns + round(share * (frame.t_ns - last.t_ns)), rest.x, rest.y, reach_px), None
+        t_ns = last.t_ns + round((reach_px - before_px) / (now_px - before_px) * (frame.t_ns - last.t_ns))
+        self._motion, self._rest = (rest._replace(t_ns=t_ns), reach_px), None
         for picture in tuple(self._recent):
             self._find_light(picture)
 
     def _find_light(self, picture: _Picture) -> None:
         """Takes the picture as the first that shows the motion, if it does."""
-        motion = self._motion
-        if motion is None or picture.t_light_ns < motion.t_ns:
+        if self._motion is None or picture.t_light_ns < self._motion[0].t_ns:
             return
-        late_ns = picture.t_light_ns - motion.t_ns
+        start, reach_px = self._motion
+        late_ns = picture.t_light_ns - start.t_ns
         if late_ns > WITHIN_NS:
             self._motion = None
-        elif math.hypot(picture.x - motion.x, picture.y - motion.y) > motion.reach_px:
+        elif math.hypot(picture.x - start.x, picture.y - start.y) > reach_px:
             self._motion = None
             self._onsets += 1
             self.onset_ns += round((late_ns - self.onset_ns) * max(SHARE, 1 / self._onsets))

@@ -100,7 +100,7 @@ class OptionalOutputs:
         self._context.emit(
             "look",
             face=face,
-            eyes_px=viewpoints.eyes_px.tolist(),
+            eyes_px=[list(viewpoints.eyes_px[:2]), list(viewpoints.eyes_px[2:])],
             views=[list(viewpoints.left), list(viewpoints.right)],
             grid=[field.rows, field.cols],
             alpha_px=solver.alpha_px if solver else 0.0,

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.screen_plane import zero_plane_px
+from lfpipe.render.geometry import zero_plane_px
 from lfpipe.render.view_grid import EyesOnGrid, inset
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS
@@ -81,7 +81,7 @@ class StatusOverlay:
         shown, field = self._viewer.shown, self._viewer.field
         if shown is None:
             return None
-        (lx, ly), (rx, ry) = shown.eyes_px.tolist()
+        lx, ly, rx, ry = shown.eyes_px
         eyes, views = ((lx, ly), (rx, ry)), (shown.left, shown.right)
         return inset(EyesOnGrid(field.rows, field.cols, 0.0, (0.0, 0.0), eyes, views, True), INSET_PX)
 

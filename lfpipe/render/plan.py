@@ -3,31 +3,24 @@
 Only a report: stages do not read it. Each entry comes from the function that the stage itself uses to decide.
 """
 
-import statistics
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import attrs
-import numpy as np
 
 from lfpipe.config import Config, Render
 from lfpipe.config.camera_pose import EYES_MM, CameraPose
 from lfpipe.config.quality import WARPS
 from lfpipe.config.session_options import needs_tracking
+from lfpipe.render.anaglyph import stored_channels
 from lfpipe.render.compositor import method_for, mixed_as, planes_of_eyes
 from lfpipe.render.geometry import alpha_is_automatic
-from lfpipe.render.planes import PlaneStore, stored_channels
-from lfpipe.render.screen_plane import zero_plane_px
-from lfpipe.render.synthesis import Synthesiser
-from lfpipe.render.view_weights import ViewWeight, view_weights
-from lfpipe.render.viewpoint import ViewSolver
-from lfpipe.render.warper import Warper
+from lfpipe.render.viewpoint import ViewSolver, ViewWeight, view_weights
 from lfpipe.scene.lightfield import LightField
 
 
 @attrs.frozen
 class LeftOut:
-    """Work not done, or data not read or stored. saves: an amount with its unit; "measured" if timed here."""
+    """Work not done, or data not read or stored. saves: an amount with its unit."""
 
     what: str
     why: str
@@ -53,11 +46,8 @@ class Plan:
     left_out: tuple[LeftOut, ...] = ()
 
 
-def make_plan(field: LightField, config: Config, measure: bool = False) -> Plan:
-    """The plan for a scene under a configuration.
-
-    measure: time the savings on this machine (some ms); otherwise only count them.
-    """
+def make_plan(field: LightField, config: Config) -> Plan:
+    """The plan for a scene under a configuration."""
     render = config.render
     tracking = needs_tracking(field.rows, field.cols)
     method = method_for(field, render.method)
@@ -73,7 +63,7 @@ def make_plan(field: LightField, config: Config, measure: bool = False) -> Plan:
         reach=_reach(field, config, posed),
         method=method,
     )
-    return attrs.evolve(plan, left_out=tuple(_left_out(plan, field, config, measure)))
+    return attrs.evolve(plan, left_out=tuple(_left_out(plan, field, config)))
 
 
 def _reach(field: LightField, config: Config, posed: bool) -> tuple[int, int, int, int]:
@@ -83,16 +73,16 @@ def _reach(field: LightField, config: Config, posed: bool) -> tuple[int, int, in
     """
     if not isinstance(config.render.alpha_px, int | float) or posed:
         return 0, field.rows - 1, 0, field.cols - 1
-    near, far = (0.0, 0.0), tuple(map(float, config.camera.frame_px))
-    used: list[ViewWeight] = []
+    near, far = (0.0, 0.0), (float(config.camera.width_px), float(config.camera.height_px))
+    views: list[ViewWeight] = []
     for centre, eye in ((near, far), (far, near)):
         solver = ViewSolver(field.rows, field.cols, config.render, config.render.alpha_px, centre)
-        used += view_weights("blend", solver.views([eye, eye])[0], field.rows, field.cols)
-    rows, cols = [tap.row for tap in used], [tap.col for tap in used]
+        views += view_weights("blend", solver.views((*eye, *eye))[0], field.rows, field.cols)
+    rows, cols = [view.row for view in views], [view.col for view in views]
     return min(rows), max(rows), min(cols), max(cols)
 
 
-def _left_out(plan: Plan, field: LightField, config: Config, measure: bool) -> Iterator[LeftOut]:
+def _left_out(plan: Plan, field: LightField, config: Config) -> Iterator[LeftOut]:
     views, plane_bytes = field.rows * field.cols, field.height_px * field.width_px
     render = mixed_as(field, plan.method, config.render)
     if not plan.needs_tracking:
@@ -100,15 +90,10 @@ def _left_out(plan: Plan, field: LightField, config: Config, measure: bool) -> I
         yield LeftOut("capture and tracking", "a single view does not depend on the eyes", f"2 processes, {frame} per frame")
     elif not plan.needs_rows and plan.method != "nearest":  # nearest takes one view, whatever the row
         saves = f"{_size(8 * plane_bytes)} of maps per view" if plan.needs_warp else "2 of 4 views blended per eye"
-        if measure and plan.needs_warp:
-            saves = f"{_row_ms(field):.2f} ms per view (measured)"
         yield LeftOut("row coordinate", "the scene has one row of views", saves)
     if plan.needs_tracking and not plan.needs_warp:
         count = sum(map(len, planes_of_eyes(render)))
-        counted = f"{count} warped planes per picture"
-        timed = measure and field.disparity is not None
-        saves = f"{_warp_ms(field, render, plan.method):.2f} ms per picture (measured)" if timed else counted
-        yield LeftOut("warping", _why_no_warp(plan, field, render), saves)
+        yield LeftOut("warping", _why_no_warp(plan, field, render), f"{count} warped planes per picture")
         if field.disparity is not None:
             yield LeftOut("disparity maps", "no view is warped", f"{_size(field.disparity.nbytes)} not read")
     unread = 2 * field.channels - len(plan.planes[0]) - len(plan.planes[1])
@@ -142,42 +127,3 @@ def _size(count: float) -> str:
         if count >= size:
             return f"{count / size:.1f} {unit}"
     return f"{count:.0f} B"
-
-
-def _median_ms(work: Callable[[], object]) -> float:
-    work()  # warm-up
-    times = []
-    for _ in range(7):
-        started = time.perf_counter_ns()
-        work()
-        times.append((time.perf_counter_ns() - started) / 1e6)
-    return statistics.median(times)
-
-
-def _warp_ms(field: LightField, render: Render, method: str) -> float:
-    """Additional time of a picture with `warp` over method, away from the stored views."""
-    store = PlaneStore(field)
-    position = ((field.rows - 1) / 2 + 0.3 * (field.rows > 1), (field.cols - 1) / 2 + 0.3 * (field.cols > 1))
-    out = [np.empty((field.height_px, field.width_px), np.uint8) for _ in range(3)]
-    eyes = [[lambda r, c, p=plane: store.get(0, r, c, p) for plane in planes] for planes in planes_of_eyes(render) if planes]
-
-    def picture_ms(by: str) -> float:
-        synthesiser, zero_px = Synthesiser(field, by), zero_plane_px(field, render)
-        return _median_ms(lambda: [synthesiser.render(position, 0, zero_px, sources, out) for sources in eyes])
-
-    return max(picture_ms("warp") - picture_ms(method), 0.0)
-
-
-def _row_ms(field: LightField) -> float:
-    """Additional time of a view's maps if rows count as well."""
-    warper = Warper(field)
-
-    def maps_ms(down: float) -> float:
-        def all_maps() -> None:
-            warper.aim(0, ViewWeight(0, 0, 1.0), (down, 0.3), (0.0, 0.0))
-            for band in warper.bands:
-                warper.maps(band)
-
-        return _median_ms(all_maps)
-
-    return max(maps_ms(0.3) - maps_ms(0.0), 0.0)

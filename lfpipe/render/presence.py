@@ -1,4 +1,4 @@
-"""The viewer's presence as a state machine of five states. It decides when to measure the resting position.
+"""The viewer's presence: a state machine that decides when to measure the resting position, and the easing of the view.
 
     state      when                                                    then
     nobody     a face                                                  arriving
@@ -16,13 +16,16 @@
 REST_DEPTH. "Another face took over": a face of another track follows within GAP_S of the last; a longer gap means that the camera
 stood still. A face is that of a seat if it is where the seat's face was last, and as large (RETURN_SPAN, RETURN_DEPTH). The
 measurement is the mean over the rest of the eyes' position and of their distance from each other, which gives
-the viewer's distance.
+the viewer's distance. While no face is seen, and when one returns, the view holds, eases to neutral and eases back; it never
+jumps.
 """
 
 import enum
+import math
 
 import attrs
 
+from lfpipe.eyes import Eyes
 from lfpipe.transport.clock import SECOND_NS
 
 REST_S, REST_FRAMES = 1.0, 8
@@ -32,6 +35,11 @@ ABSENT_S = 10.0
 GAP_S = 0.5
 RETURN_S = 30.0  # a passer-by is gone by then
 RETURN_SPAN, RETURN_DEPTH = 1.0, 0.2  # of the distance between the eyes; who sits down again sits a little aside
+
+HOLD_S = 3.0  # a hand before the face, a glance aside, a dropped pen: a viewer who is back soon finds the picture they left
+AWAY_S = 0.8  # time constant of easing to neutral: nobody is looking, no hurry
+BACK_S = 0.03  # time constant of easing to eyes found (again): over within 0.15 s, yet a visible move and no jump
+LARGEST_STEP = 0.4  # views between two pictures at 60 Hz while easing: a far face takes longer
 
 
 class ViewerState(enum.IntEnum):
@@ -144,3 +152,59 @@ class Presence:
             return None
         x, y, apart = self._sums
         return Rest(x / self._count, y / self._count, apart / self._count)
+
+
+class EyeEasing:
+    """Follows the eyes, in px of the camera picture.
+
+    When the target jumps (a loss of HOLD_S, a face found again, another face), the jump becomes an offset that decays as (1 + s)
+    exp(-s), s = t / time constant: no jump, and no kink at its start. The closed form holds for any time step.
+    """
+
+    def __init__(self) -> None:
+        self._eased: Eyes | None = None
+        self._offset: Eyes | None = None
+        self._since_ns, self._fade_s = 0, BACK_S
+        self._aim: int | None = None  # generation followed; None: neutral
+        self._lost_ns: int | None = None
+
+    def at(self, t_ns: int, eyes: Eyes | None, neutral: Eyes, generation: int = 0, view_px: float = math.inf) -> Eyes:
+        """The position to show at t_ns (not decreasing). eyes: None while there is no face. neutral: the position without one.
+
+        generation: counts the tracks of a face; a new number is another face, or the same after a loss. view_px: px per view.
+        """
+        if eyes is None:
+            self._lost_ns = t_ns if self._lost_ns is None else self._lost_ns
+            if self._aim is not None and self._eased is not None and t_ns - self._lost_ns < HOLD_S * SECOND_NS:
+                return self._eased
+            if self._aim is not None:
+                self._turn(t_ns, None, neutral, AWAY_S, view_px)
+            eyes = neutral
+        else:
+            self._eased = self._eased or neutral
+            if self._lost_ns is not None or generation != self._aim:
+                self._turn(t_ns, generation, eyes, BACK_S, view_px)
+            self._lost_ns = None
+        if self._offset is not None:
+            s = max(t_ns - self._since_ns, 0) / 1e9 / self._fade_s
+            rest = (1 + s) * math.exp(-s) if s < 700 else 0.0
+            (lx, ly, rx, ry), (off_lx, off_ly, off_rx, off_ry) = eyes, self._offset
+            eyes = lx + off_lx * rest, ly + off_ly * rest, rx + off_rx * rest, ry + off_ry * rest
+        self._eased = eyes
+        return eyes
+
+    def shift(self, x_px: float, y_px: float) -> None:
+        """Moves the position shown with its coordinates' origin: the next target is eased to from there."""
+        if self._eased is not None:
+            lx, ly, rx, ry = self._eased
+            self._eased = lx + x_px, ly + y_px, rx + x_px, ry + y_px
+
+    def _turn(self, t_ns: int, aim: int | None, target: Eyes, fade_s: float, view_px: float) -> None:
+        """Changes the target: the offset is the position shown now minus the new target."""
+        self._aim, self._since_ns, self._fade_s = aim, t_ns, fade_s
+        if self._eased is None:
+            return
+        (lx, ly, rx, ry), (to_lx, to_ly, to_rx, to_ry) = self._eased, target
+        self._offset = off = lx - to_lx, ly - to_ly, rx - to_rx, ry - to_ry
+        # the steepest slope of (1 + s) exp(-s) is 1 / e
+        self._fade_s = max(fade_s, max(map(abs, off)) / max(view_px, 1e-9) / (60 * math.e * LARGEST_STEP))

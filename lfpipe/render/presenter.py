@@ -4,18 +4,17 @@ What does not change the next picture happens after the hand-over: counts, repor
 """
 
 import time
-from collections.abc import Hashable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import SessionOptions
 from lfpipe.config.quality import level_number
 from lfpipe.errors import UserError
-from lfpipe.eyes import EYES, MAX_HORIZON_S
+from lfpipe.eyes import EYES, MAX_HORIZON_S, EyesRecord
 from lfpipe.files.trace import TraceFile
+from lfpipe.render.compositor import Key
 from lfpipe.render.display import Display
 from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.motion_latency import MotionLatency
@@ -38,14 +37,6 @@ STALE_FRAMES = 3  # frames come so slowly that it is younger than this many of t
 HORIZON_NS = int(MAX_HORIZON_S * 1e9)
 
 
-def _replay_writer(options: SessionOptions) -> "ReplayWriter | None":
-    if options.replay is None:
-        return None
-    from lfpipe.render.replay_writer import ReplayWriter
-
-    return ReplayWriter(Path(options.replay.folder), options.replay.sequence, options.replay.pictures)
-
-
 class Presenter:
     """One display's pictures. picture: the last one, for a screenshot. refresh: the display's clock, None with one picture per
     camera frame. mouse: the viewer without a camera, or while the right button is held. pattern: shown instead of the scene."""
@@ -54,25 +45,31 @@ class Presenter:
         self._context, self._viewer, self._display = context, viewer, display
         self._eyes = context.input("eyes")
         self._buffer = np.empty((), EYES)
-        self._record: NDArray[np.void] | None = None
+        self._record: EyesRecord | None = None
         self._stamp: Stamp | None = None
         self._stale_ns = STALE_NS
         self._t_taken_ns = 0
         self._pending = self._fresh = False  # no picture was made yet for the newest record; its eyes are not accounted yet
-        self._key: Hashable = None
+        self._key: Key | None = None
         trace, began = context.options.trace, context.spec.session.run_dir / "session.json"
         self._trace = TraceFile(Path(trace) if trace else None, self._lost, began if context.row["restarts"] else None)
         self._outputs = OptionalOutputs(context, viewer)
         self._reports = ViewerReports(context, viewer)
-        self._replay = _replay_writer(context.options)
+        self._replay: ReplayWriter | None = None
+        if replay := context.options.replay:
+            from lfpipe.render import replay_writer
+
+            self._replay = replay_writer.ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
         self._waiting = WaitingPictures()
-        self._latency = MotionLatency()
+        self._latency: MotionLatency | None = None  # where pictures become light after a known delay
+        self._loop_ns = 0
         self._number = 0
         self.refresh: Refresh | ScreenRefresh | None = None
         self.cost_ns = 0  # running mean of composing and showing a picture
         self.mouse = MouseLook(context.config, viewer, context.output("eyes") if context.options.mouse else None)
         self.picture: NDArray[np.uint8] | None = None
         self.pattern: GlassesTest | None = None
+        self.follow()
 
     def _lost(self, why: str) -> None:
         if self._context.options.replay:  # a replay needs its trace
@@ -83,9 +80,17 @@ class Presenter:
         """Composes the next picture even if its key is unchanged."""
         self._key = None
 
-    def follow(self, options: SessionOptions) -> None:
-        """Opens and closes the optional outputs as the options ask."""
+    def follow(self) -> None:
+        """Takes over changed options and configuration."""
+        options = self._context.options
         self._outputs.follow(options, self.picture)
+        # a file has no light, and without a clock replay.latency_ms is the whole delay
+        lit = not options.lossless and not options.display.startswith("file:")
+        self._loop_ns = int(self._viewer.config.render.loop_ms * 1e6) * lit
+        if not self._loop_ns or options.display == "none":
+            self._latency = None
+        elif self._latency is None:
+            self._latency = MotionLatency()
 
     def take(self) -> Stamp | None:
         """Reads the newest eyes record if there is one; returns its stamp."""
@@ -97,7 +102,7 @@ class Presenter:
         self._pending = self._fresh = True
         if self._stamp is not None and stamp.epoch == self._stamp.epoch:
             self._stale_ns = max(STALE_NS, STALE_FRAMES * (stamp.t_sensor_ns - self._stamp.t_sensor_ns))
-        self._record, self._stamp, self._t_taken_ns = self._buffer, stamp, now_ns()
+        self._record, self._stamp, self._t_taken_ns = EyesRecord.of(self._buffer), stamp, now_ns()
         return stamp
 
     def leave_out(self) -> None:
@@ -112,52 +117,45 @@ class Presenter:
         """
         t_started_ns = now_ns()
         self._pending = False
-        viewer, refresh, options = self._viewer, self.refresh, self._context.options
-        # a file has no light, and without a clock replay.latency_ms is the whole delay
-        lit = not options.lossless and not options.display.startswith("file:")
-        loop_ns = int(viewer.config.render.loop_ms * 1e6) * lit
-        seen_ns = target_ns + loop_ns + refresh_ns // 2
+        viewer, refresh = self._viewer, self.refresh
+        seen_ns = target_ns + self._loop_ns + refresh_ns // 2
         record, stamp = self._record, self._stamp
         t_sensor_ns = stamp.t_sensor_ns if stamp else t_started_ns
         if self.mouse.looks:
-            record, stamp = self.mouse.eyes(record, stamp, t_started_ns)
-            t_sensor_ns = t_started_ns
-        elif record is not None and not options.lossless and t_started_ns - t_sensor_ns > self._stale_ns:
-            record["face"], t_sensor_ns = 0, t_started_ns  # the tracker died or hangs: nobody is seen
+            made, stamp = self.mouse.eyes(None if record is None else self._buffer, stamp, t_started_ns)
+            record, t_sensor_ns = EyesRecord.of(made), t_started_ns
+        elif record is not None and t_started_ns - t_sensor_ns > self._stale_ns and not self._context.options.lossless:
+            record, t_sensor_ns = record._replace(face=0), t_started_ns  # the tracker died or hangs: nobody is seen
         on_blanks = refresh is not None and refresh.on_blanks
         viewer.video_lead_ns = round(VIDEO_LEAD * refresh_ns) if on_blanks else 0
         viewpoints = viewer.viewpoints(record, t_sensor_ns, seen_ns)
-        key = viewer.key(viewpoints)
+        key = viewer.compositor.key(viewpoints.left, viewpoints.right, viewpoints.frame)
         composed = key != self._key or not refresh_ns  # the paper draws for every camera frame
         pair = None
         if composed:
-            self.picture, pair = viewer.compose(viewpoints), viewer.compositor.pair
-            self._key = key
+            self._key, self.picture, pair = key, viewer.compositor.draw(key), viewer.compositor.pair
             if self.pattern is not None:
                 self.pattern.draw(viewer.config.render, (viewer.field.width_px, viewer.field.height_px))
                 self.picture, pair = self.pattern.picture, self.pattern.pair
         t_composed_ns = now_ns()
         if refresh is not None and refresh_ns:
             sleep_until(refresh.earliest_ns(target_ns))
-        t_handing_ns, cpu_ns, t_handed_ns, cost_ns = now_ns(), 0, 0, 0
+        t_handed_ns, cost_ns = now_ns(), 0
         if composed and self.picture is not None:
-            cpu_ns = time.process_time_ns() if on_blanks else 0
+            t_handing_ns, cpu_ns = t_handed_ns, time.process_time_ns() if on_blanks else 0
             t_handed_ns = self._display.show(self.picture, pair, viewer.config.render.anaglyph)
             handing_ns = t_handed_ns - t_handing_ns
             if on_blanks:  # a swap may wait for the screen, which is not work
                 handing_ns = min(handing_ns, time.process_time_ns() - cpu_ns)
             cost_ns = t_composed_ns - t_started_ns + handing_ns
             self._number += 1
-        face, raw_px, t_tracked_ns, more = False, [], 0, {}
-        if record is not None:
-            face, raw_px, t_tracked_ns = bool(record["face"]), record["raw_px"].tolist(), int(record["t_tracked_ns"])
+        more: dict[str, Any] = {}
         if stamp is not None and record is not None and self._replay is not None:
-            filtered_px, used_px = record["filtered_px"], viewpoints.eyes_px
-            more = self._replay.keep(stamp, filtered_px, used_px, seen_ns, self.picture, composed)
+            more = self._replay.keep(stamp, record.filtered_px, viewpoints.eyes_px, seen_ns, self.picture, composed)
         showing = Showing(
-            self._number if composed else 0, stamp if record is not None else None, face, raw_px, t_tracked_ns, viewpoints,
-            self._context.row["seq"], target_ns if refresh_ns else 0, seen_ns, loop_ns, t_sensor_ns, t_started_ns, t_composed_ns,
-            t_handed_ns or t_handing_ns, max(self._t_taken_ns - stamp.t_publish_ns, 0) if stamp else 0, cost_ns, more,
+            self._number if composed else 0, None if record is None else stamp, record, viewpoints, self._context.row["seq"],
+            target_ns if refresh_ns else 0, seen_ns, self._loop_ns, t_sensor_ns, t_started_ns, t_composed_ns, t_handed_ns,
+            max(self._t_taken_ns - stamp.t_publish_ns, 0) if stamp else 0, cost_ns, more,
         )  # fmt: skip
         self._account(showing)
 
@@ -166,7 +164,8 @@ class Presenter:
         row, stamp, refresh, composed = self._context.row, showing.stamp, self.refresh, bool(showing.number)
         if self._fresh:
             self._fresh = False
-            self._latency.measured(showing.t_sensor_ns, showing.raw_px if showing.face else None)
+            if self._latency is not None and showing.record is not None:
+                self._latency.measured(showing.t_sensor_ns, showing.record.raw_px if showing.record.face else None)
         if composed:
             self._outputs.picture(self.picture, stamp)
             self.cost_ns += int(Refresh.COST_SHARE * (showing.cost_ns - self.cost_ns))
@@ -175,14 +174,14 @@ class Presenter:
         row.tick(stamp.source_seq if stamp else -1)
         row["cpu_ns"] = time.process_time_ns()
         if stamp is not None:
-            row["face"] = int(showing.face)
+            row["face"] = showing.face
             if showing.face:
                 row["t_face_ns"] = showing.t_started_ns
                 row.horizon.add_ns(min(showing.seen_ns - showing.t_sensor_ns, HORIZON_NS))
             self._reports.follow_state()
-            self._outputs.emit_viewpoints(showing.viewpoints, showing.face)
-        if (self._trace.wanted or self._outputs.traced) and stamp is not None:
-            self._eyes.done()
+            self._outputs.emit_viewpoints(showing.viewpoints, bool(showing.face))
+            if self._trace.wanted or self._outputs.traced:
+                self._eyes.done()
         if not self._display.blanks_by:
             showing.t_presented_ns = showing.t_handed_ns
             self._report(showing)
@@ -204,12 +203,11 @@ class Presenter:
         if composed:
             row.measure(showing.waited_ns, showing.cost_ns, t_ns - showing.t_sensor_ns if seen else None)
         if seen:
-            self._outputs.shown(showing.viewpoints, stamp, showing.face, composed, t_ns)
-            if showing.face and composed:
+            self._outputs.shown(showing.viewpoints, stamp, bool(showing.face), composed, t_ns)
+            if showing.face and composed and self._latency is not None:
                 after_ns = showing.seen_ns - (showing.target_ns or showing.t_handed_ns)
-                self._latency.pictured(t_ns, after_ns, showing.loop_ns, showing.viewpoints.eyes_px.tolist())
-                if showing.loop_ns and self._context.options.display != "none":  # else no light, or its delay is unknown
-                    row["onset_ns"], row["steady_ns"] = self._latency.onset_ns, self._latency.steady_ns
+                self._latency.pictured(t_ns, after_ns, showing.loop_ns, showing.viewpoints.eyes_px)
+                row["onset_ns"], row["steady_ns"] = self._latency.onset_ns, self._latency.steady_ns
         if self._trace.wanted or self._outputs.traced:
             line = self._line(showing, stamp)
             self._trace.write(line)
@@ -234,7 +232,8 @@ class Presenter:
             self._report(showing)
 
     def _line(self, showing: Showing, stamp: Stamp) -> dict[str, Any]:
-        (left_px, right_px), (raw_left, raw_right) = showing.viewpoints.eyes_px.tolist(), showing.raw_px
+        assert showing.record is not None
+        used, raw = showing.viewpoints.eyes_px, showing.record.raw_px
         line = {
             "seq": showing.seq,
             "source_seq": stamp.source_seq,
@@ -242,13 +241,13 @@ class Presenter:
             "t_sensor_ns": stamp.t_sensor_ns,
             "t_read_ns": stamp.t_read_ns,
             "stamp": StampKind(stamp.kind).word,
-            "t_tracked_ns": showing.t_tracked_ns,
+            "t_tracked_ns": showing.record.t_tracked_ns,
             "t_started_ns": showing.t_started_ns,
             "t_composed_ns": showing.t_composed_ns,
             "t_presented_ns": showing.t_presented_ns,
-            "face": showing.face,
-            "eyes_raw": {"left": raw_left, "right": raw_right},
-            "eyes_used": {"left": left_px, "right": right_px},
+            "face": bool(showing.face),
+            "eyes_raw": {"left": raw[:2], "right": raw[2:]},
+            "eyes_used": {"left": used[:2], "right": used[2:]},
             "view": {"left": list(showing.viewpoints.left), "right": list(showing.viewpoints.right)},
             "method": self._viewer.method,
             "level": level_number(self._context.options),

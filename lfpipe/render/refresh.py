@@ -208,8 +208,8 @@ class ScreenRefresh:
 
     on_blanks = True
 
-    def __init__(self, clock: ScreenClock, lead: LeadTime, limit_hz: float, t0_ns: int) -> None:
-        self.clock, self._lead, self._limit_hz = clock, lead, limit_hz
+    def __init__(self, clock: ScreenClock, limit_hz: float, t0_ns: int) -> None:
+        self.clock, self.lead, self._limit_hz = clock, LeadTime(), limit_hz
         self._due_ns = t0_ns
         self.missed = 0
 
@@ -228,28 +228,28 @@ class ScreenRefresh:
 
     def lead_ns(self) -> int:
         """The time before that blank at which the picture must be begun."""
-        return self._lead.ns
+        return self.lead.ns
 
     def start_ns(self) -> int:
         """When that picture must be begun."""
-        return self.due_ns() - self._lead.ns
+        return self.due_ns() - self.lead.ns
 
     def earliest_ns(self, target_ns: int) -> int:
         """The earliest hand-over of a picture for the blank target_ns."""
-        return self._lead.earliest_ns(target_ns, self.clock.period_ns)
+        return self.lead.earliest_ns(target_ns, self.clock.period_ns)
 
     def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int, lead_ns: int) -> None:
         """New eyes arrived: the screen's blanks do not follow them."""
 
     def took(self, cost_ns: int, t_started_ns: int, target_ns: int, mean_cost_ns: int) -> None:
         """Adds what a picture for target_ns cost."""
-        self._lead.took(cost_ns + max(t_started_ns - (target_ns - self._lead.ns), 0), self.clock.period_ns)
+        self.lead.took(cost_ns + max(t_started_ns - (target_ns - self.lead.ns), 0), self.clock.period_ns)
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
         """Whether a picture was shown at another blank than target_ns, or never (t_presented_ns = 0)."""
         if not t_presented_ns:
             return True
-        return self.clock.measured and self._lead.judge(target_ns, t_handed_ns, t_presented_ns, self.clock.period_ns)
+        return self.clock.measured and self.lead.judge(target_ns, t_handed_ns, t_presented_ns, self.clock.period_ns)
 
     def blanks(self, reports: list[Presented], nominal_hz: float) -> None:
         """Takes the window system's reports. nominal_hz: the rate that the window's monitor claims."""
@@ -268,8 +268,8 @@ class ScreenRefresh:
         missed = self.missed
         period_ns = self.period_ns
         self._due_ns = self.due_ns() + period_ns
-        late_ns = t_ns - (self._due_ns - self._lead.ns)
-        slack_ns = min(self._lead.ns, period_ns) / 2
+        late_ns = t_ns - (self._due_ns - self.lead.ns)
+        slack_ns = min(self.lead.ns, period_ns) / 2
         if late_ns > slack_ns:
             passed = math.ceil((late_ns - slack_ns) / period_ns)
             self.missed += passed

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.eyes import Eyes
 from lfpipe.files.output import marked_picture
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.sequence.truth import read_truth
@@ -38,8 +39,8 @@ class ReplayWriter:
     def keep(
         self,
         stamp: Stamp,
-        filtered_px: NDArray[np.float64],
-        used_px: NDArray[np.float64],
+        filtered_px: Eyes,
+        used_px: Eyes,
         t_shown_ns: int,
         picture: NDArray[np.uint8] | None,
         composed: bool,
@@ -53,11 +54,10 @@ class ReplayWriter:
                     self._store(stamp, picture)
                 self._first = picture.copy() if self._first is None else self._first
                 self._last = picture
-            error_px = self._truth.error_px(used_px, t_shown_ns - self._first_ns) if self._truth else None
+            error_px = self._truth.error_px((used_px[:2], used_px[2:]), t_shown_ns - self._first_ns) if self._truth else None
             if error_px is not None and error_px > self._worst_px:
                 self._worst, self._worst_px = picture.copy(), error_px
-        left, right = filtered_px.tolist()
-        return {"eyes_filtered": {"left": left, "right": right}, "picture": self._digest}
+        return {"eyes_filtered": {"left": filtered_px[:2], "right": filtered_px[2:]}, "picture": self._digest}
 
     def _store(self, stamp: Stamp, picture: NDArray[np.uint8]) -> None:
         if stamp.source_seq % self._stride:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from lfpipe.config.quality import WARPS, may_fade
 from lfpipe.host.machine import add
 from lfpipe.render.synthesis import Synthesiser
-from lfpipe.render.view_weights import Position
+from lfpipe.render.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
 
 METHODS = ("nearest", "blend", "warp", "warp2")  # cheapest first

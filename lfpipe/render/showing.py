@@ -6,6 +6,7 @@ from typing import Any
 
 import attrs
 
+from lfpipe.eyes import EyesRecord
 from lfpipe.host.presentation import Presented
 from lfpipe.render.viewer import Viewpoints
 from lfpipe.transport.clock import MS_NS
@@ -17,16 +18,14 @@ HANDOVER, REPLACED = "handover", "replaced"
 
 @attrs.define
 class Showing:
-    """What one refresh, or one camera frame, showed. number: of the picture; 0: the one on the screen stayed. stamp: of the frame
-    it was made for, with its measured eyes and the time of tracking; None: nobody was seen yet. target_ns: the refresh it was
-    made for, 0 for none; seen_ns: when a viewer sees it, loop_ns of it for camera and display. t_presented_ns: 0: never seen, or
-    not known yet; by: the protocol that reported it, empty: not known yet."""
+    """What one refresh, or one camera frame, showed. number: of the picture; 0: the one on the screen stayed. stamp, record: of
+    the frame it was made for; None: nobody was seen yet. target_ns: the refresh it was made for, 0 for none; seen_ns: when a
+    viewer sees it, loop_ns of it for camera and display. t_presented_ns: 0: never seen, or not known yet; by: the protocol that
+    reported it, empty: not known yet."""
 
     number: int
     stamp: Stamp | None
-    face: bool
-    raw_px: list[list[float]]
-    t_tracked_ns: int
+    record: EyesRecord | None
     viewpoints: Viewpoints
     seq: int
     target_ns: int
@@ -41,6 +40,10 @@ class Showing:
     more: dict[str, Any]
     t_presented_ns: int = 0
     by: str = ""
+
+    @property
+    def face(self) -> int:
+        return self.record.face if self.record is not None else 0
 
 
 class WaitingPictures:

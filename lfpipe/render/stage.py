@@ -18,7 +18,7 @@ from lfpipe.render.display import open_display
 from lfpipe.render.file_display import save
 from lfpipe.render.key_bindings import KeyBindings
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.refresh import LeadTime, Refresh, ScreenClock, ScreenRefresh
+from lfpipe.render.refresh import Refresh, ScreenClock, ScreenRefresh
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, shown_as
 from lfpipe.scene.pack import open_pack
@@ -26,6 +26,7 @@ from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 
 logger = logging.getLogger(__name__)
+SERVE_NS = 100 * MS_NS
 
 
 class RenderStage:
@@ -46,6 +47,7 @@ class RenderStage:
         restarts = context.row["restarts"]
         name = f"lfpipe: {self._field.name}"
         self._display = open_display(options.display, size_px, name, rate_hz, monitor, restarts, options.kiosk)
+        self._interactive, self._serve_ns = options.display != "none" and not options.display.startswith("file:"), 0
         self._viewer.shown_as_wide(self._display.width_mm())
         self._presenter = Presenter(context, self._viewer, self._display)
         self._keys = KeyBindings(context, self._viewer, self._presenter, self._display)
@@ -55,7 +57,7 @@ class RenderStage:
 
     def on_frames(self) -> None:
         """One picture per camera frame, as in the paper, until the stop."""
-        presenter, context = self._presenter, self._context
+        presenter, context, lossless = self._presenter, self._context, self._options.lossless
         while context.wait():
             self._follow_session()
             fresh = presenter.take()
@@ -63,7 +65,6 @@ class RenderStage:
                 presenter.leave_out()
             elif fresh is not None:
                 latency_ns = int(self._config.replay.latency_ms * MS_NS)
-                lossless = self._options.lossless
                 presenter.show(fresh.t_sensor_ns + latency_ns if lossless else now_ns() + presenter.cost_ns)
             self._after_picture()
 
@@ -72,8 +73,8 @@ class RenderStage:
         presenter, context = self._presenter, self._context
         refresh = presenter.refresh = self._new_refresh()
         while context.wait(refresh.start_ns()):
-            self._follow_session()
-            refresh.limit(self._config.render.rate_hz, self._config.render.nominal_hz)
+            if self._follow_session():
+                refresh.limit(self._config.render.rate_hz, self._config.render.nominal_hz)
             if (fresh := presenter.take()) is not None:
                 refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns(), refresh.lead_ns())
             if now_ns() >= refresh.start_ns():
@@ -86,27 +87,28 @@ class RenderStage:
         """The display's clock: the screen's blanks if they are reported, else an even rate."""
         if not self._display.blanks_by:
             return Refresh(self._config.render.nominal_hz, now_ns())
-        clock = ScreenClock(self._display.nominal_hz(), now_ns())
-        return ScreenRefresh(clock, LeadTime(), 0.0, now_ns())
+        return ScreenRefresh(ScreenClock(self._display.nominal_hz(), now_ns()), 0.0, now_ns())
 
-    def _follow_session(self) -> None:
-        """Applies changes of configuration, scene and quality, and commands."""
+    def _follow_session(self) -> bool:
+        """Applies changes of configuration, scene and quality, and commands; returns whether there was a message."""
         context, viewer, presenter = self._context, self._viewer, self._presenter
+        if not context.news:
+            return False
         old, new = self._options, context.options
         other_pack = (new.pack, new.complete) != (old.pack, old.complete)
         if other_pack or context.config != self._asked:
             with context.setting_up("opening the scene"):
                 self._open_scene(other_pack)
             presenter.redraw()
-        elif context.options is not self._options:
-            self._options = context.options
-            config: Config = lowered(self._asked, context.options)
+        elif new is not old:
+            self._options = new
+            config: Config = lowered(self._asked, new)
             if config != self._config:
                 self._config = config
                 logger.info("quality: %s at %s Hz", config.render.method, config.render.rate_hz)
                 viewer.redraw_by(config)
                 presenter.redraw()
-        presenter.follow(context.options)
+        presenter.follow()
         context.ack_config()
         for word, message in context.commands():
             if word == "recentre":
@@ -117,6 +119,7 @@ class RenderStage:
                 self._keys.scenes.report(message)
             elif not word:
                 self._keys.scenes.answered(message)
+        return True
 
     def _open_scene(self, other_pack: bool) -> None:
         """Takes over configuration and options, with their scene. other_pack: it was packed anew, or further."""
@@ -142,7 +145,10 @@ class RenderStage:
             remember(self._field, word)
 
     def _after_picture(self) -> None:
-        self._keys.serve()
+        """What does not change the picture just shown: keys and notices, without a window ten times a second."""
+        if self._interactive or now_ns() >= self._serve_ns:
+            self._serve_ns = now_ns() + SERVE_NS
+            self._keys.serve()
         self._presenter.follow_screen()
 
     def close(self) -> None:

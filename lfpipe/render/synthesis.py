@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
-from lfpipe.render.blocks import Blocks, size_of
-from lfpipe.render.view_mean import ViewMean
-from lfpipe.render.view_weights import Position, ViewWeight, view_weights
+from lfpipe.render.blocks import Blocks, ViewMean, size_of
+from lfpipe.render.viewpoint import Position, ViewWeight, view_weights
 from lfpipe.render.warper import Warper
 from lfpipe.scene.lightfield import LightField
 
@@ -46,13 +45,12 @@ class Synthesiser:
         self._rows, self._cols = field.rows, field.cols
         self._centre = ((field.rows - 1) / 2, (field.cols - 1) / 2)
         self._warper = Warper(field) if method in WARPS else None
-        size = (field.height_px, field.width_px)
-        self._parts = [np.empty(size, np.uint8) for _ in range(4)]
+        height, width = field.height_px, field.width_px
+        self._shifted = [np.empty((height, width), np.uint8) for _ in range(4)]
         self._cross: list[NDArray[np.uint8]] = []  # the cross-fade at pixels of unknown disparity
-        self._blocks = Blocks(*size)
-        self._mean = ViewMean(*size) if method == "best" else None
-        self._made = [np.empty((*size_of(*size), 4), np.uint8) for _ in range(4)]
-        self._part = np.empty((*size_of(*size), 4), np.uint8)
+        self._blocks = Blocks(height, width)
+        self._mean = ViewMean(height, width) if method == "best" else None
+        *self._sums, self._sample = (np.empty((*size_of(height, width), 4), np.uint8) for _ in range(5))
 
     def render(
         self, position: Position, frame: int, zero_plane_px: float, sources: Sequence[Source], outs: Sequence[NDArray[np.uint8]]
@@ -62,80 +60,73 @@ class Synthesiser:
         zero_plane_px: disparity that lies in the plane of the screen. outs: uint8 (height, width) each, to draw into. Returns the
         planes: an element of outs, or the stored plane itself if that is the picture.
         """
-        used = view_weights(self.method, position, self._rows, self._cols)
+        views = view_weights(self.method, position, self._rows, self._cols)
         if self._warper is None:
-            return self._faded(used, zero_plane_px, sources, outs)
-        return self._warped(self._warper, used, position, frame, zero_plane_px, sources, outs)
+            return self._faded(views, zero_plane_px, sources, outs)
+        shift = (zero_plane_px * (self._centre[0] - position[0]), zero_plane_px * (self._centre[1] - position[1]))
+        drawn = list(outs[: len(sources)])
+        if self._mean is not None:
+            self._mean.clear(len(drawn))
+        total = 0.0
+        for view in views:
+            steps = self._warper.offset(view, position)
+            planes = [source(view.row, view.col) for source in sources]
+            if steps == (0.0, 0.0) and not any(shift):
+                return planes
+            self._warper.aim(frame, view, steps, shift)
+            total += view.weight
+            self._warp(self._warper, view, view.weight / total, planes, drawn if view is views[-1] else [])
+        if self._mean is not None:
+            self._mean.planes(drawn)
+        if not self._warper.known_around(frame, position):
+            self._fade_unknown(self._warper, position, frame, zero_plane_px, sources, drawn)
+        return drawn
 
     def _faded(
-        self, used: list[ViewWeight], zero_plane_px: float, sources: Sequence[Source], outs: Sequence[NDArray[np.uint8]]
+        self, views: list[ViewWeight], zero_plane_px: float, sources: Sequence[Source], outs: Sequence[NDArray[np.uint8]]
     ) -> list[NDArray[np.uint8]]:
         """The weighted sum of the stored views, each shifted as a whole to its zero plane."""
-        made: list[NDArray[np.uint8]] = []
+        faded: list[NDArray[np.uint8]] = []
         total = 0.0
-        for view in used:
+        for view in views:
             total += view.weight
-            dy, dx = (round(zero_plane_px * (c - p)) for c, p in zip(self._centre, (view.row, view.col), strict=True))
-            part = [source(view.row, view.col) for source in sources]
-            if dy or dx:
-                into = self._parts if made else outs
-                part = [shifted(plane, dy, dx, to) for plane, to in zip(part, into, strict=False)]
-            if made:
-                for k, plane in enumerate(part):
-                    cv2.addWeighted(plane, view.weight / total, made[k], 1 - view.weight / total, 0.0, outs[k])
-                made = list(outs[: len(part)])
-            else:
-                made = part
-        return made
-
-    def _warped(
-        self,
-        warper: Warper,
-        used: list[ViewWeight],
-        position: Position,
-        frame: int,
-        zero_plane_px: float,
-        sources: Sequence[Source],
-        outs: Sequence[NDArray[np.uint8]],
-    ) -> list[NDArray[np.uint8]]:
-        """Warps each view along its own disparity and combines them in blocks: by their weights, or by the mean of the views that
-        see the point."""
-        shift = (zero_plane_px * (self._centre[0] - position[0]), zero_plane_px * (self._centre[1] - position[1]))
-        mean, drawn, total = self._mean, list(outs[: len(sources)]), 0.0
-        if mean is not None:
-            mean.clear(len(drawn))
-        for view in used:
-            steps = warper.offset(view, position)
-            if steps == (0.0, 0.0) and not any(shift):
-                return [source(view.row, view.col) for source in sources]
-            warper.aim(frame, view, steps, shift)
+            dy, dx = round(zero_plane_px * (self._centre[0] - view.row)), round(zero_plane_px * (self._centre[1] - view.col))
             planes = [source(view.row, view.col) for source in sources]
-            total += view.weight
-            share = view.weight / total
-            for band in warper.bands:
-                x, y = warper.maps(band)
-                reach = self._blocks.reach(y)
-                if mean is not None:
-                    mean.weigh(band.rows, warper.weights(band, view.weight, x, y), view.weight, x, y)
-                    for k, plane in enumerate(planes):
-                        self._blocks.sample(plane, x, reach, self._part[band.rows])
-                        mean.add(k, band.rows, self._part[band.rows])
-                    continue
-                for plane, made, out in zip(planes, self._made, drawn, strict=False):
-                    blocks = made[band.rows]
-                    if share == 1:
-                        self._blocks.sample(plane, x, reach, blocks)
-                    else:
-                        part = self._part[: len(blocks)]
-                        self._blocks.sample(plane, x, reach, part)
-                        cv2.addWeighted(part, share, blocks, 1 - share, 0.0, blocks)
-                    if view is used[-1]:
-                        self._blocks.pixels(blocks, out[2 * band.rows.start : 2 * band.rows.stop])
-        if mean is not None:
-            mean.planes(drawn)
-        if not warper.known_around(frame, position):
-            self._fade_unknown(warper, position, frame, zero_plane_px, sources, drawn)
-        return drawn
+            if dy or dx:
+                into = self._shifted if faded else outs
+                planes = [shifted(plane, dy, dx, to) for plane, to in zip(planes, into, strict=False)]
+            if not faded:
+                faded = planes
+                continue
+            for k, plane in enumerate(planes):
+                cv2.addWeighted(plane, view.weight / total, faded[k], 1 - view.weight / total, 0.0, outs[k])
+            faded = list(outs[: len(planes)])
+        return faded
+
+    def _warp(
+        self, warper: Warper, view: ViewWeight, share: float, planes: list[NDArray[np.uint8]], outs: list[NDArray[np.uint8]]
+    ) -> None:
+        """Warps planes of a view as aimed, and adds them in blocks: with its share of the views so far, or to the mean of the
+        views that see the point. outs: to unpack into, after the last view."""
+        for band in warper.bands:
+            x, y = warper.maps(band)
+            reach = self._blocks.reach(y)
+            sample = self._sample[: len(x)]
+            if self._mean is not None:
+                self._mean.weigh(band.rows, warper.weights(band, view.weight, x, y), view.weight, x, y)
+                for k, plane in enumerate(planes):
+                    self._blocks.sample(plane, x, reach, sample)
+                    self._mean.add(k, band.rows, sample)
+                continue
+            for k, plane in enumerate(planes):
+                blocks = self._sums[k][band.rows]
+                if share == 1:
+                    self._blocks.sample(plane, x, reach, blocks)
+                else:
+                    self._blocks.sample(plane, x, reach, sample)
+                    cv2.addWeighted(sample, share, blocks, 1 - share, 0.0, blocks)
+                if outs:
+                    self._blocks.pixels(blocks, outs[k][2 * band.rows.start : 2 * band.rows.stop])
 
     def _fade_unknown(
         self,
@@ -147,14 +138,14 @@ class Synthesiser:
         drawn: list[NDArray[np.uint8]],
     ) -> None:
         """Replaces what was warped along no known disparity by the cross-fade."""
-        every = view_weights("blend", position, self._rows, self._cols)
-        found = warper.unknown(frame, every)
-        if found is None:
+        views = view_weights("blend", position, self._rows, self._cols)
+        unknown = warper.unknown(frame, views)
+        if unknown is None:
             return
-        box, share = found
+        box, share = unknown
         cut = np.s_[:, :] if zero_plane_px else box
-        parts = [lambda row, col, source=source: source(row, col)[cut] for source in sources]
-        self._cross = self._cross or [np.empty_like(part) for part in self._parts]
-        plain = self._faded(every, zero_plane_px, parts, [part[cut] for part in self._cross])
-        for out, part in zip(drawn, plain, strict=True):
-            cv2.blendLinear(part[box] if zero_plane_px else part, out[box], share, 1 - share, out[box])
+        cuts = [lambda row, col, source=source: source(row, col)[cut] for source in sources]
+        self._cross = self._cross or [np.empty_like(plane) for plane in self._shifted]
+        faded = self._faded(views, zero_plane_px, cuts, [plane[cut] for plane in self._cross])
+        for out, plane in zip(drawn, faded, strict=True):
+            cv2.blendLinear(plane[box] if zero_plane_px else plane, out[box], share, 1 - share, out[box])

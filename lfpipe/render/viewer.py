@@ -1,20 +1,17 @@
 """The viewer before the screen: from the position of the eyes to the two viewpoints and the picture."""
 
 import math
-from collections.abc import Hashable
+from typing import Any, NamedTuple
 
-import attrs
 import numpy as np
-from numpy.typing import NDArray
 
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import EYES_MM, CameraPose
-from lfpipe.eyes import extrapolated
+from lfpipe.eyes import MAX_HORIZON_S, Eyes, EyesRecord
 from lfpipe.render.compositor import Compositor
-from lfpipe.render.easing import EyeEasing
 from lfpipe.render.geometry import LEAST_EYES_PX, Parallax, alpha_is_automatic, parallax
 from lfpipe.render.idle_motion import IdleMotion
-from lfpipe.render.presence import ABSENT_S, Presence, Rest, ViewerState
+from lfpipe.render.presence import ABSENT_S, EyeEasing, Presence, Rest, ViewerState
 from lfpipe.render.viewpoint import Position, ViewSolver
 from lfpipe.scene.lightfield import LightField
 
@@ -31,11 +28,10 @@ MOVED = 0.01  # change of the distance after which the views between the eyes ar
 VIDEO_LEAD = 0.3
 
 
-@attrs.frozen(eq=False)
-class Viewpoints:
-    """The viewpoints of a picture. eyes_px: (2, 2), after filter and prediction. left, right: (row, col). frame: of a video."""
+class Viewpoints(NamedTuple):
+    """The viewpoints of a picture. eyes_px: after filter and prediction. left, right: (row, col). frame: of a video."""
 
-    eyes_px: NDArray[np.float64]
+    eyes_px: Eyes
     left: Position
     right: Position
     frame: int
@@ -45,22 +41,24 @@ class Viewer:
     """Holds the neutral position, alpha and the compositor; a changed configuration or scene keeps the position.
 
     Positions are px of the camera picture; where the camera's pose is known, of the picture that a camera in the middle of the
-    screen would take (`CameraPose`).
+    screen would take (`CameraPose`). All arithmetic uses plain numbers, which cost a tenth of numpy's small arrays.
     """
 
     def __init__(self, field: LightField, config: Config, exhibition: bool = False) -> None:
         """exhibition: the picture moves while nobody is there."""
         self.parallax: Parallax | None = None
+        self.solver: ViewSolver | None = None  # the mapping from eyes to views; None until a face was seen
         self.presence = Presence()
-        self._target_px: NDArray[np.float64] | None = None  # neutral position; None: not measured
-        self._centre_px: NDArray[np.float64] | None = None  # the same, while moving there
-        self._eyes_px = np.zeros((2, 2))
+        self._target_px: tuple[float, float] | None = None  # neutral position; None: not measured
+        self._centre_px: tuple[float, float] | None = None  # the same, while moving there
+        self._eyes_px: Eyes = (0.0, 0.0, 0.0, 0.0)
         self._seen = False
         self._apart_px = 0.0  # follows the distance slowly
         self._near_px, self._generation = 0.0, 0  # the same, quickly, and at once for another face
         self._eyes_mm = 0.0
         self._t_ns = 0
         self._size_px = (0, 0)  # of the camera picture
+        self._pose: CameraPose | None = None
         self._tracked_ns = -1  # stamp of the last record that presence processed
         self._start_ns = 0
         # Start of a video before the time of the first picture: half a refresh of a screen. If the video's rate divides the
@@ -68,17 +66,17 @@ class Viewer:
         self.video_lead_ns = 0
         self._easing = EyeEasing()
         self._idle = IdleMotion() if exhibition else None
-        self._shown_mm: float | None = None
+        self._picture_mm: float | None = None
         self.neutral_is_fixed = False  # the viewer is the mouse, which says itself where the neutral position is
         self.shown: Viewpoints | None = None  # the last viewpoints
         self.set(field, config)
 
     def set(self, field: LightField, config: Config) -> None:
         """Sets scene and configuration from the next viewpoints on."""
-        self.field, self.config = field, config
-        self.compositor = Compositor(field, config.render)
-        self.parallax = None
-        self._solver: ViewSolver | None = None
+        self.field = field
+        self.parallax = self.solver = None
+        self.redraw_by(config)
+        self._auto, self._size_px = alpha_is_automatic(config), (0, 0)
 
     def complete(self, field: LightField, config: Config) -> None:
         """Sets the same scene, now with its disparity: viewpoint, neutral position and views between the eyes stay, or follow."""
@@ -90,103 +88,82 @@ class Viewer:
     def redraw_by(self, config: Config) -> None:
         """Sets a configuration that differs only in render.method and render.rate_hz: geometry stays unchanged."""
         self.config, self.compositor = config, Compositor(self.field, config.render)
-        if self._solver is not None:
-            self._solver.draw_with(self.method)
+        self.method = self.compositor.method
+        if self.solver is not None:
+            self.solver.draw_with(self.method)
 
     def shown_as_wide(self, width_mm: float | None) -> bool:
         """Sets the width of the picture on the screen, as the display reports it; returns whether alpha must be chosen again."""
-        new = width_mm != self._shown_mm and self.config.screen.width_mm == "auto"
-        self._shown_mm = width_mm
+        new = width_mm != self._picture_mm and self.config.screen.width_mm == "auto"
+        self._picture_mm = width_mm
         if new:
-            self.parallax = self._solver = None
+            self.parallax = self.solver = None
         return new
-
-    @property
-    def method(self) -> str:
-        return self.compositor.method
-
-    @property
-    def solver(self) -> ViewSolver | None:
-        """The mapping from eyes to views; None until a face was seen."""
-        return self._solver
-
-    @property
-    def _auto(self) -> bool:
-        return alpha_is_automatic(self.config)
 
     def recentre(self) -> None:
         """Makes the last position of the eyes the neutral position."""
         if self._seen:
-            self._target_px = self._centre_px = self._eyes_px.mean(axis=0)
-            self._solver = None
+            self._target_px = self._centre_px = _middle(self._eyes_px)
+            self.solver = None
 
-    def viewpoints(self, record: NDArray[np.void] | None, t_sensor_ns: int, t_shown_ns: int) -> Viewpoints:
+    def viewpoints(self, record: EyesRecord | None, t_sensor_ns: int, t_shown_ns: int) -> Viewpoints:
         """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None if nobody was seen yet."""
-        frame = self._frame(t_shown_ns)
-        camera_px = None if record is None else self._eyes(record, t_shown_ns - t_sensor_ns)
+        frame = 0 if self.field.frames == 1 else self._frame(t_shown_ns)
+        camera_px = None if record is None or not record.face else _predicted(record, t_shown_ns - t_sensor_ns)
         if record is None or (camera_px is None and not self._seen):
-            row, col = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
-            self.shown = Viewpoints(self._eyes_px, *self._swayed((row, col), (row, col), t_shown_ns, t_sensor_ns), frame)
-            return self.shown
-        dt_s = max(t_shown_ns - self._t_ns, 0) / 1e9 if self._seen else 0.0
-        self._t_ns = t_shown_ns
-        if camera_px is not None:
-            self._follow_distance(float(record["apart_px"]), math.dist(*camera_px.tolist()), dt_s, int(record["generation"]))
-        if float(record["eyes_mm"]) != self._eyes_mm:  # learnt for the first time or again
-            self._eyes_mm, self._solver = float(record["eyes_mm"]), None
-        pose = self._pose(record)
-        eyes_px = camera_px if camera_px is None or pose is None else pose.from_screen(camera_px, self._near_px)
-        solver = self._solver or self._make_solver(eyes_px)
-        self._follow_presence(record, t_sensor_ns, solver, eyes_px)
-        half = self._apart_px / 2
-        neutral_px = np.add(solver.centre_px, [[half, 0.0], [-half, 0.0]])
-        start_px = neutral_px if self._seen or eyes_px is None else eyes_px  # no easing for the first face
-        self._seen = True
-        self._eyes_px = self._easing.at(t_shown_ns, eyes_px, start_px, int(record["generation"]), solver.alpha_px)
-        self._follow_neutral(solver, None if eyes_px is None else self._eyes_px, dt_s)
-        left, right = self._swayed(*solver.views(self._eyes_px), t_shown_ns, t_sensor_ns)
-        used_px = self._eyes_px if pose is None else pose.from_camera(self._eyes_px, self._near_px)
+            middle = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
+            left, right = middle, middle
+            used_px = self._eyes_px
+        else:
+            used_px, left, right = self._follow(record, camera_px, t_sensor_ns, t_shown_ns)
+        if self._idle is not None:
+            alone = self.presence.state is ViewerState.NOBODY or t_shown_ns - t_sensor_ns > ABSENT_S * 1e9
+            grid, whole = (self.field.rows, self.field.cols), self.method == "nearest"
+            left, right = self._idle.moved(left, right, grid, t_shown_ns, alone, whole)
         self.shown = Viewpoints(used_px, left, right, frame)
         return self.shown
 
-    def _swayed(self, left: Position, right: Position, t_ns: int, t_sensor_ns: int) -> tuple[Position, Position]:
-        """The viewpoints; moving while an exhibition has no viewer or no camera."""
-        if self._idle is None:
-            return left, right
-        alone = self.presence.state is ViewerState.NOBODY or t_ns - t_sensor_ns > ABSENT_S * 1e9
-        return self._idle.moved(left, right, (self.field.rows, self.field.cols), t_ns, alone, self.method == "nearest")
-
-    def key(self, viewpoints: Viewpoints) -> Hashable:
-        """Equal keys mean the same picture."""
-        return self.compositor.key(viewpoints.left, viewpoints.right, viewpoints.frame)
-
-    def compose(self, viewpoints: Viewpoints) -> NDArray[np.uint8]:
-        """The picture, uint8 (height, width, 3) BGR, valid until the next call."""
-        return self.compositor.compose(viewpoints.left, viewpoints.right, viewpoints.frame)
+    def _follow(
+        self, record: EyesRecord, camera_px: Eyes | None, t_sensor_ns: int, t_shown_ns: int
+    ) -> tuple[Eyes, Position, Position]:
+        """(eyes used, in px of the camera picture; left and right viewpoint)."""
+        dt_s = max(t_shown_ns - self._t_ns, 0) / 1e9 if self._seen else 0.0
+        self._t_ns = t_shown_ns
+        if camera_px is not None:
+            self._follow_distance(record, camera_px, dt_s)
+        eyes_mm = record.eyes_mm
+        if eyes_mm != self._eyes_mm or self._size_px != (record.width_px, record.height_px):
+            if eyes_mm != self._eyes_mm:  # learnt for the first time or again
+                self._eyes_mm, self.solver = eyes_mm, None
+            self._size_px = record.width_px, record.height_px
+            self._pose = CameraPose.of(self.config, self._size_px, eyes_mm or EYES_MM)
+        pose, eyes_px = self._pose, camera_px
+        if camera_px is not None and pose is not None:
+            eyes_px = _flat(pose.from_screen(np.reshape(camera_px, (2, 2)), self._near_px))
+        solver = self.solver or self._make_solver(eyes_px)
+        if t_sensor_ns != self._tracked_ns:  # once per frame
+            self._tracked_ns = t_sensor_ns
+            self._follow_presence(record.generation, t_sensor_ns, solver, eyes_px)
+        (x, y), half = solver.centre_px, self._apart_px / 2
+        start_px = (x + half, y, x - half, y) if self._seen or eyes_px is None else eyes_px  # no easing for the first face
+        self._seen = True
+        self._eyes_px = self._easing.at(t_shown_ns, eyes_px, start_px, record.generation, solver.alpha_px)
+        if self._auto and self._centre_px is not None:
+            self._follow_neutral(solver, self._centre_px, eyes_px is not None, dt_s)
+        left, right = solver.views(self._eyes_px)
+        if pose is None:
+            return self._eyes_px, left, right
+        return _flat(pose.from_camera(np.reshape(self._eyes_px, (2, 2)), self._near_px)), left, right
 
     def _frame(self, t_ns: int) -> int:
-        if self.field.frames == 1:
-            return 0
         self._start_ns = self._start_ns or t_ns - self.video_lead_ns
         return video_frame(t_ns, self._start_ns, self.field.frame_rate_hz)
 
-    @staticmethod
-    def _eyes(record: NDArray[np.void], horizon_ns: int) -> NDArray[np.float64] | None:
-        """The predicted eyes; None without a face, or for an impossible one: a single NaN would stay in the averages for ever."""
-        if not record["face"]:
-            return None
-        eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], horizon_ns)
-        return eyes_px if (np.abs(eyes_px) < FAR_PX).all() else None
-
-    def _pose(self, record: NDArray[np.void]) -> CameraPose | None:
-        self._size_px = int(record["width_px"]), int(record["height_px"])
-        return CameraPose.of(self.config, self._size_px, self._eyes_mm or EYES_MM)
-
-    def _follow_distance(self, apart_px: float, plain_px: float, dt_s: float, generation: int) -> None:
-        """apart_px: as tracked, 0 where not known. plain_px: between the eyes in the picture. What no face has is ignored: an
-        average would never forget it."""
-        if not LEAST_EYES_PX <= apart_px <= FAR_PX:
-            apart_px = max(plain_px, LEAST_EYES_PX)
+    def _follow_distance(self, record: EyesRecord, eyes_px: Eyes, dt_s: float) -> None:
+        """What no face has is ignored: an average would never forget it."""
+        apart_px, generation = record.apart_px, record.generation
+        if not LEAST_EYES_PX <= apart_px <= FAR_PX:  # not known: between the eyes in the picture
+            apart_px = max(math.dist(eyes_px[:2], eyes_px[2:]), LEAST_EYES_PX)
         if not self._seen:
             self._apart_px = apart_px
         if not self._seen or generation != self._generation:
@@ -195,58 +172,68 @@ class Viewer:
         self._apart_px += (apart_px - self._apart_px) * _share(dt_s, STILL_S if still else DISTANCE_S)
         self._near_px += (apart_px - self._near_px) * _share(dt_s, POSE_S)
 
-    def _follow_presence(
-        self, record: NDArray[np.void], t_sensor_ns: int, solver: ViewSolver, eyes_px: NDArray[np.float64] | None
-    ) -> None:
-        """Runs once per frame: measures neutral position and distance when somebody has come to rest."""
-        if t_sensor_ns == self._tracked_ns:
-            return
-        self._tracked_ns = t_sensor_ns
-        x_px, y_px = (0.0, 0.0) if eyes_px is None else eyes_px.mean(axis=0).tolist()
-        here = None if eyes_px is None else Rest(x_px, y_px, self._near_px)
+    def _follow_presence(self, generation: int, t_sensor_ns: int, solver: ViewSolver, eyes_px: Eyes | None) -> None:
+        """Measures neutral position and distance when somebody has come to rest."""
+        here = None if eyes_px is None else Rest(*_middle(eyes_px), self._near_px)
         beyond = eyes_px is not None and solver.beyond(eyes_px)
-        rest = self.presence.update(t_sensor_ns, here, int(record["generation"]), beyond)
+        rest = self.presence.update(t_sensor_ns, here, generation, beyond)
         if rest is not None and self._auto and not self.neutral_is_fixed:
-            self._target_px = np.array((rest.x_px, rest.y_px))
+            self._target_px = rest.x_px, rest.y_px
             self._choose(rest.apart_px)
             if self.presence.returned and self._centre_px is not None:  # the view is eased to where it was
-                self._easing.shift(self._target_px - self._centre_px)
-                self._centre_px = self._target_px
-                solver.centre_px = (rest.x_px, rest.y_px)
+                self._easing.shift(rest.x_px - self._centre_px[0], rest.y_px - self._centre_px[1])
+                self._centre_px = solver.centre_px = self._target_px
 
-    def _follow_neutral(self, solver: ViewSolver, eyes_px: NDArray[np.float64] | None, dt_s: float) -> None:
+    def _follow_neutral(self, solver: ViewSolver, centre_px: tuple[float, float], face: bool, dt_s: float) -> None:
         """Moves the neutral position to the measured one, and alpha with the distance; until a rest the grid follows the eyes."""
         assert self.parallax is not None
-        if not self._auto or self._centre_px is None:
-            return
-        if eyes_px is not None and abs(self._apart_px / self.parallax.eyes_px - 1) > MOVED:
+        if face and abs(self._apart_px / self.parallax.eyes_px - 1) > MOVED:
             self._choose(self._apart_px)
         solver.alpha_px = self._apart_px / self.parallax.views_between_eyes
         if self.neutral_is_fixed:
             pass
         elif self.presence.state in (ViewerState.ARRIVING, ViewerState.EXCHANGED):
-            if eyes_px is not None:
-                self._centre_px = solver.dragged(self._centre_px, eyes_px)
+            if face:
+                centre_px = solver.dragged(centre_px, self._eyes_px)
         elif self._target_px is not None:
-            self._centre_px = self._centre_px + (self._target_px - self._centre_px) * _share(dt_s, NEUTRAL_S)
-        solver.centre_px = (float(self._centre_px[0]), float(self._centre_px[1]))
+            (x, y), (to_x, to_y), share = centre_px, self._target_px, _share(dt_s, NEUTRAL_S)
+            centre_px = x + (to_x - x) * share, y + (to_y - y) * share
+        self._centre_px = solver.centre_px = centre_px
 
     def _choose(self, apart_px: float) -> None:
         """Chooses the views between the eyes for a viewer at the distance that apart_px implies."""
-        width_px, eyes_mm = int(self._size_px[0]), self._eyes_mm or None
-        self.parallax = parallax(self.config, self.field, width_px, apart_px, eyes_mm, self._shown_mm)
+        self.parallax = parallax(self.config, self.field, self._size_px[0], apart_px, self._eyes_mm or None, self._picture_mm)
 
-    def _make_solver(self, eyes_px: NDArray[np.float64] | None) -> ViewSolver:
+    def _make_solver(self, eyes_px: Eyes | None) -> ViewSolver:
         """A fixed alpha centres the grid in the camera picture, as in the paper; alpha from geometry centres it on the viewer,
         who is never in the middle of a webcam above the screen."""
         self._choose(self._apart_px)
         assert self.parallax is not None
         if self._auto and self._centre_px is None and eyes_px is not None:
-            self._centre_px = eyes_px.mean(axis=0)
-        centre_px = (self._size_px[0] / 2, self._size_px[1] / 2) if self._centre_px is None else self._centre_px
+            self._centre_px = _middle(eyes_px)
+        centre_px = self._centre_px or (self._size_px[0] / 2, self._size_px[1] / 2)
         grid = self.field.rows, self.field.cols
-        self._solver = ViewSolver(*grid, self.config.render, self.parallax.alpha_px, centre_px, self.method)
-        return self._solver
+        self.solver = ViewSolver(*grid, self.config.render, self.parallax.alpha_px, centre_px, self.method)
+        return self.solver
+
+
+def _predicted(record: EyesRecord, horizon_ns: int) -> Eyes | None:
+    """The eyes after horizon_ns, as `lfpipe.eyes.extrapolated`; None if impossible: a NaN would stay in the averages for ever."""
+    s = min(max(horizon_ns, 0) / 1e9, MAX_HORIZON_S)
+    (lx, ly, rx, ry), (u, v, p, q) = record.filtered_px, record.velocity_px_s
+    lx, ly, rx, ry = lx + u * s, ly + v * s, rx + p * s, ry + q * s
+    near = abs(lx) < FAR_PX and abs(ly) < FAR_PX and abs(rx) < FAR_PX and abs(ry) < FAR_PX  # false for NaN
+    return (lx, ly, rx, ry) if near else None
+
+
+def _middle(eyes_px: Eyes) -> tuple[float, float]:
+    lx, ly, rx, ry = eyes_px
+    return (lx + rx) / 2, (ly + ry) / 2
+
+
+def _flat(points: np.ndarray[Any, Any]) -> Eyes:
+    lx, ly, rx, ry = points.ravel().tolist()
+    return lx, ly, rx, ry
 
 
 def _share(dt_s: float, time_s: float) -> float:

@@ -1,4 +1,4 @@
-"""Eyes in the camera picture to viewpoints on the grid of views.
+"""Eyes in the camera picture to viewpoints on the grid of views, and viewpoints to the stored views that make up a picture.
 
     col = c0 + (cx - u) / alpha        row = r0 + (v - cy) / alpha
 
@@ -9,30 +9,31 @@ disparity. At the edge of the grid the middle of the eyes stops and their distan
 """
 
 import math
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from typing import NamedTuple
 
 from lfpipe.config import Render
 from lfpipe.config.quality import WARPS
+from lfpipe.eyes import Eyes
 
 Position = tuple[float, float]  # (row, col) in grid steps
 
 HYSTERESIS_VIEWS = 0.1
 _FAR = 1e12  # steps; larger values mean nothing and overflow
 
+# Half the width, in views, of the zone in which warp2 fades from one stored view to the next. Against fading all the way
+# (antinous): nothing lost with every 2nd view kept, 0.3 dB with every 4th, largest over median step of a sweep 2.1 instead of
+# 2.0, and half as many views to warp on average.
+ROW_FADE, COL_FADE = 0.1, 0.25
+# best: a share of this much or less counts nothing, from the second on it counts in full. What the fourth view adds where it is
+# far away (antinous: 0.1 dB) is not worth its time.
+LEAST_SHARE, FULL_SHARE = 0.09, 0.14
 
-def soft_clamp(value: float, count: int, extrapolate_views: float) -> float:
-    """value on an axis of `count` views: unchanged inside, compressed outside towards a limit of extrapolate_views beyond the
-    edge.
+
+def limited(value: float, low: float, high: float, reach: float) -> float:
+    """value between low and high, which is unchanged; beyond them compressed towards `reach` further out.
 
     Value and slope are continuous: the picture never freezes at the edge, however far the viewer leans out. value must be finite.
     """
-    return _limited(value, 0.0, count - 1.0, extrapolate_views)
-
-
-def _limited(value: float, low: float, high: float, reach: float) -> float:
-    """value between low and high; beyond them compressed towards `reach` further out."""
     inside = min(max(value, low), high)
     if reach <= 0 or value == inside:
         return inside
@@ -48,9 +49,9 @@ def pair_clamped(left: float, right: float, count: int, extrapolate_views: float
     if min(left, right) >= 0 and max(left, right) <= count - 1:
         return left, right
     edge = (count - 1) / 2
-    half = _limited((right - left) / 2, -edge, edge, extrapolate_views)
+    half = limited((right - left) / 2, -edge, edge, extrapolate_views)
     room = max(edge - abs(half), 0.0)
-    middle = edge + _limited((right + left) / 2 - edge, -room, room, max(edge + extrapolate_views - room - abs(half), 0.0))
+    middle = edge + limited((right + left) / 2 - edge, -room, room, max(edge + extrapolate_views - room - abs(half), 0.0))
     low, high = -extrapolate_views, count - 1 + extrapolate_views
     return min(max(middle - half, low), high), min(max(middle + half, low), high)
 
@@ -75,69 +76,106 @@ class ViewSolver:
     """
 
     def __init__(
-        self, rows: int, cols: int, render: Render, alpha_px: float, centre_px: ArrayLike, method: str = "warp2"
+        self, rows: int, cols: int, render: Render, alpha_px: float, centre_px: tuple[float, float], method: str = "warp2"
     ) -> None:
-        self.rows, self.cols = rows, cols
-        self.alpha_px = alpha_px
-        centre = np.asarray(centre_px, dtype=np.float64).reshape(2)
-        self.centre_px = (float(centre[0]), float(centre[1]))
-        self._render = render
+        self.rows, self.cols, self._render = rows, cols, render
+        self._middle = (rows - 1) / 2, (cols - 1) / 2
+        self.alpha_px, self.centre_px = alpha_px, centre_px
         self.draw_with(method)
-        self._held: list[float | None] = [None, None, None]  # row, left col, right col
+        self._held: tuple[float | None, float | None, float | None] = None, None, None  # row, left col, right col
 
     def draw_with(self, method: str) -> None:
         """Sets the method in use: the last views are held in nearest mode, and only warps extrapolate."""
         self._snap, self._reach = method == "nearest", extrapolation_views(method, self._render)
 
-    def neutral(self) -> Position:
-        """The middle of the grid, where a viewer is assumed to be until seen."""
-        return (self.rows - 1) / 2, (self.cols - 1) / 2
-
-    def _alpha(self) -> float:
-        """alpha_px, positive; infinite where it is not finite."""
-        return abs(self.alpha_px) if math.isfinite(self.alpha_px) else math.inf
-
     def _steps(self, distance_px: float) -> float:
-        """distance over alpha, always finite; NaN counts as 0."""
-        steps = distance_px / max(self._alpha(), 1e-300) if math.isfinite(distance_px) else distance_px
+        """distance over alpha, always finite; NaN counts as 0, an alpha that is not finite as infinite."""
+        alpha_px = max(abs(self.alpha_px), 1e-300) if math.isfinite(self.alpha_px) else math.inf
+        steps = distance_px / alpha_px if math.isfinite(distance_px) else distance_px
         return 0.0 if math.isnan(steps) else min(max(steps, -_FAR), _FAR)
 
-    def beyond(self, eyes_px: ArrayLike) -> bool:
-        """Whether both eyes, (2, 2) px, are beyond the same side of the grid, where motion hardly changes the picture."""
-        eyes = np.asarray(eyes_px, dtype=np.float64).reshape(2, 2)
-        cols = [self._steps(self.centre_px[0] - float(u)) for u in eyes[:, 0]]
-        row = self._steps(float(eyes[:, 1].mean()) - self.centre_px[1])
-        half_cols, half_rows = (self.cols - 1) / 2, (self.rows - 1) / 2
-        return min(cols) > half_cols or max(cols) < -half_cols or (self.rows > 1 and abs(row) > half_rows)
+    def beyond(self, eyes_px: Eyes) -> bool:
+        """Whether both eyes are beyond the same side of the grid, where motion hardly changes the picture."""
+        left_u, left_v, right_u, right_v = eyes_px
+        (cx, cy), (half_rows, half_cols) = self.centre_px, self._middle
+        left, right = self._steps(cx - left_u), self._steps(cx - right_u)
+        row = self._steps((left_v + right_v) / 2 - cy)
+        return min(left, right) > half_cols or max(left, right) < -half_cols or (self.rows > 1 and abs(row) > half_rows)
 
-    def dragged(self, centre_px: ArrayLike, eyes_px: ArrayLike) -> NDArray[np.float64]:
-        """The neutral position nearest to centre_px, (2,), that puts the eyes, (2, 2) px, within the grid if they fit."""
-        eyes = np.asarray(eyes_px, dtype=np.float64).reshape(2, 2)
-        half = abs(float(eyes[0, 0] - eyes[1, 0])) / 2
-        alpha = min(self._alpha(), _FAR)
-        room = np.array([max((self.cols - 1) / 2 * alpha - half, 0.0), (self.rows - 1) / 2 * alpha])
-        middle = eyes.mean(axis=0)
-        return np.clip(np.asarray(centre_px, np.float64), middle - room, middle + room)
+    def dragged(self, centre_px: tuple[float, float], eyes_px: Eyes) -> tuple[float, float]:
+        """The neutral position nearest to centre_px that puts the eyes within the grid if they fit."""
+        left_u, left_v, right_u, right_v = eyes_px
+        alpha_px = min(abs(self.alpha_px), _FAR) if math.isfinite(self.alpha_px) else _FAR
+        x, y, half_rows, half_cols = (left_u + right_u) / 2, (left_v + right_v) / 2, *self._middle
+        room_x, room_y = max(half_cols * alpha_px - abs(left_u - right_u) / 2, 0.0), half_rows * alpha_px
+        cx, cy = centre_px
+        return min(max(cx, x - room_x), x + room_x), min(max(cy, y - room_y), y + room_y)
 
-    def views(self, eyes_px: ArrayLike) -> tuple[Position, Position]:
-        """Viewpoints ((row, col) left, (row, col) right) for the eyes, (2, 2) px: left (u, v), right (u, v).
+    def views(self, eyes_px: Eyes) -> tuple[Position, Position]:
+        """Viewpoints ((row, col) left, (row, col) right) for the eyes.
 
         Always finite and within the grid plus extrapolate_views. An eye that is NaN looks from the neutral view.
         """
-        (left_u, left_v), (right_u, right_v) = np.asarray(eyes_px, dtype=np.float64).reshape(2, 2).tolist()
-        r0, c0 = self.neutral()
-        cx, cy = self.centre_px
+        left_u, left_v, right_u, right_v = eyes_px
+        (r0, c0), (cx, cy) = self._middle, self.centre_px
         middle_v = left_v / 2 + right_v / 2  # halve first: the sum of two finite numbers may overflow
         # a single row knows nothing above and below it: its height is left out
-        row = soft_clamp(r0 + self._steps(middle_v - cy), self.rows, self._reach if self.rows > 1 else 0.0)
+        row = limited(r0 + self._steps(middle_v - cy), 0.0, self.rows - 1.0, self._reach if self.rows > 1 else 0.0)
         left, right = c0 + self._steps(cx - left_u), c0 + self._steps(cx - right_u)
         if self._render.keep_depth:
             left, right = pair_clamped(left, right, self.cols, self._reach)
         else:
-            left, right = (soft_clamp(col, self.cols, self._reach) for col in (left, right))
+            last = self.cols - 1.0
+            left, right = limited(left, 0.0, last, self._reach), limited(right, 0.0, last, self._reach)
         if self._snap:
-            row, left, right = (snapped(value, held) for value, held in zip((row, left, right), self._held, strict=True))
-            self._held = [row, left, right]
-        if self._render.swap_eyes:
-            left, right = right, left
-        return (row, left), (row, right)
+            held = self._held
+            row, left, right = self._held = snapped(row, held[0]), snapped(left, held[1]), snapped(right, held[2])
+        return ((row, right), (row, left)) if self._render.swap_eyes else ((row, left), (row, right))
+
+
+class ViewWeight(NamedTuple):
+    """A stored view and its share of the picture."""
+
+    row: int
+    col: int
+    weight: float
+
+
+def cell_of(position: float, count: int) -> tuple[int, float]:
+    """Lower index of the pair of views around position, and the share of the upper one; the outermost pair at the edge."""
+    inside = min(max(position, 0.0), count - 1.0)
+    low = min(int(inside), max(count - 2, 0))
+    return low, inside - low
+
+
+def _faded(share: float, half_width: float) -> float:
+    return min(max((share - 0.5) / (2 * half_width) + 0.5, 0.0), 1.0)
+
+
+def view_weights(method: str, position: Position, rows: int, cols: int) -> list[ViewWeight]:
+    """The stored views that method uses at position, with weights > 0 that sum to 1 and are continuous in position for
+    blend, warp2 and best. position must be finite.
+
+    warp2 fades only around the middle between views, where the nearest view changes; elsewhere it uses one view. Heads move
+    sideways, so columns have the wider zone.
+    """
+    row, col = position
+    if method in ("nearest", "warp"):
+        r, c = math.floor(row + 0.5), math.floor(col + 0.5)
+        return [ViewWeight(min(max(r, 0), rows - 1), min(max(c, 0), cols - 1), 1.0)]
+    r, up = cell_of(row, rows)
+    c, right = cell_of(col, cols)
+    if method == "warp2":
+        up, right = _faded(up, ROW_FADE), _faded(right, COL_FADE)
+    shares = [
+        (r, c, (1 - up) * (1 - right)),
+        (r, c + 1, (1 - up) * right),
+        (r + 1, c, up * (1 - right)),
+        (r + 1, c + 1, up * right),
+    ]
+    views = [ViewWeight(*share) for share in shares if share[2] > 0]
+    if method != "best":
+        return views
+    counts = [view.weight * min((view.weight - LEAST_SHARE) / (FULL_SHARE - LEAST_SHARE), 1.0) for view in views]
+    total = sum(count for count in counts if count > 0)
+    return [ViewWeight(view.row, view.col, n / total) for view, n in zip(views, counts, strict=True) if n > 0]

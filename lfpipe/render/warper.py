@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.render.blocks import MARGIN, bands_of, places, size_of
-from lfpipe.render.view_weights import Position, ViewWeight, cell_of
+from lfpipe.render.viewpoint import Position, ViewWeight, cell_of
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 
 CAREFUL_PX = 1.0  # separation of near and far above which hidden parts are handled, at a seventh of the cost of a warp

@@ -3,7 +3,7 @@
 import contextlib
 import gc
 import logging
-import time
+import select
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -33,7 +33,7 @@ class Context:
         self.options = spec.options
         self.stopping = False
         self.paused = False
-        self._poller = zmq.Poller()
+        self.news = True  # a message arrived since the last call of `commands`: a stage without news need not look
         self._inputs: list[RingInput] = []
         self._open: list[RingInput | RingOutput] = []  # kept until the end: mappings must outlive their views
         self._commands: list[tuple[str, dict[str, Any]]] = []
@@ -44,16 +44,17 @@ class Context:
         self._bus = self._zmq.socket(zmq.PUSH)
         self._bus.setsockopt(zmq.SNDHWM, 16)
         control.connect(self._bus, spec.session.run_dir, "bus")
-        self._poller.register(self._ctl, zmq.POLLIN)
         self._ctl.send(control.encode({"cmd": "hello", "stage": spec.name}))
         self._rev = spec.rev
+        self._ctl_fd, self._used = int(self._ctl.getsockopt(zmq.FD)), True
+        self._fds = [self._ctl_fd]
 
     def input(self, name: str) -> RingInput:
         """Opens a ring for reading; `wait` then wakes for it."""
         made = RingInput(self.spec, name, self.row)
         self._inputs.append(made)
         self._open.append(made)
-        self._poller.register(made.wake.fd, zmq.POLLIN)
+        self._fds.append(made.wake.fd)
         return made
 
     def output(self, name: str) -> RingOutput:
@@ -123,6 +124,7 @@ class Context:
     def request(self, word: str, **values: Any) -> None:
         """Sends the supervisor a command, as `lfpipe ctl` would; its answer appears in `commands`."""
         self._ctl.send(control.encode({"cmd": word, **values}))
+        self._used = True
 
     def ack_config(self) -> None:
         """Acknowledges the current `config`, `options` and `paused`."""
@@ -131,32 +133,32 @@ class Context:
     def commands(self) -> list[tuple[str, dict[str, Any]]]:
         """Commands since the last call, as (command, message). A change of configuration is already in `config`. The answer to
         a `request` is ("", answer)."""
-        taken, self._commands = self._commands, []
+        self.news, taken, self._commands = False, self._commands, []
         return taken
 
     def wait(self, until_ns: int | None = None, instead_fd: int | None = None) -> bool:
         """Sleeps until an input has a new slot, a command or the stop arrives, or until_ns; at most BEAT_NS.
 
-        Returns False once the stage must end. poll has a resolution of 1 ms; the remainder is slept. instead_fd: a descriptor
-        that wakes it instead of the inputs, if it cannot use their data now.
+        Returns False once the stage must end. instead_fd: a descriptor that wakes it instead of the inputs, if it cannot use
+        their data now.
         """
-        t_ns = now_ns()
-        limit_ns = t_ns + BEAT_NS
-        until_ns = limit_ns if until_ns is None else min(until_ns, limit_ns)
         self.row.beat()
         self.done()  # a waiting stage has processed what it took
         for each in self._inputs if self.spec.options.lock_step else ():
             each.give_credit()
-        left_ms, rest = divmod(max(0, until_ns - t_ns), MS_NS)
-        poller = self._poller if instead_fd is None else self._poller_of([instead_fd])
-        events = dict(poller.poll(left_ms))
-        if self._ctl in events:
-            self._take_messages()
-        elif not events and rest and not self.stopping:
-            left_ns = until_ns - now_ns()
-            if left_ns > 0:
-                time.sleep(left_ns / 1e9)
+        t_ns = now_ns()
+        limit_ns = t_ns + BEAT_NS
+        until_ns = limit_ns if until_ns is None else min(until_ns, limit_ns)
+        self._sleep(self._fds if instead_fd is None else [self._ctl_fd, instead_fd], max(until_ns - t_ns, 0))
         return not self.stopping
+
+    def _sleep(self, fds: Sequence[int], left_ns: int) -> None:
+        """Sleeps until a descriptor is readable or left_ns have passed, and takes messages. The socket's own descriptor stays
+        readable from an arrival until the socket is used: after a request, the socket itself must be asked."""
+        ready = select.select(fds, (), (), 0 if self._used else left_ns / 1e9)[0]
+        if self._used or self._ctl_fd in ready:
+            self._used = False
+            self._take_messages()
 
     def done(self) -> None:
         """Reports that everything taken from the inputs has been processed."""
@@ -165,23 +167,14 @@ class Context:
 
     def _wait_for(self, condition: Callable[[], bool], credits: Sequence[Wake]) -> None:
         """Waits until condition holds or the stop arrives; credits wake it."""
-        poller = self._poller_of([credit.fd for credit in credits])
+        fds = [self._ctl_fd, *(credit.fd for credit in credits)]
         while not condition() and not self.stopping:
             self.row.beat()
-            if self._ctl in dict(poller.poll(BEAT_NS // MS_NS)):
-                self._take_messages()
-
-    def _poller_of(self, fds: Sequence[int]) -> zmq.Poller:
-        """Registers commands and these descriptors."""
-        poller = zmq.Poller()
-        poller.register(self._ctl, zmq.POLLIN)
-        for fd in fds:
-            poller.register(fd, zmq.POLLIN)
-        return poller
+            self._sleep(fds, BEAT_NS)
 
     def _take_messages(self) -> None:
         while self._ctl.poll(0):
-            message = control.decode(self._ctl.recv())
+            self.news, message = True, control.decode(self._ctl.recv())
             word = message.get("cmd", "")
             if word == "stop":
                 self.stopping = True

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lfpipe.config import Config
-from lfpipe.eyes import EYES
+from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.display import Pointer
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.viewer import Viewer
@@ -51,7 +51,7 @@ class Session:
             record, t_ns = camera, self.t_ns
             if self.mouse.looks:
                 record, _ = self.mouse.eyes(camera, Stamp(1, 1, 0, t_ns, t_ns, t_ns, 0), t_ns)
-            views = self.viewer.viewpoints(record, t_ns, t_ns)
+            views = self.viewer.viewpoints(None if record is None else EyesRecord.of(record), t_ns, t_ns)
             found.append((views.left[1] + views.right[1]) / 2)
         return found
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Camera, Config, Render
 from lfpipe.config.camera_pose import EYES_MM, CameraPose, camera_focal_px
-from lfpipe.eyes import EYES
+from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.viewer import Viewer
 from tests.render import rendered
 
@@ -61,7 +61,7 @@ def test_leaning_in_does_not_look_like_moving_down(above_mm: float, tilt_deg: fl
             made = np.zeros((), EYES)
             made["face"], made["width_px"], made["height_px"], made["apart_px"] = 1, *SIZE, apart_px
             made["raw_px"] = made["filtered_px"] = eyes_px
-            found.append(subject.viewpoints(made, k * S // 30, k * S // 30).left[0])
+            found.append(subject.viewpoints(EyesRecord.of(made), k * S // 30, k * S // 30).left[0])
         return found
 
     without, with_pose = rows(), rows(above_mm=above_mm, tilt_deg=tilt_deg)

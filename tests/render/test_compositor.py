@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lfpipe.config import Config, Render
-from lfpipe.eyes import EYES
-from lfpipe.render.anaglyph import MATRICES, encode, recipe
+from lfpipe.eyes import EYES, EyesRecord
+from lfpipe.render.anaglyph import MATRICES, PlaneStore, encode, recipe
 from lfpipe.render.compositor import Compositor
-from lfpipe.render.planes import PlaneStore
 from lfpipe.render.viewer import Viewer
 from lfpipe.render.viewpoint import ViewSolver
 from tests.render import rendered
@@ -45,7 +44,7 @@ def seen(eyes_px: NDArray[np.float64], method: str, **settings: Any) -> NDArray[
     field = rendered.field(9, 9, texture=0.0)
     how = render(method=method, anaglyph="colour", **settings)
     solver = ViewSolver(9, 9, how, 20.0, (320.0, 240.0), method)
-    return Compositor(field, how).compose(*solver.views(eyes_px)).copy()
+    return Compositor(field, how).compose(*solver.views(tuple(eyes_px.ravel().tolist()))).copy()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -177,22 +176,6 @@ def test_the_rounding_of_a_key_shows_nowhere() -> None:
         assert (error > 1).mean() < 0.02  # what lies on the edge of the square may fall to its other side
 
 
-def test_settings_are_part_of_the_key() -> None:
-    field = rendered.field(3, 3)
-    keys = [
-        Compositor(field, how).key((1, 0), (1, 2))
-        for how in (
-            render(),
-            render(method="nearest"),
-            render(anaglyph="colour"),
-            render(zero_plane_px=1.0),
-            render(light="gamma"),
-            render(ghost_compensation=5.0),
-        )
-    ]
-    assert len(set(keys)) == len(keys)
-
-
 @settings(max_examples=60)
 @given(
     shape=st.tuples(st.integers(1, 3), st.integers(1, 3), st.integers(1, 6), st.integers(1, 6)),
@@ -228,7 +211,7 @@ def test_nonsense_gives_a_picture(
 def test_extreme_eyes_and_alphas_from_end_to_end() -> None:
     field = rendered.field(3, 3, 16, 16)
     inf, nan = math.inf, math.nan
-    strange = ([[inf, inf], [-inf, inf]], [[nan, 0], [0, nan]], [[5, 5], [5, 5]], [[0, 0], [600, 0]], [[1e308, 0], [-1e308, 0]])
+    strange = ((inf, inf, -inf, inf), (nan, 0, 0, nan), (5, 5, 5, 5), (0, 0, 600, 0), (1e308, 0, -1e308, 0))
     for alpha_px in (1e-9, 1e9):
         for eyes in strange:
             how = render(method="warp2", anaglyph="dubois")
@@ -258,11 +241,11 @@ def test_a_viewer_of_whom_the_tracker_says_anything(rows: int, cols: int, alpha_
     for k, (eyes, velocity, eyes_mm) in enumerate(itertools.product(strange, (0.0, 1e300, nan), (0.0, 61.0))):
         record["raw_px"] = record["filtered_px"] = eyes
         record["velocity_px_s"], record["eyes_mm"] = velocity, eyes_mm
-        look = viewer.viewpoints(record, k * 10**7, k * 10**7 + 10**6)
+        look = viewer.viewpoints(EyesRecord.of(record), k * 10**7, k * 10**7 + 10**6)
         assert np.isfinite([look.left, look.right]).all()
-        assert viewer.compose(look).shape == (16, 16, 3)
+        assert viewer.compositor.compose(look.left, look.right).shape == (16, 16, 3)
     record["velocity_px_s"] = 0.0
-    look = viewer.viewpoints(record, 10**10, 10**10)  # seen well again, later: nothing of that is left
+    look = viewer.viewpoints(EyesRecord.of(record), 10**10, 10**10)  # seen well again, later: nothing of that is left
     if cols > 1 and alpha_px != 1e9:
         assert look.left[1] < look.right[1]
 
@@ -271,9 +254,10 @@ def test_built_planes_are_bounded() -> None:
     field = rendered.field(4, 4, 32, 32)
     store = PlaneStore(field, budget_bytes=10 * 32 * 32)
     plane = recipe("dubois").planes[0]
-    first = store.get(0, 0, 0, plane).copy()
+    get = store.getter(plane)
+    first = get(0, 0, 0).copy()
     for row in range(4):
         for col in range(4):
-            store.get(0, row, col, plane)
+            get(0, row, col)
     assert len(store._built) <= 10
-    np.testing.assert_array_equal(store.get(0, 0, 0, plane), first)
+    np.testing.assert_array_equal(get(0, 0, 0), first)

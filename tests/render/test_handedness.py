@@ -217,7 +217,7 @@ def test_near_is_crossed_in_3d_photographs(layout: str, tmp_path: Path) -> None:
     how = Render(method="auto", anaglyph="colour")
     eyes = [[320 + EYES_PX / 2, 240], [320 - EYES_PX / 2, 240]]
     solver = ViewSolver(field.rows, field.cols, how, EYES_PX, (320.0, 240.0))
-    drawn = Compositor(field, how).compose(*solver.views(eyes))
+    drawn = Compositor(field, how).compose(*solver.views(tuple(np.ravel(eyes).tolist())))
     apart_px = [(place(drawn[..., 2], bright) - place(drawn[..., 1], bright))[0] for bright in (True, False)]
     assert apart_px[0] > apart_px[1] + 0.5, "the near disc is crossed against the far one"
 
@@ -241,7 +241,7 @@ def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(layout: str, tm
             their left eye at larger x, a step to their right as one to the left, and upwards is to smaller y."""
             eyes = [[320 + EYES_PX / 2 - right_px, 240 - up_px], [320 - EYES_PX / 2 - right_px, 240 - up_px]]
             solver = ViewSolver(rows, cols, how, STEP_PX, (320.0, 240.0), compositor.method)
-            drawn = compositor.compose(*solver.views(eyes))
+            drawn = compositor.compose(*solver.views(tuple(np.ravel(eyes).tolist())))
             return place(drawn[..., 2], bright), place(drawn[..., 1], bright)  # red glass left, cyan right
 
         close = 0.3 * near_px

@@ -39,7 +39,7 @@ def test_what_changed_is_said(camera: str, changes: dict[str, object], desk: lis
 
 
 def test_up_says_whether_the_delay_is_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lfpipe.render.monitors.detect_monitors", lambda: ("x11", DESK))
+    monkeypatch.setattr("lfpipe.cli.startup_summary.detect_monitors", lambda: ("x11", DESK))
     here = LoopConditions.of("2026-11-21", "demo", config.Camera(), DESK[1])
     sets = {"render.loop_ms": 61.5, "render.loop_measured": str(here)}
     known = config.updated(config.Config(), sets)

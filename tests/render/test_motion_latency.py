@@ -35,12 +35,12 @@ def session(path: Callable[[float], np.ndarray], track: Track, noise_px: float) 
     for frame in range(900):
         stamp = frame * 33_333_333
         measured = path(stamp) + rng.normal(0, noise_px, (2, 2))
-        latency.measured(stamp, measured.tolist())
+        latency.measured(stamp, measured.ravel().tolist())
         filter_.update(stamp, measured)
         for refresh in range(2):
             presented = stamp + (20 + 17 * refresh) * MS
             after = (LOOP_MS + 8) * MS
-            latency.pictured(presented, after, LOOP_MS * MS, filter_.predict(presented + after).tolist())
+            latency.pictured(presented, after, LOOP_MS * MS, filter_.predict(presented + after).ravel().tolist())
     return latency
 
 
@@ -50,10 +50,10 @@ def test_both_latencies_of_pictures_late_by_a_known_time(late_ms: int, noise_px:
     for frame in range(900):
         stamp = frame * 33 * MS
         path = swaying if frame > 600 else starting
-        latency.measured(stamp, (path(stamp) + rng.normal(0, noise_px, (2, 2))).tolist())
+        latency.measured(stamp, (path(stamp) + rng.normal(0, noise_px, (2, 2))).ravel().tolist())
         for refresh in range(4):
             presented = stamp + (20 + 8 * refresh) * MS
-            latency.pictured(presented, 66 * MS, 58 * MS, path(presented + (66 - late_ms) * MS).tolist())
+            latency.pictured(presented, 66 * MS, 58 * MS, path(presented + (66 - late_ms) * MS).ravel().tolist())
     assert latency.steady_ns / MS == pytest.approx(late_ms, abs=1.0)
     assert latency.onset_ns / MS == pytest.approx(max(late_ms, 4), abs=8.0), "a picture every 8 ms; none before the motion"
 
@@ -75,6 +75,6 @@ def test_a_still_viewer_a_slow_one_and_one_who_leaves_give_no_latencies() -> Non
         for frame in range(300):
             stamp = frame * 33 * MS
             measured = eyes_at(200 + speed_px_s * stamp / 1e9) + rng.normal(0, 0.3, (2, 2))
-            latency.measured(stamp, None if leaves and frame % 10 == 9 else measured.tolist())
-            latency.pictured(stamp + 20 * MS, 8 * MS, 0, (eyes_at(200) + 1).tolist())
+            latency.measured(stamp, None if leaves and frame % 10 == 9 else measured.ravel().tolist())
+            latency.pictured(stamp + 20 * MS, 8 * MS, 0, (eyes_at(200) + 1).ravel().tolist())
         assert latency.steady_ns == 0 and latency.onset_ns == 0

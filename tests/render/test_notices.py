@@ -10,10 +10,10 @@ import pytest
 from lfpipe.config import Render, choices
 from lfpipe.render.anaglyph import MATRICES
 from lfpipe.render.file_display import picture_folder
+from lfpipe.render.geometry import depth_range_px, depth_step_px
 from lfpipe.render.glasses_test import GlassesTest
 from lfpipe.render.overlay import SHOWN_NS, Notices
 from lfpipe.render.scene_menu import SceneLoader
-from lfpipe.render.screen_plane import depth_range_px, depth_step_px
 from lfpipe.transport.clock import now_ns
 
 

@@ -102,9 +102,9 @@ def test_a_lead_that_is_far_too_long_shrinks_to_what_is_needed() -> None:
 
 
 def test_refreshes_that_were_slept_through_are_missed_and_a_limit_takes_every_second() -> None:
-    clock, lead = ScreenClock(60.0, T0_NS), LeadTime()
+    clock = ScreenClock(60.0, T0_NS)
     clock.blank(T0_NS)
-    refresh = ScreenRefresh(clock, lead, 30.0, T0_NS)
+    refresh = ScreenRefresh(clock, 30.0, T0_NS)
     assert refresh.period_ns == pytest.approx(2e9 / 60, abs=2)
     refresh.advance(T0_NS)
     first_ns = refresh.due_ns()

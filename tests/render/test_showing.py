@@ -1,12 +1,11 @@
 """Pictures on their way to the light are known once each, in their order, by their blank or by their hand-over."""
 
-import numpy as np
 
 from lfpipe.host.presentation import Presented
 from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, WaitingPictures
 from lfpipe.render.viewer import Viewpoints
 
-NOWHERE = Viewpoints(np.zeros((2, 2)), (0.0, 0.0), (0.0, 0.0), 0)
+NOWHERE = Viewpoints((0.0, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0)
 
 
 class Log:
@@ -15,7 +14,7 @@ class Log:
         self.names: dict[int, str] = {}
 
     def add(self, name: str, number: int, t_ns: int, by: str = "") -> None:
-        showing = Showing(number, None, False, [], 0, NOWHERE, 0, t_ns, 0, 0, 0, 0, 0, t_ns, 0, 0, {}, t_ns if by else 0, by)
+        showing = Showing(number, None, None, NOWHERE, 0, t_ns, 0, 0, 0, 0, 0, t_ns, 0, 0, {}, t_ns if by else 0, by)
         self.names[id(showing)] = name
         self.waiting.add(showing)
 

@@ -13,7 +13,7 @@ from lfpipe.config.quality import WARPS
 from lfpipe.render import warper
 from lfpipe.render.scoring import psnr_db
 from lfpipe.render.synthesis import Synthesiser, shifted
-from lfpipe.render.view_weights import Position, view_weights
+from lfpipe.render.viewpoint import Position, view_weights
 from lfpipe.scene.lightfield import LightField
 from tests.bench.inputs import wall
 from tests.render import rendered

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lfpipe.config import Config, Render
-from lfpipe.eyes import EYES
+from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.geometry import parallax
 from lfpipe.render.presence import ViewerState
 from lfpipe.render.viewer import DISTANCE_S, VIDEO_LEAD, Viewer, Viewpoints
@@ -18,14 +18,14 @@ from tests.render import rendered
 S = 1_000_000_000
 
 
-def record(x: float = 320.0, y: float = 240.0, apart: float = 24.0, **more: Any) -> np.ndarray:
+def record(x: float = 320.0, y: float = 240.0, apart: float = 24.0, **more: Any) -> EyesRecord:
     """Eyes around (x, y) in a picture of 640x480."""
     made = np.zeros((), EYES)
     made["face"], made["width_px"], made["height_px"] = 1, 640, 480
     made["raw_px"] = made["filtered_px"] = [[x + apart / 2, y], [x - apart / 2, y]]
     for name, value in more.items():
         made[name] = value
-    return made
+    return EyesRecord.of(made)
 
 
 def viewer(**render: Any) -> Viewer:
@@ -94,7 +94,7 @@ def test_eyes_are_taken_to_the_moment_of_light() -> None:
     moving = record(velocity_px_s=[[120.0, 0.0], [120.0, 0.0]])
     subject.viewpoints(moving, 0, 0)
     later = subject.viewpoints(moving, S, S + S // 10)
-    assert later.eyes_px[0, 0] == pytest.approx(332.0 + 12.0)
+    assert later.eyes_px[0] == pytest.approx(332.0 + 12.0)
     assert middle(later)[1] == pytest.approx(4.0 - 1.0)
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Render
-from lfpipe.render.viewpoint import HYSTERESIS_VIEWS, ViewSolver, pair_clamped, snapped, soft_clamp
+from lfpipe.render.viewpoint import HYSTERESIS_VIEWS, ViewSolver, limited, pair_clamped, snapped
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 COUNTS = st.integers(1, 30)
@@ -20,15 +20,19 @@ def solver(rows: int = 9, cols: int = 9, alpha_px: float = 12.0, method: str = "
     return ViewSolver(rows, cols, Render(**render), alpha_px, (320.0, 240.0), method)  # type: ignore[arg-type]
 
 
+def soft_clamp(value: float, count: int, reach: float) -> float:
+    return limited(value, 0.0, count - 1.0, reach)
+
+
 def test_formula() -> None:
-    left, right = solver().views([[326.0, 252.0], [302.0, 252.0]])
+    left, right = solver().views((326.0, 252.0, 302.0, 252.0))
     assert left == (4 + 1.0, 4 - 0.5)
     assert right == (4 + 1.0, 4 + 1.5)
 
 
 def test_a_viewer_who_moves_right_looks_from_further_right_and_one_who_sinks_from_further_down() -> None:
-    here = solver().views([[350.0, 240.0], [290.0, 240.0]])
-    moved = solver().views([[340.0, 246.0], [280.0, 246.0]])  # the unmirrored picture shows a step to the viewer's right as left
+    here = solver().views((350.0, 240.0, 290.0, 240.0))
+    moved = solver().views((340.0, 246.0, 280.0, 246.0))  # the unmirrored picture shows a step to the viewer's right as left
     assert moved[0][1] > here[0][1]
     assert moved[1][1] > here[1][1]
     assert moved[0][0] > here[0][0]
@@ -37,7 +41,7 @@ def test_a_viewer_who_moves_right_looks_from_further_right_and_one_who_sinks_fro
 
 @given(st.tuples(USUAL, USUAL, USUAL, USUAL))
 def test_one_row_for_both_eyes(p: tuple[float, float, float, float]) -> None:
-    left, right = solver().views([[p[0], p[1]], [p[2], p[3]]])
+    left, right = solver().views(p)
     assert left[0] == right[0]
 
 
@@ -45,7 +49,7 @@ def test_one_row_for_both_eyes(p: tuple[float, float, float, float]) -> None:
 def test_always_finite_and_within_reach(
     p: tuple[float, float, float, float], alpha_px: float, rows: int, cols: int, reach: float, method: str
 ) -> None:
-    found = solver(rows, cols, alpha_px, method, extrapolate_views=reach).views([[p[0], p[1]], [p[2], p[3]]])
+    found = solver(rows, cols, alpha_px, method, extrapolate_views=reach).views(p)
     reach = reach if method == "warp2" else 0.0
     for row, col in found:
         assert -reach <= row <= rows - 1 + reach
@@ -54,13 +58,13 @@ def test_always_finite_and_within_reach(
 
 @pytest.mark.parametrize("alpha_px", [0.0, -0.0, math.nan, math.inf, 1e-320])
 def test_senseless_alpha_is_survived(alpha_px: float) -> None:
-    for row, col in solver(alpha_px=alpha_px).views([[300.0, 200.0], [340.0, 200.0]]):
+    for row, col in solver(alpha_px=alpha_px).views((300.0, 200.0, 340.0, 200.0)):
         assert math.isfinite(row)
         assert math.isfinite(col)
 
 
 def test_an_eye_that_is_no_number_looks_from_the_middle() -> None:
-    assert solver().views([[math.nan] * 2] * 2) == ((4.0, 4.0), (4.0, 4.0))
+    assert solver().views((math.nan,) * 4) == ((4.0, 4.0), (4.0, 4.0))
 
 
 @given(st.floats(-50, 50), st.floats(1e-6, 1), st.integers(1, 20), st.floats(0.01, 16))
@@ -94,7 +98,7 @@ def test_hysteresis_holds_a_view_against_noise_and_lets_go_beyond() -> None:
 @given(st.lists(st.floats(-0.09, 0.09), min_size=1, max_size=50), st.floats(-3, 3))
 def test_noise_below_the_hysteresis_changes_the_view_at_most_once(noise: list[float], place: float) -> None:
     snapping = solver(method="nearest", extrapolate_views=0.0)
-    cols = [snapping.views([[320 - 12 * (place + n), 240.0]] * 2)[0][1] for n in noise]
+    cols = [snapping.views((320 - 12 * (place + n), 240.0) * 2)[0][1] for n in noise]
     assert all(col == round(col) for col in cols)
     assert sum(a != b for a, b in itertools.pairwise(cols)) <= 1
 
@@ -128,14 +132,14 @@ def test_a_small_step_of_the_eyes_is_a_small_step_of_the_views(
 
 
 def test_as_printed_in_the_paper_each_eye_stops_by_itself() -> None:
-    eyes = [[250.0, 240.0], [190.0, 240.0]]  # 5 views apart, the middle 8.3 views to the right
+    eyes = (250.0, 240.0, 190.0, 240.0)  # 5 views apart, the middle 8.3 views to the right
     flat = solver(keep_depth=False, extrapolate_views=0.0).views(eyes)
     deep = solver(extrapolate_views=0.0).views(eyes)
     assert [col for _, col in flat] == [8.0, 8.0] and [col for _, col in deep] == pytest.approx([3.0, 8.0])
 
 
 def test_blending_stops_where_there_are_views() -> None:
-    beyond = [[250.0, 240.0], [190.0, 240.0]]
+    beyond = (250.0, 240.0, 190.0, 240.0)
     assert [col for _, col in solver(method="blend").views(beyond)] == pytest.approx([3.0, 8.0])
     assert solver(method="warp2").views(beyond)[1][1] > 8.5
 
@@ -143,10 +147,10 @@ def test_blending_stops_where_there_are_views() -> None:
 @given(st.tuples(ANY, ANY), st.one_of(st.floats(1e-9, 1e9), st.just(math.nan), st.just(math.inf), st.just(0.0)))
 def test_a_dragged_neutral_position_is_finite_for_finite_eyes(centre: tuple[float, float], alpha_px: float) -> None:
     if all(map(math.isfinite, centre)):
-        found = solver(alpha_px=alpha_px).dragged(centre, [[350.0, 200.0], [290.0, 200.0]])
+        found = solver(alpha_px=alpha_px).dragged(centre, (350.0, 200.0, 290.0, 200.0))
         assert all(map(math.isfinite, found))
 
 
 def test_swapped_eyes_exchange_their_views() -> None:
-    eyes = [[350.0, 240.0], [290.0, 240.0]]
+    eyes = (350.0, 240.0, 290.0, 240.0)
     assert solver(swap_eyes=True).views(eyes) == solver().views(eyes)[::-1]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lfpipe.config import Config, Track
-from lfpipe.eyes import EYES
+from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.viewer import Viewer
 from lfpipe.track.engine import Face
 from lfpipe.track.eye_tracker import EyeTracker
@@ -49,7 +49,7 @@ def test_one_wrong_distance_does_not_stop_the_picture(apart_px: float) -> None:
         bad = apart_px if k == 100 else 62.0
         tracker.update(attrs.evolve(FACE, eyes_px=moved, apart_px=bad), k * FRAME_NS)
         tracker.write(record, IMAGE)
-        columns.append(viewer.viewpoints(record, k * FRAME_NS, k * FRAME_NS).left[1])
+        columns.append(viewer.viewpoints(EyesRecord.of(record), k * FRAME_NS, k * FRAME_NS).left[1])
     assert np.isfinite(columns).all()
     assert np.ptp(columns[-60:]) > 0.5 * np.ptp(columns[40:100])
 

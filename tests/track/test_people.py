@@ -10,7 +10,7 @@ import pytest
 from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo, orient
 from lfpipe.config import Config
-from lfpipe.eyes import EYES
+from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.viewer import Viewer
 from lfpipe.track.litert_engine import LitertEngine
 from tests.render import rendered
@@ -250,6 +250,6 @@ def test_who_walks_in_from_the_side_and_sits_down_sees_the_middle() -> None:
         x, apart_px = 40 + 280 * share, 30 + 30 * share
         record["raw_px"] = record["filtered_px"] = [[x + apart_px / 2, 220], [x - apart_px / 2, 220]]
         record["apart_px"] = apart_px
-        view = viewer.viewpoints(record, round(k * 1e9 / 30), round(k * 1e9 / 30))
+        view = viewer.viewpoints(EyesRecord.of(record), round(k * 1e9 / 30), round(k * 1e9 / 30))
     (row, left), (_, right) = view.left, view.right
     assert abs((left + right) / 2 - 1) < 0.1 and abs(row - 1) < 0.1 and right > left
