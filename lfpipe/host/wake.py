@@ -4,8 +4,10 @@ zmq.Poller as sockets and sentinels. A wake that is not taken yet is enough: the
 
 import contextlib
 import os
+import select
 import socket
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +26,11 @@ def make(path: Path) -> None:
         os.mkfifo(path, 0o600)
 
 
+def readable(fds: Sequence[int], seconds: float) -> list[int]:
+    """Sleeps until one of the descriptors can be read, or for seconds, to the microsecond; returns those that can."""
+    return select.select(fds, (), (), seconds)[0]
+
+
 class FifoWake:
     """Either end of a named FIFO. Both open it O_RDWR | O_NONBLOCK: no order of opening, no SIGPIPE, and it survives a restart of
     either side. reads: whether this is the only reader's end."""
@@ -33,8 +40,10 @@ class FifoWake:
 
     def notify(self, seq: int) -> None:
         """Wakes the reader for seq."""
-        with contextlib.suppress(BlockingIOError):
+        try:
             os.write(self.fd, _SEQ.pack(seq))
+        except BlockingIOError:
+            return  # full: the reader is awake
 
     def drain(self) -> int:
         """Reads all wakes, at most MOST; returns the last seq, 0 if there was none."""

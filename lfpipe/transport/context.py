@@ -3,7 +3,6 @@
 import contextlib
 import gc
 import logging
-import select
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -11,7 +10,7 @@ import zmq
 
 from lfpipe import config as config_module
 from lfpipe.config import SessionOptions
-from lfpipe.host.wake import Wake
+from lfpipe.host.wake import Wake, readable
 from lfpipe.transport import control, status
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.ring_ends import RingInput, RingOutput
@@ -155,7 +154,7 @@ class Context:
     def _sleep(self, fds: Sequence[int], left_ns: int) -> None:
         """Sleeps until a descriptor is readable or left_ns have passed, and takes messages. The socket's own descriptor stays
         readable from an arrival until the socket is used: after a request, the socket itself must be asked."""
-        ready = select.select(fds, (), (), 0 if self._used else left_ns / 1e9)[0]
+        ready = readable(fds, 0.0 if self._used else left_ns / 1e9)
         if self._used or self._ctl_fd in ready:
             self._used = False
             self._take_messages()
