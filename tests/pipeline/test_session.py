@@ -105,9 +105,9 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Pa
         return middles(start)
 
     assert np.abs(some_middles() - (320, 240)).max() < 1e-6
+    start = len(world.lines())
     ctl("recentre")
-    moved = some_middles()
-    assert np.hypot(*(moved[0] - (320, 240))) > 1, "to where the eyes were"
+    world.wait_for(lambda: len(now := middles(start)) and np.hypot(*(now[-1] - (320, 240))) > 1, "the middle where the eyes were")
 
     ctl("set", "render.alpha_px=12", "render.method=nearest")
     ctl("load", str(write_scene(tmp_path / "other", 1, 5)))
