@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 
 from lfpipe.sequence.folder import EYES, MANIFEST, TRUTH, begin_manifest, end_manifest
-from lfpipe.sequence.index import INDEX, PACKETS
-from lfpipe.sequence.packets import PacketWriter, encoded
+from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, encoded
 from tests import hostile_files as hostile
 
 SIZE = (64, 48)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.sequence.truth import COLUMNS, Truth, table_of
+from lfpipe.sequence.eyes import COLUMNS, Truth, table_of
 
 HEAD = ("source_seq", "t_ns", *COLUMNS, "visible", "phase")
 

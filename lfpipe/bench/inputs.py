@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+import itertools
 import os
 import shutil
 import tempfile
@@ -107,14 +108,15 @@ def read_sequence(path: Path, frames: int, work: Path) -> FrameSequence:
 def _as_video(folder: Path, frames: int, work: Path) -> Path:
     """The first frames of a recorded sequence as a video without loss, with its truth, written once."""
     from lfpipe.sequence.edit import export
-    from lfpipe.sequence.folder import MANIFEST, TRUTH, open_sequence
+    from lfpipe.sequence.eyes import TRUTH
+    from lfpipe.sequence.folder import MANIFEST, open_sequence
 
     sequence = open_sequence(folder)
     digest = hashlib.blake2b((folder / MANIFEST).read_bytes(), digest_size=8).hexdigest()
     video = work / f"{folder.name}-{digest}-{frames}.mkv"
     if not is_file(video):
         part = work / f".{os.getpid()}-{video.name}"
-        table = export(attrs.evolve(sequence, packets=sequence.packets[:frames]), part)  # type: ignore[arg-type]  # a list will do
+        table = export(attrs.evolve(sequence, packets=list(itertools.islice(sequence.packets, frames))), part)  # type: ignore[arg-type]
         table.unlink()
         if is_file(folder / TRUTH):
             shutil.copyfile(folder / TRUTH, video.with_suffix(".csv"))

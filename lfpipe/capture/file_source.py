@@ -14,10 +14,10 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_note, fitted
 from lfpipe.files.safe_files import open_regular
 from lfpipe.sequence.folder import open_sequence
-from lfpipe.sequence.index import PACKETS
-from lfpipe.sequence.packets import decoded
+from lfpipe.sequence.packets import PACKETS, decoded
 
 MAX_BROKEN = 50
+GREY = 128  # of a frame that was not recorded
 
 
 class FileSource:
@@ -105,14 +105,17 @@ class SequenceSource:
         self._file = open_regular(spec.path / PACKETS)
         self._first_ns = self._sequence.packets[0].t_sensor_ns
         self._seq, self._start_ns, self._round_ns = 0, 0, 0
-        width_px, height_px = self._sequence.width_px, self._sequence.height_px
+        width_px, height_px = self._sequence.size_px
         notes = []
         if (width_px, height_px) != (camera.width_px, camera.height_px):
             notes.append(fit_note((width_px, height_px), (camera.width_px, camera.height_px)))
         if not self._sequence.complete:
             notes.append(f"{spec.path} was cut off after {len(self._sequence.packets)} frames")
-        jpeg = all(packet.codec == "jpeg" for packet in self._sequence.packets)
-        self.info = SourceInfo(f"file:{spec.path}", width_px, height_px, rate_hz, live=False, jpeg=jpeg, notes=tuple(notes))
+        jpeg = self._sequence.packets.codecs == ["jpeg"]
+        eyes = str(spec.path.resolve()) if self._sequence.holds_eyes else ""
+        notes = ["holds the eyes of the mouse"] if eyes else notes
+        name = f"file:{spec.path}"
+        self.info = SourceInfo(name, width_px, height_px, rate_hz, live=False, jpeg=jpeg, eyes=eyes, notes=tuple(notes))
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`; never sleeps, and returns None at the end of a sequence that is not looped."""
@@ -129,8 +132,10 @@ class SequenceSource:
             data = self._file.read(packet.bytes)
         except OSError as error:
             raise UserError(f"{self._spec.path}: frame {index}: {error.strerror}", "check its disk or network drive") from None
-        size = self._sequence.width_px, self._sequence.height_px
-        fitted(decoded(packet, data, *size, self._sequence.path), out)
+        if self.info.eyes:
+            out[:] = GREY
+        else:
+            fitted(decoded(packet, data, *self._sequence.size_px, self._sequence.path), out)
         if self._seq == 0:
             self._start_ns = time.monotonic_ns()
         after_ns = self._round_ns + packet.t_sensor_ns - self._first_ns

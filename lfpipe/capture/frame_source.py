@@ -46,6 +46,7 @@ class SourceInfo:
     rate_hz: float
     live: bool
     jpeg: bool = False  # its frames are JPEGs, each with its `Frame.packet`
+    eyes: str = ""  # folder of the recording, if it holds the eyes of the mouse instead of frames
     notes: tuple[str, ...] = ()  # to show the user once: scaled frames, another rate than requested, ...
 
 

@@ -83,12 +83,13 @@ def open_reconnecting(text: str, camera: config.Camera) -> FrameSource:
 @attrs.frozen
 class CheckedSource:
     """A source that has been opened once. text: its definite name, or MOUSE. jpeg_px: (width, height) of its JPEGs, None if it
-    delivers none.
+    delivers none. eyes: as in `SourceInfo`.
     """
 
     text: str
     rate_hz: float
     jpeg_px: tuple[int, int] | None = None
+    eyes: str = ""
 
     @property
     def options(self) -> config.SessionOptions:
@@ -96,7 +97,7 @@ class CheckedSource:
         spec = parse_source(self.text) if self.text and not self.is_mouse else None
         lossless = isinstance(spec, FileSpec) and spec.pace == "max"
         options = config.SessionOptions(source=self.text, source_hz=self.rate_hz, jpeg_px=self.jpeg_px, lossless=lossless)
-        return attrs.evolve(options, mouse=self.is_mouse, tracking=not self.is_mouse)
+        return attrs.evolve(options, mouse=self.is_mouse, eyes=self.eyes, tracking=not self.is_mouse)
 
     @property
     def is_mouse(self) -> bool:
@@ -136,4 +137,4 @@ def check_source(text: str, camera: config.Camera) -> CheckedSource:
         info = with_time_limit(limit_s, lambda: _tried(definite, camera))
     except TimeoutError as error:
         raise UserError(f"{definite}: {error}", remedy) from None
-    return CheckedSource(definite, info.rate_hz, (info.width_px, info.height_px) if info.jpeg else None)
+    return CheckedSource(definite, info.rate_hz, (info.width_px, info.height_px) if info.jpeg else None, info.eyes)

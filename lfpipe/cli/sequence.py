@@ -4,15 +4,15 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 
 from lfpipe.errors import UserError, plain
 from lfpipe.host.files import exists
 
-MOST_WRONG = 5  # damaged parts listed per sequence, at most
+MOST_WRONG = 5  # damages listed per sequence, at most
 PATH = click.Path(path_type=Path)
+SEQUENCES = click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, required=True)
 
 
 @click.group()
@@ -20,78 +20,79 @@ def sequence() -> None:
     """Inspect, cut, import and export recorded sequences."""
 
 
-def _each(paths: tuple[Path, ...], look: Callable[[Path], None]) -> int:
+def _for_all(paths: tuple[Path, ...], look: Callable[[Path], None]) -> int:
     """Runs look on each path, even after an error; returns the exit code."""
-    wrong = []
+    if len(paths) == 1:
+        look(paths[0])
+        return 0
+    code = 0
     for path in paths:
         try:
             look(path)
         except UserError as error:
-            wrong.append(error)
-            if len(paths) > 1:
-                click.echo(f"error: {error}", err=True)
-    if len(paths) == 1 and wrong:
-        raise wrong[0]
-    return 2 if wrong else 0
+            click.echo(f"error: {error}", err=True)
+            code = 2
+    return code
 
 
 @sequence.command()
-@click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, required=True)
+@SEQUENCES
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line.")
 def info(paths: tuple[Path, ...], as_json: bool) -> int:
     """Show what each SEQ holds."""
-    return _each(paths, lambda path: _info(path, as_json))
+    return _for_all(paths, lambda path: _info(path, as_json))
 
 
 def _info(path: Path, as_json: bool) -> None:
-    from lfpipe.sequence.folder import EYES, TRUTH, open_sequence
+    from lfpipe.sequence.folder import FILES, open_sequence
 
     found = open_sequence(path, verify=False)
-    about: dict[str, Any] = {
-        "frames": len(found.packets),
-        "lost": found.lost,
-        "duration_s": round(found.duration_s, 6),
-        "rate_hz": round(found.measured_hz, 4),
-        "width_px": found.width_px,
-        "height_px": found.height_px,
-        "codecs": sorted({packet.codec for packet in found.packets}),
-        "bytes": sum(packet.bytes for packet in found.packets),
-        "complete": found.complete,
-        "eyes": exists(path / EYES),
-        "truth": exists(path / TRUTH),
-        "source": found.manifest.get("source", ""),
-        "created": found.manifest.get("created", ""),
-        "versions": found.manifest.get("versions", {}),
-    }
+    size, codecs = sum(packet.bytes for packet in found.packets), found.packets.codecs
+    beside = [name.partition(".")[0] for name in FILES[2:] if exists(path / name)]
+    source, created = (str(found.manifest.get(name, "")) for name in ("source", "created"))
     if as_json:
+        about = {
+            "frames": len(found.packets),
+            "lost": found.lost,
+            "duration_s": round(found.duration_s, 6),
+            "rate_hz": round(found.measured_hz, 4),
+            "width_px": found.width_px,
+            "height_px": found.height_px,
+            "codecs": sorted(codecs),
+            "bytes": size,
+            "complete": found.complete,
+            "eyes": "eyes" in beside,
+            "truth": "truth" in beside,
+            "source": source,
+            "created": created,
+            "versions": found.manifest.get("versions", {}),
+        }
         click.echo(json.dumps(about))
         return
-    click.echo(f"{path}: {about['frames']} frames of {found.width_px}x{found.height_px}, {found.duration_s:.3f} s")
+    click.echo(f"{path}: {len(found.packets)} frames of {found.width_px}x{found.height_px}, {found.duration_s:.3f} s")
     click.echo(f"  {found.measured_hz:.3f} Hz by the stamps, {found.lost} frames lost while recording")
-    source, created = (plain(str(about[name]), 200) for name in ("source", "created"))
-    click.echo(f"  {about['bytes'] / 1e6:.1f} MB as {', '.join(about['codecs'])}, from {source}, {created}")
-    beside = [name for name in ("eyes", "truth") if about[name]]
+    click.echo(f"  {size / 1e6:.1f} MB as {', '.join(codecs)}, from {plain(source, 200)}, {plain(created, 200)}")
     click.echo(f"  stored with the frames: {', '.join(beside) or 'nothing'}")
     if not found.complete:
         click.echo("  cut off during recording: it ends with the last whole frame")
 
 
 @sequence.command()
-@click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, required=True)
+@SEQUENCES
 def check(paths: tuple[Path, ...]) -> int:
     """Read all of each SEQ and check every checksum, frame, stamp and line stored with them."""
-    return _each(paths, _check)
+    return _for_all(paths, _check)
 
 
 def _check(path: Path) -> None:
-    from lfpipe.sequence.edit import eyes_lines
+    from lfpipe.sequence.eyes import eyes_lines, read_truth
     from lfpipe.sequence.folder import open_sequence
-    from lfpipe.sequence.truth import read_truth
 
     found = open_sequence(path, verify=False)
     wrong: list[UserError] = []
-    looks: list[Callable[[], object]] = [partial(found.frame, seq) for seq in range(len(found.packets))]
-    looks += [partial(read_truth, path), lambda: list(eyes_lines(found)), partial(open_sequence, path)]
+    read: Callable[[int], object] = found.eyes if found.holds_eyes else found.frame
+    looks: list[Callable[[], object]] = [partial(read, seq) for seq in range(len(found.packets))]
+    looks += [partial(read_truth, path), lambda: all(True for _ in eyes_lines(path)), partial(open_sequence, path)]
     for look in looks:
         try:
             look()

@@ -91,11 +91,12 @@ class SessionOptions:
     """Paths are absolute; "" means none.
 
     source, source_hz: the camera or file, fully named. jpeg_px: (width, height) of the JPEGs that it delivers, None without.
-    mouse: no camera, the mouse is the viewer. tracking: whether eyes are tracked. show: whether pictures are made. trace: file of
-    one line per picture. still: file for the last picture. timeline: file of a trace that was started later. record, record_eyes:
-    folder of a running recording. pictures, packets: names of rings that exist only on demand. lossless: no frame may be dropped,
-    writers wait for readers. lock_step: besides, a frame passes every stage before the next one starts. share: where eyes are
-    sent to, as `lfpipe.share.target` writes it. level: the quality in force, None for full.
+    mouse: no camera, the mouse is the viewer. eyes: the source, if it is a recording of such a session. tracking: whether eyes
+    are tracked. show: whether pictures are made. trace: file of one line per picture. still: file for the last picture. timeline:
+    file of a trace that was started later. record, record_eyes: folder of a running recording. pictures, packets: names of rings
+    that exist only on demand. lossless: no frame may be dropped, writers wait for readers. lock_step: besides, a frame passes
+    every stage before the next one starts. share: where eyes are sent to, as `lfpipe.share.target` writes it. level: the quality
+    in force, None for full.
     playlist, playlist_at: the scenes to step through, and the index of the one shown. kiosk: the code that ends an exhibition.
     visits: file of its visitors by the hour. start: begin with the thumbnails of the playlist. ask_glasses: ask which glasses the
     person has.
@@ -107,6 +108,7 @@ class SessionOptions:
     jpeg_px: tuple[int, int] | None = None
     tracking: bool = True
     mouse: bool = False
+    eyes: str = ""
     show: bool = True
     display: str = "none"
     trace: str = ""

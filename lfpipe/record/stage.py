@@ -1,28 +1,92 @@
-"""Stage record: writes every frame, and optionally its tracked eyes, to a folder on disk.
+"""Stage record: writes every frame, and optionally its tracked eyes, to a folder on disk; the eyes alone where the mouse makes
+them.
 
 Reads: ring "frames", every slot in order; the ring of option "packets", the source's JPEGs if it delivers them; ring
-"eyes", in order if option "record_eyes" is set.
+"eyes", in order if option "record_eyes" is set, or in place of frames.
 Writes: the sequence in the folder of option "record"; it ends when the option changes.
 Commands: stop. Asks: record (to end the recording, if writing fails).
 Emits: notice (end of a recording, lost frames).
 """
 
-import json
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe.config import to_dict
-from lfpipe.eyes import EYES as EYES_TYPE
+from lfpipe.eyes import EYES
 from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
-from lfpipe.record.frame_reader import FrameReader
 from lfpipe.record.store import Store
+from lfpipe.sequence.eyes import eyes_line
 from lfpipe.sequence.folder import MANIFEST, begin_manifest, end_manifest
 from lfpipe.transport.context import Context
-from lfpipe.transport.ring_ends import RingInput
+from lfpipe.transport.packet_ring import PacketInput
+from lfpipe.transport.ring import Stamp
+
+
+class FrameReader:
+    """Reads the frames in order, as the source's own JPEGs if it delivers them. size_px: of the stored frames."""
+
+    def __init__(self, context: Context) -> None:
+        self._row, self._frames = context.row, context.input("frames")
+        self.shape: tuple[int, ...] = self._frames.reader.shape
+        self.size_px = self.shape[1], self.shape[0]
+        self._packets: PacketInput | None = None
+        self._begun = True
+        if context.options.packets:
+            try:
+                self._packets = PacketInput(context.spec.session, context.options.packets)
+            except FileNotFoundError:
+                return  # stopped before it began
+            self.size_px = context.options.jpeg_px or (0, 0)
+
+    def skip(self) -> None:
+        """Frames published until now are neither recorded nor counted as lost. Nor are frames before the first JPEG."""
+        self._frames.skip()
+        self._begun = False
+
+    def take(self, spare: Callable[[], NDArray[np.uint8]]) -> tuple[Stamp, str, NDArray[np.uint8] | bytes] | None:
+        """The next frame: (stamp, "jpeg", its JPEG) or (stamp, "", its picture in an array from spare); None if there is none."""
+        while (peeked := self._frames.peek(in_order=True)) is not None:
+            stamp, slot = peeked
+            packet = self._packets.of(stamp) if self._packets else None
+            if packet is not None:
+                self._begun = True
+                return stamp, "jpeg", packet
+            if self._packets is not None and self._packets.ended:
+                return None  # the recording is being stopped; capture has already stopped sending JPEGs
+            if self.shape[1::-1] != self.size_px:
+                self._row["drops"] += self._begun  # it is scaled, so it does not fit this recording
+                continue
+            picture = spare()
+            np.copyto(picture, slot)
+            if self._frames.still_valid(stamp):
+                return stamp, "", picture
+        return None
+
+    def close(self) -> None:
+        """Unmaps the packets."""
+        if self._packets is not None:
+            self._packets.close()
+
+
+class EyesReader:
+    """Reads the eyes in order, in place of frames."""
+
+    def __init__(self, context: Context) -> None:
+        self._eyes, self._record = context.input("eyes"), np.empty((), EYES)
+        self.size_px = context.config.camera.frame_px
+        self.shape = (*self.size_px, 3)
+        self.skip, self.close = self._eyes.skip, lambda: None
+
+    def take(self, _spare: object = None) -> tuple[Stamp, str, bytes] | None:
+        """The next eyes: (stamp, "eyes", a line of JSON); None without new ones."""
+        stamp = self._eyes.take(self._record, in_order=True)
+        return None if stamp is None else (stamp, "eyes", eyes_line(self._record, source_seq=stamp.source_seq))
 
 
 class Recorder:
@@ -33,17 +97,21 @@ class Recorder:
         self._context, self._folder = context, folder
         anew = not exists(folder / MANIFEST)
         self._lost_before = int(context.row["drops"]) if anew else 0
-        self._frames, self._eyes = FrameReader(context), context.input("eyes")
-        self._record = np.empty((), EYES_TYPE)
+        options = context.options
+        eyes_only = options.mouse or bool(options.eyes)
+        self._frames: FrameReader | EyesReader = EyesReader(context) if eyes_only else FrameReader(context)
+        self._eyes = None if eyes_only else context.input("eyes")  # read even if not recorded, so that no writer waits
+        self._record = np.empty((), EYES)
         self._first: tuple[int, int] | None = None  # (epoch, source_seq) of the first recorded frame
-        self._told = self._slow = False
-        options, frames = context.options, self._frames
-        more = {"versions": versions(), "config": to_dict(context.config)}
-        self._manifest = begin_manifest(folder, options.source, frames.width_px, frames.height_px, options.source_hz, **more)
-        self._store = Store(folder, self._frames.shape, options.record_eyes)
+        self._reported = self._slow = False
+        more: dict[str, Any] = {"versions": versions(), "config": to_dict(context.config)}
+        rate_hz = options.source_hz or context.config.render.nominal_hz
+        self._manifest = begin_manifest(folder, options.source, *self._frames.size_px, rate_hz, **more)
+        self._store = Store(folder, self._frames.shape, options.record_eyes and not eyes_only)
         if anew:
             self._frames.skip()
-            self._eyes.skip()
+            if self._eyes is not None:
+                self._eyes.skip()
 
     def wait(self) -> bool:
         """Waits for frames, or for room to store them. False once the recording must end."""
@@ -56,21 +124,15 @@ class Recorder:
         return not context.stopping and context.options.record == str(self._folder)
 
     def take(self) -> None:
-        """Passes new frames and eyes to the store, as far as it has room."""
+        """Passes new frames and eyes to the store, as far as it has room. Eyes of frames before the first one are left out."""
         store = self._store
         while not store.full and (taken := self._frames.take(store.spare)) is not None:
             store.put(*taken)
             self._first = self._first or (taken[0].epoch, taken[0].source_seq)
-        if not store.full:
-            self._take_eyes(self._eyes)
-
-    def _take_eyes(self, source: RingInput) -> None:
-        """Reads eyes even if they are not recorded, so that no writer waits. Eyes of frames before the first one are left out."""
-        while (stamp := source.take(self._record, in_order=True)) is not None:
+        while not store.full and self._eyes and (stamp := self._eyes.take(self._record, in_order=True)) is not None:
             if self._first is not None and (stamp.epoch, stamp.source_seq) >= self._first:
-                line: dict[str, Any] = {"source_seq": stamp.source_seq, "epoch": stamp.epoch, "t_sensor_ns": stamp.t_sensor_ns}
-                line |= {name: self._record[name].tolist() for name in EYES_TYPE.names or ()}
-                self._store.put_eyes(json.dumps(line).encode() + b"\n")
+                stamps = {"source_seq": stamp.source_seq, "epoch": stamp.epoch, "t_sensor_ns": stamp.t_sensor_ns}
+                store.put_eyes(eyes_line(self._record, **stamps))
 
     def report(self) -> None:
         """Updates the status row. After an error, reports it once and requests the end of the recording."""
@@ -87,11 +149,10 @@ class Recorder:
         if store.slow != self._slow:
             self._slow = not self._slow
             context.row.set_busy("waiting for the disk" if self._slow else "")
-        if store.failure and not self._told:
-            self._told = True
+        if store.failure and not self._reported:
+            self._reported = True
             ends = f"its last frame is {store.count - 1}" if store.count else "no frame was recorded"
-            context.report_lost(f"recording {self._folder}: {store.failure}; {ends}")
-            context.request("record", path="")
+            _give_up(context, f"recording {self._folder}: {store.failure}; {ends}")
 
     def end(self) -> None:
         """Stores the rest from rings and memory, and completes the sequence."""
@@ -116,7 +177,11 @@ def main(context: Context) -> None:
     try:
         recorder = Recorder(context, folder)
     except OSError as error:
-        _refused(context, folder, error)
+        context.ready()
+        _give_up(context, f"recording {folder}: {error.strerror}; nothing is recorded")
+        context.ack_config()
+        while context.wait():
+            context.ack_config()
         return
     context.ready()
     context.ack_config()
@@ -129,11 +194,6 @@ def main(context: Context) -> None:
         recorder.end()
 
 
-def _refused(context: Context, folder: Path, error: OSError) -> None:
-    """Handles a failure at the start: reports it, requests the end of the recording, and waits for it."""
-    context.ready()
-    context.report_lost(f"recording {folder}: {error.strerror}; nothing is recorded")
+def _give_up(context: Context, why: str) -> None:
+    context.report_lost(why)
     context.request("record", path="")
-    context.ack_config()
-    while context.wait():
-        context.ack_config()

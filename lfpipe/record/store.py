@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfpipe.files.line_file import LineFile
 from lfpipe.host.processes import yield_to_others
-from lfpipe.sequence.folder import EYES
+from lfpipe.sequence.eyes import EYES
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.ring import Stamp
@@ -23,6 +23,7 @@ LOOK_NS = SECOND_NS  # period of checks that the folder still exists
 SLOW_NS = SECOND_NS // 2  # a longer time per frame is reported
 
 Frame = NDArray[np.uint8] | bytes
+Work = tuple[Stamp, str, Frame, int]
 
 
 @attrs.frozen
@@ -47,14 +48,14 @@ class Store:
         self._eyes = LineFile(folder / EYES) if with_eyes else None
         self._writer = PacketWriter(folder)
         self._room = max(8, ROOM_BYTES // int(np.prod(shape)))
-        self._work: queue.SimpleQueue[tuple[Stamp, Frame, int] | bytes | None] = queue.SimpleQueue()
+        self._work: queue.SimpleQueue[Work | bytes | None] = queue.SimpleQueue()
         self._done: queue.SimpleQueue[Stored] = queue.SimpleQueue()
         self._spare: list[NDArray[np.uint8]] = []
         self._put = self._taken = 0  # frame counts; each is written by one thread only
         self._last_ns, self._look_ns, self._busy_ns, self._hurry = 0, 0, 0, False
         self.failure = ""
         self._awaited = False
-        self._room_in, self._room_out = socket.socketpair()  # a pipe, but every system can wait for it
+        self._room_in, self._room_out = socket.socketpair()  # not a pipe, for which not every system can wait
         self._room_in.setblocking(False)
         self._thread = threading.Thread(target=self._run, name="store")
         self._thread.start()
@@ -90,10 +91,10 @@ class Store:
         """An array for a picture. `put` takes ownership of it."""
         return self._spare.pop() if self._spare else np.empty(self._shape, np.uint8)
 
-    def put(self, stamp: Stamp, frame: Frame) -> None:
-        """frame: a picture in an array of `spare`, or its JPEG."""
+    def put(self, stamp: Stamp, codec: str, frame: Frame) -> None:
+        """frame: a packet of that codec or, for codec "", a picture in an array of `spare`."""
         self._put += 1
-        self._work.put((stamp, frame, now_ns()))
+        self._work.put((stamp, codec, frame, now_ns()))
 
     def put_eyes(self, line: bytes) -> None:
         """Stores a line of JSON in the file of eyes."""
@@ -121,8 +122,8 @@ class Store:
             self._busy_ns = 0
             if isinstance(work, tuple):
                 self._taken += 1
-                if not isinstance(work[1], bytes):
-                    self._spare.append(work[1])
+                if not isinstance(work[2], bytes):
+                    self._spare.append(work[2])
                 if self._awaited:
                     self._room_out.send(b"x")
 
@@ -134,17 +135,17 @@ class Store:
         if not self._writer.in_place(self._folder):
             raise OSError(0, "its folder is gone")
 
-    def _write(self, work: tuple[Stamp, Frame, int] | bytes) -> None:
+    def _write(self, work: Work | bytes) -> None:
         if isinstance(work, bytes):
             if self._eyes is not None:
                 self._eyes.append(work)
             return
-        stamp, frame, t_taken_ns = work
+        stamp, codec, frame, t_taken_ns = work
         kept = stamp.t_sensor_ns > self._last_ns  # a repeated stamp means a repeated frame, which could not be replayed
         if kept:
             hurry = self._hurry or self._put - self._taken > self._room // 4
-            codec, data = ("jpeg", frame) if isinstance(frame, bytes) else encoded(frame, fast=hurry)
-            self._writer.append(data, codec, stamp.source_seq, stamp.epoch, stamp.t_sensor_ns, stamp.t_read_ns)
+            codec, packet = (codec, frame) if isinstance(frame, bytes) else encoded(frame, fast=hurry)
+            self._writer.append(packet, codec, stamp.source_seq, stamp.epoch, stamp.t_sensor_ns, stamp.t_read_ns)
             self._last_ns = stamp.t_sensor_ns
         self._done.put(Stored(stamp, t_taken_ns, now_ns(), kept))
 

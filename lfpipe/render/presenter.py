@@ -67,6 +67,7 @@ class Presenter:
         self.refresh: Refresh | ScreenRefresh | None = None
         self.cost_ns = 0  # running mean of composing and showing a picture
         self.mouse = MouseLook(context.config, viewer, context.output("eyes") if context.options.mouse else None)
+        viewer.neutral_is_fixed |= bool(context.options.eyes)
         self.picture: NDArray[np.uint8] | None = None
         self.pattern: GlassesTest | None = None
         self.follow()

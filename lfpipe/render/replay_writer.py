@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from lfpipe.eyes import Eyes
 from lfpipe.files.output import marked_picture
+from lfpipe.sequence.eyes import read_truth
 from lfpipe.sequence.packets import PacketWriter, encoded
-from lfpipe.sequence.truth import read_truth
 from lfpipe.transport.ring import Stamp
 
 KEPT_BYTES = 8 << 20

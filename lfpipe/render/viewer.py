@@ -67,7 +67,7 @@ class Viewer:
         self._easing = EyeEasing()
         self._idle = IdleMotion() if exhibition else None
         self._picture_mm: float | None = None
-        self.neutral_is_fixed = False  # the viewer is the mouse, which says itself where the neutral position is
+        self.neutral_is_fixed = False  # to the middle of the picture: the viewer is the mouse, which moves around it
         self.shown: Viewpoints | None = None  # the last viewpoints
         self.set(field, config)
 
@@ -209,7 +209,7 @@ class Viewer:
         who is never in the middle of a webcam above the screen."""
         self._choose(self._apart_px)
         assert self.parallax is not None
-        if self._auto and self._centre_px is None and eyes_px is not None:
+        if self._auto and self._centre_px is None and eyes_px is not None and not self.neutral_is_fixed:
             self._centre_px = _middle(eyes_px)
         centre_px = self._centre_px or (self._size_px[0] / 2, self._size_px[1] / 2)
         grid = self.field.rows, self.field.cols

@@ -18,14 +18,11 @@ from lfpipe.config import Config, options, to_dict
 from lfpipe.errors import UserError, shown
 from lfpipe.files.output import PLACE, marked_picture, write_output
 from lfpipe.files.pictures import header_of
-from lfpipe.files.safe_files import open_regular, reason
-from lfpipe.host.files import read_at
+from lfpipe.files.safe_files import reason
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.render.scoring import psnr_db
 from lfpipe.replays.report import REPORT, WRITTEN, Line, pair, read_report, read_trace
-from lfpipe.sequence.index import INDEX, Packet, read_index
-from lfpipe.sequence.index import PACKETS as PACKET_FILE
-from lfpipe.sequence.packets import decoded, encoded
+from lfpipe.sequence.packets import INDEX, Packet, decoded, encoded, packet_data, read_index
 
 VERSION_PX = 0.05  # of eyes
 TOLERANCES = {  # name in the trace -> (absolute, relative), where versions differ
@@ -137,12 +134,7 @@ class _Pictures:
         packet = self._kept.get(digest)
         if packet is None:
             return None
-        path = self._folder / PACKET_FILE
-        try:
-            with open_regular(path) as file:
-                data = read_at(file.fileno(), packet.bytes, packet.offset)
-        except OSError as error:
-            raise UserError(f"{path}: cannot be read: {reason(error)}", WRITTEN) from None
+        data = packet_data(self._folder, packet, WRITTEN)
         header = header_of(data)
         return decoded(packet, data, header.width_px if header else 0, header.height_px if header else 0, self._folder)
 

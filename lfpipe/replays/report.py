@@ -20,9 +20,9 @@ from lfpipe.files.untrusted import json_fields
 from lfpipe.host.machine import versions
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.scene.lightfield import LightField
+from lfpipe.sequence.eyes import Truth, read_truth, summary
 from lfpipe.sequence.folder import Sequence
-from lfpipe.sequence.index import INDEX, PACKETS
-from lfpipe.sequence.truth import Truth, read_truth, summary
+from lfpipe.sequence.packets import INDEX, PACKETS
 
 FORMAT = 1
 REPORT, TRACE = "report.json", "trace.jsonl"

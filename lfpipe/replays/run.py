@@ -26,7 +26,7 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import summarize
 from lfpipe.sequence.folder import MANIFEST
 from lfpipe.sequence.folder import Sequence as Recorded
-from lfpipe.sequence.index import COPY, INDEX, PACKETS
+from lfpipe.sequence.packets import COPY, INDEX, PACKETS
 
 REFERENCE = (REPORT, TRACE, PICTURES)  # what a comparison reads
 NEW = ".new"  # a reference that is being written
@@ -48,7 +48,7 @@ def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -
     named = {config_module.parse_set(text)[0] for text in sets}
     recorded = sequence.manifest.get("config", {}).get("camera", {})
     camera = {f"camera.{key}": recorded[key] for key in ("focal_px", "fov_deg") if key in recorded}
-    size = {"width_px": sequence.width_px, "height_px": sequence.height_px}
+    size = dict(zip(("width_px", "height_px"), sequence.size_px, strict=True))
     camera |= {f"camera.{key}": recorded.get(key, own) for key, own in size.items()}  # because its JPEGs may have been scaled
     camera["camera.rate_hz"] = min(max(sequence.measured_hz, 0.1), 1000.0)
     try:
@@ -145,6 +145,7 @@ def replay(
         lossless=steady,
         lock_step=pace == "step",
         replay=output if steady else None,
+        eyes=str(sequence.path.resolve()) if sequence.holds_eyes else "",
     )
     outcome = Supervisor(Session(f"replay.{os.getpid()}"), config, options, tell).run()
     if outcome.user_error:

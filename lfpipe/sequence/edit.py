@@ -7,12 +7,10 @@ import csv
 import errno
 import io
 import itertools
-import json
 import os
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import cv2
 import numpy as np
@@ -20,46 +18,15 @@ import numpy as np
 from lfpipe.errors import UserError, plain
 from lfpipe.files.decoding import is_video, opencv_name
 from lfpipe.files.output import PLACE, check_output, finished_output, mark_video, output_file
-from lfpipe.files.safe_files import create_private, lines, open_regular, reason
-from lfpipe.files.untrusted import Fields, json_fields
+from lfpipe.files.safe_files import create_private, open_regular, reason
 from lfpipe.host.files import path_of
 from lfpipe.host.machine import versions
-from lfpipe.sequence.folder import EYES, TRUTH, Sequence, begin_manifest, end_manifest, new_folder
-from lfpipe.sequence.index import COPY, LINE_BYTES, MAX_PIXELS
-from lfpipe.sequence.packets import PacketWriter, decoded, encoded
-from lfpipe.sequence.truth import table_of, truth_rows
+from lfpipe.sequence.eyes import EYES, TRUTH, eyes_lines, table_of, truth_rows
+from lfpipe.sequence.folder import Sequence, begin_manifest, end_manifest, new_folder
+from lfpipe.sequence.packets import MAX_PIXELS, PacketWriter, decoded, encoded
 
 STAMPS = ("seq", "source_seq", "epoch", "t_sensor_ns", "t_read_ns")
-POINTS = ("raw_px", "filtered_px")
-MAX_PX = 1e9
-
-
-def eyes_lines(sequence: Sequence) -> Iterator[dict[str, Any]]:
-    """The eyes that were tracked during recording, if any. A cut-off last line is ignored.
-
-    Raises UserError with the wrong line.
-    """
-    path = sequence.path / EYES
-    if not os.path.lexists(path):
-        return
-    try:
-        for number, line in lines(path, 4 * LINE_BYTES, COPY):
-            if line.endswith(b"\n"):
-                yield check_eyes(json_fields(line, f"{path}:{number}", COPY))
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {reason(error)}", COPY) from None
-
-
-def check_eyes(fields: Fields) -> dict[str, Any]:
-    """A line of eyes.jsonl. Raises UserError if a value is wrong."""
-    fields.integer("source_seq", 0, 1 << 62)
-    fields.integer("face", 0, 1)
-    for name in POINTS:
-        points = dict(zip(("left", "right"), fields.items(name, 2), strict=False))
-        sides = Fields(points, f"{fields.where}: {name}", fields.remedy)
-        for side in ("left", "right"):
-            sides.numbers(side, 2, -MAX_PX, MAX_PX)
-    return dict(fields.values)
+POINTS = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
 
 
 def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
@@ -68,32 +35,25 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
     Returns the number of frames. Raises UserError if there are none, or if out cannot be created.
     """
     first_ns = sequence.packets[0].t_sensor_ns
-    times = (p.t_sensor_ns - first_ns for p in sequence.packets)
-    chosen = [seq for seq, t_ns in enumerate(times) if begin_s * 1e9 <= t_ns < end_s * 1e9]
+    chosen = [p.seq for p in sequence.packets if begin_s * 1e9 <= p.t_sensor_ns - first_ns < end_s * 1e9]
     if not chosen:
         raise UserError(f"no frame from {begin_s:g} s to {end_s:g} s", f"{sequence.path} lasts {sequence.duration_s:.3f} s")
-    about = {key: value for key, value in sequence.manifest.items() if key in ("versions", "config", "cut_from")}
+    about = {key: value for key, value in sequence.manifest.items() if key in ("versions", "config")}
     about["cut_from"] = {"name": plain(sequence.path.name, 255), "begin_s": begin_s, "end_s": min(end_s, sequence.duration_s)}
-    source = str(sequence.manifest.get("source", ""))
     with new_folder(out):
-        manifest = begin_manifest(out, source, sequence.width_px, sequence.height_px, sequence.rate_hz, **about)
+        manifest = begin_manifest(out, str(sequence.manifest.get("source", "")), *sequence.size_px, sequence.rate_hz, **about)
         writer = PacketWriter(out)
         for p in map(sequence.packets.__getitem__, chosen):
             writer.append(sequence.data(p.seq), p.codec, p.source_seq, p.epoch, p.t_sensor_ns, p.t_read_ns)
         writer.close()
-        kept = {sequence.packets[seq].source_seq for seq in chosen}
-        _cut_eyes(sequence, out / EYES, kept)
+        if os.path.lexists(sequence.path / EYES):
+            kept = {sequence.packets[seq].source_seq for seq in chosen}
+            with create_private(out / EYES) as file:
+                file.writelines(line for source_seq, _, line in eyes_lines(sequence.path) if source_seq in kept)
         if os.path.lexists(sequence.path / TRUTH):
             _cut_truth(sequence.path / TRUTH, out / TRUTH, chosen[0], len(chosen))
         end_manifest(out, manifest, writer.count, writer.checksums())
     return writer.count
-
-
-def _cut_eyes(sequence: Sequence, out: Path, kept: set[int]) -> None:
-    found = (json.dumps(line).encode() + b"\n" for line in eyes_lines(sequence) if line["source_seq"] in kept)
-    for first in found:
-        with create_private(out) as file:
-            file.writelines(itertools.chain([first], found))
 
 
 def _cut_truth(path: Path, out: Path, start: int, count: int) -> None:
@@ -131,12 +91,12 @@ def from_video(video: Path, out: Path, truth: Path | None = None) -> int:
             raise UserError(f"{video}: not a readable video", "use MP4, QuickTime, Matroska, WebM or AVI")
         capture = cv2.VideoCapture(path_of(file), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
         try:
-            return _taken_over(capture, video, out, truth)
+            return _copied(capture, video, out, truth)
         finally:
             capture.release()
 
 
-def _taken_over(capture: cv2.VideoCapture, video: Path, out: Path, truth: Path | None) -> int:
+def _copied(capture: cv2.VideoCapture, video: Path, out: Path, truth: Path | None) -> int:
     codec = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=False) if capture.isOpened() else b""
     jpeg = codec == b"MJPG"
     width_px, height_px = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
@@ -150,8 +110,8 @@ def _taken_over(capture: cv2.VideoCapture, video: Path, out: Path, truth: Path |
     with new_folder(out):
         manifest = begin_manifest(out, f"file:{video.name}", width_px, height_px, rate_hz, versions=versions())
         writer = PacketWriter(out)
-        while (taken := capture.read())[0]:
-            frame = np.asarray(taken[1], np.uint8)
+        while (read := capture.read())[0]:
+            frame = np.asarray(read[1], np.uint8)
             if not jpeg and frame.shape != (height_px, width_px, 3):
                 what = f"{frame.shape[1]}x{frame.shape[0]} px, the first frame {width_px}x{height_px}"
                 raise UserError(f"{video}: frame {writer.count} has {what}", "use a video with frames of one size")
@@ -173,10 +133,14 @@ def _taken_over(capture: cv2.VideoCapture, video: Path, out: Path, truth: Path |
 def export(sequence: Sequence, video: Path) -> Path:
     """Writes a lossless video (HuffYUV) at a constant rate, and next to it a CSV of exact stamps, and of eyes if known.
 
-    Returns the path of the CSV. Raises UserError if they must not or cannot be written.
+    Returns the path of the CSV. Raises UserError if they must not or cannot be written, or if there are no frames.
     """
     if video.suffix.lower() not in (".mkv", ".avi"):
         raise UserError(f"{video}: not .mkv or .avi", "use for example walk.mkv; both store RGB without loss")
+    if sequence.holds_eyes:
+        raise UserError(
+            f"{sequence.path}: holds the eyes of the mouse, no frames", "its frames.bin is JSON Lines, one per sample"
+        )
     opencv_name(video)
     table = video.with_suffix(".csv")
     for path in (video, table):
@@ -192,35 +156,32 @@ def export(sequence: Sequence, video: Path) -> Path:
 
 
 def _write_table(sequence: Sequence, file: IO[bytes]) -> None:
-    eyes = {line["source_seq"]: line for line in eyes_lines(sequence)}
-    points = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
+    eyes = {source_seq: record for source_seq, record, _ in eyes_lines(sequence.path)}
     text = io.TextIOWrapper(file, "ascii", newline="", write_through=True)
-    rows = csv.writer(text)
-    known = ["face", *(f"{kind}_{name}" for kind in ("raw", "filtered") for name in points)] if eyes else []
-    rows.writerow([*STAMPS, *known])
+    table = csv.writer(text)
+    table.writerow([*STAMPS, *(["face", *(f"{kind}_{name}" for kind in ("raw", "filtered") for name in POINTS)] if eyes else [])])
     for packet in sequence.packets:
-        row: list[Any] = [getattr(packet, name) for name in STAMPS]
-        if line := eyes.get(packet.source_seq):
-            row += [line["face"], *(v for kind in POINTS for eye in line[kind] for v in eye)]
-        rows.writerow(row)
+        row = [getattr(packet, name) for name in STAMPS]
+        if (record := eyes.get(packet.source_seq)) is not None:
+            row += [int(record["face"]), *record["raw_px"].ravel().tolist(), *record["filtered_px"].ravel().tolist()]
+        table.writerow(row)
     text.detach()
 
 
 def _write_video(sequence: Sequence, path: Path) -> None:
     """Raises UserError if it cannot be created, OSError if its end is missing: FFmpeg does not report a full disk."""
-    size = sequence.width_px, sequence.height_px
     where = opencv_name(path.absolute())
-    writer = cv2.VideoWriter(where, cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"HFYU"), sequence.measured_hz, size)
+    writer = cv2.VideoWriter(where, cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"HFYU"), sequence.measured_hz, sequence.size_px)
     if not writer.isOpened():
-        what = f"{size[0]}x{size[1]} at {sequence.measured_hz:g} Hz"
+        what = f"{sequence.width_px}x{sequence.height_px} at {sequence.measured_hz:g} Hz"
         raise UserError(f"{path}: cannot write a video of {what}", "export another SEQ")
     for packet in sequence.packets:
         writer.write(sequence.frame(packet.seq))
     writer.release()
-    written = cv2.VideoCapture(where, cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])  # frames are counted, not decoded
+    reader = cv2.VideoCapture(where, cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])  # frames are counted, not decoded
     count = 0
-    while written.grab():
+    while reader.grab():
         count += 1
-    written.release()
+    reader.release()
     if count != len(sequence.packets):
         raise OSError(errno.ENOSPC, f"only {count} of {len(sequence.packets)} frames could be written", str(path))

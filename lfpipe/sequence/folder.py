@@ -1,7 +1,7 @@
 """A recorded sequence: a folder with manifest.json, the packets of the frames, and further data about them.
 
 manifest.json  format, version, source, size, rate, versions, config; at its end also frames and checksums (sha256)
-frames.bin, frames.jsonl   see lfpipe.sequence.packets
+frames.bin, frames.jsonl   frames, or the eyes of the mouse: see lfpipe.sequence.packets
 eyes.jsonl     eyes tracked during recording, if requested
 truth.csv      true eyes of a generated sequence: source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
 """
@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import PRIVATE_FOLDER, check_links, open_regular, read_bytes, reason, replaced
 from lfpipe.files.untrusted import Fields, json_fields
-from lfpipe.host.files import exists, read_at
-from lfpipe.sequence.index import COPY, INDEX, MAX_PIXELS, PACKETS, Packets, read_index
-from lfpipe.sequence.packets import CHANGED, changed, decoded
+from lfpipe.host.files import exists
+from lfpipe.sequence.eyes import EYES, TRUTH, eyes_of
+from lfpipe.sequence.packets import CHANGED, COPY, INDEX, MAX_PIXELS, PACKETS, Packets, changed, decoded, packet_data, read_index
 
 FORMAT, VERSION = "lfpipe-sequence", 1
-MANIFEST, EYES, TRUTH = "manifest.json", "eyes.jsonl", "truth.csv"
+MANIFEST = "manifest.json"
 FILES = (PACKETS, INDEX, EYES, TRUTH)
 MANIFEST_BYTES = 1 << 18
 BESIDE_BYTES = 4096  # of EYES and TRUTH, per frame
@@ -114,18 +114,28 @@ class Sequence:
     def data(self, index: int) -> bytes:
         """The packet of a frame as it was stored. Raises UserError if it cannot be read, or has changed."""
         packet = self.packets[index]
-        try:
-            with open_regular(self.path / PACKETS) as file:
-                data = read_at(file.fileno(), packet.bytes, packet.offset)
-        except OSError as error:
-            raise UserError(f"{self.path / PACKETS}: frame {index}: cannot be read: {reason(error)}", COPY) from None
+        data = packet_data(self.path, packet, COPY)
         if changed(packet, data):
             raise UserError(f"{self.path / PACKETS}: frame {index}: {CHANGED}", COPY)
         return data
 
     def frame(self, index: int) -> NDArray[np.uint8]:
-        """A frame, uint8 (height, width, 3) BGR. Raises UserError if its packet is damaged."""
-        return decoded(self.packets[index], self.data(index), self.width_px, self.height_px, self.path)
+        """A frame, uint8 (height, width, 3) BGR. Raises UserError if its packet is damaged, or holds eyes."""
+        return decoded(self.packets[index], packet_data(self.path, self.packets[index], COPY), *self.size_px, self.path)
+
+    def eyes(self, index: int) -> NDArray[np.void]:
+        """The record, of dtype EYES, that stands in place of a frame. Raises UserError if its packet is damaged."""
+        return eyes_of(self.data(index), f"{self.path}: frame {index}")[1]
+
+    @property
+    def holds_eyes(self) -> bool:
+        """Whether it holds the eyes of the mouse instead of frames."""
+        return self.packets[0].codec == "eyes"
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the frames."""
+        return self.width_px, self.height_px
 
     @property
     def duration_s(self) -> float:
@@ -157,6 +167,8 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     packets = read_index(path, complete)
     if not packets:
         raise UserError(f"{path}: contains no whole frame", "record it again")
+    if "eyes" in packets.codecs and len(packets.codecs) > 1:
+        raise UserError(f"{path}: holds frames and eyes in their place", COPY)
     sequence = Sequence(path, dict(fields.values), packets, width_px, height_px, rate_hz, complete)
     if sequence.measured_hz > MOST_HZ:
         raise UserError(f"{path}: {len(packets)} frames in {sequence.duration_s:g} s: no camera is that fast", "record it again")

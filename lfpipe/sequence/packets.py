@@ -5,14 +5,19 @@
 
 A packet is written before its line, each with one write. However the writer ends, every whole line belongs to a whole packet,
 so all frames but the current one can be read. Nothing calls fsync: a recording survives a crash of the program, but not a
-power cut.
+power cut. A packet of codec "eyes" holds no picture but a line as in eyes.jsonl, recorded where the mouse is the viewer.
 """
 
 import hashlib
+import json
 import os
 import zlib
+from array import array
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +25,136 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
 from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
-from lfpipe.files.safe_files import PRIVATE
-from lfpipe.host.files import CAREFUL, exists
-from lfpipe.sequence.index import INDEX, PACKETS, Packet, line_of, read_index
+from lfpipe.files.safe_files import PRIVATE, check_regular, lines, open_regular, reason
+from lfpipe.files.untrusted import json_fields
+from lfpipe.host.files import CAREFUL, exists, read_at
 
-SCAN, MAX_SCANS = b"\xff\xda", 100  # of a JPEG: each scan of a dozen bytes can cost one more pass over the whole picture
+PACKETS, INDEX = "frames.bin", "frames.jsonl"
+CODECS = ("jpeg", "png", "raw", "eyes")
+MAX_PIXELS = 8192 * 8192  # of a frame
+PACKET_BYTES = 3 * MAX_PIXELS + (1 << 20)  # a packet is at most as large as the raw frame, plus headers
+MAX_PACKETS = 1 << 21  # 19 hours at 30 Hz
+LINE_BYTES = 1024
+COPY = "copy the whole folder again from where it was recorded"
 CHANGED = "its bytes were changed after recording (checksum)"
+SCAN, MAX_SCANS = b"\xff\xda", 100  # of a JPEG: each scan of a dozen bytes can cost one more pass over the whole picture
 FORMATS = {"jpeg": "JPEG", "png": "PNG"}  # codec -> name of the picture's format
+_TIME_NS = 1 << 61  # keeps differences, and sums over loops of the recording, within 64 bits
+BOUNDS = {  # field of a line -> (lowest, highest); a codec counts as its place in CODECS
+    "seq": (0, MAX_PACKETS),
+    "source_seq": (0, 1 << 62),
+    "epoch": (0, 1 << 62),
+    "t_sensor_ns": (-_TIME_NS, _TIME_NS),
+    "t_read_ns": (-_TIME_NS, _TIME_NS),
+    "codec": (0, len(CODECS) - 1),
+    "offset": (0, 1 << 62),
+    "bytes": (0, PACKET_BYTES),
+    "crc32": (0, (1 << 32) - 1),
+}
+
+
+@attrs.frozen
+class Packet:
+    """A line of the index. seq counts stored frames from 0; source_seq is the camera's count. Times are of CLOCK_MONOTONIC."""
+
+    seq: int
+    source_seq: int
+    epoch: int
+    t_sensor_ns: int
+    t_read_ns: int
+    codec: str
+    offset: int
+    bytes: int
+    crc32: int
+
+
+class Packets:
+    """Packets in order, one row of numbers each: compact even for hours."""
+
+    def __init__(self) -> None:
+        self._rows = array("q")
+
+    def append(self, row: list[int]) -> None:
+        """Appends one: the values of BOUNDS."""
+        self._rows.extend(row)
+
+    def __len__(self) -> int:
+        return len(self._rows) // len(BOUNDS)
+
+    def __getitem__(self, index: int) -> Packet:
+        at = range(len(self))[index] * len(BOUNDS)
+        fields: dict[str, Any] = dict(zip(BOUNDS, self._rows[at : at + len(BOUNDS)], strict=True))
+        return Packet(**fields | {"codec": CODECS[fields["codec"]]})
+
+    def __iter__(self) -> Iterator[Packet]:
+        return map(self.__getitem__, range(len(self)))
+
+    @property
+    def codecs(self) -> list[str]:
+        """The codecs in use."""
+        return [CODECS[number] for number in sorted(set(self._rows[5 :: len(BOUNDS)]))]
+
+
+def line_of(packet: Packet) -> bytes:
+    """The line of the index."""
+    return json.dumps(attrs.asdict(packet)).encode() + b"\n"
+
+
+def parse_line(line: bytes, where: str) -> list[int]:
+    """The values of BOUNDS in a line. Raises UserError with the field's name."""
+    try:
+        found = json.loads(line)
+        row = [CODECS.index(found[name]) if name == "codec" else found[name] for name in BOUNDS]
+        if len(found) == len(row) and all(
+            type(value) is int and low <= value <= high for value, (low, high) in zip(row, BOUNDS.values(), strict=True)
+        ):
+            return row
+    except (ValueError, RecursionError, LookupError, TypeError):
+        pass
+    fields = json_fields(line, where, COPY)  # again, slowly, for a precise message
+    if strange := sorted(set(fields.values) - set(BOUNDS)):
+        raise UserError(f"{where}: unknown field {strange[0]!r}", COPY)
+    if (codec := fields.text("codec")) not in CODECS:
+        raise UserError(f"{where}: codec is {codec!r}, expected one of {', '.join(CODECS)}", COPY)
+    return [CODECS.index(codec) if name == "codec" else fields.integer(name, *BOUNDS[name]) for name in BOUNDS]
+
+
+def read_index(folder: Path, complete: bool) -> Packets:
+    """The packets in folder, in order. complete: the recording ended properly, so exactly all its frames must exist.
+
+    Raises UserError with the first frame that is missing, damaged or out of order.
+    """
+    path, packets = folder / INDEX, Packets()
+    end, last_ns = 0, -_TIME_NS - 1
+    try:
+        check_regular(folder / PACKETS)
+        size = (folder / PACKETS).stat().st_size
+        for number, line in lines(path, LINE_BYTES, COPY):
+            if not line.endswith(b"\n"):  # an unfinished line: not yet a frame
+                if complete:
+                    raise UserError(f"{path}: its last line is cut off", COPY)
+                break
+            row = parse_line(line, f"{path}:{number}")
+            seq, _, _, t_ns, _, _, offset, count, _ = row
+            if seq != number - 1:
+                raise UserError(f"{folder}: frame {number - 1} is missing; frame {seq} is in its place", COPY)
+            if offset != end:
+                raise UserError(f"{folder}: frame {seq} does not begin where the previous frame ends", COPY)
+            if t_ns <= last_ns:
+                back = f"its time stamp {t_ns} ns is not after {last_ns} ns of the previous frame"
+                raise UserError(f"{folder}: frame {seq}: {back}", "record it again: time stamps that go back cannot be replayed")
+            end, last_ns = offset + count, t_ns
+            if end > size:
+                if complete:
+                    ends = f"{folder / PACKETS} ends after {size} bytes"
+                    raise UserError(f"{ends}, within frame {seq} ({end})", COPY)
+                break
+            if len(packets) == MAX_PACKETS:
+                raise UserError(f"{path}: more than {MAX_PACKETS} frames", "use a shorter recording")
+            packets.append(row)
+    except OSError as error:
+        raise UserError(f"{error.filename}: {reason(error)}", COPY) from None
+    return packets
 
 
 def encoded(picture: NDArray[np.uint8], fast: bool) -> tuple[str, bytes]:
@@ -36,6 +164,15 @@ def encoded(picture: NDArray[np.uint8], fast: bool) -> tuple[str, bytes]:
     done, data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, 3])
     assert done, "a uint8 picture is always a PNG"
     return "png", data.tobytes()
+
+
+def packet_data(folder: Path, packet: Packet, remedy: str) -> bytes:
+    """The bytes of a packet in folder. Raises UserError if they cannot be read."""
+    try:
+        with open_regular(folder / PACKETS) as file:
+            return read_at(file.fileno(), packet.bytes, packet.offset)
+    except OSError as error:
+        raise UserError(f"{folder / PACKETS}: frame {packet.seq}: cannot be read: {reason(error)}", remedy) from None
 
 
 def changed(packet: Packet, data: bytes) -> bool:
@@ -65,6 +202,8 @@ def _wrong(packet: Packet, data: bytes, width_px: int, height_px: int) -> str:
     size = 3 * width_px * height_px
     if changed(packet, data):
         return CHANGED
+    if packet.codec == "eyes":
+        return "eyes, not a picture"
     if packet.codec == "raw":
         return "" if len(data) == size else f"{len(data)} bytes, not a raw picture of {width_px}x{height_px}"
     header = header_of(data)
@@ -85,17 +224,16 @@ class PacketWriter:
     def __init__(self, folder: Path) -> None:
         """Raises OSError if the files cannot be written."""
         self.count, self._offset = 0, 0
+        self._sums = {name: hashlib.sha256() for name in (PACKETS, INDEX)}
         if exists(folder / INDEX):
             found = read_index(folder, complete=False)
             self.count, self._offset = len(found), found[-1].offset + found[-1].bytes if found else 0
             os.truncate(folder / INDEX, sum(len(line_of(packet)) for packet in found))
             os.truncate(folder / PACKETS, self._offset)
-        self._sums = {name: hashlib.sha256() for name in (PACKETS, INDEX)}
-        for name, sum_ in self._sums.items():
-            if exists(folder / name):
+            for name, sum_ in self._sums.items():
                 with (folder / name).open("rb") as file:
-                    while part := file.read(1 << 20):
-                        sum_.update(part)
+                    while block := file.read(1 << 20):
+                        sum_.update(block)
         flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | CAREFUL
         self._packets, self._index = (os.open(folder / name, flags, PRIVATE) for name in (PACKETS, INDEX))
 
@@ -106,8 +244,8 @@ class PacketWriter:
         line = line_of(packet)
         start = os.fstat(self._index).st_size
         try:
-            for fd, part in ((self._packets, data), (self._index, line)):
-                if os.write(fd, part) != len(part):
+            for fd, written in ((self._packets, data), (self._index, line)):
+                if os.write(fd, written) != len(written):
                     raise OSError(28, "No space left on device")
         except OSError:
             os.ftruncate(self._packets, self._offset)

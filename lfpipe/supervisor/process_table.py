@@ -14,7 +14,7 @@ from lfpipe.transport.ring import RingSpec
 
 
 def _feeds(options: SessionOptions) -> bool:
-    return options.tracking or bool(options.record)
+    return options.tracking or bool(options.record and not options.mouse)
 
 
 @attrs.frozen

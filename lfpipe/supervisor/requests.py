@@ -148,9 +148,7 @@ def _record(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
         raise UserError(f"a recording to {running} is already running", "`lfpipe ctl record stop` ends it")
     if not path and not running:
         raise UserError("no recording is running", "`lfpipe ctl record start OUT` starts one")
-    if path and state.options.mouse:
-        raise UserError("no camera is in use: the mouse is the viewer", "`lfpipe up SCENE --camera demo` has pictures to record")
-    if path and not state.options.tracking:
+    if path and not state.options.tracking and not state.options.mouse:
         raise UserError("no camera is in use: the scene is a single view", "`lfpipe record OUT` records without a scene")
     if path:
         return Reply(check={"check": "record", "path": path})

@@ -1,4 +1,4 @@
-"""Stage track: the viewer's eyes in every frame.
+"""Stage track: the viewer's eyes in every frame, or those that a recording of the mouse holds.
 
 Reads: ring "frames", the newest.
 Writes: ring "eyes", one record per processed frame, with or without a face.
@@ -8,28 +8,31 @@ Emits: engine (name and model), face (found or lost), notice (faces that are not
 
 import logging
 import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe.config.quality import tracked_every
+from lfpipe.sequence.folder import open_sequence
 from lfpipe.track.eye_tracker import EyeTracker
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context
-
-
-def _loop_s(context: Context) -> float:
-    """The delay of camera and display; none where pictures depend on the frames alone."""
-    return 0.0 if context.options.lossless else context.config.render.loop_ms / 1e3
-
+from lfpipe.transport.ring import Stamp
+from lfpipe.transport.ring_ends import RingOutput
 
 log = logging.getLogger(__name__)
 
 
 def main(context: Context) -> None:
     """Runs the stage until it is stopped."""
-    config = context.config
-    tracker = EyeTracker(config.track, context.options.replay is not None, _loop_s(context))
-    engine = tracker.engine
+    (_play if context.options.eyes else _track)(context)
+
+
+def _track(context: Context) -> None:
+    tracker = EyeTracker(context.config.track, context.options.replay is not None, _loop_s(context))
+    engine, hinted = tracker.engine, 0
     frames, eyes = context.input("frames"), context.output("eyes")
-    hinted = 0
     context.emit("engine", name=engine.name, model=engine.model)
     context.ready()
     try:
@@ -55,11 +58,7 @@ def main(context: Context) -> None:
                 context.emit("face", found=tracker.seen, source_seq=stamp.source_seq)
             record = eyes.begin()
             tracker.write(record, image)
-            t_tracked_ns = now_ns()
-            record["t_tracked_ns"] = t_tracked_ns
-            eyes.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
-            context.row.tick(stamp.source_seq)
-            context.row.measure(t_taken_ns - stamp.t_publish_ns, t_tracked_ns - t_taken_ns, t_tracked_ns - stamp.t_sensor_ns)
+            _publish(context, eyes, stamp, record, t_taken_ns)
             engine.examine(image)  # after the eyes are published
             if engine.rotated_deg != hinted and not tracker.seen:
                 hinted = engine.rotated_deg
@@ -68,3 +67,32 @@ def main(context: Context) -> None:
             context.row["face"], context.row["cpu_ns"] = tracker.seen, time.process_time_ns()
     finally:
         engine.close()
+
+
+def _play(context: Context) -> None:
+    """Publishes the eyes that a recording of the mouse holds in place of frames."""
+    sequence = open_sequence(Path(context.options.eyes), verify=False)
+    frames, eyes = context.input("frames"), context.output("eyes")
+    context.emit("engine", name="recording", model=context.options.eyes)
+    context.ready()
+    while context.wait():
+        context.ack_config()
+        context.commands()  # a recording cannot choose another face
+        if (peeked := frames.peek()) is not None:
+            t_taken_ns, record = now_ns(), eyes.begin()
+            record[...] = sequence.eyes(peeked[0].source_seq % len(sequence.packets))
+            _publish(context, eyes, peeked[0], record, t_taken_ns)
+            context.row["face"], context.row["cpu_ns"] = int(record["face"]), time.process_time_ns()
+
+
+def _publish(context: Context, eyes: RingOutput, stamp: Stamp, record: NDArray[np.void], t_taken_ns: int) -> None:
+    t_tracked_ns = now_ns()
+    record["t_tracked_ns"] = t_tracked_ns
+    eyes.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
+    context.row.tick(stamp.source_seq)
+    context.row.measure(t_taken_ns - stamp.t_publish_ns, t_tracked_ns - t_taken_ns, t_tracked_ns - stamp.t_sensor_ns)
+
+
+def _loop_s(context: Context) -> float:
+    """The delay of camera and display; none where pictures depend on the frames alone."""
+    return 0.0 if context.options.lossless else context.config.render.loop_ms / 1e3

@@ -13,7 +13,7 @@ from scipy.interpolate import PchipInterpolator
 from lfpipe.bench.eye_path import HEAD, EyePath
 from lfpipe.bench.stats import MIN_SAMPLES, front, median_interval
 from lfpipe.errors import UserError
-from lfpipe.sequence.truth import Truth
+from lfpipe.sequence.eyes import Truth
 
 COORDINATE = st.integers(0, 6).map(float)
 

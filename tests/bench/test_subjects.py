@@ -15,7 +15,7 @@ from lfpipe.bench.inputs import FrameSequence, Inputs, demo_sequence, read_seque
 from lfpipe.bench.results import Candidate, Skipped
 from lfpipe.bench.sessions import parts
 from lfpipe.bench.trace_error import AlignedTrace
-from lfpipe.sequence.truth import Truth
+from lfpipe.sequence.eyes import Truth
 from lfpipe.track.models import package_folder
 from lfpipe.track.smoothing import Mean
 from tests.bench.inputs import inputs, wall, without_truth

@@ -1,7 +1,9 @@
 """The mouse as the viewer, without a camera and beside one."""
 
+import json
 import shutil
 import subprocess
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.display import Pointer
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.viewer import Viewer
+from lfpipe.sequence.folder import open_sequence
 from lfpipe.transport.ring import Stamp
 from tests.render.rendered import field
 from tests.world import World
@@ -125,6 +128,47 @@ def test_without_a_camera_no_capture_and_no_tracking_runs(world: World, scene: P
     assert world.run("ctl", "--session", world.name, "stop").returncode == 0
     _, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "no tracking" in err
+
+
+@pytest.mark.live
+@pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
+def test_a_session_of_the_mouse_is_recorded_and_played_again(world: World, scene: Path, screen: Screen) -> None:
+    """The recording holds the eyes; two replays agree bit by bit, and a session follows them as it followed the mouse."""
+    world.env["DISPLAY"], out = screen.name, world.root / "rec"
+    words = ("--camera", "mouse", "--display", "fullscreen", "--trace", world.trace, "--session", world.name)
+    process = world.start("up", scene, *words)
+    world.pictures(5)
+    subprocess.run(["xdotool", "mousemove", "200", "300"], check=True, env=world.env)
+    assert world.run("ctl", "--session", world.name, "record", "start", out).returncode == 0
+    for x in range(300, 1200, 30):
+        subprocess.run(["xdotool", "mousemove", str(x), "500"], check=True, env=world.env)
+        time.sleep(0.03)
+    world.wait_for(lambda: (out / "frames.jsonl").exists() and (out / "frames.jsonl").read_text().count("\n") > 60, "recording")
+    states = {name: stage["state"] for name, stage in world.monitor()["stages"].items()}
+    assert states["record"] == "RUNNING" and states["capture"] == states["track"] == "NONE"
+    assert world.run("ctl", "--session", world.name, "record", "stop").returncode == 0
+    world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
+    assert world.run("ctl", "--session", world.name, "stop").returncode == 0
+    process.communicate(timeout=60)
+    assert world.run("sequence", "check", out).returncode == 0
+    recorded = open_sequence(out)
+    known = {line["t_sensor_ns"]: line for line in world.lines()}
+    for packet in recorded.packets:
+        line, (left, right) = known[packet.t_sensor_ns], recorded.eyes(packet.seq)["raw_px"].tolist()
+        assert line["eyes_raw"] == {"left": left, "right": right}
+    digests = []
+    for name in ("one", "two"):
+        done = world.run("replay", out, "--scene", scene, "--out", world.root / name)
+        assert done.returncode == 0, done.stderr
+        digests.append(json.loads((world.root / name / "report.json").read_text())["digests"])
+    assert digests[0] == digests[1]
+    lines = [json.loads(line) for line in (world.root / "one" / "trace.jsonl").read_text().splitlines()]
+    assert len(lines) == len(recorded.packets) and np.ptp([line["view"]["left"][1] for line in lines]) > 0.5
+    played = world.root / "played.jsonl"
+    done = world.run("up", scene, "--camera", f"file:{out}?loop=0", "--display", "none", "--trace", played)
+    assert done.returncode == 0, done.stderr
+    eyes = {tuple(json.loads(line)["eyes_raw"]["left"]) for line in played.read_text().splitlines()}
+    assert len(eyes) > 10 and eyes <= {tuple(line["eyes_raw"]["left"]) for line in lines}
 
 
 def test_nobody_moves_a_mouse_without_a_window(world: World, scene: Path) -> None:

@@ -20,8 +20,7 @@ from lfpipe.host.machine import OPENCV, versions
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.replays.compare import LEAST_DB, compare, likeness_db
 from lfpipe.replays.report import read_trace
-from lfpipe.sequence.index import read_index
-from lfpipe.sequence.packets import PacketWriter, decoded, encoded
+from lfpipe.sequence.packets import PacketWriter, decoded, encoded, read_index
 
 REFERENCE = Path(__file__).parent / "reference"
 Picture = np.ndarray

@@ -15,7 +15,7 @@ from lfpipe.replays import compare as comparison
 from lfpipe.replays.compare import compare
 from lfpipe.replays.report import REPORT, TRACE
 from lfpipe.replays.run import clear_out, update_reference
-from lfpipe.sequence.index import INDEX, PACKETS
+from lfpipe.sequence.packets import INDEX, PACKETS
 from tests import hostile_files as hostile
 from tests import hostile_sequences
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from lfpipe.errors import UserError
 from lfpipe.render import replay_writer
 from lfpipe.render.replay_writer import ReplayWriter
-from lfpipe.sequence.index import read_index
-from lfpipe.sequence.truth import Truth, read_truth
+from lfpipe.sequence.eyes import Truth, read_truth
+from lfpipe.sequence.packets import read_index
 from lfpipe.transport.ring import Stamp
 
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from lfpipe.sequence.folder import Sequence, checksum, open_sequence
-from lfpipe.sequence.index import INDEX, PACKETS
+from lfpipe.sequence.packets import INDEX, PACKETS
 from tests.world import World
 
 SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")

@@ -1,5 +1,6 @@
 """Recording: beside a live session, alone, cut off by SIGKILL; and played again."""
 
+import itertools
 import json
 import os
 import signal
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfpipe.sequence.edit import eyes_lines
+from lfpipe.sequence.eyes import eyes_lines
 from lfpipe.sequence.folder import open_sequence
 from tests.world import World
 
@@ -44,12 +45,12 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
     sequence = open_sequence(out)
     source = open_sequence(short)
     seqs = [packet.source_seq for packet in sequence.packets]
-    for packet in sequence.packets[:10]:
+    for packet in itertools.islice(sequence.packets, 10):
         assert np.array_equal(sequence.frame(packet.seq), source.frame(packet.source_seq % 60))
     let_go, missed = (stopped["stages"][name]["dropped"] for name in ("capture", "record"))
     assert sequence.lost <= let_go + missed, "every hole is counted, of the source as of the recorder"
     assert missed <= 0.02 * len(seqs), "that no frame is missed is measured in profiling/replay_recording.py"
-    tracked = [line["source_seq"] for line in eyes_lines(sequence)]
+    tracked = [source_seq for source_seq, _, _ in eyes_lines(sequence.path)]
     untracked = stopped["stages"]["track"]["dropped"] + stopped["stages"]["track"]["left_out"]
     assert set(tracked) <= set(seqs) | {seqs[-1] + 1} and len(tracked) >= max(1, len(seqs) - untracked - 2)
     assert {stat.S_IMODE(path.stat().st_mode) for path in out.iterdir()} == {0o600} and stat.S_IMODE(out.stat().st_mode) == 0o700

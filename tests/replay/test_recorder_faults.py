@@ -180,14 +180,14 @@ def made(folder: Path) -> Store:
 
 def test_whatever_goes_wrong_in_the_thread_ends_the_recording_with_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store = made(tmp_path)
-    store.put(stamp(0), store.spare())
+    store.put(stamp(0), "", store.spare())
 
     def fails(*_: object, **__: object) -> None:
         raise MemoryError
 
     monkeypatch.setattr(store_module, "encoded", lambda frame, fast: ("png", b"") if frame.any() else fails())
-    store.put(stamp(1), np.zeros(SHAPE, np.uint8))
-    store.put(stamp(2), np.ones(SHAPE, np.uint8))
+    store.put(stamp(1), "", np.zeros(SHAPE, np.uint8))
+    store.put(stamp(2), "", np.ones(SHAPE, np.uint8))
     store.close()
     assert store.failure == "MemoryError" and store.count <= 1 and not store.full
 
@@ -206,7 +206,7 @@ def test_a_full_store_wakes_who_waits_for_room_and_nobody_else(tmp_path: Path, m
     store = made(tmp_path)
     count = 0
     while not store.full:
-        store.put(stamp(count), np.zeros(SHAPE, np.uint8))
+        store.put(stamp(count), "", np.zeros(SHAPE, np.uint8))
         count += 1
     with store.room_fd() as fd:
         assert not select.select([fd], [], [], 0.2)[0]

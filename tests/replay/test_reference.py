@@ -95,7 +95,7 @@ def _changed(root: Path, file: str, before: str, after: str) -> Path:
 @pytest.mark.parametrize(
     ("file", "before", "after", "part", "named"),
     [
-        ("track/motion_models.py", "common: float = 2.1", "common: float = 2.1000001", "eyes", "the filter or its constants"),
+        ("track/filters.py", "common: float = 2.1", "common: float = 2.1000001", "eyes", "the filter or its constants"),
         ("render/anaglyph.py", "0.4561, 0.500484", "0.4571, 0.499484", "pictures", "anaglyph coefficients"),
     ],
 )

@@ -20,10 +20,9 @@ from lfpipe.capture.open_source import open_source
 from lfpipe.cli import cli
 from lfpipe.errors import UserError
 from lfpipe.sequence import edit
+from lfpipe.sequence.eyes import read_truth
 from lfpipe.sequence.folder import MANIFEST, checksum, open_sequence
-from lfpipe.sequence.index import INDEX, PACKETS, Packet, read_index
-from lfpipe.sequence.packets import PacketWriter, decoded, encoded
-from lfpipe.sequence.truth import read_truth
+from lfpipe.sequence.packets import INDEX, PACKETS, Packet, PacketWriter, decoded, encoded, read_index
 from tests.world import World
 
 NOISE = np.random.default_rng(1).integers(0, 256, (24, 32, 3), dtype=np.uint8)
@@ -50,7 +49,7 @@ def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
     for seq, size in enumerate(sizes):
         writer.append(bytes([seq]) * size, "raw", seq, 0, 10 + seq, 11 + seq)
     writer.close()
-    whole = read_index(folder, complete=True)
+    whole = list(read_index(folder, complete=True))
     assert [packet.bytes for packet in whole] == sizes
     # the index is written after the packet: a kill cuts the index anywhere, and the packets no earlier than it says
     keep = data.draw(st.integers(0, (folder / INDEX).stat().st_size))
@@ -61,7 +60,7 @@ def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
     again.append(b"more", "raw", 99, 1, 1000, 1001)
     sums = again.checksums()
     again.close()
-    found = read_index(folder, complete=True)
+    found = list(read_index(folder, complete=True))
     assert found[:-1] == left and found[-1].source_seq == 99
     assert sums == {name: checksum(folder / name) for name in (PACKETS, INDEX)}
 
@@ -129,7 +128,7 @@ def _manifest(**changes: object) -> Callable[[Path], None]:
         *(
             (_line(**wrong), rf"frames\.jsonl:10: {said}")
             for wrong, said in (
-                ({"codec": "gif"}, "codec is 'gif', expected one of jpeg, png, raw"),
+                ({"codec": "gif"}, "codec is 'gif', expected one of jpeg, png, raw, eyes"),
                 ({"offset": -(10**12)}, "offset is -9"),
                 ({"bytes": -(10**12)}, "bytes is -9"),
                 ({"crc32": "x"}, "crc32 is 'x'"),

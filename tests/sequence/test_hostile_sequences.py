@@ -29,10 +29,9 @@ from lfpipe.files.trace import TraceFile
 from lfpipe.replays.report import about_sequence
 from lfpipe.replays.run import replay_config
 from lfpipe.sequence import edit
+from lfpipe.sequence.eyes import read_truth
 from lfpipe.sequence.folder import EYES, MANIFEST, TRUTH, open_sequence
-from lfpipe.sequence.index import INDEX, PACKETS
-from lfpipe.sequence.packets import encoded
-from lfpipe.sequence.truth import read_truth
+from lfpipe.sequence.packets import INDEX, PACKETS, encoded
 from tests import hostile_files, hostile_sequences
 from tests.hostile_files import NO_FILES
 

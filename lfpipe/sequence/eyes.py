@@ -1,6 +1,8 @@
-"""True eyes of a generated sequence, and errors of measurements and pictures against them."""
+"""Eyes in a sequence: those tracked while it was recorded, those of the mouse that it holds instead of frames, and the true ones
+of a generated sequence, with errors against them."""
 
 import csv
+import json
 import os
 from array import array
 from collections.abc import Iterator
@@ -12,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, shown
+from lfpipe.eyes import EYES as EYES_TYPE
 from lfpipe.files.safe_files import lines, reason
-from lfpipe.files.untrusted import finite
-from lfpipe.sequence.folder import TRUTH
+from lfpipe.files.untrusted import Fields, finite, json_fields
+from lfpipe.sequence.packets import COPY
 
+EYES, TRUTH = "eyes.jsonl", "truth.csv"
 COLUMNS = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
 MAX_PX = 1e6  # limit of a coordinate, far outside every picture
 MAX_NS = 1 << 61
-LINE_BYTES = 4096
+LINE_BYTES = 4096  # of both files
 REMEDY = f"write one row per frame with columns t_ns, {', '.join(COLUMNS)}, and optionally visible (0 or 1)"
 
 
@@ -48,6 +52,43 @@ class Truth:
         """Root mean square over both eyes of the distance from the truth at t_ns, px."""
         true = self.at(t_ns)
         return None if true is None else float(np.sqrt(np.square(np.subtract(eyes_px, true)).sum() / 2))
+
+
+def eyes_line(record: NDArray[np.void], **stamps: int) -> bytes:
+    """A record of dtype EYES as a line of eyes.jsonl."""
+    return json.dumps({**stamps, **{name: record[name].tolist() for name in EYES_TYPE.names or ()}}).encode() + b"\n"
+
+
+def eyes_of(line: bytes, where: str) -> tuple[int, NDArray[np.void]]:
+    """(source_seq, record of dtype EYES) of a line of eyes.jsonl; what it does not name is 0. Raises UserError."""
+    fields, record = json_fields(line, where, COPY), np.zeros((), EYES_TYPE)
+    for name in ("raw_px", "filtered_px", "velocity_px_s"):
+        points = dict(zip(("left", "right"), fields.items(name, 2), strict=False)) if name in fields.values else None
+        if points is not None or name != "velocity_px_s":
+            sides = Fields(points or {}, f"{where}: {name}", COPY)
+            record[name] = [sides.numbers(side, 2, -MAX_PX, MAX_PX) for side in ("left", "right")]
+    for name in ("apart_px", "confidence", "eyes_mm"):
+        record[name] = fields.number(name, 0, MAX_PX) if name in fields.values else 0.0
+    for name in ("width_px", "height_px", "generation"):
+        record[name] = fields.integer(name, 0, 1 << 30) if name in fields.values else 0
+    record["face"] = fields.integer("face", 0, 1)
+    return fields.integer("source_seq", 0, 1 << 62), record
+
+
+def eyes_lines(folder: Path) -> Iterator[tuple[int, NDArray[np.void], bytes]]:
+    """(source_seq, record, line) of the eyes that were tracked during recording, if any. A cut-off last line is ignored.
+
+    Raises UserError with the wrong line.
+    """
+    path = folder / EYES
+    if not os.path.lexists(path):
+        return
+    try:
+        for number, line in lines(path, LINE_BYTES, COPY):
+            if line.endswith(b"\n"):
+                yield *eyes_of(line, f"{path}:{number}"), line
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {reason(error)}", COPY) from None
 
 
 def truth_rows(path: Path) -> Iterator[list[str]]:
