@@ -209,9 +209,10 @@ class Viewer:
         who is never in the middle of a webcam above the screen."""
         self._choose(self._apart_px)
         assert self.parallax is not None
-        if self._auto and self._centre_px is None and eyes_px is not None and not self.neutral_is_fixed:
-            self._centre_px = _middle(eyes_px)
-        centre_px = self._centre_px or (self._size_px[0] / 2, self._size_px[1] / 2)
+        middle_px = self._size_px[0] / 2, self._size_px[1] / 2
+        if self._auto and self._centre_px is None and eyes_px is not None:
+            self._centre_px = middle_px if self.neutral_is_fixed else _middle(eyes_px)
+        centre_px = self._centre_px or middle_px
         grid = self.field.rows, self.field.cols
         self.solver = ViewSolver(*grid, self.config.render, self.parallax.alpha_px, centre_px, self.method)
         return self.solver
