@@ -19,8 +19,10 @@ ROWS: dict[str, tuple[Cause, str]] = {
 
 @pytest.mark.parametrize("name", ROWS)
 def test_message(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The cause is called in an empty folder, which the text calls `/here`."""
+    """The cause is called without a screen in an empty folder, which the text calls `/here`."""
     cause, text = ROWS[name]
+    for variable in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(variable, raising=False)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UserError) as error:
         cause(tmp_path)

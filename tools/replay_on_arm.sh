@@ -2,14 +2,15 @@
 # Replays the reference of tests/replay on an emulated ARM machine: Debian arm64 in a folder, run by qemu-user. Needs root, and
 # debootstrap, qemu-user-static and binfmt-support from apt. Takes an hour, most of it packing the scene. Once per release.
 #
-#     tools/replay_on_arm.sh SEQ SCENE REFERENCE [FOLDER]
+#     tools/replay_on_arm.sh SEQ SCENE REFERENCE [OPTION...]
 #
-# SEQ, SCENE, REFERENCE: as for `lfpipe replay SEQ --scene SCENE --expect REFERENCE`. FOLDER: for the system, kept for the next run.
+# As for `lfpipe replay SEQ --scene SCENE --expect REFERENCE OPTION...`. The system stays in LFPIPE_ARM_ROOT for the next run.
 set -eu
 
 [ $# -ge 3 ] || { sed -n '2,8p' "$0"; exit 2; }
 sequence=$(realpath "$1") scene=$(realpath "$2") reference=$(realpath "$3")
-root=${4:-/var/tmp/lfpipe-arm64}
+shift 3
+root=${LFPIPE_ARM_ROOT:-/var/tmp/lfpipe-arm64}
 source=$(realpath "$(dirname "$0")/..")
 commands="debootstrap qemu-aarch64-static"
 for command in $commands; do
@@ -47,4 +48,4 @@ run pip install --quiet /data/source
 run lfpipe models get
 run lfpipe doctor || true
 # exit code 0: equal within what two kinds of machine may differ by (docs/replay.md)
-run lfpipe replay /data/sequence --scene /data/scene --expect /data/reference
+run lfpipe replay /data/sequence --scene /data/scene --expect /data/reference "$@"

