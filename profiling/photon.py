@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 from lfpipe.errors import UserError
-from lfpipe.observe.loop_delay import LoopDelay, Recording, estimate
+from lfpipe.observe.loop_delay import LoopDelay, estimate
+from lfpipe.observe.loop_fit import Recording
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 

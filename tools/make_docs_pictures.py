@@ -95,26 +95,28 @@ def main() -> None:
 
 
 async def take(out: Path, folder: Path) -> None:
-    from lfpipe.observe.attachment import Attachment
-    from lfpipe.observe.screen import Screen, SessionActivity
+    from lfpipe.observe.page_feed import Feed
+    from lfpipe.observe.session_commands import SessionCommands
+    from lfpipe.observe.session_reader import FollowingReader
+    from lfpipe.observe.state_text import Screen
 
-    attachment, screen, shown = Attachment("docs"), Screen("docs"), None
+    feed, follower, screen, text = Feed("docs"), FollowingReader("docs"), Screen("docs"), None
+    jpegs: dict[str, bytes | None] = {}
     started = time.monotonic()
     while time.monotonic() - started < 25:
-        reading = await attachment.read()
-        if reading is not None:
-            await attachment.picture()  # while somebody asks, render tells where the eyes are
-            told = attachment.told()
-            shown = screen.draw(reading, SessionActivity.of({**told, "options": {}}) if told else SessionActivity(), COLUMNS)
-        time.sleep(0.25)
-    assert shown is not None, "the demo does not run"
-    save(out / "monitor.png", terminal(shown))
-    for name, jpeg in (("anaglyph", await attachment.picture()), ("view_grid", attachment.camera())):
+        if (state := follower.read()) is not None:
+            jpegs = {which: await feed.picture(which) for which in ("picture", "camera")}  # asking keeps the ring
+            text = screen.draw(state, SessionCommands("docs").ask({"cmd": "hello"}), COLUMNS)
+        await asyncio.sleep(0.25)
+    assert text is not None, "the demo does not run"
+    save(out / "monitor.png", terminal(text))
+    for name, jpeg in (("anaglyph", jpegs["picture"]), ("view_grid", jpegs["camera"])):
         assert jpeg is not None
         picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
         assert picture is not None
         save(out / f"{name}.png", picture.astype(np.uint8))
-    attachment.close()
+    follower.close()
+    await feed.end()
     command = [sys.executable, "-m", "lfpipe", "monitor", "--session", "docs", "--web", ":0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None

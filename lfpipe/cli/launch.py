@@ -20,7 +20,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.h264 import encoder_name
 from lfpipe.files.output import check_outputs
 from lfpipe.host.files import exists
-from lfpipe.observe.latency_table import latency_table
+from lfpipe.observe.state_text import print_state
 from lfpipe.render.display import check_display, has_display
 from lfpipe.render.geometry import check_geometry
 from lfpipe.render.plan import make_plan
@@ -102,7 +102,7 @@ def _run(session: Session, plan: SessionPlan) -> int:
         if plan.packing is not None:
             steps.callback(plan.packing.close)
         outcome = Supervisor(session, plan.config, plan.options, say, plan.packing).run(plan.duration_s)
-    latency_table(outcome.final)
+    print_state(outcome.final)
     for path in filter(exists, plan.files):
         click.echo(f"{path.stat().st_size / 1e6:8.2f} MB  {path}")
     if outcome.failure is None:

@@ -13,8 +13,8 @@ from lfpipe.cli import completions
 from lfpipe.cli.options import with_session
 from lfpipe.config import parse_set
 from lfpipe.observe import terminal
-from lfpipe.observe.latency_table import latency_table
 from lfpipe.observe.session_commands import SessionCommands
+from lfpipe.observe.state_text import print_state
 from lfpipe.observe.timeline import check_out, finish_trace
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 
@@ -87,7 +87,7 @@ def _send(target: Target, message: dict[str, Any], timeout_s: float = 3.0) -> No
     if target.as_json:
         click.echo(json.dumps(answer))
     elif message["cmd"] == "status":
-        latency_table(answer)
+        print_state(answer)
     else:
         said = ", ".join(f"{key} {value}" for key, value in answer.items() if key not in ("ok", "rev", "applied"))
         click.echo(f"{message['cmd']}: done{', ' + said if said else ''}")

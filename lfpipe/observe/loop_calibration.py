@@ -1,5 +1,6 @@
 """Measures the delay of the loop. A window flips between black and white, the camera watches it, and `loop_delay` compares."""
 
+import threading
 from collections.abc import Iterator
 
 import attrs
@@ -7,16 +8,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.frame_source import as_read
+from lfpipe.capture.frame_source import BrokenFrame, FrameSource, as_read
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.observe.camera_watch import CameraWatch
-from lfpipe.observe.loop_delay import AREA_R, LEAST_FRAMES, LEAST_PIXELS, SPAN, LoopDelay, Recording, estimate, find_area
+from lfpipe.observe.loop_delay import AREA_R, LEAST_FRAMES, LEAST_PIXELS, SPAN, LoopDelay, estimate, find_area
+from lfpipe.observe.loop_fit import Recording
 from lfpipe.render.display import has_display
 from lfpipe.render.monitors import Monitor
 from lfpipe.render.refresh import ScreenClock
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns, sleep_until
+from lfpipe.transport.stamp_kind import StampKind
 
 WINDOW_PX = (1600, 900)  # limited by the screen
 HOLDS = (3, 6)  # of a level, in refreshes at about STEP_HZ, inclusive
@@ -28,6 +30,61 @@ MEASURE_S, MORE_S, MOST_S, GOOD_MS = 10.0, 3.0, 20.0, 0.7  # ends early once hal
 EVENTS_NS = 4 * MS_NS
 ASK = "Turn the camera to this screen, or use a mirror, so that the screen is in the middle of its picture."
 AGAIN = UserError("nothing was measured", "start again when you are ready")
+SMALL_PX, INSET_PX = 64, 240  # widths
+MOST_UNSTAMPED, UNSTAMPED_SHARE = 5, 0.1
+
+
+class CameraWatch(threading.Thread):
+    """Runs in its own thread. inset: the newest picture. failure: why it ended."""
+
+    def __init__(self, source: FrameSource, frame_px: tuple[int, int]) -> None:
+        super().__init__(daemon=True)
+        self._source, self._lock, self._ended = source, threading.Lock(), threading.Event()
+        self._frame = np.empty((frame_px[1], frame_px[0], 3), np.uint8)
+        self._frames: list[tuple[int, NDArray[np.uint8]]] = []
+        self.inset: NDArray[np.uint8] | None = None
+        self._unstamped = 0
+        self.failure: UserError | None = None
+
+    def run(self) -> None:
+        height, width = self._frame.shape[:2]
+        small_px, inset_px = (SMALL_PX, SMALL_PX * height // width), (INSET_PX, INSET_PX * height // width)
+        while not self._ended.is_set():
+            try:
+                frame = self._source.read(self._frame)
+            except (TimeoutError, BrokenFrame):
+                continue
+            except UserError as error:
+                self.failure = error
+                return
+            if frame is None:
+                self.failure = UserError("the source ended", "use a camera: a recording does not see this screen")
+                return
+            if frame.stamp in (StampKind.SCHEDULED, StampKind.READ):
+                self._unstamped += 1
+                continue
+            small = cv2.cvtColor(cv2.resize(self._frame, small_px, interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2GRAY)
+            inset = cv2.resize(self._frame, inset_px, interpolation=cv2.INTER_AREA)
+            with self._lock:
+                self._frames.append((frame.t_sensor_ns, np.asarray(small, np.uint8)))
+                self.inset = np.asarray(inset, np.uint8)
+
+    @property
+    def stamped(self) -> bool:
+        """Whether the driver stamps the frames: nearly all; single frames without a stamp are left out."""
+        return self._unstamped < MOST_UNSTAMPED or self._unstamped < len(self._frames) * UNSTAMPED_SHARE
+
+    def frames(self, since_ns: int) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+        """Stamps (n,) and pictures (n, height, width) from since_ns on."""
+        with self._lock:
+            kept = [each for each in self._frames if each[0] >= since_ns]
+        pictures = np.stack([picture for _, picture in kept]) if kept else np.empty((0, 1, 1), np.uint8)
+        return np.array([t_ns for t_ns, _ in kept], np.int64), pictures
+
+    def close(self) -> None:
+        self._ended.set()
+        self.join()
+        self._source.close()
 
 
 def holds(rate_hz: float, seed: int = 1) -> Iterator[int]:

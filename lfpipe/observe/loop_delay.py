@@ -4,10 +4,6 @@ A frame with stamp t sees the screen's light, averaged over its exposure, as it 
 rises and falls exponentially (pixel response). The delay runs from the present to the middle of the exposure that sees it. It
 includes the mean of the response and holds for the middle row of the camera's picture: rows above are read earlier, rows below
 later.
-
-Fitted by damped least squares (Levenberg 1944, Marquardt 1963): delay, time from row to row, exposure, response, gamma and stray
-light, with an amplitude for each band of rows. The interval comes from the delay's profile likelihood, so it stays valid if the
-likelihood is flat: a short exposure in step with the screen sees only black or white, and shows little of the time between.
 """
 
 import attrs
@@ -15,20 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.observe.screen_light import ScreenLight
+from lfpipe.observe.loop_fit import SLOW_S, Float, LoopFit, Recording, ScreenLight, times_ms, without_slow
 
 DELAYS_MS = (-20.0, 480.0)  # searched; television sets with picture processing reach 350
 COARSE_STEP_MS, COARSE_EXPOSURES_MS = 2.0, (4.0, 16.0, 33.0)
-SLOW_S = 1.0  # slower changes come from the room's light and automatic exposure
 LEAST_FRAMES, LEAST_FLIPS = 60, 30
 OFF_BEAT, OFF_BEAT_SHARE = 0.25, 0.1  # of a period, and of all frames
 LEAST_R, AREA_R, LEAST_R2 = 0.25, 0.5, 0.5  # correlation of a pixel, as a share of the best pixel, and of the fit
 LEAST_PIXELS = 4
-BANDS = 6
 SHORT_STEP = 0.1  # quantile of the steps from frame to frame that is of one period still
 SHORT_HOLD = 0.1  # quantile: a busy machine may cut a single hold short
 WIDEST_MS = 3.0  # half of the widest acceptable interval
-MODEL_MS = 0.35  # error of the delay from a non-exponential pixel response, in simulated recordings
 # Camera and screen in step see the pattern at few phases of a refresh only; the rest comes from the model. This share of the
 # phases that were never seen is added to the interval: of 16.7 ms, errors of up to 3.3 ms were measured.
 IN_STEP_SHARE = 0.2
@@ -37,22 +30,6 @@ IN_STEP_SHARE = 0.2
 MOST_AGAIN = 0.8  # some cameras deliver each frame twice or more; one that delivers the same always sees nothing
 KEPT_SHARE, KEPT_RATIO = 0.35, 2.0
 SPAN = 0.12  # of the picture's height: allowed distance of the screen's middle from the picture's
-
-Float = NDArray[np.float64]
-
-
-@attrs.frozen
-class Recording:
-    """t_flip_ns: int64 (m,), times at which the screen presented another level; bright: bool (m,), that level. t_frame_ns: int64
-    (n,), the camera's stamps. pictures: uint8 (n, height, width), small grey pictures. stamped: the stamps come from the driver,
-    not from the time of reading. refresh_ms: period of the screen."""
-
-    t_flip_ns: NDArray[np.int64]
-    bright: NDArray[np.bool_]
-    t_frame_ns: NDArray[np.int64]
-    pictures: NDArray[np.uint8]
-    stamped: bool
-    refresh_ms: float
 
 
 @attrs.frozen
@@ -70,28 +47,19 @@ class LoopDelay:
         return (self.high_ms - self.low_ms) / 2
 
 
-def _without_slow(series: Float, frames: int) -> Float:
-    """series (n, ...) minus its running mean over this many frames."""
-    n, half = len(series), frames // 2
-    sums = np.concatenate([np.zeros((1, *series.shape[1:])), np.cumsum(series, axis=0)])
-    low, high = np.maximum(np.arange(n) - half, 0), np.minimum(np.arange(n) + half + 1, n)
-    means = (sums[high] - sums[low]) / (high - low).reshape(-1, *[1] * (series.ndim - 1))
-    return np.asarray(series - means)
-
-
 def find_area(recording: Recording) -> tuple[NDArray[np.float64], float, float]:
     """Correlation of each pixel with the pattern, float (height, width), at the best delay within half a frame; that delay and
     the best exposure in ms. Makes no decision: without a screen all correlations are small."""
-    times, flips = _times_ms(recording)
+    times, flips = times_ms(recording)
     period = float(np.median(np.diff(times)))
     slow = max(3, round(SLOW_S * 1e3 / period))
-    seen = _without_slow(recording.pictures.reshape(len(times), -1).astype(float), slow)
+    seen = without_slow(recording.pictures.reshape(len(times), -1).astype(float), slow)
     seen /= np.maximum(np.linalg.norm(seen, axis=0), 1e-9 + 0.3 * np.sqrt(len(times)))  # below 0.3 levels there is no signal
     delays = np.arange(*DELAYS_MS, COARSE_STEP_MS)
     light = ScreenLight(flips, recording.bright, 1.0)
     best: tuple[float, float, float, Float] | None = None
     for width in COARSE_EXPOSURES_MS:
-        looks = _without_slow(light.mean(times[:, None] - delays, width), slow)
+        looks = without_slow(light.mean(times[:, None] - delays, width), slow)
         looks /= np.maximum(np.linalg.norm(looks, axis=0), 1e-9)
         r = looks.T @ seen
         score = np.square(np.maximum(r, 0)).sum(axis=1)
@@ -112,7 +80,7 @@ def estimate(recording: Recording) -> LoopDelay:
         raise UserError(
             "the camera does not see the pattern", "turn the camera to the screen, or hold a mirror before it, and dim the room"
         )
-    fit = _Fit(recording, r * area)
+    fit = LoopFit(recording, r * area)
     start = min((fit.solved(coarse_ms + step, width_ms) for step in (-8.0, 0.0, 8.0)), key=lambda found: found[1])
     for width in (2.0, 25.0, 80.0):
         start = min(start, fit.solved(start[0][0], width), key=lambda found: found[1])
@@ -148,7 +116,7 @@ def estimate(recording: Recording) -> LoopDelay:
     return found
 
 
-def _mixes_frames(recording: Recording, weights: Float, fit: "_Fit", best: Float) -> bool:
+def _mixes_frames(recording: Recording, weights: Float, fit: LoopFit, best: Float) -> bool:
     """Whether the recording is explained about as well by a camera that keeps a share of the frame before."""
     steps = np.diff(recording.t_frame_ns)
     next_frame = np.append(False, np.abs(steps / np.median(steps) - 1) < OFF_BEAT)
@@ -157,7 +125,7 @@ def _mixes_frames(recording: Recording, weights: Float, fit: "_Fit", best: Float
     kept = next_frame[1:]
     if kept.sum() < LEAST_FRAMES:
         return False
-    other = _Fit(attrs.evolve(recording, t_frame_ns=recording.t_frame_ns[1:][kept], pictures=undone[kept]), weights)
+    other = LoopFit(attrs.evolve(recording, t_frame_ns=recording.t_frame_ns[1:][kept], pictures=undone[kept]), weights)
     period_ms = float(np.median(steps)) / 1e6
     starts = (other.solved(best[0] - late * period_ms, float(np.exp(best[2]))) for late in (0.0, 0.35, 0.7))
     solved = min(starts, key=lambda found: found[1])[0]
@@ -168,19 +136,13 @@ def _unseen_ms(recording: Recording) -> float:
     """The largest part of the flips' own step in which no frame was taken, by the camera's mean rate."""
     flips = np.diff(recording.t_flip_ns) / 1e6 / recording.refresh_ms
     step_ms = recording.refresh_ms * max(1, int(np.gcd.reduce(np.round(flips).astype(np.int64))))
-    times, at_flips = _times_ms(recording)
+    times, at_flips = times_ms(recording)
     numbers = np.round(times / _period_ms(np.diff(times)))
     even = np.polyval(np.polyfit(numbers, times, 1), numbers)  # without the jitter of stamps, which is no change of phase
     grid = np.round(at_flips / step_ms)
     slope, start = np.polyfit(grid, at_flips, 1)
     phases = np.sort((even - start) % slope)
     return float(np.max(np.diff(np.append(phases, phases[0] + slope))))
-
-
-def _times_ms(recording: Recording) -> tuple[Float, Float]:
-    """Stamps and flips from the first flip on."""
-    zero = recording.t_flip_ns[0]
-    return (recording.t_frame_ns - zero) / 1e6, (recording.t_flip_ns - zero) / 1e6
 
 
 def _period_ms(steps: Float) -> float:
@@ -200,7 +162,7 @@ def _checked(recording: Recording) -> Recording:
     recording = attrs.evolve(recording, t_flip_ns=recording.t_flip_ns[shown], bright=recording.bright[shown])
     if len(recording.t_flip_ns) < LEAST_FLIPS:
         raise UserError("the pattern was not presented", "keep the window in sight, and close what keeps the machine busy")
-    times, flips = _times_ms(recording)
+    times, flips = times_ms(recording)
     kept = (times > DELAYS_MS[1]) & (times < flips[-1])
     if kept.sum() < LEAST_FRAMES:
         raise UserError(f"{kept.sum()} frames came of the camera while it should watch", "check the camera, and try again")
@@ -216,122 +178,3 @@ def _checked(recording: Recording) -> Recording:
     if again.mean() < MOST_AGAIN:
         kept &= ~again
     return attrs.evolve(recording, t_frame_ns=recording.t_frame_ns[kept], pictures=recording.pictures[kept])
-
-
-class _Fit:
-    """Least squares for a vector of delay (ms), time over the picture's height (ms), log exposure, log response, log gamma, log
-    stray light. row: position of the screen, from -0.5 at the top of the picture to 0.5."""
-
-    PRIOR = np.array([0.0, 15.0, np.log(12.0), np.log(2.0), np.log(2.1), np.log(0.05)])
-    SPREAD = np.array([np.inf, 30.0, np.inf, 0.8, 0.2, 1.5])
-    STEP = np.array([0.05, 0.2, 0.02, 0.05, 0.02, 0.05])
-    LOW = np.array([-100.0, -200.0, np.log(0.3), np.log(0.1), np.log(1.0), np.log(1e-3)])
-    HIGH = np.array([500.0, 200.0, np.log(200.0), np.log(20.0), np.log(3.5), np.log(10.0)])
-
-    def __init__(self, recording: Recording, weights: Float) -> None:
-        """weights: float (height, width), 0 outside the screen's area."""
-        self._times, self._flips = _times_ms(recording)
-        self._bright, self._period = recording.bright, float(np.median(np.diff(self._times)))
-        self._slow = max(3, round(SLOW_S * 1e3 / self._period))
-        rows, height = np.nonzero(weights.any(axis=1))[0], len(weights)
-        series, places, masses = [], [], []
-        for part in np.array_split(rows, min(BANDS, len(rows))):
-            share = weights[part]
-            series.append(np.einsum("nhw,hw->n", recording.pictures[:, part].astype(float), share) / share.sum())
-            places.append(float((share.sum(axis=1) * (part + 0.5)).sum() / share.sum()) / height - 0.5)
-            masses.append(float(share.sum()))
-        self._seen = _without_slow(np.stack(series, axis=1), self._slow)
-        self.row = float(np.average(places, weights=masses))
-        self._extent = (rows[-1] + 1 - rows[0]) / height
-        self._places = np.array(places) - self.row
-        self._sigma = np.full(len(places), np.maximum(self._seen.std(axis=0), 1e-6))
-
-    def _model(self, vector: Float) -> Float:
-        delay, slope, width, tau, gamma, stray = vector
-        light = ScreenLight(self._flips, self._bright, float(np.exp(tau)))
-        # the response's mean is tau after the flip, and is part of the delay
-        at = self._times[:, None] - (delay - np.exp(tau)) + slope * self._places
-        x = light.mean(at, float(np.exp(width)))
-        return _without_slow((np.clip(x, 0, 1) + np.exp(stray)) ** np.exp(-gamma), self._slow)
-
-    def _residuals(self, vector: Float) -> Float:
-        made = self._model(vector)
-        size = np.maximum((made * self._seen).sum(axis=0) / np.maximum(np.square(made).sum(axis=0), 1e-12), 0)
-        off = (self._seen - size * made) / self._sigma
-        return np.concatenate([off.ravel(), (vector - self.PRIOR) / self.SPREAD])
-
-    def explained(self, vector: Float) -> float:
-        """R squared."""
-        return 1 - self.unexplained(vector) * self._seen.size / float(np.square(self._seen).sum())
-
-    def unexplained(self, vector: Float) -> float:
-        """Mean square of the residuals, levels squared."""
-        off = self._residuals(vector)[: self._seen.size].reshape(self._seen.shape) * self._sigma
-        return float(np.square(off).mean())
-
-    def _minimised(self, vector: Float, steps: int, held: int = 0) -> tuple[Float, float]:
-        """Marquardt's steps over the entries from `held` on; returns the vector and half its sum of squares."""
-        damping, off = 1e-2, self._residuals(vector)
-        free = np.arange(held, len(vector))
-        cost = float(off @ off)
-        for _ in range(steps):
-            slopes = np.stack([(self._residuals(vector + self.STEP * (free[k] == np.arange(6))) - off) / self.STEP[free[k]]
-                               for k in range(len(free))], axis=1)  # fmt: skip
-            normal, right = slopes.T @ slopes, slopes.T @ off
-            for _ in range(4):
-                move = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), right)
-                tried = vector.copy()
-                tried[free] = np.clip(vector[free] - move, self.LOW[free], self.HIGH[free])
-                tried_off = self._residuals(tried)
-                if (tried_cost := float(tried_off @ tried_off)) < cost:
-                    break
-                damping *= 6
-            else:
-                break
-            gained = cost - tried_cost
-            vector, off, cost, damping = tried, tried_off, tried_cost, damping / 4
-            if gained < 1e-4 * cost / len(off):
-                break
-        return vector, cost
-
-    def solved(self, delay_ms: float, width_ms: float) -> tuple[Float, float]:
-        """The best vector near these, and its residual."""
-        start = self.PRIOR.copy()
-        start[0], start[2] = delay_ms, np.log(width_ms)
-        self._sigma = np.full(len(self._places), np.maximum(self._seen.std(axis=0), 1e-6)) * 0.2
-        return self._minimised(start, 25)
-
-    def interval(self, vector: Float) -> tuple[float, float, float]:
-        """5 %, mean and 95 % of the delay, by its profile likelihood under a flat prior."""
-        off = self._residuals(vector)[: self._seen.size].reshape(self._seen.shape) * self._sigma
-        self._sigma = np.maximum(off.std(axis=0), 0.05)
-        best, least = self._minimised(vector, 10)
-        weight = len(self._times) / self._seen.size  # bands share the errors of stamps: as independent as one band
-        span = 0.1
-        while True:
-            grid = best[0] + span * np.linspace(-1, 1, 21)
-            costs = np.empty(len(grid))
-            for half in (range(10, 21), range(10, -1, -1)):
-                near = best
-                for k in half:
-                    near = near.copy()
-                    near[0] = grid[k]
-                    near, costs[k] = self._minimised(near, 3, held=1)
-            edges = weight * (min(costs[0], costs[-1]) - min(costs.min(), least)) / 2
-            if edges > 5 or span > 20:
-                break
-            span *= 2
-        chances = np.exp(-weight * (costs - costs.min()) / 2)
-        sums = np.concatenate([[0.0], np.cumsum((chances[1:] + chances[:-1]) / 2)])
-        low, high = np.interp([0.05, 0.95], sums / sums[-1], grid)
-        return float(low), float((chances * grid).sum() / chances.sum()), float(high)
-
-    def to_middle_row(self, vector: Float, refresh_ms: float) -> tuple[float, float]:
-        """The correction of the delay to the middle row of the picture, and its uncertainty.
-
-        The time from row to row is the camera's readout minus the screen's own scan, both unknown: the screen takes up to a
-        refresh for its visible height, the camera up to a frame for its picture.
-        """
-        low = max(0.0, vector[1])
-        high = min(max(vector[1] + refresh_ms / self._extent, low), max(self._period, low))
-        return (low + high) / 2 * self.row, abs(self.row) * (high - low) / 2 + MODEL_MS

@@ -1,9 +1,7 @@
 """Commands of a monitor to a session, over ctl: keys of the terminal, buttons of the page."""
 
-import asyncio
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +10,6 @@ from lfpipe.errors import UserError
 from lfpipe.observe.timeline import finish_trace
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport import control
-
-MAX_WAITING = 8  # commands of one monitor
 
 
 class SessionCommands:
@@ -69,25 +65,3 @@ class SessionCommands:
             return actions[key]() if key in actions else ""
         except UserError as error:
             return f"{error.message} ({error.remedy})" if error.remedy else error.message
-
-
-class AsyncSessionCommands:
-    """SessionCommands for coroutines: one thread sends the commands in order and waits for the answers."""
-
-    def __init__(self, name: str) -> None:
-        self._commands, self._thread = SessionCommands(name), ThreadPoolExecutor(1, "lfpipe-ctl")
-        self._waiting = 0
-
-    async def ask(self, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:
-        """Sends one command and returns its answer. Raises UserError like SessionCommands, or if MAX_WAITING commands wait."""
-        if self._waiting >= MAX_WAITING:
-            raise UserError("the monitor is busy with other commands", "try again in a second")
-        self._waiting += 1
-        try:
-            return await asyncio.get_running_loop().run_in_executor(self._thread, self._commands.ask, message, timeout_s)
-        finally:
-            self._waiting -= 1
-
-    def close(self) -> None:
-        """Waits for the current command; discards the others."""
-        self._thread.shutdown(cancel_futures=True)

@@ -1,19 +1,58 @@
 """Reads a running session: attaches to its status table untracked and read-only, without side effects."""
 
 import json
+from collections import deque
 from types import TracebackType
 from typing import Any, Self
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.observe.meter import Meter, Reading
+from lfpipe.host.processes import cpu_ns, rss_bytes
+from lfpipe.supervisor.process_table import SHOWN_BY
 from lfpipe.supervisor.rundir import find
 from lfpipe.supervisor.snapshot import snapshot
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.histogram import MIDDLES_US, summary_ms
 from lfpipe.transport.segment import WrongSegment
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import Table
+
+WINDOW_S = 10.0
+HISTOGRAMS = ("wait", "busy", "age", "horizon")
+
+
+@attrs.frozen(eq=False)
+class _Sample:
+    """A copy of the table's rows, and the CPU time of the processes."""
+
+    t_ns: int
+    rows: dict[str, NDArray[np.void]]
+    cpu_ns: dict[int, int]
+
+
+@attrs.frozen(eq=False)
+class _Rows:
+    """Rows in place of a table's."""
+
+    rows: dict[str, NDArray[np.void]]
+    session: NDArray[np.void]
+
+
+def since(row: NDArray[np.void], before: NDArray[np.void] | None) -> NDArray[np.void]:
+    """row with its drops and histograms counted from `before` on; maxima are then the middle of their bucket (1.6 %)."""
+    out = row.copy()
+    if before is None:
+        return out
+    out["drops"] -= before["drops"]
+    for name in HISTOGRAMS:
+        for field in ("count", "sum_ns", "buckets"):
+            out[name][field] -= before[name][field]
+        filled = np.flatnonzero(out[name]["buckets"])
+        out[name]["max_ns"] = int(1e3 * MIDDLES_US[filled[-1]]) if len(filled) else 0
+    return out
 
 
 class Watch:
@@ -26,12 +65,13 @@ class Watch:
             self._mark = self._marked()
             about = json.loads(self._about.read_text())
             self._table = Table(session.segment("status"))
-            self._started_ns = int(about["started_ns"])
+            self._started_ns, self._pid = int(about["started_ns"]), int(about["pid"])
         except WrongSegment:
             raise
         except (FileNotFoundError, ValueError):
             raise UserError(f"session {session.name!r} is starting or ending", "try again in a second") from None
-        self.meter = Meter(self._table, self._started_ns, int(about["pid"]))
+        self._past: deque[_Sample] = deque([self._sample()])
+        self._reset: _Sample | None = None
 
     @property
     def rows(self) -> dict[str, NDArray[np.void]]:
@@ -42,6 +82,53 @@ class Watch:
         """The current state, see `snapshot`."""
         return snapshot(self.session.name, self._table, self._started_ns)
 
+    def reset(self) -> None:
+        """Counts drops and worst times from now on, for this monitor only."""
+        self._past = deque([self._sample()])
+        self._reset = self._past[0]
+
+    def read_window(self) -> dict[str, Any]:
+        """`snapshot` with the times of the last WINDOW_S, and more.
+
+        `cpu_percent`, `rss_mb`: of the supervisor and of each stage. `worst_ms`, `busy_counts`: of each stage since the reset;
+        the counts on MIDDLES_US. `worst_age_ms`: since the reset. `age_now_ms`: the median since the reading before, or None.
+        """
+        now, last = self._sample(), self._past[-1]
+        while len(self._past) > 1 and now.t_ns - self._past[1].t_ns >= WINDOW_S * 1e9:
+            self._past.popleft()
+        then = self._past[0]
+        self._past.append(now)
+        zero = {} if self._reset is None else self._reset.rows
+        since_reset = {name: since(row, zero.get(name)) for name, row in now.rows.items()}
+        rows = {name: since(row, then.rows[name]) for name, row in now.rows.items()}
+        for name, row in rows.items():
+            row["drops"] = since_reset[name]["drops"]
+        state = snapshot(self.session.name, _Rows(rows, self._table.session), self._started_ns)
+        for name, stage in state["stages"].items():
+            busy = since_reset[name]["busy"]
+            stage |= self._load(now, then, stage["pid"])
+            stage |= {"worst_ms": float(busy["max_ns"]) / 1e6, "busy_counts": busy["buckets"]}
+        age = summary_ms(since(now.rows[SHOWN_BY], last.rows[SHOWN_BY])["age"])
+        return {
+            **state,
+            **self._load(now, then, self._pid),
+            "config_rev": int(now.rows[SHOWN_BY]["config_rev"]),
+            "worst_age_ms": float(since_reset[SHOWN_BY]["age"]["max_ns"]) / 1e6,
+            "age_now_ms": age["p50_ms"] if age["n"] else None,
+        }
+
+    def _sample(self) -> _Sample:
+        rows = {name: row.copy() for name, row in self._table.rows.items()}
+        pids = [self._pid, *(int(row["pid"]) for row in rows.values() if row["pid"])]
+        return _Sample(now_ns(), rows, {pid: cpu_ns(pid) for pid in pids})
+
+    @staticmethod
+    def _load(now: _Sample, then: _Sample, pid: int) -> dict[str, float]:
+        """The load of a process, over the window or since it started."""
+        spent_ns = now.cpu_ns.get(pid, 0) - then.cpu_ns.get(pid, 0)
+        percent = max(0.0, 100.0 * spent_ns / max(now.t_ns - then.t_ns, 1))
+        return {"cpu_percent": round(percent, 1), "rss_mb": round(rss_bytes(pid) / 1e6, 1)}
+
     def living(self) -> bool:
         """Whether the session is still the one that was attached to."""
         try:
@@ -50,8 +137,8 @@ class Watch:
             return False
 
     def _marked(self) -> tuple[int, int]:
-        found = self._about.stat()
-        return found.st_ino, found.st_mtime_ns
+        about = self._about.stat()
+        return about.st_ino, about.st_mtime_ns
 
     def close(self) -> None:
         """Releases the table."""
@@ -71,8 +158,8 @@ class FollowingReader:
         self.name = name
         self.watch: Watch | None = None
 
-    def read(self) -> Reading | None:
-        """The current session, or None."""
+    def read(self) -> dict[str, Any] | None:
+        """The current session, see `Watch.read_window`, or None."""
         if self.watch is not None and not self.watch.living():
             self.close()
         if self.watch is None:
@@ -80,7 +167,12 @@ class FollowingReader:
                 self.watch = Watch(find(self.name))
             except UserError:
                 return None
-        return self.watch.meter.read()
+        return self.watch.read_window()
+
+    def reset(self) -> None:
+        """See `Watch.reset`."""
+        if self.watch is not None:
+            self.watch.reset()
 
     def close(self) -> None:
         """Detaches."""

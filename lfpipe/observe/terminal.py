@@ -5,13 +5,13 @@ import json
 import os
 import sys
 import time
+from typing import Any
 
 from lfpipe.errors import UserError
 from lfpipe.host.terminal import Keyboard
-from lfpipe.observe.latency_table import latency_table
-from lfpipe.observe.screen import Screen, SessionActivity
 from lfpipe.observe.session_commands import SessionCommands
 from lfpipe.observe.session_reader import FollowingReader, Watch
+from lfpipe.observe.state_text import Screen, print_state
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport.status import Table
 
@@ -42,7 +42,7 @@ def stream(name: str, once: bool, as_json: bool, period_s: float = PERIOD_S) -> 
                 sys.stdout.write(json.dumps(state) + "\n")
             else:
                 sys.stdout.write("" if head else "\n\n")
-                latency_table(state)
+                print_state(state)
                 head = False
             sys.stdout.flush()
             if once or not watch.living():
@@ -57,20 +57,21 @@ def screen(name: str) -> None:
 
     console = Console()
     follower, remote, picture = FollowingReader(name), SessionCommands(name), Screen(name)
-    doing, rev, note_end = SessionActivity(), -1, 0.0
+    hello: dict[str, Any] = {}
+    revision, note_end = -1, 0.0
     with Keyboard() as keyboard, Live(console=console, screen=True, auto_refresh=False) as live:
         due = time.monotonic()
         while True:
-            reading = follower.read()
-            if reading is None:
+            state = follower.read()
+            if state is None:
                 live.update(picture.waiting(), refresh=True)
-                doing, rev = SessionActivity(), -1
+                hello, revision = {}, -1
             else:
-                if reading.config_rev != rev:
-                    doing, rev = session_activity(remote), reading.config_rev
+                if state["config_rev"] != revision:
+                    hello, revision = _hello(remote), state["config_rev"]
                 if time.monotonic() > note_end:
                     picture.note = ""
-                live.update(picture.draw(reading, doing, console.width), refresh=True)
+                live.update(picture.draw(state, hello, console.width), refresh=True)
             due = max(due + PERIOD_S, time.monotonic())
             while left_s := max(0.0, due - time.monotonic()):
                 try:
@@ -81,16 +82,16 @@ def screen(name: str) -> None:
                     follower.close()
                     return
                 if key == "r" and follower.watch is not None:
-                    follower.watch.meter.reset()
+                    follower.reset()
                     picture.reset()
                     picture.note, note_end = "counts reset", time.monotonic() + NOTE_S
                 elif key:
                     picture.note, note_end = remote.press(key), time.monotonic() + NOTE_S
 
 
-def session_activity(remote: SessionCommands) -> SessionActivity:
+def _hello(remote: SessionCommands) -> dict[str, Any]:
     """The session's settings; empty if it does not answer."""
     try:
-        return SessionActivity.of(remote.ask({"cmd": "hello"}, 0.5))
+        return remote.ask({"cmd": "hello"}, 0.5)
     except UserError:
-        return SessionActivity()
+        return {}

@@ -13,9 +13,20 @@ from tornado.web import Application, HTTPError
 
 from lfpipe.errors import UserError
 from lfpipe.files.untrusted import json_fields
-from lfpipe.observe.access import NO_TOKEN, NOT_OURS, Access, named, parse_address, same_origin, url_of
-from lfpipe.observe.feed import PICTURES, Feed
-from lfpipe.observe.server import Handler, Missing, listen, run
+from lfpipe.observe.page_feed import PICTURES, Feed
+from lfpipe.observe.server import (
+    NO_TOKEN,
+    NOT_OURS,
+    Access,
+    Handler,
+    Missing,
+    listen,
+    named,
+    parse_address,
+    run,
+    same_origin,
+    url_of,
+)
 
 STATIC = Path(__file__).parent / "static"
 KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}

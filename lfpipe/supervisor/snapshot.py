@@ -1,7 +1,6 @@
 """The state of a session as one plain map, read only from the status table."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,32 +10,23 @@ from lfpipe.render.presence import ViewerState
 from lfpipe.supervisor.process_table import CORE, SHOWN_BY, SOURCE
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import summary_ms
-from lfpipe.transport.status import State, Table, busy_words, rate_hz
+from lfpipe.transport.status import State, busy_words, rate_hz
 
 FACELESS_S = 4.0  # a head may be turned away briefly
 BUSY_SHOWN_S = 0.5  # shorter work is not shown
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
 
 
-def spans(cpus: Iterable[int]) -> str:
-    """Cores in compact form: `0-3 6`."""
-    found: list[list[int]] = []
-    for core in sorted(cpus):
-        if found and core == found[-1][1] + 1:
-            found[-1][1] = core
-        else:
-            found.append([core, core])
-    return " ".join(f"{first}-{last}" if last > first else f"{first}" for first, last in found)
+class StatusRows(Protocol):
+    """What `snapshot` reads: a status table, or copies of its rows."""
 
+    @property
+    def rows(self) -> dict[str, NDArray[np.void]]:
+        """Name of a stage -> record of dtype ROW."""
 
-def ms(value: float) -> str:
-    """A time in ms in five characters, with as many decimals as fit."""
-    return f"{value:5.2f}" if value < 99.995 else f"{value:5.1f}" if value < 999.95 else f"{value:5.0f}"
-
-
-def placed(name: str, cpus: Iterable[int], nice: int) -> str:
-    """Where a process runs, for a person: `track 1`, `render 0-3 nice 5`."""
-    return f"{name} {spans(cpus)}{f' nice {nice}' if nice else ''}"
+    @property
+    def session(self) -> NDArray[np.void]:
+        """Record of dtype SESSION."""
 
 
 def busy(row: NDArray[np.void]) -> str:
@@ -45,7 +35,7 @@ def busy(row: NDArray[np.void]) -> str:
     return f"{words}, {since_s:.0f} s" if words and since_s > BUSY_SHOWN_S else ""
 
 
-def quality(table: Table) -> dict[str, Any]:
+def quality(table: StatusRows) -> dict[str, Any]:
     """`{"level", "lowest_level", "level_words"}`: 0 for full quality, the last level, what is
     reduced. If read during a change, the words may be those of another level.
     """
@@ -54,13 +44,13 @@ def quality(table: Table) -> dict[str, Any]:
     return {"level": int(now["level"]), "lowest_level": int(now["lowest"]), "level_words": words}
 
 
-def light(table: Table) -> str:
+def light(table: StatusRows) -> str:
     """`too little light for 30 Hz` if the camera delivers clearly fewer frames than agreed; else empty."""
     row = table.rows[SOURCE]
     return f"too little light for {int(row['nominal_mhz']) / 1000:.3g} Hz" if row["dim"] else ""
 
 
-def viewer(table: Table) -> str:
+def viewer(table: StatusRows) -> str:
     """The viewer's state, a word of `ViewerState`."""
     return ViewerState(int(table.rows[SHOWN_BY]["viewer"])).word
 
@@ -77,12 +67,7 @@ def motion_to_photon(row: NDArray[np.void]) -> dict[str, float | None]:
     return {f"{name}_ms": round(int(row[f"{name}_ns"]) / 1e6, 2) or None for name in ("onset", "steady")}
 
 
-def photon_words(latency: Mapping[str, float | None]) -> str:
-    """`onset 61.2 ms, steady 4.0 ms` of `motion_to_photon`, as far as they are known."""
-    return ", ".join(f"{key.removesuffix('_ms')} {value:.1f} ms" for key, value in latency.items() if value is not None)
-
-
-def notices(table: Table) -> list[str]:
+def notices(table: StatusRows) -> list[str]:
     """Current messages for people, also shown in the window."""
     found, rows = [], table.rows
     capture, shown = rows[SOURCE], rows[SHOWN_BY]
@@ -96,7 +81,7 @@ def notices(table: Table) -> list[str]:
     return found
 
 
-def snapshot(session: str, table: Table, started_ns: int) -> dict[str, Any]:
+def snapshot(session: str, table: StatusRows, started_ns: int) -> dict[str, Any]:
     """`{"session", "uptime_s", "camera_fps", "camera_light", "level", "viewer", "stages": {...}, "end_to_end": {...},
     "judder": {...}, "horizon": {...}, "motion_to_photon": {...}}`, as `lfpipe monitor --once --json` prints it.
 

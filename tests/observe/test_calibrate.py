@@ -13,7 +13,7 @@ import pytest
 
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Camera
-from lfpipe.config.user_files import write_key
+from lfpipe.config.user_files import write_keys
 from lfpipe.track.engine import Face
 from lfpipe.track.eye_distance import GAUGE_FRAMES, EyeGauge
 from tests.world import World
@@ -33,16 +33,16 @@ def test_one_key_changes_and_nothing_else(before: str, tmp_path: Path) -> None:
     expected = tomllib.loads(before)
     expected.setdefault("camera", {})["focal_px"] = 612.5
     path = tmp_path / "new" / "config.toml"
-    write_key(path, "camera", "focal_px", 1.5)
+    write_keys(path, "camera", {"focal_px": 1.5})
     path.write_text(before)
-    write_key(path, "camera", "focal_px", 612.5)
+    write_keys(path, "camera", {"focal_px": 612.5})
     assert tomllib.loads(path.read_text()) == expected and len(list(path.parent.iterdir())) == 1
     comments = [[line.partition("#")[2] for line in text.splitlines() if "#" in line] for text in (before, path.read_text())]
     assert comments[0] == comments[1]
     for damaged in ("camera = 3\n", "[camera\n"):
         path.write_text(damaged)
         with pytest.raises(ValueError):
-            write_key(path, "camera", "focal_px", 612.5)
+            write_keys(path, "camera", {"focal_px": 612.5})
         assert path.read_text() == damaged
 
 

@@ -7,7 +7,7 @@ import pytest
 from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo, as_read, orient
 from lfpipe.errors import UserError
-from lfpipe.observe.camera_watch import CameraWatch
+from lfpipe.observe.loop_calibration import CameraWatch
 from lfpipe.transport.stamp_kind import StampKind
 
 

@@ -6,7 +6,8 @@ import pytest
 
 from lfpipe.errors import UserError
 from lfpipe.observe.loop_calibration import advice
-from lfpipe.observe.loop_delay import LoopDelay, Recording, estimate, find_area
+from lfpipe.observe.loop_delay import LoopDelay, estimate, find_area
+from lfpipe.observe.loop_fit import Recording
 from profiling.photon import bad_recordings, outcome
 from profiling.photon_simulation import HEIGHT_PX, WIDTH_PX, Loop, drawn, geometry, recording
 

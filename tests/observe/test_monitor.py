@@ -67,12 +67,14 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
     world.up(scene)
     world.pictures(5)
     terminal, second = Terminal(world), Terminal(world)
-    shown = terminal.until(r"rst: restarts")
-    assert "capture running" in shown and "render  running" in shown and "age of pictures" in shown and "q quit" in shown
+    terminal.until("age of the picture")
+    terminal.until("rst: restarts")
+    shown = terminal.until("rst: restarts")
+    assert "capture running" in shown and "render  running" in shown and "q quit" in shown
     assert max(len(line) for line in shown.splitlines()) <= 80
     second.until("running")
     terminal.until(r"viewer (arriving|seated)")
-    terminal.until(r"eyes predicted by p50 \d")
+    terminal.until(r"eyes predicted ahead of the sensor by p50 \d")
     terminal.press("w")
     terminal.until("nearest views")
     second.until("nearest views")
@@ -109,7 +111,7 @@ def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None
         patch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
         for _ in range(20):
             with Watch(find(world.name)) as watch:
-                assert watch.living() and watch.meter.read().stages
+                assert watch.living() and watch.read_window()["stages"]
     for signum in (signal.SIGKILL, signal.SIGINT):  # whole processes, killed and ended cleanly
         viewer = world.start("monitor", "--session", world.name, "--json")
         assert viewer.stdout is not None and json.loads(viewer.stdout.readline())["session"] == world.name
@@ -140,7 +142,7 @@ def test_streams_and_wrong_words(live: World) -> None:
     for words in (("--web", "--json"), ("--once", "--web")):
         assert CliRunner().invoke(cli, ["monitor", "--session", world.name, *words]).exit_code == 2
     plain = Terminal(world, term="dumb")
-    plain.until(r"drops restarts[^\x1b]*drops restarts")  # sample after sample, with nothing but text
+    plain.until(r"drops rst[^\x1b]*drops rst")  # sample after sample, with nothing but text
     plain.process.send_signal(signal.SIGINT)
     assert plain.ended() == 130
     missing = world.run("monitor", "--session", "nobody")

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.observe.access import Access, named, parse_address, same_origin, url_of
+from lfpipe.observe.server import Access, named, parse_address, same_origin, url_of
 from tests.web.browser import Browser, missing
 from tests.web.server import Server, until
 from tests.world import World

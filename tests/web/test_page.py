@@ -81,7 +81,7 @@ def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, s
         world.trace.unlink()
         world.up(scene)
         until(lambda: browser.ask("window.lfpipe.last && window.lfpipe.last.alive"), "session that returned")
-        until(lambda: browser.ask("window.lfpipe.last.camera_hz > 5 && window.lfpipe.last.face"), "its figures", 60)
+        until(lambda: browser.ask("window.lfpipe.last.camera_fps > 5 && window.lfpipe.last.stages.track.face"), "its figures", 60)
         assert server.ask("POST", "/ctl", {"cmd": "recentre"})[0] == 200
 
 
@@ -108,7 +108,7 @@ def test_the_grid_is_where_the_mapping_says() -> None:
     gaze = EyesOnGrid(5, 7, 20.0, (300.0, 220.0), ((310.0, 230.0), (270.0, 230.0)), ((2.5, 2.5), (2.5, 4.5)), True)
     for row, col in ((0, 0), (4, 6), (2, 3), (1, 5)):
         place = gaze.place_px(row, col)
-        assert solver.views((*place, *place))[0] == pytest.approx((row, col))
+        assert solver.views([place, place])[0] == pytest.approx((row, col))
     picture = np.zeros((480, 640, 3), np.uint8)
     draw_over_eyes(picture, gaze)
     x, y = gaze.place_px(4, 6)

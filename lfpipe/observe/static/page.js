@@ -16,6 +16,8 @@ function wide(element) { return Math.max(240, element.clientWidth); }
 
 const ms = (value) => value === null || value === undefined ? "" : `${value.toFixed(1)} ms`;
 
+const dash = (times, key) => times.n ? times[key].toFixed(1) : "–"; // a figure that does not exist
+
 function makeLatency(names) {
   const newest = (plot, at, k) => ms(at === null ? plot.data[k][plot.data[k].length - 1] : at); // in the legend, without a pointer too
   const line = (label, key) => ({ label, value: newest, stroke: () => inkOf(key), width: key === "age" ? 2 : 1.2, points: { show: false } });
@@ -44,7 +46,7 @@ function makeHist(box, name, edges) {
 }
 
 function charts(told) {
-  const names = told.stages.map((stage) => stage.name);
+  const names = Object.keys(told.stages);
   if (page.latency === null || names.join() !== Object.keys(rows.stages).join()) {
     if (page.latency) page.latency.destroy();
     const boxes = names.map(makeBox);
@@ -53,22 +55,22 @@ function charts(told) {
     page.latency = makeLatency(names);
     names.forEach((name, k) => { page.hists[name] = makeHist(boxes[k], name, told.edges_ms); });
   }
-  rows.t.push(told.uptime_s); rows.age.push(told.age_now);
-  for (const stage of told.stages) {
-    rows.stages[stage.name].push(stage.wait.p50 + stage.busy.p50);
-    page.hists[stage.name].setData([stage.hist.map((_, k) => k), stage.hist]);
+  rows.t.push(told.uptime_s); rows.age.push(told.age_now_ms);
+  for (const [name, stage] of Object.entries(told.stages)) {
+    rows.stages[name].push(stage.wait.p50_ms + stage.busy.p50_ms);
+    page.hists[name].setData([stage.busy_counts.map((_, k) => k), stage.busy_counts]);
   }
   for (const list of [rows.t, rows.age, ...Object.values(rows.stages)]) if (list.length > POINTS) list.shift();
   page.latency.setData([rows.t, rows.age, ...Object.values(rows.stages)]);
 }
 
 function table(told) {
-  const cells = (stage) => [[stage.name], [stage.state.toLowerCase(), stage.state !== "RUNNING"], [stage.hz.toFixed(1)], [stage.wait.p50.toFixed(2)],
-    [stage.busy.p50.toFixed(2)], [stage.busy.p95.toFixed(2)], [stage.busy.p99.toFixed(2)], [stage.worst.toFixed(2)],
-    [stage.dropped, stage.dropped > 0], [stage.restarts, stage.restarts > 0], [stage.cpu.toFixed(0)], [stage.cpus], [stage.nice], [stage.rss.toFixed(0)]];
-  $("stages").replaceChildren(...told.stages.map((stage) => {
+  const cells = (name, stage) => [[name], [stage.state.toLowerCase(), stage.state !== "RUNNING"], [stage.fps.toFixed(1)], [stage.wait.p50_ms.toFixed(2)],
+    [stage.busy.p50_ms.toFixed(2)], [stage.busy.p95_ms.toFixed(2)], [stage.busy.p99_ms.toFixed(2)], [stage.worst_ms.toFixed(2)],
+    [stage.dropped, stage.dropped > 0], [stage.restarts, stage.restarts > 0], [stage.cpu_percent.toFixed(0)], [stage.cpus], [stage.nice], [stage.rss_mb.toFixed(0)]];
+  $("stages").replaceChildren(...Object.entries(told.stages).map(([name, stage]) => {
     const row = document.createElement("tr");
-    for (const [text, bad] of cells(stage)) {
+    for (const [text, bad] of cells(name, stage)) {
       const cell = document.createElement("td");
       cell.textContent = text;
       if (bad) cell.className = "bad";
@@ -144,10 +146,10 @@ function draw(event) {
   page.last = told;
   if (!told.alive) { $("state").textContent = "no session; waiting for one"; return; }
   const minutes = Math.floor(told.uptime_s / 60), seconds = Math.floor(told.uptime_s % 60).toString().padStart(2, "0");
-  $("state").textContent = `up ${minutes}:${seconds}, camera ${told.camera_hz.toFixed(1)} Hz${told.camera_light ? ` (${told.camera_light})` : ""}, viewer ${told.viewer}`
+  $("state").textContent = `up ${minutes}:${seconds}, camera ${told.camera_fps.toFixed(1)} Hz${told.camera_light ? ` (${told.camera_light})` : ""}, viewer ${told.viewer}`
     + `${told.paused ? ", paused" : ""}`
-    + `${told.level ? `, quality lowered to ${told.level_words} (${told.level} of ${told.lowest_level})` : ""}; age of pictures p50 ${told.age.p50.toFixed(1)}, p99 ${told.age.p99.toFixed(1)} ms, `
-    + `eyes predicted by ${told.horizon.p50.toFixed(1)} ms${told.motion_to_photon ? `; motion to photon: ${told.motion_to_photon}` : ""}`;
+    + `${told.level ? `, quality lowered to ${told.level_words} (${told.level} of ${told.lowest_level})` : ""}; age of pictures p50 ${dash(told.end_to_end, "p50_ms")}, p99 ${dash(told.end_to_end, "p99_ms")} ms, `
+    + `eyes predicted by ${dash(told.horizon, "p50_ms")} ms${told.motion_to_photon ? `; motion to photon: ${told.motion_to_photon}` : ""}`;
   if (document.hidden) return;
   charts(told); table(told); show(told);
 }
