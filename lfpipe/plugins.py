@@ -1,10 +1,10 @@
 """Parts from other packages, by entry points: layouts, face engines, filters and displays. docs/extending.md describes each.
 
-    lfpipe.layouts    a module or object with NAME, detect and describe (`lfpipe.scene.layouts.Layout`)
-    lfpipe.engines    a function of `config.Track` that returns a `lfpipe.track.engine.Engine`; a value of track.engine
-    lfpipe.filters    a function of `config.Track` and loop_s that returns a `lfpipe.track.smoothing.EyeFilter`; of track.filter
-    lfpipe.displays   a function of (argument, size_px, title, rate_hz) that returns a `lfpipe.render.display.Display`; `--display
-                      NAME[:ARGUMENT]`
+lfpipe.layouts    a module or object with NAME, detect and describe (`lfpipe.scene.layouts.Layout`)
+lfpipe.engines    a function of `config.Track` that returns a `lfpipe.track.engine.Engine`; a value of track.engine
+lfpipe.filters    a function of `config.Track` and loop_s that returns a `lfpipe.track.smoothing.EyeFilter`; of track.filter
+lfpipe.displays   a function of (argument, size_px, title, rate_hz) that returns a `lfpipe.render.display.Display`; `--display
+                  NAME[:ARGUMENT]`
 """
 
 import functools

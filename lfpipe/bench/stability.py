@@ -58,8 +58,10 @@ def covariance_table(rounds: int) -> Table:
     """The default filter's own models, over and far beyond their settings."""
     steps_ns, noises = (200_000, 4_166_667, 33_333_333, 400_000_000), (1e-6, 1e-3, 1.0)
     rows = tuple(
-        (Cell(f"q {q:.0e}, noise {r:.0e}"),
-         *(judged_cell(partial(covariance_error, q, r, d, rounds), 1e-9, 1e-3) for d in steps_ns))
+        (
+            Cell(f"q {q:.0e}, noise {r:.0e}"),
+            *(judged_cell(partial(covariance_error, q, r, d, rounds), 1e-9, 1e-3) for d in steps_ns),
+        )
         for q, r in itertools.product((1e-6, 1.0, 1200.0, 1e9), noises)
     )
     note = "Worst relative error of an entry against rational arithmetic; failed if a matrix is no longer semi-definite."

@@ -43,7 +43,7 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
     ask = f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still."
     try:
         if has_display():
-            from lfpipe.render.calibration_window import CalibrationWindow
+            from lfpipe.render.window import CalibrationWindow
 
             guide = CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")
         while not (gauge.full and gauge.steady and (guide is None or guide.enter)):
@@ -77,7 +77,7 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
     if not has_display():
         raise UserError("--by card needs a screen for a window to click in", "run it on a desktop, or use --by eyes")
     source, picture, frozen = open_source(camera or config.camera.source, config.camera), _frame(config), False
-    from lfpipe.render.calibration_window import CalibrationWindow
+    from lfpipe.render.window import CalibrationWindow
 
     guide = CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")
     try:

@@ -16,6 +16,7 @@ from lfpipe.observe.loop_delay import AREA_R, LEAST_FRAMES, LEAST_PIXELS, SPAN, 
 from lfpipe.observe.loop_fit import Recording
 from lfpipe.render.display import has_display
 from lfpipe.render.monitors import Monitor
+from lfpipe.render.overlay import Overlay
 from lfpipe.render.refresh import ScreenClock
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns, sleep_until
 from lfpipe.transport.stamp_kind import StampKind
@@ -232,4 +233,4 @@ class _Guide:
         if since_s:
             state = f"Screen detected. Measuring: {since_s:.0f} s of {MEASURE_S:.0f} to {MOST_S:.0f}. Keep still."
         inset = self._watch.inset
-        self._window.overlay([state, "f full screen, q ends"], None if inset is None else outlined(inset, area))
+        self._window.overlay(Overlay((state, "f full screen, q ends"), None if inset is None else outlined(inset, area)))

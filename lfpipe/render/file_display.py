@@ -9,7 +9,6 @@ import queue
 import shutil
 import threading
 import time
-from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -20,9 +19,8 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area, opencv_name
 from lfpipe.files.h264 import H264Writer, encoder_name, write_error
 from lfpipe.files.output import OutputFile, check_output, mark_video, marked_picture, write_output
-from lfpipe.host.files import is_dir
 from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
-from lfpipe.render.display import DisplayNotice, NullDisplay
+from lfpipe.render.display import Display, DisplayNotice
 from lfpipe.render.pair_layout import Pair, scale_into
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it reports past Python; notices report the same
@@ -54,7 +52,7 @@ def check_file(path: Path) -> None:
             raise UserError(f"--display file:{path}: {error.message}", error.remedy) from None
 
 
-class FileDisplay(NullDisplay):
+class FileDisplay(Display):
     """Writes pictures at a constant rate in its own thread: a picture stays until the next one, as on a screen.
 
     A recording holds only the pictures: no overlays, no title, no size in mm.
@@ -208,24 +206,6 @@ class FileDisplay(NullDisplay):
     def _end(self, why: str) -> None:
         self._lost.set()
         self._notices.put(DisplayNotice(f"{self._path}: the video ends here after {self._written} pictures: {why}", lost=True))
-
-
-def picture_folder(home: Path, environment: Mapping[str, str]) -> Path:
-    """The folder for pictures: the desktop's, or else the working directory.
-
-    The desktop's folder is XDG_PICTURES_DIR in user-dirs.dirs (xdg-user-dirs); without that file, ~/Pictures.
-    """
-    found = home / "Pictures"
-    try:
-        known = Path(environment.get("XDG_CONFIG_HOME") or home / ".config") / "user-dirs.dirs"
-        for line in known.read_text(errors="replace").splitlines():
-            name, _, value = line.partition("=")
-            if name.strip() == "XDG_PICTURES_DIR":
-                found = Path(value.strip().strip('"').replace("$HOME", str(home)))
-    except OSError:
-        pass
-    usable = found.is_absolute() and found != home and is_dir(found) and os.access(found, os.W_OK)
-    return found if usable else Path.cwd()
 
 
 def save(path: Path, picture: NDArray[np.uint8]) -> str:

@@ -1,26 +1,27 @@
-"""Actions of the viewer's keys. Settings go through the supervisor like all others, so that every stage gets them.
+"""Actions of the viewer's keys, and what lies over the picture. Settings go through the supervisor like all others, so that every
+stage gets them.
 
 The picture shows every change for a moment, whoever made it.
 """
 
-import math
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
+import platformdirs
 
 from lfpipe.config import Render, choices
 from lfpipe.config.quality import level_number
-from lfpipe.render.display import BarState, Display
-from lfpipe.render.file_dialog import ABSENT, FileDialog
-from lfpipe.render.file_display import picture_folder, save
+from lfpipe.host.files import is_dir
+from lfpipe.render.display import Display
+from lfpipe.render.file_display import save
 from lfpipe.render.geometry import depth_step_px, zero_plane_px
-from lfpipe.render.glasses_help import GlassesHelp
-from lfpipe.render.overlay import SHOWN_NS, Notices, StatusOverlay
+from lfpipe.render.glasses import Glasses, glasses_menu
+from lfpipe.render.notices import SHOWN_NS, Notices, status_lines, views_map
+from lfpipe.render.overlay import DEPTH, Item, Overlay, bar_items
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.scene_menu import NO_OTHER, SceneLoader, SceneMenu
+from lfpipe.render.scenes import NO_DIALOG, NO_OTHER, FileDialog, SceneLoader, ScenePage
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, undecided
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -30,7 +31,7 @@ from lfpipe.transport.status import State
 ALPHA_STEP = 1.1
 MODES = choices("render.anaglyph")
 SETTLED_NS = SECOND_NS // 2  # a resize is over once the width has not changed for this long
-OVERLAY_NS = SECOND_NS // 2
+STATUS_NS = SECOND_NS // 2  # between two readings of the overlay's figures
 FACELESS_NS = 4 * SECOND_NS  # a turned head is no reason for a notice
 INVITATION = "put on the glasses and stand in front of the screen"
 ASKED_NS = 8 * SECOND_NS
@@ -38,96 +39,185 @@ LOST = "camera lost, trying again"
 
 
 class KeyBindings:
-    """Handles a display's events, notices and overlay. scenes, menu: other scenes."""
+    """Handles a display's events and notices. scenes: other scenes."""
 
     def __init__(self, context: Context, viewer: Viewer, presenter: Presenter, display: Display) -> None:
         self._context, self._viewer, self._presenter, self._display = context, viewer, presenter, display
-        self._status = StatusOverlay(context, viewer)
-        self._notices, self._said = Notices(), [""]
+        self._notices = Notices()
         self.scenes = SceneLoader(context, self._notices)
-        self.menu = SceneMenu(context, display, self.scenes)
-        self._glasses = GlassesHelp(context, presenter, display, self._notices, self.menu.open)
-        self._dialog = FileDialog()
-        self._overlay_due_ns = 0
-        self._width_mm, self._settled_ns = display.width_mm(), 0
+        self._page, self._dialog = ScenePage(context), FileDialog()
+        self._glasses = Glasses(context, self._notices)
+        self._asks = False  # whether the question about the glasses is open
+        self._status, self._status_due_ns = Overlay(), 0  # lines and map of the overlay
         self._overlay = False
+        self._width_mm, self._settled_ns = display.width_mm(), 0
         self._known = (context.config.render, level_number(context.options), viewer.field.name, viewer.field.half_turned)
+        self._actions: dict[str, Callable[[str], None]] = {
+            "quit": lambda _: context.request("stop"),
+            "recentre": self._recentre,
+            "screenshot": lambda _: self._screenshot(),
+            "overlay": lambda _: self._switch_overlay(),
+            "freeze": lambda _: context.request("resume" if context.paused else "pause"),
+            "mode": lambda _: self._set(anaglyph=MODES[(MODES.index(context.config.render.anaglyph) + 1) % len(MODES)]),
+            "depth+": lambda _: self._move_plane(1),
+            "depth-": lambda _: self._move_plane(-1),
+            "alpha+": lambda _: self._scale_alpha(ALPHA_STEP),
+            "alpha-": lambda _: self._scale_alpha(1 / ALPHA_STEP),
+            "automatic": lambda _: self._set(alpha_px="auto", zero_plane_px=Render().zero_plane_px, depth=Render().depth),
+            DEPTH: lambda share: self._set(alpha_px="auto", depth=float(share)),
+            "swap": lambda _: self._set(swap_eyes=not context.config.render.swap_eyes),
+            "half-turn": lambda _: context.request("set", set={"scene.half_turn": "no" if viewer.field.half_turned else "yes"}),
+            "record": lambda _: self._record(),
+            "choose": lambda _: self._switch_page(),
+            "close": lambda _: self._close_menu(),
+            "load": self._load,
+            "delete": lambda event: self._page.forget(event.removeprefix("load ")),
+            "next": lambda _: self.scenes.step(1),
+            "previous": lambda _: self.scenes.step(-1),
+            "open": lambda _: self._open(folder=True),
+            "open-file": lambda _: self._open(folder=False),
+            "which": lambda _: self._ask(),
+            "wear": self._wear,
+            "glasses": lambda _: self._test_glasses(),
+            "more": lambda _: self._glasses.compensate(1),
+            "less": lambda _: self._glasses.compensate(-1),
+        }
         self._ask_about_depth()
         first = not context.row["restarts"]
+        self._page_waits = context.options.start and first  # for the answer about the glasses, and their test
         if context.options.ask_glasses and first:
-            self._glasses.ask()
-        elif context.options.start and first:
-            self.menu.open()
+            self._asks = True
+        else:
+            self._go_on()
 
     def serve(self) -> None:
-        """Handles the keys since the last call and refreshes notices and overlay."""
+        """Handles the keys since the last call and refreshes what lies over the picture."""
         for event in self._display.events():
             self._presenter.redraw()
-            if not self._glasses.takes(event) and not self.menu.takes(event):
-                self._carry_out(event)
+            word, _, argument = event.partition(" ")
+            if word in self._actions:
+                self._actions[word](argument)
         if (path := self._dialog.chosen()) is not None:
             self.scenes.load(path.absolute())
-        self._presenter.mouse.follow(self._display.pointer(), now_ns())
+        t_ns = now_ns()
+        self._presenter.mouse.follow(self._display.pointer(), t_ns)
         self.pass_on_notices()
         self._follow_width()
-        t_ns = now_ns()
         self.scenes.serve(t_ns)
-        self._display.progress(self.scenes.share)
-        self.menu.serve(t_ns)
+        self._page.serve(t_ns)
         self._notice_changes(t_ns)
-        self._show_bar()
-        if (lines := self._notices.lines(t_ns)) != self._said:
-            self._said = lines
-            self._display.say(lines)
-        if self._overlay and t_ns >= self._overlay_due_ns:
-            self._overlay_due_ns = t_ns + OVERLAY_NS
-            self._display.overlay(self._status.lines(), self._status.map())
+        if self._overlay and t_ns >= self._status_due_ns:
+            self._status_due_ns = t_ns + STATUS_NS
+            self._status = Overlay(status_lines(self._context, self._viewer), views_map(self._viewer))
             self._presenter.redraw()
+        menu = glasses_menu(self._context.config.render.anaglyph) if self._asks else self._page.menu
+        lines, inset, notices = self._status.lines, self._status.inset, self._notices.lines(t_ns)
+        self._display.overlay(Overlay(lines, inset, notices, self.scenes.share, menu, self._bar()))
 
-    def _carry_out(self, event: str) -> None:
-        render = self._context.config.render
-        if event == "quit":
-            self._context.request("stop")
-        elif event == "recentre":
-            self._context.request("recentre")
-            self._notices.say("centre", "centred where you are", now_ns())
-        elif event == "screenshot":
-            self._screenshot()
-        elif event == "overlay":
-            self._overlay, self._overlay_due_ns = not self._overlay, 0
-            self._display.overlay([])
-        elif event == "freeze":
-            self._context.request("resume" if self._context.paused else "pause")
-        elif event == "mode":
-            self._set(anaglyph=MODES[(MODES.index(render.anaglyph) + 1) % len(MODES)])
-        elif event in ("depth+", "depth-"):
-            field = self._viewer.field
-            step_px = depth_step_px(field.disparity_min_px, field.disparity_max_px)
-            moved = round(zero_plane_px(field, render) / step_px) + (1 if event == "depth+" else -1)
-            self._set(zero_plane_px=round(moved * step_px, 6))
-        elif event in ("alpha+", "alpha-") and self._viewer.parallax is not None:
-            step = ALPHA_STEP if event == "alpha+" else 1 / ALPHA_STEP
-            self._set(alpha_px=round(self._viewer.parallax.alpha_px * step, 3))
-        elif event == "automatic":
-            self._set(alpha_px="auto", zero_plane_px=Render().zero_plane_px, depth=Render().depth)
-        elif event == "choose":
+    # menus
+
+    def _ask(self) -> None:
+        self._page.close()
+        self._asks = True
+
+    def _switch_page(self) -> None:
+        options = self._context.options
+        if self._asks or self._page.menu is not None:
+            self._close_menu()
+        elif len(options.playlist) > 1 or options.start:
+            self._page.open()
+        else:
             self._notices.say("scene", NO_OTHER, now_ns())
-        elif event in ("next", "previous"):
-            self.scenes.step(1 if event == "next" else -1)
-        elif event == "drop":
+
+    def _close_menu(self) -> None:
+        asked, self._asks = self._asks, False
+        self._page.close()
+        if asked:
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Opens the start page that waits, once."""
+        if self._page_waits:
+            self._page_waits = False
+            self._page.open()
+
+    def _wear(self, anaglyph: str) -> None:
+        self._asks = False
+        if not self._glasses.wear(anaglyph):
+            self._go_on()
+
+    def _test_glasses(self) -> None:
+        self._asks = False
+        self._page.close()
+        self._glasses.switch()
+        if not self._glasses.tests:
+            self._go_on()
+
+    def _load(self, path: str) -> None:
+        self._page.close()
+        if path:
+            self.scenes.load(Path(path).absolute())
+        else:
             self._notices.say("scene", "not loaded: its name is not UTF-8; use `lfpipe ctl load`", now_ns(), 2 * SHOWN_NS)
-        elif event.startswith("drop "):
-            self.scenes.load(Path(event.removeprefix("drop ")).absolute())
-        elif event == "swap":
-            self._set(swap_eyes=not render.swap_eyes)
-        elif event == "half-turn":
-            self._context.request("set", set={"scene.half_turn": "no" if self._viewer.field.half_turned else "yes"})
-        elif event.startswith("depth "):
-            self._set(alpha_px="auto", depth=float(event.removeprefix("depth ")))
-        elif event == "record":
-            self._record()
-        elif event in ("open", "open-file") and not self._dialog.open(event == "open"):
-            self._notices.say("scene", ABSENT, now_ns(), 2 * SHOWN_NS)
+
+    def _open(self, folder: bool) -> None:
+        if not self._dialog.open(folder):
+            self._notices.say("scene", NO_DIALOG, now_ns(), 2 * SHOWN_NS)
+
+    def _bar(self) -> tuple[Item, ...]:
+        options, field, render = self._context.options, self._viewer.field, self._context.config.render
+        if options.kiosk:
+            return ()
+        without = set() if len(options.playlist) > 1 or options.start else {"choose"}
+        if not options.tracking:
+            without.add("record")
+        if field.rows * field.cols == 1:
+            without |= {DEPTH, "half-turn", "recentre", "which"}
+        depth = 1.0 if render.alpha_px == "true" else render.depth
+        return bar_items(depth, bool(options.record), frozenset(without))
+
+    def _switch_overlay(self) -> None:
+        self._overlay, self._status, self._status_due_ns = not self._overlay, Overlay(), 0
+
+    # settings
+
+    def _set(self, **values: object) -> None:
+        self._context.request("set", set={f"render.{name}": value for name, value in values.items()})
+
+    def _recentre(self, _: str) -> None:
+        self._context.request("recentre")
+        self._notices.say("centre", "centred where you are", now_ns())
+
+    def _move_plane(self, sign: int) -> None:
+        field = self._viewer.field
+        step_px = depth_step_px(field.disparity_min_px, field.disparity_max_px)
+        number = round(zero_plane_px(field, self._context.config.render) / step_px) + sign
+        self._set(zero_plane_px=round(number * step_px, 6))
+
+    def _scale_alpha(self, factor: float) -> None:
+        if self._viewer.parallax is not None:
+            self._set(alpha_px=round(self._viewer.parallax.alpha_px * factor, 3))
+
+    # files
+
+    def _record(self) -> None:
+        """Begins or ends a recording of the camera, with the eyes, beside the pictures."""
+        if self._context.options.record:
+            self._context.request("record", path="")
+            return
+        path = _picture_folder() / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S")
+        self._context.request("record", path=str(path), eyes=True)
+        self._notices.say("record", f"recording to {_short(str(path))}", now_ns())
+
+    def _screenshot(self) -> None:
+        if self._presenter.picture is None:
+            return
+        path = _picture_folder() / time.strftime("lfpipe-%Y%m%d-%H%M%S.png")
+        text = save(path, self._presenter.picture) or f"picture saved as {path}"
+        self._context.emit("notice", text=text)
+        self._notices.say("picture", _short(text), now_ns())
+
+    # notices
 
     def _ask_about_depth(self) -> None:
         """Says, the first time an undecided scene is shown, how to exchange near and far."""
@@ -137,41 +227,15 @@ class KeyBindings:
             self._notices.say("near and far", "press d if near and far are exchanged", now_ns(), ASKED_NS)
             remember(field, "asked")
 
-    def _record(self) -> None:
-        """Begins or ends a recording of the camera, with the eyes, beside the pictures."""
-        if self._context.options.record:
-            self._context.request("record", path="")
-            return
-        path = picture_folder(Path.home(), os.environ) / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S")
-        self._context.request("record", path=str(path), eyes=True)
-        self._notices.say("record", f"recording to {str(path).replace(str(Path.home()), '~')}", now_ns())
-
-    def _show_bar(self) -> None:
-        options = self._context.options
-        without = set() if len(options.playlist) > 1 or options.start else {"choose"}
-        if not options.tracking:
-            without.add("record")
-        if self._viewer.field.rows * self._viewer.field.cols == 1:
-            without |= {"depth", "half-turn", "recentre", "which"}
-        render = self._context.config.render
-        depth = 1.0 if render.alpha_px == "true" else render.depth
-        self._display.bar(BarState(depth, bool(options.record), frozenset(without)))
-
-    def _set(self, **values: object) -> None:
-        self._context.request("set", set={f"render.{name}": value for name, value in values.items()})
-
     def _notice_changes(self, t_ns: int) -> None:
         """Shows a notice for each change since the last call."""
-        context, row = self._context, self._context.row
-        field = self._viewer.field
+        context, row, field = self._context, self._context.row, self._viewer.field
         render, level, scene = context.config.render, level_number(context.options), field.name
         before, level_before, scene_before, half_turned_before = self._known
-        if render != before:
-            for subject, text in _changes(before, render):
-                self._notices.say(subject, text, t_ns)
+        for subject, text in _changes(before, render) if render != before else ():
+            self._notices.say(subject, text, t_ns)
         if level and not level_before:
             self._notices.say("quality", "busy computer: simpler picture for now", t_ns)
-        self._glasses.follow(render)
         if scene != scene_before:
             self._display.title(scene)
             self._notices.say("scene", scene, t_ns)
@@ -179,6 +243,11 @@ class KeyBindings:
         elif field.half_turned != half_turned_before:
             self._notices.say("near and far", "near and far exchanged: d exchanges them again", t_ns)
         self._known = (render, level, scene, field.half_turned)
+        self._glasses.follow(render)
+        if self._presenter.tests_glasses != self._glasses.tests:
+            self._presenter.tests_glasses = self._glasses.tests
+            self._presenter.redraw()
+        self._notices.state("glasses", self._glasses.words(render))
         self._notices.state("paused", "paused: p or space resumes" if context.paused else "")
         lost = int(context.table.rows[context.spec.source]["state"]) == State.READY  # it has no camera
         self._notices.state("camera", LOST if lost else "")
@@ -186,15 +255,6 @@ class KeyBindings:
         faceless = context.options.tracking and not lost and not context.paused and row["t_face_ns"] and away_ns > FACELESS_NS
         words = INVITATION if context.options.kiosk else f"no face for {away_ns // SECOND_NS} s: move into the camera's view"
         self._notices.state("face", words if faceless else "")
-        self._notices.state("glasses", self._glasses.words(render))
-
-    def _follow_width(self) -> None:
-        """A larger picture has larger parallax: alpha follows once the window keeps its size."""
-        width_mm = self._display.width_mm()
-        if width_mm != self._width_mm:
-            self._width_mm, self._settled_ns = width_mm, now_ns() + SETTLED_NS
-        elif now_ns() >= self._settled_ns and self._viewer.shown_as_wide(width_mm):
-            self._presenter.redraw()
 
     def pass_on_notices(self) -> None:
         """Emits the display's notices."""
@@ -204,34 +264,38 @@ class KeyBindings:
             else:
                 self._context.emit("notice", text=notice.text)
 
-    def _screenshot(self) -> None:
-        picture: NDArray[np.uint8] | None = self._presenter.picture
-        if picture is None:
-            return
-        folder = picture_folder(Path.home(), os.environ)
-        path = folder / time.strftime("lfpipe-%Y%m%d-%H%M%S.png")
-        said = save(path, picture) or f"picture saved as {path}"
-        self._context.emit("notice", text=said)
-        self._notices.say("picture", said.replace(str(Path.home()), "~"), now_ns())
+    def _follow_width(self) -> None:
+        """A larger picture has larger parallax: alpha follows once the window keeps its size."""
+        width_mm = self._display.width_mm()
+        if width_mm != self._width_mm:
+            self._width_mm, self._settled_ns = width_mm, now_ns() + SETTLED_NS
+        elif now_ns() >= self._settled_ns and self._viewer.shown_as_wide(width_mm):
+            self._presenter.redraw()
+
+
+def _picture_folder() -> Path:
+    """The desktop's folder for pictures, or else the working directory."""
+    folder = platformdirs.user_pictures_path()
+    return folder if folder != Path.home() and is_dir(folder) and os.access(folder, os.W_OK) else Path.cwd()
+
+
+def _short(text: str) -> str:
+    return text.replace(str(Path.home()), "~")
 
 
 def _changes(before: Render, now: Render) -> list[tuple[str, str]]:
     """(subject, text) of each changed setting that a viewer notices."""
-    found = []
-    if now.depth != before.depth:
-        found.append(("depth", f"depth: {now.depth:.0%} of the way from comfort to true"))
-    if now.anaglyph != before.anaglyph:
-        found.append(("mode", f"mode: {now.anaglyph}"))
-    if now.zero_plane_px != before.zero_plane_px:
-        plane = f"{now.zero_plane_px:+.2f} px/view" if not isinstance(now.zero_plane_px, str) else now.zero_plane_px
-        found.append(("depth", f"depth: zero plane {plane}"))
-    if now.alpha_px != before.alpha_px:
-        alpha = f"{now.alpha_px:.1f} px/view" if not isinstance(now.alpha_px, str) else now.alpha_px
-        found.append(("alpha", f"head movement: alpha {alpha}"))
-    if now.method != before.method:
-        found.append(("method", f"views: {now.method}"))
-    if now.swap_eyes != before.swap_eyes:
-        found.append(("swap", "eyes swapped" if now.swap_eyes else "eyes as they are"))
-    if not math.isclose(now.ghost_compensation, before.ghost_compensation):
-        found.append(("ghost", f"ghost compensation: {now.ghost_compensation:.0f} %"))
-    return found
+
+    def number(value: float | str, form: str) -> str:
+        return value if isinstance(value, str) else f"{value:{form}} px/view"
+
+    texts = {
+        "depth": ("depth", f"depth: {now.depth:.0%} of the way from comfort to true"),
+        "anaglyph": ("mode", f"mode: {now.anaglyph}"),
+        "zero_plane_px": ("depth", f"depth: zero plane {number(now.zero_plane_px, '+.2f')}"),
+        "alpha_px": ("alpha", f"head movement: alpha {number(now.alpha_px, '.1f')}"),
+        "method": ("method", f"views: {now.method}"),
+        "swap_eyes": ("swap", "eyes swapped" if now.swap_eyes else "eyes as they are"),
+        "ghost_compensation": ("ghost", f"ghost compensation: {now.ghost_compensation:.0f} %"),
+    }
+    return [text for name, text in texts.items() if getattr(now, name) != getattr(before, name)]

@@ -1,23 +1,16 @@
-"""What lies over the picture in the window: text, help, menu, progress and the bar, with what a click on them means."""
+"""The overlay of one window: its panels, and what a key, a click or a touch on them means."""
 
 import time
 from collections.abc import Callable
 
 import attrs
-import numpy as np
-from numpy.typing import NDArray
 
-from lfpipe.render.bar import SHOWN_S, Bar
-from lfpipe.render.display import KEYS, BarState, Pointer
-from lfpipe.render.painters import Panels, panel
+from lfpipe.render.overlay import HELP, Overlay, Pointer
+from lfpipe.render.panels import Panel, Place, bar_panel, menu_panel, progress_panel, slider_event, text_panel
 from lfpipe.render.window_system import pygame
 
-MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
-HINT_S = 6.0
-MENU_SHARE = 0.9  # of the window, at most
-PROGRESS_PX = 4
-EDGE_PX = 12
-Place = tuple[int, int]
+HINT_S, BAR_S = 6.0, 3.0  # the hint stays; the bar stays after the last move of the mouse
+PAGES = {"next": 1, "previous": -1}
 
 
 def moved(pointer: Pointer, event: pygame.Event, window_size: Place) -> Pointer:
@@ -25,108 +18,95 @@ def moved(pointer: Pointer, event: pygame.Event, window_size: Place) -> Pointer:
     if event.type == pygame.MOUSEWHEEL:
         return attrs.evolve(pointer, wheel=pointer.wheel + event.y)
     x, y = (min(max(at / size, 0.0), 1.0) for at, size in zip(event.pos, window_size, strict=True))
-    held = {"left": pointer.left, "right": pointer.right}
-    if event.type != pygame.MOUSEMOTION and event.button in (1, 3):
-        held["left" if event.button == 1 else "right"] = event.type == pygame.MOUSEBUTTONDOWN
-    return Pointer(x, y, **held, wheel=pointer.wheel)
+    pointer = attrs.evolve(pointer, x=x, y=y)
+    if event.type == pygame.MOUSEMOTION or event.button not in (1, 3):
+        return pointer
+    return attrs.evolve(pointer, **{"left" if event.button == 1 else "right": event.type == pygame.MOUSEBUTTONDOWN})
 
 
 class Layers:
-    """Surfaces over the picture, made anew by `place` when the window's size or their content changes. hint: a line for HINT_S,
-    or until a key is pressed."""
+    """hint: a line at the top for HINT_S, or until a key is pressed. help: whether the keys are listed."""
 
     def __init__(self, hint: str) -> None:
-        self.lines: list[str] = []
-        self.inset: NDArray[np.uint8] | None = None
-        self.help = False
-        self.words: list[str] = []  # short lines at the bottom
-        self.progress: float | None = None  # share of a thin line along the bottom; None without
-        self.menu: Callable[[Place], pygame.Surface] | None = None
-        self.bar_state = BarState()
-        self._hint, self._hint_end_ns = hint, time.monotonic_ns() + int(HINT_S * 1e9)
-        self._bar, self._bar_until_ns, self._lit = Bar(), 0, ""
-        self._size_px, self._text_px = (1, 1), 1
-        self._top: pygame.Surface | None = None
-        self._bottom: pygame.Surface | None = None
-        self._middle: pygame.Surface | None = None
+        self.overlay, self.help = Overlay(), False
+        self._hint, self._hint_end_s, self._bar_end_s = hint, time.monotonic() + HINT_S, 0.0
+        self._at, self._marked = 0, ""  # the item selected in the menu; the event lit in the bar
+        self._held: Callable[[int], str] | None = None  # the event of a slider held at x
+        self._known: dict[object, tuple[tuple[object, ...], Panel]] = {}
+        self._panels: list[Panel] = []
 
-    def place(self, size_px: Place, text_px: int) -> None:
-        """Draws the text and the menu for a window of (width, height) px."""
-        self._size_px, self._text_px = size_px, text_px
-        lines = [*self.lines, *([f"{key}\t{text}" for key, (_, text) in KEYS.items()] if self.help else [])]
-        if self._hint and not lines and self.menu is None:
-            lines = [self._hint]
-        room = size_px[0] - 2 * EDGE_PX, size_px[1] - 2 * EDGE_PX
-        self._top = panel(lines, self.inset, text_px, room) if lines else None
-        self._bottom = panel(self.words, None, text_px, room) if self.words else None
-        self._middle = self.menu((round(MENU_SHARE * size_px[0]), round(MENU_SHARE * size_px[1]))) if self.menu else None
-
-    def panels(self, at_px: Place) -> Panels:
-        """The surfaces with their positions. at_px: the pointer."""
-        (width, height), below_px = self._size_px, 0
-        found: Panels = []
-        if self._middle is not None:
-            found.append((self._middle, self._menu_at()))
-        if self._top is not None:
-            found.append((self._top, (EDGE_PX, EDGE_PX)))
-        if self._bar_until_ns and self.menu is None:
-            bar = self._bar.draw(self._size_px, self._text_px, self.bar_state, self._in_bar(at_px))
-            below_px = bar.get_height()
-            found.append((bar, (0, height - below_px)))
-        if self.progress is not None:
-            line = pygame.Surface((max(1, round(self.progress * width)), PROGRESS_PX))
-            line.fill((255, 255, 255))
-            found.append((line, (0, height - PROGRESS_PX)))
-        if self._bottom is not None:
-            wide, high = self._bottom.get_size()
-            found.append((self._bottom, ((width - wide) // 2, height - high - EDGE_PX - below_px)))
-        return found
+    def set(self, overlay: Overlay) -> None:
+        """Replaces the overlay."""
+        old, menu = self.overlay.menu, overlay.menu
+        if menu is not None:
+            self._at = menu.at if old is None or old.title != menu.title else min(self._at, len(menu.items) - 1)
+        self.overlay = overlay
 
     @property
-    def closes(self) -> str:
-        """The event of the key that closes what lies over the picture; "" if nothing does."""
-        return "help" if self.help else "choose" if self.menu else ""
+    def has_pointer(self) -> bool:
+        """Whether there is something to point at."""
+        return self.overlay.menu is not None or self._bar_end_s > 0
 
-    def mouse(self, event: pygame.Event, at_px: Place) -> tuple[str, bool]:
-        """What an event of the mouse means for menu and bar, "" for nothing, and whether the bar looks different now."""
-        pressed = event.type == pygame.MOUSEBUTTONDOWN and event.button == 1
-        if pressed and self._middle is not None:
-            x, y = self._menu_at()
-            return f"click {at_px[0] - x} {at_px[1] - y}", False
-        appears, before = not self._bar_until_ns, self._lit
-        self._bar_until_ns = time.monotonic_ns() + int(SHOWN_S * 1e9)
-        inside = self._in_bar(at_px)
-        self._lit = self._bar.entry(inside)
-        name = ""
+    def panels(self, window_px: Place, text_px: int) -> list[Panel]:
+        """The panels, the topmost last; equal calls return the same ones. window_px: (width, height)."""
+        overlay, t_s = self.overlay, time.monotonic()
+        self._hint = self._hint if t_s < self._hint_end_s else ""
+        if (t_s > self._bar_end_s and self._held is None) or not overlay.bar or overlay.menu is not None:
+            self._bar_end_s = 0.0
+        lines, bottom_px = (*overlay.lines, *(HELP if self.help else ())), window_px[1]
+        if self._hint and not lines and overlay.menu is None:
+            lines = (self._hint,)
+        panels = []
+        if overlay.menu is not None:
+            panels.append(self._panel(menu_panel, overlay.menu, self._at, window_px, text_px))
+        if lines:
+            panels.append(self._panel(text_panel, Overlay(lines, overlay.inset), None, window_px, text_px))
+        if self._bar_end_s:
+            panels.append(self._panel(bar_panel, overlay.bar, self._marked, window_px, text_px))
+            bottom_px = panels[-1].at[1]
+        if overlay.progress is not None:
+            panels.append(self._panel(progress_panel, overlay.progress, window_px))
+        if overlay.notices:
+            panels.append(self._panel(text_panel, Overlay(overlay.notices), bottom_px, window_px, text_px))
+        self._panels = panels
+        return panels
+
+    def _panel(self, draw: Callable[..., Panel], *what: object) -> Panel:
+        """The panel that draw makes of these arguments, made anew only when they change."""
+        place = draw, what[1] is None  # two kinds of text
+        known = self._known.get(place)
+        if known is None or known[0] != what:
+            known = self._known[place] = what, draw(*what)
+        return known[1]
+
+    def key(self, name: str) -> str:
+        """The event that a key causes; "" if it only moves the selection."""
+        self._hint = ""
+        menu = self.overlay.menu
+        if name == "escape":
+            return "help" if self.help else "close" if menu is not None else name
+        if menu is None or not menu.items:
+            return name
+        panel = next(panel for panel in self._panels if panel.cells)
+        moves = {"less": -1, "more": 1, "up": -panel.cols, "down": panel.cols}
+        moves |= {key: sign * panel.page for key, sign in PAGES.items()}
+        event = menu.items[self._at].event
+        if name in moves:
+            at, last = self._at + moves[name], len(menu.items) - 1
+            self._at = at % (last + 1) if name in ("less", "more") else min(max(at, 0), last)
+            return ""
+        return {"enter": event, "delete": f"delete {event}"}.get(name, name)
+
+    def mouse(self, event: pygame.Event, at_px: Place) -> str:
+        """The event that the mouse or a touch causes, "" for none. at_px: the pointer."""
+        self._bar_end_s = time.monotonic() + BAR_S
+        over = next((found for panel in reversed(self._panels) if (found := panel.cell(at_px)) is not None), None)
+        self._marked = over[0].event if over is not None else ""
         if event.type == pygame.MOUSEBUTTONUP:
-            self._bar.release()
-        elif event.type == pygame.MOUSEMOTION:
-            name = self._bar.slide(at_px[0])
-        elif pressed and inside is not None:
-            name = self._bar.press(*inside)
-        return name, appears or self._lit != before or bool(name)
-
-    def expire(self, keyed: bool, held: bool) -> bool:
-        """Removes hint and bar when their time is over; returns whether one went. keyed: a key was pressed. held: a button is."""
-        now_ns, went = time.monotonic_ns(), False
-        if self._hint and (keyed or now_ns > self._hint_end_ns):
-            self._hint, went = "", True
-            self.place(self._size_px, self._text_px)
-        if self._bar_until_ns and now_ns > self._bar_until_ns and not held:
-            self._bar_until_ns, went = 0, True
-        return went
-
-    @property
-    def bar_is_shown(self) -> bool:
-        return bool(self._bar_until_ns)
-
-    def _menu_at(self) -> Place:
-        (width, height), (wide, high) = self._size_px, self._middle.get_size() if self._middle else (0, 0)
-        return (width - wide) // 2, (height - high) // 2
-
-    def _in_bar(self, at_px: Place) -> Place | None:
-        """A place of the window in px of the bar; None outside of it, or under a menu."""
-        if self._bar.surface is None or not self._bar_until_ns or self.menu is not None:
-            return None
-        y = at_px[1] - self._size_px[1] + self._bar.surface.get_height()
-        return (at_px[0], y) if y >= 0 else None
+            self._held = None
+        elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and over is not None:
+            item, rect = over
+            if item.slider is None:
+                return item.event
+            self._held = lambda x: slider_event(item, rect, x)
+        return self._held(at_px[0]) if self._held is not None else ""

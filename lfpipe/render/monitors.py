@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-
 import attrs
 
 from lfpipe.config import Camera, Config
@@ -68,21 +66,14 @@ def monitors() -> list[Monitor]:
     return found
 
 
-def monitor_of(window: pygame.Window) -> int:
-    """The number of the monitor that holds the window's centre."""
-    return window_system.monitor_number(window)
-
-
 def find_monitor(wanted: str, offered: list[Monitor]) -> Monitor:
     """The monitor with that number or name, or the only one whose name contains it. Raises UserError, which lists them."""
-    exact = [each for each in offered if wanted in (str(each.number), each.name)]
-    part = [each for each in offered if wanted.lower() in each.name.lower()]
-    for found in (exact, part):
-        if len(found) == 1:
-            return found[0]
-    close = difflib.get_close_matches(wanted, [each.name for each in offered], 1, 0.6)
-    hint = f" (did you mean {close[0]!r}?)" if close else ""
-    what = "several monitors are called that" if part else f"no such monitor{hint}"
+    exact = [monitor for monitor in offered if wanted in (str(monitor.number), monitor.name)]
+    similar = [monitor for monitor in offered if wanted.lower() in monitor.name.lower()]
+    for matches in (exact, similar):
+        if len(matches) == 1:
+            return matches[0]
+    what = "several monitors are called that" if similar else "no such monitor"
     remedy = "use the number or part of the name of one of: " + "; ".join(map(str, offered))
     raise UserError(f"screen.monitor {wanted!r}: {what}", remedy)
 

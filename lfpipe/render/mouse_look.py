@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import EYES_MM, camera_focal_px
 from lfpipe.eyes import EYES
-from lfpipe.render.display import Pointer
 from lfpipe.render.geometry import SEAT_MM
+from lfpipe.render.overlay import Pointer
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.ring import Stamp

@@ -1,94 +1,109 @@
-"""Words over the picture: short notices, and the overlay of key o with rates, latency, depth and the grid of views."""
+"""What lies over the picture, as data: the keys with their help and their entries in the bar, menus, and lines of text.
 
+The session sets an `Overlay`; the window draws it, and reports keys, clicks and touches as the same events.
+"""
+
+from functools import lru_cache
+
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.geometry import zero_plane_px
-from lfpipe.render.view_grid import EyesOnGrid, inset
-from lfpipe.render.viewer import Viewer
-from lfpipe.transport.clock import SECOND_NS
-from lfpipe.transport.context import Context
-from lfpipe.transport.histogram import summary_ms
-from lfpipe.transport.status import rate_hz
 
-SHOWN_NS = 2 * SECOND_NS
+@attrs.frozen
+class Key:
+    """keys: what a person presses. events: what the window reports, one for each key. help: for people. label: of the entry in
+    the bar, "" for none."""
 
-
-class Notices:
-    """Lines by subject: a new line replaces the previous one of its subject."""
-
-    def __init__(self) -> None:
-        self._passing: dict[str, tuple[str, int]] = {}  # subject -> (text, end)
-        self._states: dict[str, str] = {}
-
-    def say(self, subject: str, text: str, t_ns: int, shown_ns: int = SHOWN_NS) -> None:
-        """Shows text for shown_ns."""
-        self._passing.pop(subject, None)  # the newest comes last
-        self._passing[subject] = (text, t_ns + shown_ns)
-
-    def state(self, subject: str, text: str) -> None:
-        """Shows text until it is empty."""
-        if text:
-            self._states[subject] = text
-        else:
-            self._states.pop(subject, None)
-
-    def lines(self, t_ns: int) -> list[str]:
-        """The lines to show at t_ns."""
-        self._passing = {subject: each for subject, each in self._passing.items() if each[1] > t_ns}
-        texts = [*(text for text, _ in self._passing.values()), *self._states.values()]
-        return [line for text in texts for line in text.splitlines()]
+    keys: str
+    events: str
+    help: str
+    label: str = ""
 
 
-INSET_PX = 120
+DEPTH = "depth"  # event of the slider: "depth S", S from 0 for comfort to 1 for true depth
+KEYS = (
+    Key("Tab", "choose", "choose a scene by its picture", "Scene"),
+    Key("l", "open", "open a folder of views", "Open folder"),
+    Key("i", "open-file", "open a light field in one file", "Open file"),
+    Key("e", "which", "which glasses do you have?", "Glasses"),
+    Key("+ -", "alpha+ alpha-", "more, less head movement from view to view", "Depth"),
+    Key("d", "half-turn", "exchange near and far", "Near/far"),
+    Key("c", "recentre", "look straight ahead from where you are now", "Straight ahead"),
+    Key("r", "record", "record the camera, or end it", "Record"),
+    Key("s", "screenshot", "save the picture", "Save picture"),
+    Key("f", "fullscreen", "full screen on and off (F11); Esc closes the overlay, then leaves it", "Full screen"),
+    Key("h", "help", "this help on and off (?)", "Help"),
+    Key("] [", "depth+ depth-", "the scene goes back, comes forward", ""),
+    Key("a", "automatic", "depth and head movement automatic again"),
+    Key("m", "mode", "another way to give each eye its view"),
+    Key("g", "glasses", "glasses test: does each eye see its own?"),
+    Key("x", "swap", "swap the eyes"),
+    Key("p", "freeze", "pause or resume (space)"),
+    Key("o", "overlay", "rate, latency and the grid of views on and off"),
+    Key("PgDn PgUp", "next previous", "the next scene of the list, the previous one"),
+    Key("q", "quit", "quit"),
+)
+EVENTS = {key: event for row in KEYS for key, event in zip(row.keys.split(), row.events.split(), strict=True)}
+HELP = tuple(f"{row.keys}\t{row.help}" for row in KEYS)
 
 
-class StatusOverlay:
-    """The current lines and the small picture below them."""
+@attrs.frozen
+class Item:
+    """Something to see; a click on it is its event, "" for none. key: shown below the label. picture: above it, uint8 (height,
+    width, 3 or 4) RGB or RGBA; instead: words in its place. slider: its position, 0 to 1, which its event repeats. warns: red."""
 
-    def __init__(self, context: Context, viewer: Viewer) -> None:
-        self._context, self._viewer = context, viewer
+    label: str
+    event: str = ""
+    key: str = ""
+    picture: NDArray[np.uint8] | None = attrs.field(default=None, eq=id)
+    instead: str = ""
+    slider: float | None = None
+    warns: bool = False
 
-    def lines(self) -> list[str]:
-        rows = self._context.table.rows
-        own = rows[self._context.spec.name]
-        age, horizon = (summary_ms(own[name]) for name in ("age", "horizon"))
-        alpha = self._viewer.parallax
-        busy = {name: (summary_ms(row["busy"])["p50_ms"], int(row["drops"])) for name, row in rows.items() if row["state"]}
-        return [
-            f"camera {rate_hz(rows[self._context.spec.source]):5.1f} Hz   pictures {rate_hz(own):5.1f} Hz",
-            f"age of pictures p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
-            f"eyes predicted by p50 {horizon['p50_ms']:.1f} ms",
-            *([f"judder {judder:.2f} %"] if (judder := self._judder()) is not None else []),
-            *(f"{name} busy p50 {p50_ms:.2f} ms, dropped {drops}" for name, (p50_ms, drops) in busy.items()),
-            f"{self._viewer.method}, alpha {alpha.alpha_px:.1f} px/view" if alpha else f"{self._viewer.method}, no face yet",
-            f"{self._context.config.render.anaglyph}{', frozen' if self._context.paused else ''}",
-            self._depth(),
-            *self._lowered(),
-        ]
 
-    def _judder(self) -> float | None:
-        row = self._context.row
-        return 100 * row["juddered"] / row["planned"] if row["planned"] else None
+@attrs.frozen
+class Menu:
+    """A choice: arrows and Enter, or a click, cause an item's event; Delete causes "delete EVENT", Esc "close". at: the item
+    selected at first. A menu of the same title replaces the one on the screen, and keeps its selection."""
 
-    def _lowered(self) -> list[str]:
-        """What the governor has reduced."""
-        level = self._context.options.level
-        return [f"quality lowered, level {level.number}: {level.words}"] if level else []
+    title: str
+    hint: str
+    items: tuple[Item, ...]
+    at: int = 0
 
-    def map(self) -> NDArray[np.uint8] | None:
-        """The grid of views with the eyes in it; the left eye's dot is filled."""
-        shown, field = self._viewer.shown, self._viewer.field
-        if shown is None:
-            return None
-        lx, ly, rx, ry = shown.eyes_px
-        eyes, views = ((lx, ly), (rx, ry)), (shown.left, shown.right)
-        return inset(EyesOnGrid(field.rows, field.cols, 0.0, (0.0, 0.0), eyes, views, True), INSET_PX)
 
-    def _depth(self) -> str:
-        """The zero plane as a slider between the farthest and the nearest of the scene."""
-        field = self._viewer.field
-        zero = zero_plane_px(field, self._context.config.render)
-        low, high = field.disparity_min_px, field.disparity_max_px
-        at = min(max(round(20 * (zero - low) / (high - low)), 0), 20) if high > low else 10
-        return f"depth [{'-' * at}|{'-' * (20 - at)}] zero plane {zero:+.2f} px/view"
+@attrs.frozen
+class Overlay:
+    """lines: at the top left; text after a tab forms a second column. inset: a small picture below them, uint8 (h, w, 3) BGR.
+    notices: short lines at the bottom. progress: length of a thin line along the bottom, as a share of the width; None without.
+    bar: at the bottom, while the mouse moves."""
+
+    lines: tuple[str, ...] = ()
+    inset: NDArray[np.uint8] | None = attrs.field(default=None, eq=id)
+    notices: tuple[str, ...] = ()
+    progress: float | None = None
+    menu: Menu | None = None
+    bar: tuple[Item, ...] = ()
+
+
+@lru_cache(2)
+def bar_items(depth: float, recording: bool, without: frozenset[str]) -> tuple[Item, ...]:
+    """The bar. depth: of the slider. without: events that the session does not have."""
+    entries = {row.events: Item(row.label, row.events, row.keys) for row in KEYS if row.label}
+    entries["alpha+ alpha-"] = Item("Depth", DEPTH, slider=depth)
+    if recording:
+        entries["record"] = Item("Stop recording", "record", "r", warns=True)
+    return tuple(item for item in entries.values() if item.event not in without)
+
+
+@attrs.frozen
+class Pointer:
+    """The mouse over the window. x, y: share of the window, from its top left corner. left, right: buttons held. wheel: steps
+    away from the person since the last call."""
+
+    x: float = 0.5
+    y: float = 0.5
+    left: bool = False
+    right: bool = False
+    wheel: int = 0

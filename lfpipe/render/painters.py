@@ -2,6 +2,7 @@
 window's surface.
 """
 
+import contextlib
 from typing import Any, Protocol
 
 import cv2
@@ -11,10 +12,10 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.render.pair_layout import scale_into
-from lfpipe.render.window_system import drawable, pygame, video
+from lfpipe.render.panels import Panel
+from lfpipe.render.window_system import pygame, uses_renderer, video
 
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
-Panels = list[tuple[pygame.Surface, tuple[int, int]]]  # overlays of the picture and their positions
 
 
 class Painter(Protocol):
@@ -22,7 +23,7 @@ class Painter(Protocol):
         """(width, height) of the window in the screen's own pixels."""
         ...
 
-    def paint(self, picture: NDArray[np.uint8], panels: Panels, exact: bool) -> None:
+    def paint(self, picture: NDArray[np.uint8], panels: list[Panel], exact: bool) -> None:
         """Draws uint8 (height, width, 3) BGR, scaled to fit, without showing it. exact: it already has the window's size."""
         ...
 
@@ -45,11 +46,11 @@ class SurfacePainter:
     def size_px(self) -> tuple[int, int]:
         return self._window.get_surface().get_size()
 
-    def paint(self, picture: NDArray[np.uint8], panels: Panels, exact: bool) -> None:
+    def paint(self, picture: NDArray[np.uint8], panels: list[Panel], exact: bool) -> None:
         surface = self._window.get_surface()
         self._write(surface, picture)
-        for panel, at in panels:
-            surface.blit(panel, at)
+        for panel in panels:
+            surface.blit(panel.surface, panel.at)
 
     def swap(self) -> None:
         self._window.flip()
@@ -82,13 +83,13 @@ class RendererPainter:
         self._texture: video.Texture | None = None
         self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
         self._upload: pygame.Surface | None = None
-        self._panels: dict[int, tuple[pygame.Surface, video.Texture]] = {}
+        self._textures: dict[Panel, video.Texture] = {}
 
     def size_px(self) -> tuple[int, int]:
         viewport = self._renderer.get_viewport()
         return viewport.width, viewport.height
 
-    def paint(self, picture: NDArray[np.uint8], panels: Panels, exact: bool) -> None:
+    def paint(self, picture: NDArray[np.uint8], panels: list[Panel], exact: bool) -> None:
         rows, cols = picture.shape[:2]
         if self._texture is None or self._four.shape[:2] != (rows, cols):
             self._four = np.empty((rows, cols, 4), np.uint8)
@@ -99,71 +100,22 @@ class RendererPainter:
         self._texture.update(self._upload)
         self._renderer.clear()
         self._texture.draw(dstrect=fit_area((cols, rows), self.size_px()))
-        kept = {}
-        for panel, (x, y) in panels:
-            drawn = self._panels.get(id(panel)) or (panel, video.Texture.from_surface(self._renderer, panel))
-            kept[id(panel)] = drawn
-            drawn[1].draw(dstrect=(x, y, *panel.get_size()))
-        self._panels = kept
+        self._textures = {
+            panel: self._textures.get(panel) or video.Texture.from_surface(self._renderer, panel.surface) for panel in panels
+        }
+        for panel, texture in self._textures.items():
+            texture.draw(dstrect=(*panel.at, *panel.surface.get_size()))
 
     def swap(self) -> None:
         self._renderer.present()
 
 
-def open_painter(window: pygame.Window, renderer: bool, wait: bool) -> Painter:
-    """The renderer if wanted and available, else the surface. Raises UserError as `SurfacePainter` does."""
-    if renderer:
-        try:
-            return RendererPainter(window, wait)
-        except pygame.error:
-            pass
+def open_painter(window: pygame.Window, driver: str) -> Painter:
+    """The renderer where it is cheaper and available, with a GPU or on Wayland, else the surface. Raises UserError as
+    `SurfacePainter` does."""
+    if uses_renderer(driver):
+        # A Wayland compositor takes the newest complete picture at each blank: waiting for the previous one would only make the
+        # next one older.
+        with contextlib.suppress(pygame.error):
+            return RendererPainter(window, wait=driver != "wayland")
     return SurfacePainter(window)
-
-
-LEAST_PX, MOST_SHARE = 13, 0.94  # of the text, and the share of the window that the overlay may take
-
-
-COLUMN = "PgDnM"  # as wide as the keys of the help
-
-
-def _width_px(font: pygame.font.Font, line: str) -> int:
-    before, tab, after = line.partition("\t")
-    return font.size(COLUMN)[0] + font.size(after)[0] if tab else font.size(before)[0]
-
-
-def _font(size_px: int) -> pygame.font.Font:
-    return pygame.font.Font(None, size_px)
-
-
-def panel(lines: list[str], inset: NDArray[np.uint8] | None, text_px: int, room_px: tuple[int, int]) -> pygame.Surface:
-    """A translucent surface with lines of text_px, smaller if they do not fit into room_px (width, height).
-
-    Text after a tab forms a second column.
-
-    inset: uint8 (h, w, 3) BGR, left out if there is no room. White on black is the same for both eyes, so text lies in the plane
-    of the screen through any glasses.
-    """
-    lines = [drawable(line) for line in lines]
-    font = _font(text_px)
-    wide, high = max(_width_px(font, line) for line in lines), font.get_linesize() * len(lines)
-    fits = min(1.0, MOST_SHARE * room_px[0] / (wide + 16), MOST_SHARE * room_px[1] / (high + 12))
-    if fits < 1:
-        font = _font(max(LEAST_PX, int(text_px * fits)))
-    column_px = font.size(COLUMN)[0]
-    texts = [
-        (8 + column_px * number, index, font.render(part, True, (255, 255, 255)))
-        for index, line in enumerate(lines)
-        for number, part in enumerate(line.split("\t", 1))
-    ]
-    step, small = font.get_linesize(), None
-    width, height = max(x + text.get_width() for x, _, text in texts) + 8, step * len(lines) + 12
-    if inset is not None and height + inset.shape[0] + 8 <= room_px[1]:
-        small = pygame.image.frombuffer(inset[:, :, ::-1].tobytes(), (inset.shape[1], inset.shape[0]), "RGB")
-        width, height = max(width, small.get_width() + 16), height + small.get_height() + 8
-    made = pygame.Surface((width, height), pygame.SRCALPHA)
-    made.fill((0, 0, 0, 160))
-    for x, index, text in texts:
-        made.blit(text, (x, 6 + index * step))
-    if small is not None:
-        made.blit(small, (8, height - small.get_height() - 8))
-    return made

@@ -16,7 +16,7 @@ from lfpipe.eyes import EYES, MAX_HORIZON_S, EyesRecord
 from lfpipe.files.trace import TraceFile
 from lfpipe.render.compositor import Key
 from lfpipe.render.display import Display
-from lfpipe.render.glasses_test import GlassesTest
+from lfpipe.render.glasses import glasses_test
 from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.outputs import OptionalOutputs, ViewerReports
@@ -39,7 +39,8 @@ HORIZON_NS = int(MAX_HORIZON_S * 1e9)
 
 class Presenter:
     """One display's pictures. picture: the last one, for a screenshot. refresh: the display's clock, None with one picture per
-    camera frame. mouse: the viewer without a camera, or while the right button is held. pattern: shown instead of the scene."""
+    camera frame. mouse: the viewer without a camera, or while the right button is held.
+    tests_glasses: shows their test, not the scene."""
 
     def __init__(self, context: Context, viewer: Viewer, display: Display) -> None:
         self._context, self._viewer, self._display = context, viewer, display
@@ -69,7 +70,7 @@ class Presenter:
         self.mouse = MouseLook(context.config, viewer, context.output("eyes") if context.options.mouse else None)
         viewer.neutral_is_fixed |= bool(context.options.eyes)
         self.picture: NDArray[np.uint8] | None = None
-        self.pattern: GlassesTest | None = None
+        self.tests_glasses = False
         self.follow()
 
     def _lost(self, why: str) -> None:
@@ -135,9 +136,8 @@ class Presenter:
         pair = None
         if composed:
             self._key, self.picture, pair = key, viewer.compositor.draw(key), viewer.compositor.pair
-            if self.pattern is not None:
-                self.pattern.draw(viewer.config.render, (viewer.field.width_px, viewer.field.height_px))
-                self.picture, pair = self.pattern.picture, self.pattern.pair
+            if self.tests_glasses:
+                self.picture, pair = glasses_test(viewer.config.render, (viewer.field.width_px, viewer.field.height_px))
         t_composed_ns = now_ns()
         if refresh is not None and refresh_ns:
             sleep_until(refresh.earliest_ns(target_ns))

@@ -1,8 +1,7 @@
-"""The window on the screen: pictures through a painter, keys, text over the picture, and the times of display."""
+"""The window on the screen: pictures through a painter, the overlay, keys and clicks as events, and the times of display."""
 
 import contextlib
 import time
-from collections.abc import Callable
 
 import attrs
 import numpy as np
@@ -10,21 +9,24 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
-from lfpipe.host.presentation import Presentation, Presented
+from lfpipe.host.presentation import Presented
 from lfpipe.render import window_system
-from lfpipe.render.display import KEYS, BarState, DisplayNotice, Pointer
-from lfpipe.render.layers import MOUSE, Layers, moved
-from lfpipe.render.monitors import Monitor, find_monitor, monitor_of, monitors
-from lfpipe.render.painters import Painter, open_painter
+from lfpipe.render.display import Display
+from lfpipe.render.layers import Layers, moved
+from lfpipe.render.monitors import Monitor, find_monitor, monitors
+from lfpipe.render.overlay import EVENTS, Overlay, Pointer
+from lfpipe.render.painters import open_painter
 from lfpipe.render.pair_layout import Pair, laid_out
-from lfpipe.render.window_system import KeyLock, nominal_hz, open_presentation, pygame
+from lfpipe.render.panels import Panel
+from lfpipe.render.window_system import KEY_CODES, nominal_hz, open_presentation, pygame
 
 USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: TEXT_PX is too small on a fine monitor
-NAMES = {key: name for key, (name, _) in KEYS.items()} | {"=": "alpha+", " ": "freeze", "?": "help"}
+MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
+NAMES = EVENTS | {"=": "alpha+", " ": "freeze", "?": "help"}
 
 
-class Window:
+class Window(Display):
     """A resizable window or the full screen. `show` hands a picture over at once; `presented` says when the screen showed it.
 
     Its pixels are the screen's own: SDL asks a desktop that scales windows not to scale this one.
@@ -37,76 +39,64 @@ class Window:
         fullscreen: bool = False,
         monitor: str = "",
         hint: str = "",
-        renderer: bool | None = None,
-        lock: KeyLock | None = None,
+        code: str = "",
     ) -> None:
         """size_px: (width, height) of the pictures. monitor: a number or name, as for `monitors.find_monitor`; empty: the desktop
-        chooses. hint: a line over the picture for HINT_S, or until a key is pressed. renderer: draw by SDL's renderer; None: if
-        that is cheaper, with a GPU or on Wayland. lock: only its code has an effect, and quits; other keys, buttons and drops
+        chooses. hint: a line over the picture. code: only these letters have an effect, and quit; other keys, buttons and drops
         have none. Raises UserError if no window can be opened, or the monitor is missing."""
-        self._lock = lock
+        self._code, self._typed = code, ""
         self._title, self._fullscreen, self._wanted = title, fullscreen, monitor
         try:
-            driver = window_system.start()
-            self._renderer = window_system.uses_renderer(driver) if renderer is None else renderer
-            # A Wayland compositor takes the newest complete picture at each blank: waiting for the previous one would only make
-            # the next one older.
-            self._wait = driver != "wayland"
+            self._driver = window_system.start()
             self._monitors = monitors()
-            on = find_monitor(monitor, self._monitors) if monitor else self._monitors[0]
-            self._windowed = on.window_for(size_px)
+            self._on = find_monitor(monitor, self._monitors) if monitor else self._monitors[0]
+            self._windowed = self._on.window_for(size_px)
             self._at: tuple[int, int] | None = None
             if monitor:
-                self._at = on.x + (on.width - self._windowed[0]) // 2, on.y + (on.height - self._windowed[1]) // 2
+                margins = self._on.width - self._windowed[0], self._on.height - self._windowed[1]
+                self._at = self._on.x + margins[0] // 2, self._on.y + margins[1] // 2
             self._number = self._handed = 0  # of the picture, and of the hand-over: a picture may be drawn again
             self._numbers: dict[int, int] = {}  # hand-over -> picture
-            self._window = self._opened(on)
+            pygame.font.init()
+            self._open()
         except UserError:
             pygame.display.quit()
             raise
         except pygame.error as error:
             raise UserError(f"no window can be opened: {error}", "use --display none or --display file:OUT.mkv") from None
-        pygame.font.init()
-        self._on = on
         self._picture: NDArray[np.uint8] | None = None
-        self._shown_px = fit_area(size_px, self._painter.size_px())[2]
-        self._layers = Layers(hint)
         self._pair: Pair | None = None
-        self._pointer = Pointer()
         self._how = ""
+        self._shown_px = fit_area(size_px, self._painter.size_px())[2]
+        self._layers, self._drawn = Layers(hint), list[Panel]()
+        self._pointer = Pointer()
         self._laid: NDArray[np.uint8] | None = None
-        self._place_layers()
 
-    def _opened(self, on: Monitor) -> pygame.Window:
+    def _open(self) -> None:
         if self._fullscreen:
-            whole, place = (on.width, on.height), (on.x, on.y)
-            window = pygame.Window(self._title, whole, place, fullscreen_desktop=True, allow_high_dpi=True)
+            size, at = (self._on.width, self._on.height), (self._on.x, self._on.y)
+            self._window = pygame.Window(self._title, size, at, fullscreen_desktop=True, allow_high_dpi=True)
         else:
-            at = self._at or pygame.WINDOWPOS_UNDEFINED
-            window = pygame.Window(self._title, self._windowed, at, resizable=True, allow_high_dpi=True)
-        pygame.mouse.set_visible(not self._fullscreen)
-        window.set_icon(window_system.icon())
-        self._painter: Painter = open_painter(window, self._renderer, self._wait)
-        self._presentation: Presentation | None = open_presentation(window)
+            place = self._at or pygame.WINDOWPOS_UNDEFINED
+            self._window = pygame.Window(self._title, self._windowed, place, resizable=True, allow_high_dpi=True)
+        self._window.set_icon(window_system.icon())
+        self._painter = open_painter(self._window, self._driver)
+        self._presentation = open_presentation(self._window)
         self._numbers.clear()
-        return window
 
-    def _closed(self) -> None:
+    def _close(self) -> None:
         if self._presentation is not None:
             self._presentation.close()
         self._window.destroy()
 
     @property
     def blanks_by(self) -> str:
-        """See `Display.blanks_by`."""
         return self._presentation.name if self._presentation is not None else ""
 
     def nominal_hz(self) -> float:
-        """The refresh rate that the window's monitor claims."""
         return nominal_hz(self._on.number)
 
     def presented(self) -> list[Presented]:
-        """See `Display.presented`."""
         answers: list[Presented] = []
         for answer in self._presentation.take() if self._presentation is not None else []:
             number = self._numbers.pop(answer.serial, None)
@@ -128,13 +118,12 @@ class Window:
             with contextlib.suppress(UserError):  # the chosen one was unplugged
                 self._on = find_monitor(self._wanted, self._monitors)
         self._fullscreen = not self._fullscreen
-        self._closed()
-        self._window = self._opened(self._on)
+        self._close()
+        self._open()
 
     def _here(self) -> Monitor:
-        """The monitor on which the window is."""
-        number = monitor_of(self._window)
-        return next((each for each in self._monitors if each.number == number), self._monitors[0])
+        number = window_system.monitor_number(self._window)
+        return next((monitor for monitor in self._monitors if monitor.number == number), self._monitors[0])
 
     @property
     def monitor(self) -> Monitor:
@@ -142,9 +131,6 @@ class Window:
         return self._on
 
     def width_mm(self) -> float | None:
-        """See `Display.width_mm`."""
-        if not self._shown_px:
-            return None
         if self._on.pixel_mm:
             return self._shown_px * self._on.pixel_mm
         scaled = self._painter.size_px()[0] / self._window.size[0]
@@ -155,29 +141,35 @@ class Window:
         if self._picture is None:
             return 0.0, 0.0
         rows, cols = self._picture.shape[:2]
-        surface_px, window = self._painter.size_px(), self._window.size
-        x, y, width, height = fit_area((cols, rows), surface_px)
-        x_px, y_px = position[0] * surface_px[0] / window[0], position[1] * surface_px[1] / window[1]
+        window_px, window = self._painter.size_px(), self._window.size
+        x, y, width, height = fit_area((cols, rows), window_px)
+        x_px, y_px = position[0] * window_px[0] / window[0], position[1] * window_px[1] / window[1]
         return (x_px - x) * cols / width, (y_px - y) * rows / height
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
-        """See `Display.show`; returns the time at which the window system accepted the picture."""
+        """Returns the time at which the window system accepted the picture."""
         self._picture, self._pair, self._how = picture, pair, how
         self._number += 1
-        self._draw()
+        self._draw(self._panels())
         return time.monotonic_ns()
 
-    def _draw(self) -> None:
+    def _panels(self) -> list[Panel]:
+        window_px = self._painter.size_px()
+        text_px = round(max(TEXT_PX, TEXT_SHARE * self._on.height) * window_px[0] / self._window.size[0])
+        return self._layers.panels(window_px, text_px)
+
+    def _draw(self, panels: list[Panel]) -> None:
+        self._drawn = panels
         if self._picture is None:
             return
-        size_px = self._painter.size_px()
-        panels = self._layers.panels(self._pointer.at_px(size_px))
-        _, _, width, height = fit_area((self._picture.shape[1], self._picture.shape[0]), size_px)
-        self._shown_px = width
-        picture = self._picture
+        window_px, picture = self._painter.size_px(), self._picture
+        _, _, self._shown_px, height = fit_area((picture.shape[1], picture.shape[0]), window_px)
+        exact = picture.shape[:2] == (height, self._shown_px)
         if self._pair is not None:
-            picture = self._laid = laid_out(self._pair, self._how, size_px, self._first_row(), self._laid)
-        self._painter.paint(picture, panels, picture.shape[:2] == (height, width) or self._pair is not None)
+            # the row of the screen on which the window begins: known on X and in full screen
+            first_row = 0 if self._fullscreen else max(0, int(self._window.position[1] - self._on.y))
+            picture = self._laid = laid_out(self._pair, self._how, window_px, first_row, self._laid)
+        self._painter.paint(picture, panels, exact or self._pair is not None)
         self._handed += 1
         if self._presentation is not None:
             self._numbers[self._handed] = self._number
@@ -186,115 +178,82 @@ class Window:
         if self._presentation is not None:
             self._presentation.handed_over(self._handed)
 
+    def _draw_changes(self, again: bool = False) -> None:
+        pygame.mouse.set_visible(not self._fullscreen or self._layers.has_pointer)
+        panels = self._panels()
+        if again or panels != self._drawn:
+            self._draw(panels)
+
+    def overlay(self, overlay: Overlay) -> None:
+        self._layers.set(overlay)
+        self._draw_changes()
+
     def events(self) -> list[str]:
-        """See `Display.events`. Handles full screen and help itself, and redraws after it was covered or resized."""
-        pressed, again, resized, keyed = [], False, False, False
+        """Handles full screen and help itself, and redraws after it was covered or resized."""
+        names, again = [], False
         for event in window_system.take_events():
-            if self._lock and event.type in (pygame.QUIT, pygame.KEYDOWN, pygame.DROPFILE):
-                if event.type == pygame.KEYDOWN and self._lock.opens(event.unicode):
-                    pressed.append("quit")
+            name = ""
+            if self._code:
+                if event.type == pygame.KEYDOWN:
+                    self._typed = (self._typed + event.unicode)[-len(self._code) :]
+                    name = "quit" if self._typed == self._code else ""
             elif event.type == pygame.QUIT:
-                pressed.append("quit")
+                name = "quit"
             elif event.type == pygame.KEYDOWN:
-                keyed = True
-                name = window_system.KEY_CODES.get(event.key) or NAMES.get(event.unicode.lower())
+                name = self._layers.key(KEY_CODES.get(event.key) or NAMES.get(event.unicode.lower(), ""))
                 if name == "escape":
-                    name = self._layers.closes or ("fullscreen" if self._fullscreen else "")
-                if name:
-                    pressed.append(name)
-            elif event.type in MOUSE and not self._lock:
-                name, changed = self._mouse(event)
-                again |= changed
-                if name:
-                    pressed.append(name)
+                    name = "fullscreen" if self._fullscreen else ""
+            elif event.type in MOUSE:
+                self._pointer = moved(self._pointer, event, self._window.size)
+                x_px, y_px = self._painter.size_px()
+                if name := self._layers.mouse(event, (round(self._pointer.x * x_px), round(self._pointer.y * y_px))):
+                    self._pointer = attrs.evolve(self._pointer, left=False)  # a click, and no drag of the view
             elif event.type == pygame.DROPFILE:
-                pressed.append(f"drop {event.file}".rstrip())
-            elif event.type == pygame.WINDOWEXPOSED:
-                again = True
-            elif event.type in (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED):
-                resized = True
-        for name in pressed:
+                name = f"load {event.file}".rstrip()
+            if event.type in (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED):
+                self._on = self._here()
+            again |= event.type in (pygame.WINDOWEXPOSED, pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)
             if name == "fullscreen":
                 self._toggle()
-                resized = True
+                again = True
             elif name == "help":
                 self._layers.help = not self._layers.help
-                self._place_layers()
-                again = True
-        if self._layers.expire(keyed, self._pointer.left):
-            again = True
-            pygame.mouse.set_visible(self._layers.menu is not None or not self._fullscreen or self._layers.bar_is_shown)
-        if resized:
-            self._on = self._here()
-            self._place_layers()
-        if again or resized:
-            self._draw()
-        return pressed
+            names += [name] if name else []
+        self._draw_changes(again)
+        return names
 
     def pointer(self) -> Pointer:
-        """See `Display.pointer`."""
         pointer, self._pointer = self._pointer, attrs.evolve(self._pointer, wheel=0)
         return pointer
 
-    def _mouse(self, event: pygame.Event) -> tuple[str, bool]:
-        """The event that the mouse causes, "" for none, and whether the bar looks different now."""
-        self._pointer = moved(self._pointer, event, self._window.size)
-        pygame.mouse.set_visible(True)
-        name, changed = self._layers.mouse(event, self._pointer.at_px(self._painter.size_px()))
-        if name:
-            self._pointer = attrs.evolve(self._pointer, left=False)
-        return name, changed
-
-    def notices(self) -> list[DisplayNotice]:
-        return []
-
-    def menu(self, draw: Callable[[tuple[int, int]], pygame.Surface] | None) -> None:
-        """See `Display.menu`."""
-        self._layers.menu = draw
-        pygame.mouse.set_visible(draw is not None or not self._fullscreen)
-        self._draw_layers()
-
     def title(self, name: str) -> None:
-        """See `Display.title`."""
         self._title = self._window.title = f"lfpipe: {window_system.drawable(name)}"
 
-    def say(self, lines: list[str]) -> None:
-        """See `Display.say`."""
-        if lines != self._layers.words:
-            self._layers.words = list(lines)
-            self._draw_layers()
+    def close(self) -> None:
+        self._close()
+        pygame.display.quit()
 
-    def progress(self, share: float | None) -> None:
-        """See `Display.progress`."""
-        if share != self._layers.progress:
-            self._layers.progress = share
-            self._draw()
 
-    def bar(self, state: BarState) -> None:
-        """See `Display.bar`."""
-        if state != self._layers.bar_state:
-            self._layers.bar_state = state
-            if self._layers.bar_is_shown:
-                self._draw()
+class CalibrationWindow:
+    """The window of a calibration: `step` shows one picture with lines of text and returns nothing until the person clicks or
+    presses a key. Raises UserError if no window can be opened."""
 
-    def _first_row(self) -> int:
-        """The row of the screen on which the window's picture begins: known on X and in full screen."""
-        return 0 if self._fullscreen else max(0, int(self._window.position[1] - self._on.y))
+    def __init__(self, size_px: tuple[int, int], title: str) -> None:
+        self._window = Window((2 * size_px[0], 2 * size_px[1]), title)  # large, so that clicks fall between pixels too
+        self.clicks: list[tuple[float, float]] = []  # px of the picture
+        self.enter = self.quit = False
 
-    def overlay(self, lines: list[str], inset: NDArray[np.uint8] | None = None) -> None:
-        """See `Display.overlay`."""
-        if lines != self._layers.lines or inset is not self._layers.inset:
-            self._layers.lines, self._layers.inset = list(lines), inset if lines else None
-            self._draw_layers()
-
-    def _place_layers(self) -> None:
-        size_px = self._painter.size_px()
-        self._layers.place(size_px, round(max(TEXT_PX, TEXT_SHARE * self._on.height) * size_px[0] / self._window.size[0]))
-
-    def _draw_layers(self) -> None:
-        self._place_layers()
-        self._draw()
+    def step(self, picture: NDArray[np.uint8], lines: list[str]) -> None:
+        """Shows uint8 (height, width, 3) BGR and takes the person's input."""
+        self._window.overlay(Overlay(tuple(lines)))
+        self._window.show(picture)
+        for event in pygame.event.get():
+            if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key in (pygame.K_ESCAPE, pygame.K_q)):
+                self.quit = True
+            elif event.type == pygame.KEYDOWN and event.key in (pygame.K_RETURN, pygame.K_SPACE, pygame.K_KP_ENTER):
+                self.enter = True
+            elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1:
+                self.clicks.append(self._window.to_picture(event.pos))
 
     def close(self) -> None:
-        self._closed()
-        pygame.display.quit()
+        self._window.close()

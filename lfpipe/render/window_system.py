@@ -6,7 +6,6 @@ Import pygame from here: SDL reads its environment when it starts.
 import ctypes
 import functools
 import os
-from collections import deque
 
 from lfpipe.host.machine import has_gpu
 from lfpipe.host.presentation import Presentation, XPresentation
@@ -20,15 +19,9 @@ import pygame as pygame
 from pygame._sdl2 import video as video
 
 ICON_PX = 64
-KEY_CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_LEFT: "less", pygame.K_RIGHT: "more"}
-KEY_CODES |= {pygame.K_PAGEDOWN: "next", pygame.K_PAGEUP: "previous", pygame.K_TAB: "choose"}
-KEY_CODES |= {
-    pygame.K_UP: "up",
-    pygame.K_DOWN: "down",
-    pygame.K_RETURN: "enter",
-    pygame.K_DELETE: "delete",
-    pygame.K_KP_ENTER: "enter",
-}
+KEY_CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_TAB: "choose", pygame.K_DELETE: "delete"}
+KEY_CODES |= {pygame.K_LEFT: "less", pygame.K_RIGHT: "more", pygame.K_UP: "up", pygame.K_DOWN: "down"}
+KEY_CODES |= {pygame.K_PAGEDOWN: "next", pygame.K_PAGEUP: "previous", pygame.K_RETURN: "enter", pygame.K_KP_ENTER: "enter"}
 UNSEEN = ("dummy", "offscreen")  # drivers without a screen, for tests
 
 
@@ -157,16 +150,3 @@ def open_presentation(window: pygame.Window) -> Presentation | None:
     except OSError:
         pass
     return None
-
-
-class KeyLock:
-    """Waits for a code."""
-
-    def __init__(self, code: str) -> None:
-        self._code = code
-        self._typed: deque[str] = deque(maxlen=len(code))
-
-    def opens(self, char: str) -> bool:
-        """Whether this character completes the code; keys without a character do not count."""
-        self._typed.extend(char)
-        return "".join(self._typed) == self._code

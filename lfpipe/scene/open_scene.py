@@ -82,9 +82,7 @@ class Opened:
     packing: Packing | None = None
 
 
-def open_scenes(
-    paths: Sequence[Path], settings: config.Scene, progress: Progress = silent, *, complete: bool = False
-) -> Opened:
+def open_scenes(paths: Sequence[Path], settings: config.Scene, progress: Progress = silent, *, complete: bool = False) -> Opened:
     """Opens the first of the light fields at paths as soon as it can be shown; a folder of light fields stands for those in it.
 
     An empty sequence stands for the demo. progress: called from this thread. complete: with its disparity, for pictures that are

@@ -30,9 +30,7 @@ class HealthCheck:
     """The health of one process. row: its record of the status table. look: returns ns of CPU time so far, and whether the
     process waits for a disk."""
 
-    def __init__(
-        self, stage: Stage, row: NDArray[np.void], pid: int, look: Callable[[int], tuple[int, bool]] = activity
-    ) -> None:
+    def __init__(self, stage: Stage, row: NDArray[np.void], pid: int, look: Callable[[int], tuple[int, bool]] = activity) -> None:
         self._stage, self._row, self._pid, self._look = stage, row, pid, look
         self._checked_ns = self._excused_ns = self._worked_ns = self._looked_ns = now_ns()
         self._sign_ns = self._cpu_ns = 0

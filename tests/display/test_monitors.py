@@ -49,15 +49,6 @@ def test_a_number_or_part_of_a_name(wanted: str, number: int) -> None:
     assert find_monitor(wanted, DESK).number == number
 
 
-@pytest.mark.parametrize(
-    ("wanted", "said"), [("3", "no such"), ("DP", "several"), ("eDP-2", "did you mean 'eDP-1'"), ("-1", "several")]
-)
-def test_one_that_is_not_there_or_not_alone(wanted: str, said: str) -> None:
-    with pytest.raises(UserError, match=said) as raised:
-        find_monitor(wanted, DESK)
-    assert all(str(each) in raised.value.remedy for each in DESK)
-
-
 def test_sizes_that_cannot_be_are_not_believed() -> None:
     assert pixel_mm((96.0, 96.0), 1920) == pytest.approx(508 / 1920)
     assert pixel_mm((0.0, 0.0), 1920) is None

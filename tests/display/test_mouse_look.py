@@ -12,8 +12,8 @@ import pytest
 
 from lfpipe.config import Config
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.display import Pointer
 from lfpipe.render.mouse_look import MouseLook
+from lfpipe.render.overlay import Pointer
 from lfpipe.render.viewer import Viewer
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.transport.ring import Stamp

@@ -13,9 +13,8 @@ import numpy as np
 import pygame
 import pytest
 
-from lfpipe import config
-from lfpipe.render.display import HINT, KEYS, Display, has_display, open_display
-from lfpipe.render.thumbnails import Thumbnails
+from lfpipe.render.display import HINT, Display, has_display, open_display
+from lfpipe.render.overlay import KEYS, Item, Menu, Overlay
 from tests.xdnd import drop
 from tests.xvfb_screen import Screen, outline
 
@@ -109,11 +108,11 @@ def test_overlay_comes_and_goes(window: Callable[..., Display], screen: Screen) 
     display = window((700, 500))
     grey = np.full((500, 700, 3), 90, np.uint8)
     display.show(grey)
-    display.overlay(["30.0 Hz", "age of the picture 21 ms"])
+    display.overlay(Overlay(("30.0 Hz", "age of the picture 21 ms")))
     assert becomes(lambda: bool((screen.shown() == 255).any()), display)  # white letters
     display.show(grey)
     assert becomes(lambda: bool((screen.shown()[200:] == 90).all()), display)
-    display.overlay([])
+    display.overlay(Overlay())
     assert becomes(lambda: np.array_equal(screen.shown(), grey), display)
 
 
@@ -121,9 +120,9 @@ def test_what_is_said_stands_at_the_bottom_and_the_title_names_the_scene(window:
     display = window((700, 500))
     grey = np.full((500, 700, 3), 90, np.uint8)
     display.show(grey)
-    display.say(["mode: grey", "paused"])
+    display.overlay(Overlay(notices=("mode: grey", "paused")))
     assert becomes(lambda: bool((screen.shown()[400:] == 255).any()) and bool((screen.shown()[:400] == 90).all()), display)
-    display.say([])
+    display.overlay(Overlay())
     assert becomes(lambda: np.array_equal(screen.shown(), grey), display)
     display.title("bunny")
     assert becomes(lambda: outline("lfpipe: bunny", screen.name) is not None, display)
@@ -152,7 +151,7 @@ def test_what_is_dropped_is_named_and_a_name_that_is_no_text_ends_nothing(window
     display = window((640, 480))
     display.show(noise(640, 480))
     with ThreadPoolExecutor(1) as pool:
-        for name, event in ((b"/tmp/sc\xe8ne", "drop"), ("/tmp/a schöne b".encode(), "drop /tmp/a schöne b")):
+        for name, event in ((b"/tmp/sc\xe8ne", "load"), ("/tmp/a schöne b".encode(), "load /tmp/a schöne b")):
             dropped = pool.submit(drop, Path(os.fsdecode(name)), f"lfpipe: a test ({HINT})", screen.name)
             assert pressed(display) == [event]
             dropped.result()
@@ -163,12 +162,10 @@ def test_names_that_no_font_has_letters_for_are_drawn(window: Callable[..., Disp
     grey = np.full((480, 640, 3), 90, np.uint8)
     display.show(grey)
     odd = "sc\udce8ne\0"
-    display.say([odd])
     display.title(odd)
-    display.menu(Thumbnails([f"/nowhere/{odd}"], 0, config.Scene()).draw)
+    display.overlay(Overlay(notices=(odd,), menu=Menu(odd, odd, (Item(odd),))))
     assert becomes(lambda: bool((screen.shown() == 255).any()), display)
-    display.menu(None)
-    display.say([])
+    display.overlay(Overlay())
     assert becomes(lambda: np.array_equal(screen.shown(), grey), display)
 
 

@@ -1,6 +1,5 @@
 """Words in the picture, steps of depth, and the picture of the glasses test."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import attrs
@@ -9,11 +8,10 @@ import pytest
 
 from lfpipe.config import Render, choices
 from lfpipe.render.anaglyph import MATRICES
-from lfpipe.render.file_display import picture_folder
 from lfpipe.render.geometry import depth_range_px, depth_step_px
-from lfpipe.render.glasses_test import GlassesTest
-from lfpipe.render.overlay import SHOWN_NS, Notices
-from lfpipe.render.scene_menu import SceneLoader
+from lfpipe.render.glasses import glasses_test
+from lfpipe.render.notices import SHOWN_NS, Notices
+from lfpipe.render.scenes import SceneLoader
 from lfpipe.transport.clock import now_ns
 
 
@@ -22,10 +20,10 @@ def test_notices_pass_and_states_stay() -> None:
     notices.say("mode", "mode: grey", 0)
     notices.state("paused", "paused")
     notices.say("mode", "mode: mono", SHOWN_NS // 2)
-    assert notices.lines(SHOWN_NS) == ["mode: mono", "paused"]
-    assert notices.lines(2 * SHOWN_NS) == ["paused"]
+    assert notices.lines(SHOWN_NS) == ("mode: mono", "paused")
+    assert notices.lines(2 * SHOWN_NS) == ("paused",)
     notices.state("paused", "")
-    assert notices.lines(2 * SHOWN_NS) == []
+    assert not notices.lines(2 * SHOWN_NS)
 
 
 @pytest.mark.parametrize(
@@ -39,12 +37,8 @@ def test_some_forty_presses_go_through_a_scene(low: float, high: float, step: fl
 
 @pytest.mark.parametrize("anaglyph", [name for name in choices("render.anaglyph") if name in MATRICES])
 def test_each_eyes_letter_is_in_its_own_channels(anaglyph: str) -> None:
-    test = GlassesTest()
     render = Render(anaglyph=anaglyph)
-    assert test.draw(render, (320, 200)) and not test.draw(render, (320, 200))
-    plain = test.picture.astype(int)
-    assert test.draw(attrs.evolve(render, swap_eyes=True), (320, 200))
-    swapped = test.picture.astype(int)
+    plain, swapped = (glasses_test(attrs.evolve(render, swap_eyes=swap), (320, 200))[0].astype(int) for swap in (False, True))
     assert np.abs(plain - swapped).max() > 60, "swapped, the letters change their eyes"
     left, right = plain[:, 20:150], plain[:, 170:300]
     contrast = [[int(np.ptp(half[..., channel])) for channel in range(3)] for half in (left, right)]
@@ -54,23 +48,8 @@ def test_each_eyes_letter_is_in_its_own_channels(anaglyph: str) -> None:
 
 @pytest.mark.parametrize("anaglyph", ["side-by-side", "row-interleaved"])
 def test_screens_of_two_views_get_both(anaglyph: str) -> None:
-    test = GlassesTest()
-    test.draw(Render(anaglyph=anaglyph), (320, 200))
-    assert test.pair is not None and (test.pair[0] != test.pair[1]).any()
-
-
-def test_screenshots_go_where_a_person_looks_for_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    home = tmp_path / "home"
-    (home / "Bilder").mkdir(parents=True)
-    assert picture_folder(home, {}) == tmp_path, "no folder of pictures: where one is"
-    (home / "Pictures").mkdir()
-    assert picture_folder(home, {}) == home / "Pictures"
-    (home / ".config").mkdir()
-    (home / ".config" / "user-dirs.dirs").write_text('# made by xdg\nXDG_PICTURES_DIR="$HOME/Bilder"\n')
-    assert picture_folder(home, {}) == home / "Bilder"
-    (home / ".config" / "user-dirs.dirs").write_text('XDG_PICTURES_DIR="$HOME/gone"\n')
-    assert picture_folder(home, {}) == tmp_path
+    picture, pair = glasses_test(Render(anaglyph=anaglyph), (320, 200))
+    assert picture.shape == (200, 320, 3) and pair is not None and (pair[0] != pair[1]).any()
 
 
 def test_the_picture_says_how_far_a_scene_is_loaded_whoever_asked() -> None:
@@ -82,7 +61,7 @@ def test_the_picture_says_how_far_a_scene_is_loaded_whoever_asked() -> None:
 
     def shown() -> list[str]:
         scenes.serve(now_ns())
-        return notices.lines(now_ns())
+        return list(notices.lines(now_ns()))
 
     def report(scene: str, step: str) -> None:
         scenes.report({"scene": scene, "step": step, "shown": False, "share": None})

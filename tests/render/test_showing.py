@@ -1,6 +1,5 @@
 """Pictures on their way to the light are known once each, in their order, by their blank or by their hand-over."""
 
-
 from lfpipe.host.presentation import Presented
 from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, WaitingPictures
 from lfpipe.render.viewer import Viewpoints

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
-from lfpipe.render.display import NullDisplay
+from lfpipe.render.display import Display
 from lfpipe.render.pair_layout import Pair
 from lfpipe.track.engine import Face
 from lfpipe.track.smoothing import Filter, Points
@@ -50,7 +50,7 @@ def newest(track: Track, loop_s: float) -> Newest:
     return Newest()
 
 
-class CountDisplay(NullDisplay):
+class CountDisplay(Display):
     """`--display count:FILE`: writes the number of pictures to FILE when the session ends."""
 
     def __init__(self, argument: str, size_px: tuple[int, int], title: str, rate_hz: float) -> None:

@@ -1,0 +1,146 @@
+"""A person's glasses: the question which they are (key e, and at the first start), and their test (key g)."""
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import Render, user_file
+from lfpipe.render.anaglyph import MATRICES, encode
+from lfpipe.render.compositor import recipe_for
+from lfpipe.render.notices import Notices
+from lfpipe.render.overlay import Item, Menu
+from lfpipe.render.pair_layout import Pair, laid_out
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.context import Context
+
+Colour = tuple[int, int, int]
+# words, colours of the left and right lens (RGB), value of render.anaglyph
+KINDS: tuple[tuple[str, tuple[Colour, Colour] | None, str], ...] = (
+    ("red / cyan", ((220, 30, 30), (0, 190, 200)), "dubois"),
+    ("green / magenta", ((20, 170, 40), (210, 40, 200)), "dubois-green-magenta"),
+    ("amber / blue", ((240, 170, 0), (30, 40, 190)), "dubois-amber-blue"),
+    ("3-D television", ((60, 60, 60), (60, 60, 60)), "side-by-side"),
+    ("none", None, "mono"),
+)
+ICON_PX = 480, 240  # width, height: larger than on any screen, so that it is only scaled down
+GREY, DARK, LIGHT = 128, 60, 235
+FONT = cv2.FONT_HERSHEY_DUPLEX
+GHOST_STEP = 5.0  # %
+WORDS = {"anaglyph": "your glasses", "swap_eyes": "swapped eyes", "ghost_compensation": "compensation of ghosts"}
+
+
+def _icon(lenses: tuple[Colour, Colour] | None) -> NDArray[np.uint8]:
+    """Glasses, or a crossed circle for none: RGBA."""
+    picture, frame, line = np.zeros((ICON_PX[1], ICON_PX[0], 4), np.uint8), (200, 200, 200, 255), 14
+    middle, y = ICON_PX[0] // 2, ICON_PX[1] // 2
+    if lenses is None:
+        cv2.circle(picture, (middle, y), 100, frame, line, cv2.LINE_AA)
+        cv2.line(picture, (middle - 70, y + 70), (middle + 70, y - 70), frame, line, cv2.LINE_AA)
+    for x, colour in zip((middle - 115, middle + 115), lenses or (), strict=False):
+        cv2.ellipse(picture, (x, y), (95, 70), 0, 0, 360, (*colour, 255), -1, cv2.LINE_AA)
+        cv2.ellipse(picture, (x, y), (95, 70), 0, 0, 360, frame, line, cv2.LINE_AA)
+    return picture
+
+
+@lru_cache(1)
+def glasses_menu(anaglyph: str) -> Menu:
+    """The question. anaglyph: the setting in force."""
+    items = tuple(Item(words, f"wear {value}", picture=_icon(lenses)) for words, lenses, value in KINDS)
+    at = next((k for k, (_, _, value) in enumerate(KINDS) if value == anaglyph), 0)
+    return Menu("Which glasses do you have?", "Click, or use the arrows and Enter. Key e asks again.", items, at)
+
+
+def _eye_picture(left: bool, size_px: tuple[int, int]) -> NDArray[np.uint8]:
+    """The test picture for one eye, uint8 BGR: its letter in its half, and a frame for both. size_px: (width, height)."""
+    width, height = size_px
+    picture = np.full((height, width, 3), GREY, np.uint8)
+    line = max(2, min(size_px) // 100)
+    cv2.rectangle(picture, (line, line), (width - 1 - line, height - 1 - line), (LIGHT,) * 3, line)
+    patch = slice(width // 16, width // 2 - width // 32) if left else slice(width // 2 + width // 32, width - width // 16)
+    picture[height // 8 : height - height // 8, patch] = DARK
+    letter, scale = "L" if left else "R", min(width / 2, height) / 40
+    (wide, high), _ = cv2.getTextSize(letter, FONT, scale, line)
+    at = (patch.start + patch.stop - wide) // 2, (height + high) // 2
+    cv2.putText(picture, letter, at, FONT, scale, (LIGHT,) * 3, 2 * line, cv2.LINE_AA)
+    return picture
+
+
+@lru_cache(1)
+def glasses_test(render: Render, size_px: tuple[int, int]) -> tuple[NDArray[np.uint8], Pair | None]:
+    """A picture with an L for the left eye and an R for the right one, made like every other picture.
+
+    Returns uint8 (height, width, 3) BGR, and its two views where the mode shows two.
+    """
+    pair = _eye_picture(True, size_px), _eye_picture(False, size_px)
+    if render.swap_eyes:
+        pair = pair[::-1]
+    if render.anaglyph in MATRICES:
+        return encode(*pair, recipe_for(render)), None
+    if render.anaglyph == "mono":
+        return np.maximum(*pair), None
+    return laid_out(pair, render.anaglyph, size_px), pair
+
+
+class Glasses:
+    """Keeps the answer to the question, and runs the test. tests: whether it is on."""
+
+    def __init__(self, context: Context, notices: Notices) -> None:
+        self._context, self._notices = context, notices
+        self._chosen = ""  # value of render.anaglyph whose test follows
+        self._before: Render | None = None  # the settings when the test began
+
+    @property
+    def tests(self) -> bool:
+        return self._before is not None
+
+    def wear(self, anaglyph: str) -> bool:
+        """Keeps the answer; returns whether a test follows."""
+        self._keep({"anaglyph": anaglyph})
+        self._context.request("set", set={"render.anaglyph": anaglyph})
+        self._chosen = "" if anaglyph == "mono" else anaglyph
+        return bool(self._chosen)
+
+    def follow(self, render: Render) -> None:
+        """Begins the test once the chosen setting is in force."""
+        if self._chosen == render.anaglyph and not self.tests:
+            self._chosen = ""
+            self.switch()
+
+    def switch(self) -> None:
+        """Begins or ends the test; at its end the changes are kept in the person's settings."""
+        render, before = self._context.config.render, self._before
+        self._before = render if before is None else None
+        if before is not None:
+            names = ("swap_eyes", "ghost_compensation")
+            self._keep({name: getattr(render, name) for name in names if getattr(render, name) != getattr(before, name)})
+
+    def compensate(self, sign: int) -> None:
+        """During the test: a step more or less against ghosts."""
+        if self.tests:
+            ghost = self._context.config.render.ghost_compensation + sign * GHOST_STEP
+            self._context.request("set", set={"render.ghost_compensation": min(max(ghost, 0.0), 100.0)})
+
+    def words(self, render: Render) -> str:
+        """The instructions of a running test, "" without one."""
+        if not self.tests:
+            return ""
+        if render.anaglyph == "mono":
+            return "glasses test: this mode shows both eyes the same picture; m changes the mode"
+        ghost = f"a faint L too? adjust with right and left arrow: compensation {render.ghost_compensation:.0f} %\n"
+        ghost = ghost if render.anaglyph in MATRICES else ""
+        return f"close your left eye: you should see only R\n{ghost}x swaps the eyes, g ends the test"
+
+    def _keep(self, values: Mapping[str, float | bool | str]) -> None:
+        """Saves keys of [render] in the person's settings."""
+        from lfpipe.config.user_files import write_keys  # few sessions need it
+
+        try:
+            write_keys(user_file(), "render", values)
+        except (OSError, ValueError) as error:
+            self._notices.say("kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}", now_ns())
+        else:
+            if values:
+                self._notices.say("kept", f"saved for the next session: {', '.join(WORDS[name] for name in values)}", now_ns())

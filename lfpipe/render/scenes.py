@@ -1,0 +1,220 @@
+"""Other scenes: requests for one of the playlist or a dropped one, their choice by pictures (key Tab), and the desktop's dialog.
+
+The old scene stays on the screen until the packer has the views of the new one. A second request replaces the first.
+"""
+
+import shutil
+import subprocess
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.files.decoding import fit_area
+from lfpipe.render.notices import Notices
+from lfpipe.render.overlay import Item, Menu
+from lfpipe.scene.contact_sheet import stored_view
+from lfpipe.scene.open_scene import packed
+from lfpipe.scene.recent_scenes import forget_scene
+from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.context import Context
+from lfpipe.transport.ring import Reader
+
+ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
+NO_OTHER = "there is no other scene: `lfpipe up` accepts several"
+REFUSED_NS, LINE_CHARS, MAX_LINES = 6 * SECOND_NS, 60, 10  # of a refusal in the picture
+CAMERA_NS = SECOND_NS // 5  # between two pictures of the camera
+KEPT_PX = (480, 360)  # of a thumbnail, at most
+HINT = (
+    "Click, or use the arrows and Enter; Delete removes a scene here; Tab goes back.\nOr drop a folder of views onto the window."
+)
+
+
+@attrs.frozen
+class _Request:
+    """A requested scene that is not loaded yet."""
+
+    scene: str
+    words: str
+    since_ns: int
+
+
+class SceneLoader:
+    """Requests scenes and shows the progress in the picture."""
+
+    def __init__(self, context: Context, notices: Notices) -> None:
+        self._context, self._notices = context, notices
+        self._loading: _Request | None = None
+        self._step = "", ""  # the scene being loaded and its progress
+        self.share: float | None = None  # of the packer's work on the scene on the screen that is done; None without
+        self._first_due_ns = 0
+
+    def step(self, step: int) -> None:
+        """Requests the scene of the playlist that many steps from the one requested last."""
+        scenes, asked = self._context.options.playlist, self._loading.scene if self._loading else ""
+        if len(scenes) < 2:
+            self._notices.say("scene", NO_OTHER, now_ns())
+            return
+        at = scenes.index(asked) if asked in scenes else self._context.options.playlist_at
+        self.load(Path(scenes[(at + step) % len(scenes)]))
+
+    def load(self, scene: Path) -> None:
+        """Requests the scene at a path, instead of one requested before."""
+        scenes = self._context.options.playlist
+        place = f": {scenes.index(str(scene)) + 1} of {len(scenes)}" if str(scene) in scenes else ""
+        self._context.request("load", scene=str(scene))
+        self._loading = _Request(str(scene), f"loading {scene.name}{place}", now_ns())
+
+    def answered(self, answer: dict[str, Any]) -> None:
+        """Handles the answer to a request: the picture shows a refusal for a while."""
+        if answer.get("replaced"):
+            return
+        refused = not answer["ok"]
+        if refused:
+            lines = [f"{self._loading.words}: refused" if self._loading else "refused"]
+            for text in (answer["error"], answer.get("remedy", "")):
+                lines += textwrap.wrap(text, LINE_CHARS)[: MAX_LINES // 2]
+            self._notices.say("refused", "\n".join(lines), now_ns(), REFUSED_NS)
+        if refused or "pack" in answer:
+            self._loading = None
+
+    def report(self, news: dict[str, Any]) -> None:
+        """Takes the progress of loading, whoever requested the scene. Of the scene on the screen, only a line shows it."""
+        self._step = ("", "") if news["shown"] else (news["scene"], news["step"])
+        self.share = news["share"] if news["shown"] and news["step"] else None
+
+    def serve(self, t_ns: int) -> None:
+        """Shows what is being loaded; in an exhibition, requests the first scene for the next visitor."""
+        waited_s = (t_ns - self._loading.since_ns) // SECOND_NS if self._loading else 0
+        (scene, step), loading = self._step, self._loading
+        words = loading.words if loading else f"loading {scene}" if step else ""
+        self._notices.state("loading", ", ".join(filter(None, [words, step, f"{waited_s} s" if waited_s else ""])))
+        options, alone_ns = self._context.options, t_ns - int(self._context.row["t_face_ns"])
+        if options.kiosk and options.playlist_at and alone_ns > ALONE_NS and t_ns > self._first_due_ns:
+            self._first_due_ns = t_ns + ALONE_NS  # it may need packing again
+            self._context.request("load", at=0)
+
+
+def _small(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    _, _, width, height = fit_area((picture.shape[1], picture.shape[0]), KEPT_PX)
+    return np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+class ScenePage:
+    """The scenes of the playlist as a menu, with the camera's picture. menu: None while it is closed."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self.menu: Menu | None = None
+        self._scenes: list[str] = list(context.options.playlist)
+        self._pictures: dict[str, NDArray[np.uint8] | None] = {}
+        self._camera: Reader | None = None
+        self._camera_item: Item | None = None
+        self._camera_due_ns = 0
+
+    def open(self) -> None:
+        """Shows the scenes; reads their pictures again, as one may have been packed since."""
+        options = self._context.options
+        now = options.playlist[options.playlist_at]
+        self._pictures.clear()
+        if options.tracking:
+            self._camera, self._camera_item = Reader(self._context.spec.session.segment("frames")), Item("the camera")
+        self._make_menu(self._scenes.index(now) if now in self._scenes else 0)
+
+    def close(self) -> None:
+        """Closes the menu."""
+        if self._camera is not None:
+            self._camera.close()
+        self.menu = self._camera = None
+
+    def _make_menu(self, at: int = 0) -> None:
+        items = [
+            Item(
+                Path(scene).name,
+                f"load {scene}",
+                "",
+                self._pictures.get(scene),
+                "not opened yet" if scene in self._pictures else "",
+            )
+            for scene in self._scenes
+        ]
+        self.menu = Menu("Choose a scene", HINT, (*items, *([self._camera_item] if self._camera_item else [])), at)
+
+    def forget(self, scene: str) -> None:
+        """Takes a scene off the start page; the demo stays, and so do all files."""
+        if self._context.options.start and scene in self._scenes[1:]:
+            self._scenes.remove(scene)
+            forget_scene(Path(scene))
+            self._make_menu()
+
+    def serve(self, t_ns: int) -> None:
+        """Reads one more thumbnail and, now and then, the camera's picture."""
+        if self.menu is None:
+            return
+        scene = next((scene for scene in self._scenes if scene not in self._pictures), None)
+        if scene is not None:
+            with self._context.busy_with("reading thumbnails"):
+                self._pictures[scene] = self._thumbnail(scene)
+        seen = self._see_camera() if self._camera is not None and t_ns >= self._camera_due_ns else None
+        if seen is not None:
+            self._camera_item, self._camera_due_ns = seen, t_ns + CAMERA_NS
+        if scene is not None or seen is not None:
+            self._make_menu()
+
+    def _thumbnail(self, scene: str) -> NDArray[np.uint8] | None:
+        """The middle view of a packed scene, uint8 (height, width, 3) RGB of at most KEPT_PX; None without a pack."""
+        try:
+            field = packed(scene, self._context.config.scene)
+        except UserError:
+            return None
+        return None if field is None else _small(stored_view(field, field.rows // 2, field.cols // 2))
+
+    def _see_camera(self) -> Item | None:
+        """What the camera sees, mirrored."""
+        width_px, height_px = self._context.config.camera.frame_px
+        frame = np.empty((height_px, width_px, 3), np.uint8)
+        if self._camera is None or self._camera.read(frame) is None:
+            return None
+        options = self._context.options
+        if options.source.startswith("demo"):
+            caption = "demo face: no camera found" if options.start else "demo face"
+        else:
+            caption = "a face: here you are" if self._context.row["face"] else "no face seen"
+        return Item(caption, picture=_small(frame)[:, ::-1, ::-1])
+
+
+# A portal's answer is a signal to the connection that asked; `gdbus call` and `busctl call` have closed theirs by then.
+NO_DIALOG = "drop a folder or a file onto the window (zenity or kdialog would give a dialog)"
+
+
+class FileDialog:
+    """The desktop's own dialog, a child process, so that pictures go on; at most one at a time."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+
+    def open(self, folder: bool) -> bool:
+        """Opens the dialog for a folder or a file unless one is open; returns whether this desktop has one."""
+        title = "Open a folder of views" if folder else "Open a light field"
+        if program := shutil.which("zenity"):
+            command = [program, "--file-selection", f"--title={title}", *(["--directory"] if folder else [])]
+        elif program := shutil.which("kdialog"):
+            command = [program, "--title", title, "--getexistingdirectory" if folder else "--getopenfilename", str(Path.home())]
+        else:
+            return False
+        if self._process is None:
+            self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        return True
+
+    def chosen(self) -> Path | None:
+        """What was chosen since the last call."""
+        if self._process is None or self._process.poll() is None:
+            return None
+        path, _ = self._process.communicate()
+        code, self._process = self._process.returncode, None
+        return Path(path.rstrip("\n")) if code == 0 and path.strip() else None

@@ -1,0 +1,65 @@
+"""Refusals of displays. The tests of this room run without a screen unless they ask for one."""
+
+from pathlib import Path
+
+import pytest
+
+from lfpipe.render.display import check_display
+from lfpipe.render.monitors import Monitor, find_monitor
+from tests.test_messages import Cause
+
+FORMS = "use one of window, fullscreen, none or file:OUT.mkv (or .mp4)"
+ELSEWHERE = "use --display none or --display file:OUT.mkv, or run on a desktop"
+DESK = [Monitor(0, "eDP-1", 0, 0, 1920, 1200, None), Monitor(1, "DP-1", 1920, 0, 1920, 1080, None)]
+LIST = "use the number or part of the name of one of: 0 eDP-1 1920x1200+0+0; 1 DP-1 1920x1080+1920+0"
+
+
+def on_screen(name: str, spec: str) -> None:
+    """Checks a display where the environment names that screen."""
+    with pytest.MonkeyPatch.context() as patch:
+        for variable in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+            patch.delenv(variable, raising=False)
+        if name:
+            patch.setenv("DISPLAY", name)
+        check_display(spec)
+
+
+def no_encoder(here: Path) -> None:
+    """Checks a video in a format that needs PyAV, without it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("importlib.util.find_spec", lambda _name: None)
+        check_display(f"file:{here}/a.mp4")
+
+
+MESSAGES: dict[str, tuple[Cause, str]] = {
+    "no screen": (
+        lambda here: on_screen("", "fullscreen"),
+        f"--display fullscreen: no screen here (neither WAYLAND_DISPLAY nor DISPLAY is set)\n  remedy: {ELSEWHERE}",
+    ),
+    **{
+        f"dead screen {name}": (
+            lambda here, name=name: on_screen(name, "window"),
+            f"--display window: no screen here ({name} does not answer)\n  remedy: {ELSEWHERE}",
+        )
+        for name in (":97", "unix:97", "localhost:97.0", "rubbish", ":")
+    },
+    **{
+        f"display {spec}": (lambda here, spec=spec: check_display(spec), f"--display {spec!r}: not a display\n  remedy: {FORMS}")
+        for spec in ("windw", "none:", "file", "file:")
+    },
+    "kind of video": (
+        lambda here: check_display("file:out.webm"),
+        "--display file:out.webm: not .mkv, .avi or .mp4\n"
+        "  remedy: use for example file:out.mkv, lossless RGB like .avi; .mp4 is small and plays everywhere",
+    ),
+    "no encoder": (
+        no_encoder,
+        "--display file:/here/a.mp4: no H.264 encoder: PyAV is not installed\n"
+        "  remedy: pip install 'lfpipe[media]'; .mkv and .gif do not need it",
+    ),
+    "no such monitor": (lambda here: find_monitor("3", DESK), f"screen.monitor '3': no such monitor\n  remedy: {LIST}"),
+    "two monitors": (
+        lambda here: find_monitor("DP", DESK),
+        f"screen.monitor 'DP': several monitors are called that\n  remedy: {LIST}",
+    ),
+}

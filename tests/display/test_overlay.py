@@ -1,0 +1,150 @@
+"""The overlay of the window: what keys, clicks and touches on it mean, at any size of window."""
+
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+
+import numpy as np
+import pygame
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfpipe.config import choices
+from lfpipe.render.display import Display
+from lfpipe.render.glasses import KINDS, glasses_menu
+from lfpipe.render.layers import Layers
+from lfpipe.render.overlay import DEPTH, EVENTS, KEYS, Item, Menu, Overlay, bar_items
+from lfpipe.render.panels import BAR_SHARE, Panel
+from tests.display.test_window import becomes, press, pressed, window  # noqa: F401  (fixtures)
+from tests.xvfb_screen import Screen
+
+SIZES = [(320, 240), (640, 480), (1920, 1080), (3840, 2160)]
+BAR = bar_items(0.0, False, frozenset())
+ARROWS = ["less", "more", "up", "down", "next", "previous"]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def fonts() -> None:
+    pygame.font.init()
+
+
+def mouse(kind: int) -> pygame.Event:
+    return SimpleNamespace(type=kind, button=1)  # type: ignore[return-value]
+
+
+class Screened:
+    """An overlay in a window of a size."""
+
+    def __init__(self, size: tuple[int, int], overlay: Overlay) -> None:
+        self.size, self.layers = size, Layers("")
+        self.layers.set(overlay)
+        self.layers.mouse(mouse(pygame.MOUSEMOTION), (0, 0))
+        self.draw()
+
+    def draw(self) -> Panel:
+        return next(panel for panel in self.layers.panels(self.size, max(22, self.size[1] // 50)) if panel.cells)
+
+    def click(self, x: int, y: int) -> str:
+        event = self.layers.mouse(mouse(pygame.MOUSEBUTTONDOWN), (x, y))
+        self.layers.mouse(mouse(pygame.MOUSEBUTTONUP), (x, y))
+        return event
+
+    def places(self) -> Iterator[tuple[int, int]]:
+        return ((x, y) for x in range(2, self.size[0], 7) for y in range(2, self.size[1], 7))
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_every_entry_of_the_bar_can_be_clicked_and_the_middle_is_free(size: tuple[int, int]) -> None:
+    screened = Screened(size, Overlay(bar=BAR))
+    bar = screened.draw()
+    assert bar.surface.get_width() == size[0] and bar.surface.get_height() <= 1.2 * BAR_SHARE * size[1]
+    assert bar.at[1] + bar.surface.get_height() == size[1]
+    events = {screened.click(*place).partition(" ")[0] for place in screened.places() if place[1] > bar.at[1]}
+    assert events >= {item.event for item in BAR}
+
+
+def test_every_entry_shows_its_key_and_what_a_session_lacks_is_left_out() -> None:
+    assert all(EVENTS[item.key] == item.event for item in BAR if item.event != DEPTH)
+    assert len(EVENTS) == sum(len(row.keys.split()) for row in KEYS), "no key twice"
+    fewer = bar_items(0.0, True, frozenset({DEPTH, "choose"}))
+    assert len(fewer) == len(BAR) - 2 and any(item.warns for item in fewer)
+
+
+def test_the_bar_goes_by_itself_but_not_while_the_slider_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    screened = Screened((1920, 1080), Overlay(bar=BAR))
+    _, rect = next(cell for cell in screened.draw().cells if cell[0].event == DEPTH)
+    at = screened.draw().at
+    y = at[1] + rect.centery
+    values = [screened.layers.mouse(mouse(pygame.MOUSEBUTTONDOWN), (rect.left + 1, y))]
+    monkeypatch.setattr("time.monotonic", lambda now=pygame.time.get_ticks: 1e9 + now())
+    assert screened.draw(), "held"
+    values += [screened.layers.mouse(mouse(pygame.MOUSEMOTION), (x, y)) for x in range(rect.left, 1920, 10)]
+    numbers = [float(value.removeprefix("depth ")) for value in values]
+    assert numbers == sorted(numbers) and numbers[0] == 0.0 and numbers[-1] == 1.0
+    assert screened.layers.mouse(mouse(pygame.MOUSEBUTTONUP), (0, 0)) == ""
+    monkeypatch.setattr("time.monotonic", lambda: 1e12)
+    assert screened.layers.panels((1920, 1080), 22) == []
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_each_kind_of_glasses_can_be_clicked(size: tuple[int, int]) -> None:
+    menu = glasses_menu("mono")
+    assert {value for *_, value in KINDS} <= set(choices("render.anaglyph"))
+    screened = Screened(size, Overlay(menu=menu))
+    width, height = screened.draw().surface.get_size()
+    assert width <= size[0] and height <= size[1]
+    events = dict.fromkeys(screened.click(*place) for place in screened.places())
+    assert set(events) - {""} == {item.event for item in menu.items}
+    assert [screened.layers.key(key) for key in ("enter", "more", "enter")] == ["wear mono", "", "wear dubois"]
+
+
+@settings(max_examples=20)
+@given(
+    st.integers(1, 40), st.tuples(st.integers(120, 1400), st.integers(120, 900)), st.lists(st.sampled_from(ARROWS), max_size=30)
+)
+def test_the_selected_item_is_on_the_page(count: int, size: tuple[int, int], keys: list[str]) -> None:
+    items = tuple(Item(f"scene {k}", f"load /{k}", picture=np.zeros((6, 8, 3), np.uint8)) for k in range(count))
+    screened = Screened(size, Overlay(menu=Menu("", "a hint", items, count // 2)))
+    for key in keys:
+        assert screened.layers.key(key) == ""
+        screened.draw()
+    selected = screened.layers.key("enter")
+    assert selected in {item.event for item, _ in screened.draw().cells}
+    assert screened.layers.key("delete") == f"delete {selected}" and screened.layers.key("mode") == "mode"
+    kept = Menu("", "a hint", items[:-1] or items, 0)
+    screened.layers.set(Overlay(menu=kept))
+    assert screened.layers.key("enter") == selected or selected == items[-1].event, (
+        "another menu of that title keeps the selection"
+    )
+
+
+def test_every_item_is_reached_by_one_key_each_way() -> None:
+    screened = Screened((900, 600), Overlay(menu=Menu("", "", tuple(Item(str(k), str(k)) for k in range(25)))))
+    for key, order in (("more", [*range(1, 25), 0]), ("less", range(24, -1, -1))):
+        assert [screened.layers.key(key) or int(screened.layers.key("enter")) for _ in order] == list(order)
+
+
+def test_escape_closes_the_help_then_the_menu_then_leaves_the_full_screen() -> None:
+    layers = Layers("")
+    layers.set(Overlay(menu=glasses_menu("mono")))
+    layers.help = True
+    assert layers.key("escape") == "help"
+    layers.help = False
+    assert layers.key("escape") == "close"
+    layers.set(Overlay())
+    assert layers.key("escape") == "escape"
+
+
+def test_the_bar_comes_with_the_mouse_and_a_click_is_a_key(
+    window: Callable[..., Display],  # noqa: F811
+    screen: Screen,
+) -> None:
+    display = window((700, 500))
+    display.show(np.full((500, 700, 3), 90, np.uint8))
+    display.overlay(Overlay(bar=BAR))
+    pygame.event.post(pygame.event.Event(pygame.MOUSEMOTION, pos=(350, 200), rel=(1, 1), buttons=(0, 0, 0)))
+    assert becomes(lambda: bool((screen.shown()[470:] == 255).any()), display)
+    assert (screen.shown()[:350] == 90).all()
+    for name in (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN):
+        pygame.event.post(pygame.event.Event(name, pos=(12, 440), rel=(1, 1), buttons=(0, 0, 0), button=1))
+    assert pressed(display) == ["choose"] and not display.pointer().left
