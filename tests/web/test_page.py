@@ -108,7 +108,7 @@ def test_the_grid_is_where_the_mapping_says() -> None:
     gaze = EyesOnGrid(5, 7, 20.0, (300.0, 220.0), ((310.0, 230.0), (270.0, 230.0)), ((2.5, 2.5), (2.5, 4.5)), True)
     for row, col in ((0, 0), (4, 6), (2, 3), (1, 5)):
         place = gaze.place_px(row, col)
-        assert solver.views([place, place])[0] == pytest.approx((row, col))
+        assert solver.views((*place, *place))[0] == pytest.approx((row, col))
     picture = np.zeros((480, 640, 3), np.uint8)
     draw_over_eyes(picture, gaze)
     x, y = gaze.place_px(4, 6)
