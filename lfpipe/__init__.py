@@ -41,21 +41,7 @@ _MODULES = {
     "replay": "api.replay",
 }
 
-__all__ = [
-    "Attachment",
-    "Eyes",
-    "Frame",
-    "Head",
-    "LightField",
-    "Session",
-    "Tracker",
-    "UserError",
-    "attach",
-    "open_scene",
-    "render_anaglyph",
-    "render_view",
-    "replay",
-]
+__all__ = [*_MODULES]
 
 # OpenCV reads these when it is imported. The first is a second limit behind lfpipe.files.pictures; the second keeps FFmpeg
 # from printing a line for every frame of a damaged video.

@@ -34,7 +34,7 @@ _FORMAT = _Format("%(asctime)s.%(msecs)03d %(level_word)s %(process_word)s %(nam
 
 
 class SessionFile(logging.Handler):
-    """Appends to a file that several processes write, and keeps it below MAX_BYTES: each line is one write at its end, and the
+    """Appends to a file that several processes write, and keeps it near MAX_BYTES: each line is one write at its end, and the
     process whose line crosses the limit renames it."""
 
     def __init__(self, path: Path) -> None:

@@ -64,7 +64,7 @@ def test_the_file_of_several_processes_is_bounded_and_loses_no_line(tmp_path: Pa
     for writer in writers:
         writer.join()
     sizes = [entry.stat().st_size for entry in tmp_path.iterdir()]
-    assert len(sizes) == 2 and max(sizes) < log.MAX_BYTES + 1000
+    assert len(sizes) == 2 and max(sizes) < 2 * log.MAX_BYTES, "others may write until the process that fills it has renamed it"
     lines = log.lines(tmp_path).decode().splitlines()
     assert all(line.endswith("x" * 400) for line in lines)
     assert len(lines) == 3 * count, "the second file is not full: no line was dropped"
