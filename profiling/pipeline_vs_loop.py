@@ -15,8 +15,7 @@ from arguments import existing, parser_of, start
 
 from lfpipe.bench.inputs import MOVING_S, demo_sequence
 from lfpipe.bench.paper_loop import Loop
-from lfpipe.bench.pipeline import PAPER_ALPHA_PX
-from lfpipe.bench.sessions import STEADY_S, SessionRun, run_loop, run_session, write_views
+from lfpipe.bench.pipeline import PAPER_ALPHA_PX, STEADY_S, SessionRun, run_loop, run_session, write_views
 from lfpipe.config import load
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import demo_scene

@@ -2,46 +2,41 @@
 
     python profiling/tests_coverage.py [--coverage] [--mutation] [--mutants N] [--module NAME ...]
 
-A mutant changes one operator, comparison, constant or truth of a module. It is put in place by an import hook in a process of
-its own, the module's tests run there, and it is killed if one of them fails. Without --mutants, every mutant is tried.
+A part that is not asked for keeps its last result. A mutant changes one operator, comparison, constant or truth of a module. An
+import hook puts it in place in a process of its own, the module's tests run there, and it is killed if one of them fails. Two
+run at once. N of them are drawn from a module with a fixed seed; 0 stands for all.
 """
 
-import argparse
 import ast
+import importlib.machinery
+import importlib.util
 import json
+import multiprocessing
 import os
 import random
+import re
 import subprocess
 import sys
 import time
 from pathlib import Path
+from types import CodeType, ModuleType
+
+from arguments import parser_of
 
 ROOT = Path(__file__).parents[1]
-RESULTS = ROOT / "profiling" / "results"
+REPORT = ROOT / "profiling" / "results" / "tests.md"
 MODULES = {  # module -> the tests that are about it
-    "transport.ring": ["tests/transport/test_ring.py", "tests/transport/test_packet_ring.py"],
-    "transport.histogram": ["tests/transport/test_small_parts.py"],
-    "render.viewpoint": ["tests/render/test_viewpoint.py", "tests/render/test_handedness.py"],
-    "track.filters": ["tests/track/test_smoothing.py", "tests/track/test_kalman.py"],
-    "render.anaglyph": ["tests/render/test_anaglyph.py"],
-    "supervisor.requests": ["tests/supervisor/test_requests.py"],
-    "supervisor.session_state": ["tests/supervisor/test_session_state.py", "tests/supervisor/test_requests.py"],
-    "supervisor.governor": ["tests/supervisor/test_governor.py"],
-    "scene.orientation": ["tests/scene/test_orientation.py"],
+    "transport.ring": ["transport/test_ring.py", "transport/test_packet_ring.py"],
+    "transport.histogram": ["transport/test_small_parts.py"],
+    "render.viewpoint": ["render/test_viewpoint.py", "render/test_handedness.py"],
+    "track.smoothing": ["track/test_smoothing.py", "track/test_kalman.py"],
+    "render.anaglyph": ["render/test_anaglyph.py"],
+    "supervisor.requests": ["supervisor/test_requests.py"],
+    "supervisor.session_state": ["supervisor/test_session_state.py", "supervisor/test_requests.py"],
+    "supervisor.governor": ["supervisor/test_governor.py"],
+    "scene.orientation": ["scene/test_orientation.py"],
 }
-HOOK = """
-import importlib.util, sys
-name, path = sys.argv[1:3]
-code = compile(open(path).read(), path, "exec")
-class Finder:
-    def find_spec(self, fullname, folder=None, target=None):
-        return importlib.util.spec_from_loader(name, self) if fullname == name else None
-    def create_module(self, spec): return None
-    def exec_module(self, module): exec(code, module.__dict__)
-sys.meta_path.insert(0, Finder())
-import pytest
-sys.exit(pytest.main(["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--timeout", "60", *sys.argv[3:]]))
-"""
+AT_ONCE, LIMIT_S = 2, 90.0  # of one mutant's tests: one that never ends is killed, too
 SWAPS: dict[type, type] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult, ast.Mod: ast.Add,
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -61,22 +56,21 @@ class Mutator(ast.NodeTransformer):
             self.what = f"line {getattr(node, 'lineno', 0)}: {what}"
         return self.count - 1 == self.chosen
 
+    def _swapped(self, node: ast.AST, operator: ast.AST) -> ast.AST:
+        swap = SWAPS.get(type(operator), type(operator))
+        fits = swap is not type(operator) and self._here(node, f"{type(operator).__name__} -> {swap.__name__}")
+        return swap() if fits else operator  # type: ignore[no-any-return]
+
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        swap = SWAPS.get(type(node.op))
-        if swap and self._here(node, f"{type(node.op).__name__} -> {swap.__name__}"):
-            node.op = swap()
+        node.op = self._swapped(node, node.op)  # type: ignore[assignment]
         return self.generic_visit(node)
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.AST:
-        swap = SWAPS[type(node.op)]
-        if self._here(node, f"{type(node.op).__name__} -> {swap.__name__}"):
-            node.op = swap()
+        node.op = self._swapped(node, node.op)  # type: ignore[assignment]
         return self.generic_visit(node)
 
     def visit_Compare(self, node: ast.Compare) -> ast.AST:
-        swap = SWAPS[type(node.ops[0])]
-        if self._here(node, f"{type(node.ops[0]).__name__} -> {swap.__name__}"):
-            node.ops[0] = swap()
+        node.ops[0] = self._swapped(node, node.ops[0])  # type: ignore[call-overload]
         return self.generic_visit(node)
 
     def visit_Constant(self, node: ast.Constant) -> ast.AST:
@@ -86,75 +80,127 @@ class Mutator(ast.NodeTransformer):
             return ast.copy_location(ast.Constant(node.value + 1), node)
         return node
 
-    def _no_annotation(self, node: ast.AnnAssign) -> ast.AST:
-        if node.value is not None:
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
+        if node.value is not None:  # its annotation is no code
             node.value = self.visit(node.value)
         return node
 
-    visit_AnnAssign = _no_annotation
+
+class MutantFinder:
+    """Imports one module from changed code."""
+
+    def __init__(self, name: str, code: CodeType) -> None:
+        self.name, self.code = name, code
+
+    def find_spec(self, name: str, *_: object) -> importlib.machinery.ModuleSpec | None:
+        return importlib.util.spec_from_loader(name, self) if name == self.name else None  # type: ignore[arg-type]
+
+    def create_module(self, spec: importlib.machinery.ModuleSpec) -> None:
+        return None
+
+    def exec_module(self, module: ModuleType) -> None:
+        exec(self.code, module.__dict__)
 
 
-def mutants(module: str, most: int) -> tuple[int, list[str]]:
+def run_tests(module: str, code: CodeType) -> None:
+    """In a process of its own: exits with 0 if the module's tests pass with this code."""
+    import pytest
+
+    os.chdir(ROOT)
+    sys.meta_path.insert(0, MutantFinder(f"lfpipe.{module}", code))  # type: ignore[arg-type]
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 1)
+    os.dup2(null, 2)
+    words = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--timeout", "60", "-m", "not live and not soak"]
+    os._exit(int(pytest.main([*words, *(f"tests/{name}" for name in MODULES[module])])))
+
+
+def survivors(module: str, most: int) -> tuple[int, list[str]]:
     """Number of mutants tried, and those that survive."""
-    path = ROOT / "lfpipe" / f"{module.replace('.', '/')}.py"
+    source = (ROOT / "lfpipe" / f"{module.replace('.', '/')}.py").read_text()
     counter = Mutator()
-    counter.visit(ast.parse(path.read_text()))
+    counter.visit(ast.parse(source))
     chosen = random.Random(1).sample(range(counter.count), min(most or counter.count, counter.count))
-    left = []
-    for number in sorted(chosen):
-        mutator = Mutator(number)
-        tree = ast.fix_missing_locations(mutator.visit(ast.parse(path.read_text())))
-        changed = Path(os.environ.get("TMPDIR", "/tmp")) / f"mutant_{os.getpid()}.py"
-        changed.write_text(ast.unparse(tree))
-        command = [sys.executable, "-c", HOOK, f"lfpipe.{module}", str(changed), *MODULES[module]]
-        try:
-            survives = subprocess.run(command, cwd=ROOT, capture_output=True, timeout=300).returncode == 0
-        except subprocess.TimeoutExpired:
-            survives = False
-        left += [mutator.what] if survives else []
-        changed.unlink()
-    return len(chosen), left
+    waiting: list[Mutator | None] = [None, *map(Mutator, sorted(chosen))]  # first without a fault: the tests pass
+    running: list[tuple[Mutator | None, multiprocessing.process.BaseProcess, float]] = []
+    alive: list[Mutator | None] = []
+    while waiting or running:
+        while waiting and len(running) < AT_ONCE:
+            mutator = waiting.pop(0)
+            tree = ast.parse(source) if mutator is None else mutator.visit(ast.parse(source))
+            code = compile(ast.fix_missing_locations(tree), f"lfpipe/{module}", "exec")
+            process = multiprocessing.get_context("fork").Process(target=run_tests, args=(module, code))
+            process.start()
+            running.append((mutator, process, time.monotonic()))
+        for entry in list(running):
+            mutator, process, began = entry
+            if process.is_alive() and time.monotonic() - began > LIMIT_S:
+                process.kill()
+            if not process.is_alive():
+                running.remove(entry)
+                alive += [mutator] if process.exitcode == 0 else []
+        time.sleep(0.02)
+    if None not in alive:
+        raise SystemExit(f"{module}: its tests fail without any fault")
+    return len(chosen), [mutator.what for mutator in alive if mutator is not None]
 
 
-def coverage() -> list[str]:
-    """Rows of a table: line and branch coverage of each room by the default suite, with its child processes."""
-    settings = ROOT / "profiling" / ".coveragerc"
+def mutation(modules: list[str], most: int) -> str:
+    """The part of the report about mutants."""
+    import cv2  # noqa: F401  loaded once, before the forks
+    import hypothesis  # noqa: F401
+    import numpy  # noqa: F401
+    import pytest  # noqa: F401
+
+    rows, left = [], []
+    for module in modules:
+        count, alive = survivors(module, most)
+        rows.append(f"| {module} | {count} | {100 * (1 - len(alive) / max(count, 1)):.0f} |")
+        left += [f"- {module}, {what}" for what in alive]
+        print(rows[-1], *left[len(left) - len(alive) :], sep="\n", flush=True)
+    return "\n".join(["| module | mutants | killed, % |", "|---|--:|--:|", *rows, "\nSurvivors:\n", *left])
+
+
+def coverage() -> str:
+    """The part of the report about lines and branches of each room that the default suite runs, child processes included."""
+    settings, data, out = (ROOT / "profiling" / name for name in (".coveragerc", ".coverage", ".coverage.json"))
     settings.write_text("[run]\nbranch = True\nparallel = True\nsource = lfpipe\npatch = subprocess, _exit\n")
-    env = os.environ | {"COVERAGE_RCFILE": str(settings), "COVERAGE_FILE": str(ROOT / "profiling" / ".coverage")}
+    env = os.environ | {"COVERAGE_RCFILE": str(settings), "COVERAGE_FILE": str(data)}
     call = [sys.executable, "-m", "coverage"]
-    subprocess.run([*call, "run", "-m", "pytest", "-q"], cwd=ROOT, env=env)
+    subprocess.run([*call, "run", "-m", "pytest", "-q"], cwd=ROOT, env=env, check=False)
     subprocess.run([*call, "combine", "-q"], cwd=ROOT, env=env, check=True)
-    out = ROOT / "profiling" / ".coverage.json"
     subprocess.run([*call, "json", "-q", "-o", str(out)], cwd=ROOT, env=env, check=True)
     rooms: dict[str, list[int]] = {}
     for name, file in json.loads(out.read_text())["files"].items():
-        room, found = Path(name).parts[1] if len(Path(name).parts) > 2 else "root", file["summary"]
-        row = rooms.setdefault(room, [0, 0, 0, 0])
+        counts = rooms.setdefault(Path(name).parts[1] if len(Path(name).parts) > 2 else "root", [0] * 4)
         for at, key in enumerate(("covered_lines", "num_statements", "covered_branches", "num_branches")):
-            row[at] += found[key]
-    for left in (settings, out, ROOT / "profiling" / ".coverage"):
-        left.unlink(missing_ok=True)
-    return [f"| {room} | {100 * a / max(b, 1):.1f} | {100 * c / max(d, 1):.1f} |" for room, (a, b, c, d) in sorted(rooms.items())]
+            counts[at] += file["summary"][key]
+    for path in (settings, out, data):
+        path.unlink(missing_ok=True)
+    rooms["all"] = [sum(counts) for counts in zip(*rooms.values(), strict=True)]
+    rows = [f"| {room} | {100 * a / max(b, 1):.1f} | {100 * c / max(d, 1):.1f} |" for room, (a, b, c, d) in rooms.items()]
+    return "\n".join(["| room | lines, % | branches, % |", "|---|--:|--:|", *rows])
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__, mutants=40)
     parser.add_argument("--coverage", action="store_true")
     parser.add_argument("--mutation", action="store_true")
-    parser.add_argument("--mutants", type=int, default=0)
-    parser.add_argument("--module", nargs="*", default=list(MODULES))
-    wanted = parser.parse_args()
-    call = f"python profiling/tests_coverage.py {' '.join(sys.argv[1:])}"
-    lines = ["# What the tests protect\n", f"`{call}`, {time.strftime('%d %B %Y')}"]
-    if wanted.coverage:
-        lines += ["\n| room | lines, % | branches, % |", "|---|--:|--:|", *coverage()]
-    if wanted.mutation:
-        results = {module: mutants(module, wanted.mutants) for module in wanted.module}
-        shares = {name: 100 * (1 - len(left) / max(count, 1)) for name, (count, left) in results.items()}
-        lines += ["\n| module | mutants | killed, % |", "|---|--:|--:|"]
-        lines += [f"| {name} | {count} | {shares[name]:.0f} |" for name, (count, _) in results.items()]
-        lines += ["\nSurvivors:\n", *(f"- {name}, {each}" for name, (_, left) in results.items() for each in left)]
-    (RESULTS / "tests.md").write_text("\n".join(lines) + "\n")
+    parser.add_argument("--module", nargs="+", default=list(MODULES), choices=list(MODULES))
+    args = parser.parse_args()
+    old = REPORT.read_text() if REPORT.exists() else ""
+    made = {
+        "Coverage": coverage if args.coverage else None,
+        "Mutation": (lambda: mutation(args.module, args.mutants)) if args.mutation else None,
+    }
+    report = ["# What the tests protect\n"]
+    for title, make in made.items():
+        if make is not None:
+            call = f"`python profiling/tests_coverage.py {' '.join(sys.argv[1:])}`, {time.strftime('%d %B %Y')}"
+            report.append(f"## {title}\n\n{call}\n\n{make()}\n")
+        elif kept := re.search(rf"(?ms)^## {title}\n.*?(?=^## |\Z)", old):
+            report.append(kept[0])
+    REPORT.write_text("\n".join(report))
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.eye_path import HEAD
+from lfpipe.bench.inputs import HEAD
 from lfpipe.bench.motion import HeadPosition, duration_s, position_at, viewer_path
 from lfpipe.errors import UserError
 from lfpipe.track.litert_engine import LitertEngine

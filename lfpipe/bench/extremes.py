@@ -9,9 +9,10 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.holdout import ViewRenderer
+from lfpipe.bench.anaglyph import view_bgr
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Cell, State, Table
+from lfpipe.bench.results import Table, Value, judged_table
+from lfpipe.bench.synthesis import ViewRenderer
 from lfpipe.config import Render
 from lfpipe.render.anaglyph import MATRICES, decoded, encode, encoded, recipe
 from lfpipe.render.compositor import Compositor
@@ -22,44 +23,37 @@ METHODS = ("nearest", "blend", "warp", "warp2", "best")
 wide = np.longdouble
 
 
-def judged(worst: float, ok: float, degraded: float, text: str = "", only: str = "") -> Cell:
-    """ok up to `ok`, degraded up to `degraded`, failed above and for NaN."""
-    state: State = "ok" if worst <= ok else "degraded" if worst <= degraded else "failed"
-    return Cell(text or (f"{worst:.1e}" if worst else "0"), state, only)
-
-
-def judged_cell(work: Callable[[], float], ok: float, degraded: float, only: str = "") -> Cell:
-    """The worst error that work returns, judged; an exception is a failure with its name."""
+def judged_error(work: Callable[[], float], ok: float, degraded: float, only: str = "") -> Value:
+    """The worst error that work returns: ok up to `ok`, degraded up to `degraded`, failed above, for NaN and for an exception."""
     try:
-        return judged(work(), ok, degraded, only=only)
+        worst = work()
     except Exception as error:  # the exception is the result
-        return Cell(f"{type(error).__name__}: {error}"[:80], "failed", only)
+        return Value(words=f"{type(error).__name__}: {error}"[:80], state="failed", only=only)
+    words = f"{worst:.1e}" if worst else "0"
+    return Value(words=words, state="ok" if worst <= ok else "degraded" if worst <= degraded else "failed", only=only)
 
 
 def mapping_error(alpha_px: float, u: float, count: int = 9, reach: float = 2.0) -> float:
     """Distance in views between the mapping and the same in long double, before the clamp; infinite if it is not finite, leaves
     the zone, or is wrong in its clamp."""
     solver = ViewSolver(count, count, Render(extrapolate_views=reach), alpha_px, (320.0, 240.0))
-    left, right = (view[1] for view in solver.views((u, 240.0, u - 60.0, 240.0)))
-    if not (
-        math.isfinite(left) and math.isfinite(right) and -reach <= min(left, right) and max(left, right) <= count - 1 + reach
-    ):
+    views = [view[1] for view in solver.views((u, 240.0, u - 60.0, 240.0))]
+    if not all(math.isfinite(view) and -reach <= view <= count - 1 + reach for view in views):
         return math.inf
     if not math.isfinite(u):
         return 0.0
     exact = [wide(count - 1) / 2 + (wide(320.0) - wide(v)) / wide(alpha_px) for v in (u, u - 60.0)]
-    near = [float(np.clip(v, -wide(1e12), wide(1e12))) for v in exact]
-    wanted = pair_clamped(near[0], near[1], count, reach)
-    return float(max(abs(wide(left) - wide(wanted[0])), abs(wide(right) - wide(wanted[1]))))
+    left, right = (float(np.clip(v, -wide(1e12), wide(1e12))) for v in exact)
+    return float(max(abs(wide(a) - wide(b)) for a, b in zip(views, pair_clamped(left, right, count, reach), strict=True)))
 
 
 def mapping_table() -> Table:
     """Eyes and alpha over the whole range of floats."""
     eyes = (320.0, 0.0, -1e3, 1e6, 1e18, 1e308, 5e-324, math.inf, -math.inf, math.nan)
     alphas = (1e-9, 1e-3, 1.0, 12.0, 1e3, 1e9)
-    rows = tuple((Cell(f"u = {u:g} px"), *(judged_cell(partial(mapping_error, a, u), 1e-9, 1e-3) for a in alphas)) for u in eyes)
+    rows = [(f"u = {u:g} px", [judged_error(partial(mapping_error, alpha, u), 1e-9, 1e-3) for alpha in alphas]) for u in eyes]
     note = "Error in views against long double, with 9 views and 2 views of extrapolation."
-    return Table("Eyes to viewpoints", note, ("left eye", *(f"alpha {a:g} px" for a in alphas)), rows)
+    return judged_table("Eyes to viewpoints", note, ("left eye", *(f"alpha {a:g} px" for a in alphas)), rows)
 
 
 def colour_error(name: str, light: str, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> float:
@@ -77,21 +71,20 @@ def colour_error(name: str, light: str, left: NDArray[np.uint8], right: NDArray[
 def colour_table(field: LightField) -> Table:
     """Every encoding in both lights, from grey to random colours, and the scene's own outer views."""
     grey = np.repeat(np.arange(256, dtype=np.uint8).reshape(16, 16, 1), 3, axis=2)
-    black, random = np.zeros_like(grey), np.random.default_rng(1).integers(0, 256, (2, 128, 128, 3), np.uint8)
-    scene = [np.broadcast_to(np.asarray(field.views[0, field.rows // 2, col])[::-1], (3, field.height_px, field.width_px))
-             .transpose(1, 2, 0) for col in (0, field.cols - 1)]  # fmt: skip
-    pairs = {"greys": (grey, grey), "one eye black": (grey, black), "the scene": (scene[0], scene[1]),
+    random = np.random.default_rng(1).integers(0, 256, (2, 128, 128, 3), np.uint8)
+    scene = [view_bgr(field, field.rows // 2, col) for col in (0, field.cols - 1)]
+    pairs = {"greys": (grey, grey), "one eye black": (grey, np.zeros_like(grey)), "the scene": (scene[0], scene[1]),
              "random colours": (random[0], random[1])}  # fmt: skip
     rows = []
     for name, light in itertools.product(MATRICES, ("linear", "gamma")):
         only = "" if (name, light) == (Render().anaglyph, Render().light) else f"render.anaglyph={name}, render.light={light}"
-        cells = [judged_cell(partial(colour_error, name, light, *pair), 1.0, 16.0, only) for pair in pairs.values()]
-        rows.append((Cell(f"{name}, {light}"), *cells))
+        errors = [judged_error(partial(colour_error, name, light, *pair), 1.0, 16.0, only) for pair in pairs.values()]
+        rows.append((f"{name}, {light}", errors))
     note = (
         "Largest error in levels against the published matrix in float64. Half a level is rounding; more is the price of three"
         " planes instead of six, largest for saturated colours (docs/glasses.md). failed: more than 16 levels."
     )
-    return Table("Colours of two eyes", note, ("encoding", *pairs), tuple(rows))
+    return judged_table("Colours of two eyes", note, ("encoding", *pairs), rows)
 
 
 def extreme_field(rows: int, cols: int, height: int, width: int, disparity_px: float, unknown: float = 0.0) -> LightField:
@@ -159,18 +152,18 @@ def synthesis_table(inputs: Inputs) -> Table:
     checks = {"stored views": error_at_stored_views, "extremes": error_at_extremes, "mirrored": mirror_error}
     rows = []
     for what, field in fields.items():
-        cells = []
-        for method, (check, call) in itertools.product(METHODS, checks.items()):
+        values = []
+        for method, (check, error_of) in itertools.product(METHODS, checks.items()):
             usable = field.disparity is not None or not method.startswith("warp")
-            smooth = check != "mirrored" or what == (inputs.field.name or "scene")  # noise tells nothing of interpolation
+            usable &= check != "mirrored" or field is scene  # noise tells nothing of interpolation
             only = "" if method == inputs.field.method else f"render.method={method}"
             limits = (1.0, 3.0) if check == "mirrored" else (0.0, 1.0)
-            cells.append(judged_cell(partial(call, field, method), *limits, only) if usable and smooth else Cell("-"))
-        rows.append((Cell(what), *cells))
+            values.append(judged_error(partial(error_of, field, method), *limits, only) if usable else Value(words="-"))
+        rows.append((what, values))
     head = ("light field", *(f"{method}: {check}" for method in METHODS for check in checks))
     note = (
         "Stored views: largest difference in levels from the stored view. Extremes: viewpoints of NaN, infinities, 1e308, 5e-324,"
         " a plane of the screen of 900 px; pictures with equal keys must be equal, and nothing may raise. Mirrored: mean"
         " difference in levels between a view of the mirrored scene and the mirrored view."
     )
-    return Table("Views at the ends of the range", note, head, tuple(rows))
+    return judged_table("Views at the ends of the range", note, head, rows)

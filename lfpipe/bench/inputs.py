@@ -1,4 +1,4 @@
-"""Inputs of the subjects: scenes, a sequence of frames with or without true eyes, and a work folder."""
+"""Inputs of the subjects: a scene, a sequence of frames with or without true eyes, and a work folder."""
 
 import csv
 import hashlib
@@ -13,21 +13,23 @@ from pathlib import Path
 import attrs
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lfpipe import config
-from lfpipe.bench.eye_path import HEAD, EyePath
 from lfpipe.errors import UserError
 from lfpipe.host.files import exists, is_file
 from lfpipe.scene.lightfield import LightField
+from lfpipe.sequence.eyes import COLUMNS, Truth, table_of
 
 Progress = Callable[[str, int, int], None]
 
+HEAD = ("source_seq", "t_ns", *COLUMNS, "visible", "phase")  # of a table of true eyes
 SIZE_PX = (640, 480)
 STILL_S, MOVING_S = 2.0, (2.5, 10.0)  # of the demo sequence: quick and full
 MAX_FRAMES = (135, 360)  # of a sequence: quick and full
 NOISE_DN = 2.0
 DEMO_SIDE_PX = 256  # of the views of the quick demo scene
+ROOM = "choose a folder on a disk with room: --set scene.cache_dir=DIR"
 
 
 @attrs.frozen(eq=False)
@@ -37,38 +39,58 @@ class FrameSequence:
     path: Path
     frames: NDArray[np.uint8]
     rate_hz: float
-    truth: EyePath | None
+    truth: Truth | None
+
+
+def eyes_at(truth: Truth, t_ns: ArrayLike) -> NDArray[np.float64]:
+    """The true eyes (..., 2, 2) px at times (...), between the rows of their table; constant before and after them."""
+    t = np.asarray(t_ns, np.float64)
+    return np.stack([np.interp(t, truth.t_ns, x) for x in truth.eyes_px.reshape(-1, 4).T], axis=-1).reshape(*t.shape, 2, 2)
 
 
 class Inputs:
     """Inputs, opened when a subject first asks for them. demo: the sequence is the demo's.
 
-    work: a folder for generated files, which later runs reuse.
+    scene: path of the field. work: a folder for generated files, which later runs reuse.
     """
 
     def __init__(
-        self, scenes: Callable[[], tuple[tuple[Path, LightField], ...]], frames: Callable[[], FrameSequence], quick: bool,
-        demo: bool, work: Path,
-    ) -> None:  # fmt: skip
-        self._scenes, self._frames, self.quick, self.demo, self.work = scenes, frames, quick, demo, work
+        self,
+        scene: Callable[[], tuple[Path, LightField]],
+        frames: Callable[[], FrameSequence],
+        quick: bool,
+        demo: bool,
+        work: Path,
+    ) -> None:
+        self._scene, self._frames, self.quick, self.demo, self.work = scene, frames, quick, demo, work
 
     @cached_property
-    def fields(self) -> tuple[tuple[Path, LightField], ...]:
-        """The scenes as (path, light field). Raises UserError."""
-        return self._scenes()
-
-    @cached_property
-    def sequence(self) -> FrameSequence:
-        """The frames, and the true eyes if known. Raises UserError."""
-        return self._frames()
+    def _opened(self) -> tuple[Path, LightField]:
+        return self._scene()
 
     @property
     def scene(self) -> Path:
-        return self.fields[0][0]
+        return self._opened[0]
 
     @property
     def field(self) -> LightField:
-        return self.fields[0][1]
+        return self._opened[1]
+
+    @cached_property
+    def sequence(self) -> FrameSequence:
+        return self._frames()
+
+    def described(self, needs: tuple[str, ...]) -> dict[str, str]:
+        """The inputs that a subject needs, in words."""
+        texts = {}
+        if "scene" in needs:
+            one = self.field
+            views = f"{one.rows}x{one.cols} views of {one.width_px}x{one.height_px} px"
+            texts["scene"] = f"{one.name}: {views}, disparity {one.disparity_source}"
+        if "sequence" in needs:
+            frames = f"{len(self.sequence.frames)} frames at {self.sequence.rate_hz:g} Hz"
+            texts["sequence"] = f"{self.sequence.path.name}: {frames}, {'truth known' if self.sequence.truth else 'no truth'}"
+        return texts
 
 
 def read_sequence(path: Path, frames: int, work: Path) -> FrameSequence:
@@ -95,11 +117,11 @@ def read_sequence(path: Path, frames: int, work: Path) -> FrameSequence:
                 raise UserError(f"{path}: no frame", "record it again")
             stored = np.memmap(file, np.uint8, "r", shape=(count, *frame.shape))
     except OSError as error:
-        raise UserError(f"{work}: {error.strerror}", "choose a folder on a disk with room: --set scene.cache_dir=DIR") from None
+        raise UserError(f"{work}: {error.strerror}", ROOM) from None
     finally:
         recording.close()
     table = path.with_suffix(".csv")
-    truth = EyePath.read(table) if is_file(table) else None
+    truth = table_of(table) if is_file(table) else None
     if truth is not None and len(truth.t_ns) < count:
         raise UserError(f"{table}: {len(truth.t_ns)} rows for at least {count} frames", "give one row per frame of the sequence")
     return FrameSequence(path, stored, recording.rate_hz or config.Camera().rate_hz, truth)
@@ -116,8 +138,7 @@ def _as_video(folder: Path, frames: int, work: Path) -> Path:
     video = work / f"{folder.name}-{digest}-{frames}.mkv"
     if not is_file(video):
         part = work / f".{os.getpid()}-{video.name}"
-        table = export(attrs.evolve(sequence, packets=list(itertools.islice(sequence.packets, frames))), part)  # type: ignore[arg-type]
-        table.unlink()
+        export(attrs.evolve(sequence, packets=list(itertools.islice(sequence.packets, frames))), part).unlink()  # type: ignore[arg-type]
         if is_file(folder / TRUTH):
             shutil.copyfile(folder / TRUTH, video.with_suffix(".csv"))
         part.replace(video)
@@ -135,41 +156,38 @@ def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
     from lfpipe.capture.demo import DemoSource, demo_eyes_px
 
     folder.mkdir(parents=True, exist_ok=True)
-    width_px, height_px = SIZE_PX
-    source = DemoSource(config.Camera(width_px=width_px, height_px=height_px, rate_hz=rate_hz))
+    source = DemoSource(config.Camera(width_px=SIZE_PX[0], height_px=SIZE_PX[1], rate_hz=rate_hz))
     part = path.with_name(f".{os.getpid()}-{path.name}")
     codec, quality = cv2.VideoWriter.fourcc(*"MJPG"), [cv2.VIDEOWRITER_PROP_QUALITY, 95]
     writer = cv2.VideoWriter(str(part), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, SIZE_PX, quality)
     if not writer.isOpened():
-        raise UserError(f"{part}: cannot be written", "choose a folder on a disk with room: --set scene.cache_dir=DIR")
-    frame, noise = np.empty((height_px, width_px, 3), np.uint8), np.empty((height_px, width_px, 3), np.int16)
+        raise UserError(f"{part}: cannot be written", ROOM)
+    frame, noise = np.empty((*SIZE_PX[::-1], 3), np.uint8), np.empty((*SIZE_PX[::-1], 3), np.int16)
     still, moving = round(STILL_S * rate_hz), round(moving_s * rate_hz)
     cv2.setRNGSeed(1)
-    zero, spread = np.zeros(3), np.full(3, NOISE_DN)
-    rows: list[tuple[object, ...]] = []
-    for seq in range(still + moving):
-        t_s = max(seq - still, 0) / rate_hz
-        if seq == 0 or seq > still:
-            source.read(frame)
-        cv2.randn(noise, zero, spread)
-        writer.write(cv2.add(frame, noise, dtype=cv2.CV_8U))
-        eyes = [f"{value:.4f}" for value in demo_eyes_px(t_s, width_px, height_px).ravel()]
-        rows.append((seq, round(seq / rate_hz * 1e9), *eyes, 1, "still" if seq <= still else "move"))
-    writer.release()
     with path.with_suffix(".csv").open("w", newline="") as file:
-        csv.writer(file).writerows([HEAD, *rows])
+        table = csv.writer(file)
+        table.writerow(HEAD)
+        for seq in range(still + moving):
+            if seq == 0 or seq > still:
+                source.read(frame)
+            cv2.randn(noise, np.zeros(3), np.full(3, NOISE_DN))
+            writer.write(cv2.add(frame, noise, dtype=cv2.CV_8U))
+            eyes = [f"{value:.4f}" for value in demo_eyes_px(max(seq - still, 0) / rate_hz, *SIZE_PX).ravel()]
+            table.writerow((seq, round(seq / rate_hz * 1e9), *eyes, 1, "still" if seq <= still else "move"))
+    writer.release()
     part.replace(path)
     return path
 
 
-def make_inputs(scenes: tuple[Path, ...], sequence: Path | None, quick: bool, settings: config.Config, say: Progress) -> Inputs:
-    """The scenes (new ones are packed) and the sequence; the demo's if none are given. Raises UserError if one does not exist."""
+def make_inputs(scene: Path | None, sequence: Path | None, quick: bool, settings: config.Config, progress: Progress) -> Inputs:
+    """The scene (a new one is packed) and the sequence; the demo's without them. Raises UserError if one does not exist."""
     from lfpipe.scene.cache import cache_dir
     from lfpipe.scene.demo import demo_scene
     from lfpipe.scene.open_scene import open_scene
 
-    for path in (*scenes, *([sequence] if sequence else [])):
-        if not exists(path):
+    for path in (scene, sequence):
+        if path is not None and not exists(path):
             raise UserError(f"{path}: no such file or folder", "check the path")
     cache = cache_dir(settings.scene)
     work = cache / "bench"
@@ -178,11 +196,11 @@ def make_inputs(scenes: tuple[Path, ...], sequence: Path | None, quick: bool, se
     except OSError as error:
         raise UserError(f"{work}: {error.strerror}", "choose another folder: --set scene.cache_dir=DIR") from None
 
-    def fields() -> tuple[tuple[Path, LightField], ...]:
-        paths = scenes or (demo_scene(cache, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache),)
-        return tuple((path, open_scene(path, settings.scene, say)) for path in paths)
+    def field() -> tuple[Path, LightField]:
+        path = scene or (demo_scene(cache, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache))
+        return path, open_scene(path, settings.scene, progress)
 
     def frames() -> FrameSequence:
         return read_sequence(sequence or demo_sequence(work, MOVING_S[0 if quick else 1]), MAX_FRAMES[0 if quick else 1], work)
 
-    return Inputs(fields, frames, quick, sequence is None, work)
+    return Inputs(field, frames, quick, sequence is None, work)

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Cell, Skipped, Subject, Table
+from lfpipe.bench.results import Value, judged_table
+from lfpipe.bench.runner import Found
 from lfpipe.render.refresh import ScreenClock, ScreenRefresh
 from lfpipe.render.viewer import VIDEO_LEAD, video_frame
 from lfpipe.transport.clock import MS_NS
@@ -84,31 +85,22 @@ def video_judder(shown: Shown, rate_hz: float, video_hz: float) -> tuple[float, 
     return float(np.mean(seen != planned)), " or ".join(map(str, np.unique(held)))
 
 
-def _cell(share: float, note: str = "") -> Cell:
-    return Cell(f"{share:.2%}{note}", "ok" if share <= GOAL else "degraded" if share <= LIMIT else "failed")
+def _judged(share: float, held: str = "") -> Value:
+    words = f"{share:.2%}" + (f", held {held}" if held else "")
+    return Value(share, words=words, state="ok" if share <= GOAL else "degraded" if share <= LIMIT else "failed")
 
 
-def tables(inputs: Inputs) -> Iterator[Table | Skipped]:
+def measure(inputs: Inputs) -> Iterator[Found]:
     """Moving eyes and video at each rate, on a quiet and on a busy machine."""
+    note = (
+        "Share of pictures that missed their blank, and of blanks that showed another frame of a video than planned; for how"
+        f" many blanks each frame is held by plan. ok: at most {GOAL:.1%}."
+    )
     for slow in SLOW_SHARES:
         rows = []
         for rate_hz in SCREENS_HZ:
             shown = simulate(rate_hz, DEADLINE_MS, PICTURES, COST_MS, slow, whole_ms=True)
-            videos = [video_judder(shown, rate_hz, video_hz) for video_hz in VIDEOS_HZ]
-            cells = [_cell(share, f", held {held}") for share, held in videos]
-            rows.append((Cell(f"{rate_hz:g} Hz"), _cell(shown.juddered), *cells))
-        busy = f"{slow:.0%} of wake-ups late by 5 ms" if slow else "quiet machine"
-        note = (
-            "Share of pictures that missed their blank, and of blanks that showed another frame of a video than planned; for how"
-            f" many blanks each frame is held by plan. ok: at most {GOAL:.1%}."
-        )
-        head = ("screen", "moving eyes", *(f"video of {hz:g} Hz" for hz in VIDEOS_HZ))
-        yield Table(f"Judder, {busy}", note, head, tuple(rows))
-
-
-SUBJECT = Subject(
-    "judder",
-    "Pictures shown twice or left out",
-    "A simulated screen with vertical sync: how many pictures miss the blank they were made for, and does video play evenly?",
-    tables=tables,
-)
+            videos = [_judged(*video_judder(shown, rate_hz, video_hz)) for video_hz in VIDEOS_HZ]
+            rows.append((f"{rate_hz:g} Hz", [_judged(shown.juddered), *videos]))
+        title = f"Judder, {f'{slow:.0%} of wake-ups late by 5 ms' if slow else 'quiet machine'}"
+        yield judged_table(title, note, ("screen", "moving eyes", *(f"video of {hz:g} Hz" for hz in VIDEOS_HZ)), rows)

@@ -1,4 +1,4 @@
-"""Known motion of a head before the camera: pieces of a path, in mm.
+"""Known motion of a head before the camera: pieces of a path, in mm; and a viewer's path as a camera sees it.
 
 Coordinates are the camera's: x right and y down in its picture, z away from it. Reaches follow the minimum-jerk profile of human
 movements (Flash and Hogan 1985).
@@ -6,10 +6,16 @@ movements (Flash and Hogan 1985).
 
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import attrs
+import numpy as np
+from numpy.typing import NDArray
 
 HeadPosition = tuple[float, float, float]
+Float = NDArray[np.float64]
+FOCAL_PX, HOME_MM, EYES_MM, CENTRE_PX = 600.0, 600.0, 63.0, (319.5, 239.5)  # of a pinhole camera of 640x480 and its viewer
+SETTLED_S = 0.4  # after which a head at rest counts as still
 
 
 def minimum_jerk(s: float) -> float:
@@ -104,3 +110,21 @@ def viewer_path(z_mm: float, side_mm: float) -> list[Piece]:
 def _between(start: HeadPosition, end: HeadPosition, share: float) -> HeadPosition:
     x, y, z = (a + (b - a) * share for a, b in zip(start, end, strict=True))
     return x, y, z
+
+
+@lru_cache(maxsize=1)
+def known_motion() -> tuple[Float, NDArray[np.bool_], NDArray[np.bool_]]:
+    """The path of a viewer before the camera, in steps of 1 ms.
+
+    Returns eyes (n, 2, 2) px, whether both are in the picture, and whether the head has rested for SETTLED_S.
+    """
+    path = viewer_path(HOME_MM, 320 * HOME_MM / FOCAL_PX)
+    count = int(duration_s(path) * 1000)
+    positions, phases = zip(*(position_at(path, k / 1000) for k in range(count)), strict=True)
+    x, y, z = np.array(positions).T
+    u = CENTRE_PX[0] + FOCAL_PX * (x[:, None] + np.array([EYES_MM / 2, -EYES_MM / 2])) / z[:, None]
+    v = np.repeat((CENTRE_PX[1] + FOCAL_PX * y / z)[:, None], 2, axis=1)
+    visible = ((u >= 0) & (u < 640)).all(axis=1)
+    moving = np.array(phases) != "still"
+    since_ms = np.arange(count) - np.maximum.accumulate(np.where(moving, np.arange(count), -1))
+    return np.stack([u, v], axis=2), visible, (since_ms > SETTLED_S * 1000) & visible

@@ -12,7 +12,6 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import attrs
 import cv2
@@ -32,8 +31,8 @@ class Loop:
     decode: decode frames inside the loop, not before it. trace: the file to write.
     """
 
-    video: Path
-    views: Path
+    video: Path = attrs.field(converter=Path)
+    views: Path = attrs.field(converter=Path)
     pace_hz: float
     seconds: float
     alpha_px: float
@@ -42,7 +41,7 @@ class Loop:
     size_px: tuple[int, int] = (640, 480)
     k: int = 5
     decode: bool = True
-    trace: Path = Path("trace.jsonl")
+    trace: Path = attrs.field(default=Path("trace.jsonl"), converter=Path)
 
 
 def frames(video: Path, decode: bool, size: tuple[int, int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
@@ -52,17 +51,14 @@ def frames(video: Path, decode: bool, size: tuple[int, int]) -> Iterator[tuple[i
     def one_pass() -> Iterator[tuple[int, NDArray[np.uint8]]]:
         capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
         for index in itertools.count():
-            found = capture.read()
-            if not found[0]:
+            good, frame = capture.read()
+            if not good:
                 return
-            frame = found[1] if found[1].shape[1::-1] == size else cv2.resize(found[1], size)
-            yield index, np.asarray(frame, np.uint8)
+            yield index, np.asarray(frame if frame.shape[1::-1] == size else cv2.resize(frame, size), np.uint8)
 
-    if decode:
-        while True:
-            yield from one_pass()
-    preloaded = list(itertools.islice(one_pass(), PRELOADED))
-    for index, frame in itertools.cycle(preloaded):
+    while decode:
+        yield from one_pass()
+    for index, frame in itertools.cycle(list(itertools.islice(one_pass(), PRELOADED))):
         yield index, frame.copy()
 
 
@@ -78,7 +74,7 @@ def run(loop: Loop) -> None:
     source = frames(loop.video, loop.decode, (width, height))
     left_eye, right_eye = LEFT_EYE.tolist(), RIGHT_EYE.tolist()
     recent: deque[NDArray[np.float64]] = deque(maxlen=loop.k)
-    rows_out: list[dict[str, Any]] = []
+    lines = []
     start = 0.0
     for i in itertools.count(-WARM_UP):
         if i == 0:
@@ -107,28 +103,14 @@ def run(loop: Loop) -> None:
         picture[..., 2] = left[..., 2]
         t_composed_ns = time.monotonic_ns()
         if i >= 0:
-            stamps = {"t_sensor_ns": t_sensor_ns, "t_read_ns": t_read_ns, "t_composed_ns": t_composed_ns}
             pairs = {"eyes_raw": recent[-1], "eyes_used": eyes, "view": np.stack([rows, cols], axis=1)}
             sided = {name: {"left": pair[0].tolist(), "right": pair[1].tolist()} for name, pair in pairs.items()}
-            rows_out.append(
-                {
-                    "source_seq": index,
-                    "composed": True,
-                    "cpu_ns": time.process_time_ns(),
-                    **stamps,
-                    "t_presented_ns": t_composed_ns,
-                    **sided,
-                }
-            )
-    loop.trace.write_text("".join(json.dumps(row) + "\n" for row in rows_out))
-
-
-def main() -> None:
-    """Runs the loop described by the JSON object in the first argument."""
-    given = json.loads(sys.argv[1])
-    paths = {name: Path(given[name]) for name in ("video", "views", "trace")}
-    run(Loop(**{**given, **paths, "size_px": tuple(given["size_px"])}))
+            line = {"source_seq": index, "composed": True, "cpu_ns": time.process_time_ns(), "t_sensor_ns": t_sensor_ns,
+                    "t_read_ns": t_read_ns, "t_composed_ns": t_composed_ns, "t_presented_ns": t_composed_ns, **sided}  # fmt: skip
+            lines.append(json.dumps(line) + "\n")
+    loop.trace.write_text("".join(lines))
 
 
 if __name__ == "__main__":
-    main()
+    given = json.loads(sys.argv[1])
+    run(Loop(**{**given, "size_px": tuple(given["size_px"])}))

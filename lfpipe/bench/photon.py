@@ -14,22 +14,23 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.filters import FOCAL_PX, HOME_MM, NOISE_PX, known_motion
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.motion import viewer_path
-from lfpipe.bench.results import Candidate, Cell, Chart, Figure, Prepared, Profile, Samples, Subject, Table
+from lfpipe.bench.motion import FOCAL_PX, HOME_MM, known_motion, minimum_jerk, viewer_path
+from lfpipe.bench.results import Table, Value, judged_table
+from lfpipe.bench.runner import Candidate, Found, Samples
+from lfpipe.bench.subjects import LIGHT_MS, NOISE_PX, SHOWN_MS
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
 from lfpipe.track.smoothing import EyeFilter, Mean
 
-HORIZONS_MS = (20, 40, 60, 80, 100, 120, 140)
-SHOWN_MS, LOOP_MS = 80, 60  # of the diagram; of camera and display, if unknown
+LOOP_MS = 60  # of camera and display, if unknown
 CAMERA_HZ, REFRESH_HZ = 30, 60
 ONSET_PX = 3.0  # mean of both eyes: far above noise, yet the head has hardly moved
 UNDER_WAY_PX_S = 60.0
 NOISES_PX = (0.15, NOISE_PX, 0.5)  # a good camera, live faces, little light
 ONSET_MS = 300  # of a motion, not steady
 WITHIN_MS = 600  # a later onset counts as not followed at all
+MOTIONS = ("step to 100 px/s", "step to 200 px/s", "reach of 80 px in 0.8 s", "sine of 0.5 Hz, 60 px")
 
 Float = NDArray[np.float64]
 
@@ -53,18 +54,19 @@ class Displayed:
     motion: HeadMotion
 
 
-def _moved_ms(eyes: Float, start: int) -> int:
-    return start + int((np.linalg.norm(eyes.mean(axis=1)[start:] - eyes.mean(axis=1)[start], axis=1) > ONSET_PX).argmax())
+def _start(eyes: Float, rest_ms: int) -> tuple[int, int]:
+    middles = eyes.mean(axis=1)[rest_ms:]
+    return rest_ms, rest_ms + int((np.linalg.norm(middles - middles[0], axis=1) > ONSET_PX).argmax())
 
 
 @lru_cache(maxsize=1)
 def whole_path() -> HeadMotion:
-    """The known motion of the subject `filters`: reaches, sway, stops, approach, leaving the picture."""
+    """The known motion: reaches, sway, stops, approach, leaving the picture."""
     eyes, visible, _ = known_motion()
     starts, t_ms, before = [], 0.0, ""
     for piece in viewer_path(HOME_MM, 320 * HOME_MM / FOCAL_PX):
         if before == "still" and piece.name in ("reach", "stop") and visible[int(t_ms)]:
-            starts.append((int(t_ms), _moved_ms(eyes, int(t_ms))))
+            starts.append(_start(eyes, int(t_ms)))
         before, t_ms = piece.name, t_ms + piece.duration_s * 1e3
     return HeadMotion(eyes, visible, tuple(starts))
 
@@ -73,23 +75,19 @@ def whole_path() -> HeadMotion:
 def simple_motion(name: str) -> HeadMotion:
     """One of MOTIONS, five times, there and back, each after a rest of 2 s (a sine: 20 s of it)."""
     t_s = np.arange(20_000) / 1e3
-    after_s = np.mod(t_s, 4.0) - 2.0  # since the start of the motion; negative: at rest
-    s = np.clip(after_s / 0.8, 0, 1)
+    s = np.clip((t_s % 4.0 - 2.0) / 0.8, 0, 1)  # since the start of the motion; negative: at rest
     if name.startswith("sine"):
         x_px = 60 * np.sin(np.pi * t_s)
     else:
-        way_px, share = (float(name.split()[2]) * 0.8, s) if name.startswith("step") else (80.0, s**3 * (10 + s * (-15 + 6 * s)))
+        way_px, share = (float(name.split()[2]) * 0.8, s) if name.startswith("step") else (80.0, np.vectorize(minimum_jerk)(s))
         x_px = way_px * np.where(t_s % 8 < 4, share, 1 - share)
     eyes = np.array([[[350.0, 240.0], [290.0, 240.0]]]) + np.stack([x_px, 0 * x_px], axis=1)[:, None, :]
-    starts = [] if name.startswith("sine") else [(start, _moved_ms(eyes, start)) for start in range(2000, 20_000, 4000)]
-    return HeadMotion(eyes, np.ones(len(eyes), bool), tuple(starts))
-
-
-MOTIONS = ("step to 100 px/s", "step to 200 px/s", "reach of 80 px in 0.8 s", "sine of 0.5 Hz, 60 px")
+    starts = () if name.startswith("sine") else tuple(_start(eyes, rest_ms) for rest_ms in range(2000, 20_000, 4000))
+    return HeadMotion(eyes, np.ones(len(eyes), bool), starts)
 
 
 def displayed(
-    filter_: EyeFilter, horizons_ms: tuple[int, ...], unknown_ms: float = 0.0, seed: int = 30, noise_px: float = NOISE_PX,
+    filter_: EyeFilter, horizons_ms: tuple[int, ...], unknown_ms: float = 0.0, noise_px: float = NOISE_PX,
     motion: HeadMotion | None = None,
 ) -> list[Displayed]:  # fmt: skip
     """The pictures that a display of REFRESH_HZ shows of a motion, by default the whole path, for each time from exposure to
@@ -97,8 +95,8 @@ def displayed(
     """
     motion = motion or whole_path()
     eyes, visible = motion.eyes, motion.visible
-    rng, frame = np.random.default_rng(seed), 0
-    made: list[tuple[list[int], list[Float]]] = [([], []) for _ in horizons_ms]
+    rng, frame = np.random.default_rng(30), 0
+    pictures: list[tuple[list[int], list[Float]]] = [([], []) for _ in horizons_ms]
     for refresh in range(int(len(eyes) / 1e3 * REFRESH_HZ)):
         now_ms = refresh * 1e3 / REFRESH_HZ
         while frame * 1e3 / CAMERA_HZ <= now_ms:
@@ -106,12 +104,12 @@ def displayed(
             if visible[seen]:
                 filter_.update(round(frame * 1e9 / CAMERA_HZ), eyes[seen] + rng.normal(0.0, noise_px, (2, 2)))
             frame += 1
-        for (at, used), horizon_ms in zip(made, horizons_ms, strict=True):
+        for (at, used), horizon_ms in zip(pictures, horizons_ms, strict=True):
             light = round(now_ms + horizon_ms)
             if light < len(eyes) and visible[light] and visible[seen]:
                 at.append(light)
                 used.append(filter_.predict(round((now_ms + max(horizon_ms - unknown_ms, 0)) * 1e6)))
-    return [Displayed(np.array(at), np.array(used), motion) for at, used in made]
+    return [Displayed(np.array(at), np.array(used), motion) for at, used in pictures]
 
 
 def errors_px(pictures: Displayed) -> Float:
@@ -130,16 +128,14 @@ def velocity_px_s(pictures: Displayed) -> Float:
 def steady_ms(pictures: Displayed) -> list[float]:
     """Steady latency of each second in which the head moves; the first 0.3 s of a motion from rest are its onset."""
     velocity = velocity_px_s(pictures)
-    moving = np.sqrt(np.square(velocity).sum(axis=(1, 2)) / 2) > UNDER_WAY_PX_S
+    power = np.square(velocity).sum(axis=(1, 2))
+    moving = np.sqrt(power / 2) > UNDER_WAY_PX_S
     for start, _ in pictures.motion.starts:
         moving &= (pictures.at < start) | (pictures.at >= start + ONSET_MS)
     off = ((pictures.used - pictures.motion.eyes[pictures.at]) * velocity).sum(axis=(1, 2))
-    power = np.square(velocity).sum(axis=(1, 2))
-    found = []
-    for second in np.unique(pictures.at[moving] // 1000):
-        part = moving & (pictures.at // 1000 == second)
-        found.append(float(-off[part].sum() / power[part].sum() * 1e3))
-    return found
+    seconds = pictures.at // 1000
+    within = [moving & (seconds == second) for second in np.unique(seconds[moving])]
+    return [float(-off[now].sum() / power[now].sum() * 1e3) for now in within]
 
 
 def onset_ms(pictures: Displayed) -> list[float]:
@@ -154,76 +150,40 @@ def onset_ms(pictures: Displayed) -> list[float]:
     return late
 
 
-def samples(make: Callable[[], EyeFilter], unknown_ms: float) -> Samples:
-    """Samples of every figure of the subject."""
-    found: Samples = {}
-    for horizon_ms, pictures in zip(HORIZONS_MS, displayed(make(), HORIZONS_MS, unknown_ms), strict=True):
+def _samples(make: Callable[[], EyeFilter], unknown_ms: float) -> tuple[Samples, None]:
+    samples: Samples = {}
+    for horizon_ms, pictures in zip(LIGHT_MS, displayed(make(), LIGHT_MS, unknown_ms), strict=True):
         errors = errors_px(pictures)
         seconds = [errors[pictures.at // 1000 == second] for second in np.unique(pictures.at // 1000)]
-        found[f"error_{horizon_ms}ms"] = [float(np.sqrt(np.mean(np.square(part)))) for part in seconds]
-        found[f"onset_{horizon_ms}ms"] = onset_ms(pictures)
-        found[f"steady_{horizon_ms}ms"] = steady_ms(pictures)
-    return found
+        samples[f"error_{horizon_ms}ms"] = [float(np.sqrt(np.mean(np.square(second)))) for second in seconds]
+        samples[f"onset_{horizon_ms}ms"] = onset_ms(pictures)
+        samples[f"steady_{horizon_ms}ms"] = steady_ms(pictures)
+    return samples, None
 
 
-def tables(inputs: Inputs) -> Iterator[Table]:
+def motion_table() -> Table:
     """Onset and steady latency of single motions, by the noise of the landmarks."""
     rows = []
     for name, noise_px in itertools.product(MOTIONS, NOISES_PX):
-        cells = []
+        values = [Value(words=f"{noise_px:g} px")]
         for make in (partial(make_filter, Track()), partial(Mean, 5)):
             (pictures,) = displayed(make(), (SHOWN_MS,), noise_px=noise_px, motion=simple_motion(name))
-            onset, steady = onset_ms(pictures), np.median(steady_ms(pictures))
-            cells.append(Cell((f"{np.mean(onset):.0f} / " if onset else "- / ") + f"{round(float(steady))}"))
-        rows.append((Cell(name), Cell(f"{noise_px:g} px"), *cells))
-    head = ("motion", "noise of the landmarks", f"{Track().filter} (in use)", "mean of 5, the paper")
+            onset, steady = onset_ms(pictures), round(float(np.median(steady_ms(pictures))))
+            values.append(Value(words=(f"{np.mean(onset):.0f} / " if onset else "- / ") + f"{steady}"))
+        rows.append((name, values))
     note = (
         f"Onset / steady latency in ms, light {SHOWN_MS} ms after exposure, camera at {CAMERA_HZ} Hz, display at {REFRESH_HZ} Hz."
         " Live faces have 0.22 to 0.34 px of noise. Steady: from 0.3 s after the start of the motion."
     )
-    yield Table("Latency by motion and noise", note, head, tuple(rows))
+    head = ("motion", "noise of the landmarks", f"{Track().filter} (in use)", "mean of 5, the paper")
+    return judged_table("Latency by motion and noise", note, head, rows)
 
 
-def candidates(inputs: Inputs) -> Iterator[Candidate]:
+def measure(inputs: Inputs) -> Iterator[Found]:
     """The filters with a known horizon, the default one with LOOP_MS of it unknown, and the paper's average."""
     for name in ("predictive", "kalman", "one-euro"):
         track = Track(filter=name)
-        yield Candidate(name, "default", partial(_prepare, partial(make_filter, track), 0.0), used=track == Track())
-    yield Candidate(f"predictive, {LOOP_MS} ms unknown", "default", partial(_prepare, partial(make_filter, Track()), LOOP_MS))
-    yield Candidate("mean", "k = 5", partial(_prepare, partial(Mean, 5), 0.0), True)
-
-
-def _prepare(make: Callable[[], EyeFilter], unknown_ms: float) -> Prepared:
-    return Prepared(partial(samples, make, unknown_ms))
-
-
-_KNOBS = ("default", "k = 5")
-
-SUBJECT = Subject(
-    "photon",
-    "Motion to photon",
-    "The same known motion, camera at 30 Hz, display at 60 Hz. How much later than the head do its pictures begin to move, and"
-    " how far do they lag while it moves, against the time from exposure to light?",
-    (
-        *(Figure(f"onset_{h}ms", f"latency at onset, light {h} ms after exposure", "ms", "mean") for h in HORIZONS_MS),
-        *(Figure(f"steady_{h}ms", f"steady latency, light {h} ms after exposure", "ms") for h in HORIZONS_MS),
-        *(Figure(f"error_{h}ms", f"displayed error, RMS, light {h} ms after exposure", "px", "rms") for h in HORIZONS_MS),
-    ),
-    (
-        Chart("photon", "Displayed error against latency at the onset", f"onset_{SHOWN_MS}ms", f"error_{SHOWN_MS}ms"),
-        *(
-            Profile(
-                f"photon-{key}",
-                title,
-                "from exposure to light, ms",
-                "latency, ms",
-                tuple((float(h), f"{key}_{h}ms") for h in HORIZONS_MS),
-                _KNOBS,
-            )
-            for key, title in (("onset", "Latency at the onset of a motion"), ("steady", "Steady latency, head under way"))
-        ),
-    ),
-    candidates,
-    tables,
-    paper="mean of k = 5, without prediction",
-)
+        yield Candidate(name, "default", partial(_samples, partial(make_filter, track), 0.0), used=track == Track())
+    yield Candidate(f"predictive, {LOOP_MS} ms unknown", "default", partial(_samples, partial(make_filter, Track()), LOOP_MS))
+    yield Candidate("mean", "k = 5", partial(_samples, partial(Mean, 5), 0.0), True)
+    yield motion_table()

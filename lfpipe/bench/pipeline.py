@@ -1,134 +1,222 @@
-"""Subject: the whole pipeline. Error of the viewpoint on screen against CPU and against latency."""
+"""Subject: whole sessions, and the paper's loop, in processes of their own. Error of the viewpoint against CPU and latency."""
 
-from collections.abc import Callable, Iterator, Mapping
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import attrs
+import cv2
 import numpy as np
+import psutil
 
-from lfpipe.bench.eye_path import EyePath
+from lfpipe.bench.anaglyph import view_bgr
 from lfpipe.bench.inputs import MOVING_S, Inputs, demo_sequence
 from lfpipe.bench.paper_loop import Loop
-from lfpipe.bench.results import Candidate, Chart, Figure, Prepared, Skipped, Subject
-from lfpipe.bench.sessions import SessionRun, parts, run_loop, run_session, write_views
+from lfpipe.bench.runner import Candidate, Found
 from lfpipe.bench.trace_error import AlignedTrace
 from lfpipe.config import Render
+from lfpipe.host.files import exists
+from lfpipe.scene.lightfield import LightField
+from lfpipe.sequence.eyes import Truth, table_of
 from lfpipe.track.models import package_folder
 
-Turn = Mapping[str, float | list[float]]
 PAPER_ALPHA_PX = 12.0
-SKIPPED_S = 1.0  # after the first picture, while the tracker looks for the face
-MAX_S = 16.0
+STEADY_S = 1.0  # after the first picture every stage has started and found the face
+POLL_S, START_S, MAX_S = 0.05, 90.0, 16.0
+PART_S = 0.5  # of a run: differences between its parts are its noise
+Trace = list[dict[str, Any]]
 
 
-def alpha_for(inputs: Inputs) -> float:
+@attrs.frozen
+class SessionRun:
+    """rows: of the trace. cpu_ms_s: CPU of all processes in each PART_S without the start, in ms per second. first_s: from the
+    start of the process to its first picture."""
+
+    rows: Trace
+    cpu_ms_s: list[float]
+    first_s: float
+
+
+def _cpu_ns(process: psutil.Process) -> int:
+    """CPU time of a process and its living descendants so far, by their own clocks, which count in ns."""
+    total = 0
+    for one in [process, *process.children(recursive=True)]:
+        try:
+            total += time.clock_gettime_ns((~one.pid << 3) | 2)  # clock_getcpuclockid(3)
+        except OSError:  # it has ended
+            continue
+    return total
+
+
+def _cpu_parts(pid: int, seconds: float) -> list[float]:
+    """CPU of a process tree in ms per second, for each PART_S of the next seconds."""
+    process, marks = psutil.Process(pid), []
+    for _ in range(int(seconds / PART_S) + 1):
+        marks.append((time.monotonic_ns(), _cpu_ns(process)))
+        time.sleep(PART_S)
+    return [1e3 * (used1 - used0) / (t1 - t0) for (t0, used0), (t1, used1) in itertools.pairwise(marks)]
+
+
+def _read_trace(trace: Path) -> Trace:
+    """The complete lines of a trace."""
+    text = trace.read_text() if exists(trace) else ""
+    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+
+
+def parts(rows: Trace) -> list[Trace]:
+    """Rows of a trace by the PART_S in which they were shown, without an incomplete last part."""
+    grouped: dict[int, Trace] = {}
+    for row in rows:
+        grouped.setdefault(int((row["t_presented_ns"] - rows[0]["t_presented_ns"]) / (PART_S * 1e9)), []).append(row)
+    return list(grouped.values())[:-1]
+
+
+def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str], pace: str = "") -> SessionRun:
+    """`lfpipe up` on a scene and a video without a display, for `seconds` from its first picture on.
+
+    options: of the command line. pace: of the video, in Hz, or "max". Raises RuntimeError if the session fails.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        trace = Path(folder, "trace.jsonl")
+        camera = f"file:{video}?loop=1" + (f"&pace={pace}" if pace else "")
+        command = [sys.executable, "-m", "lfpipe", "up", str(scene), "--camera", camera]
+        command += ["--set=governor.quality=fixed"]  # measure the requested quality even if it is too slow
+        command += ["--display", "none", "--trace", str(trace), "--session", f"bench{os.getpid()}x{time.monotonic_ns() % 10**6}"]
+        started_ns = time.monotonic_ns()
+        process = subprocess.Popen([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        try:
+            while process.poll() is None and not (exists(trace) and trace.stat().st_size):
+                if time.monotonic_ns() - started_ns > START_S * 1e9:
+                    raise RuntimeError(f"no picture within {START_S:g} s")
+                time.sleep(POLL_S)
+            time.sleep(STEADY_S)
+            cpu = _cpu_parts(process.pid, max(seconds - STEADY_S, 2 * PART_S))
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=30)
+        finally:
+            if process.poll() is None:
+                process.kill()
+                process.communicate()
+        if process.returncode:
+            raise RuntimeError(f"`lfpipe up` exited with {process.returncode}: {err.strip()[-300:]}")
+        rows = _read_trace(trace)
+        return SessionRun(rows, cpu, (rows[0]["t_presented_ns"] - started_ns) / 1e9)
+
+
+def run_loop(loop: Loop) -> SessionRun:
+    """The paper's loop in a process of its own. Raises RuntimeError if it fails."""
+    with tempfile.TemporaryDirectory() as folder:
+        loop = attrs.evolve(loop, trace=Path(folder, "trace.jsonl"))
+        started_ns = time.monotonic_ns()
+        command = [sys.executable, "-m", "lfpipe.bench.paper_loop", json.dumps(attrs.asdict(loop), default=str)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise RuntimeError(f"the loop exited with {done.returncode}: {done.stderr.strip()[-300:]}")
+        rows = _read_trace(loop.trace)
+    if not rows:
+        raise RuntimeError("the loop found no face")
+    steady = [row for row in rows if row["t_presented_ns"] > rows[0]["t_presented_ns"] + STEADY_S * 1e9]
+    ends = [part[-1] for part in parts(steady)]
+    cpu = [1e3 * (b["cpu_ns"] - a["cpu_ns"]) / (b["t_presented_ns"] - a["t_presented_ns"]) for a, b in itertools.pairwise(ends)]
+    return SessionRun(rows, cpu, (rows[0]["t_presented_ns"] - started_ns) / 1e9)
+
+
+def write_views(field: LightField, folder: Path) -> Path:
+    """Writes the views as PNG in row-major order for the loop, unless they exist."""
+    if len(list(folder.glob("*.png"))) != field.rows * field.cols:
+        folder.mkdir(parents=True, exist_ok=True)
+        for index, place in enumerate(np.ndindex(field.rows, field.cols)):
+            cv2.imwrite(str(folder / f"view_{index:04d}.png"), view_bgr(field, *place), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return folder
+
+
+def _alpha_px(inputs: Inputs) -> float:
     """px per view that keeps the eyes of the sequence within the grid, so that every method can show the correct view."""
     truth, field = inputs.sequence.truth, inputs.field
     if truth is None or field.cols == 1:
         return PAPER_ALPHA_PX
-    visible = truth.eyes_px[truth.visible_ns >= 0]
-    reach_px = float(np.abs(visible[:, :, 0] - inputs.sequence.frames.shape[2] / 2).max())
+    reach_px = float(np.abs(truth.eyes_px[truth.visible][:, :, 0] - inputs.sequence.frames.shape[2] / 2).max())
     return max(PAPER_ALPHA_PX, reach_px / ((field.cols - 1) / 2))
 
 
-def candidates(inputs: Inputs) -> Iterator[Candidate | Skipped]:
+def measure(inputs: Inputs) -> Iterator[Found]:
     """Camera rate x clock x method, the paper's configuration and its plain loop."""
-    field, sequence = inputs.field, inputs.sequence
+    field, sequence, usual = inputs.field, inputs.sequence, Render()
     if field.rows * field.cols == 1:
-        yield Skipped("pipeline", "one view: nothing follows the eyes")
+        yield "pipeline: one view: nothing follows the eyes"
         return
     if sequence.truth is None:
-        yield Skipped("error of the viewpoint shown", f"{sequence.path.name} has no truth; only latency and CPU are measured")
-    alpha_px = alpha_for(inputs)
-    rates = [sequence.rate_hz]
+        yield f"error of the viewpoint shown: {sequence.path.name} has no truth; only latency and CPU are measured"
+    alpha_px, rates = _alpha_px(inputs), [sequence.rate_hz]
     if inputs.demo and not inputs.quick:
         rates += [rate for rate in (60.0, 120.0) if rate != sequence.rate_hz]
     else:
-        why = "--quick runs one rate" if inputs.demo else "the sequence and its truth have one rate"
-        yield Skipped("other camera rates", why)
+        yield f"other camera rates: {'--quick runs one rate' if inputs.demo else 'the sequence and its truth have one rate'}"
     if inputs.quick:
-        yield Skipped("nearest views with the other settings of lfpipe", "--quick shows them in the paper's configuration only")
+        yield "nearest views with the other settings of lfpipe: --quick shows them in the paper's configuration only"
     best = field.method if field.method.startswith("warp") else "blend"
     if best == "blend":
-        yield Skipped("warped views", "the scene has no disparity, or blending is as good")
-    has_facemesh = package_folder() is not None
-    if not has_facemesh:
-        yield Skipped("paper as a plain loop", "mediapipe is not installed; its configuration runs by litert")
-    methods = [best] if inputs.quick else ["nearest", best]
-    size = sequence.frames.shape[2], sequence.frames.shape[1]
-    common = [f"--set=render.alpha_px={alpha_px:.3f}", f"--set=camera.width_px={size[0]}", f"--set=camera.height_px={size[1]}"]
-    seconds = min(SKIPPED_S + len(sequence.frames) / sequence.rate_hz, MAX_S)  # the sequence once
-    usual = Render()
+        yield "warped views: the scene has no disparity, or blending is as good"
+    if package_folder() is None:
+        yield "paper as a plain loop: mediapipe is not installed; its configuration runs by litert"
+    height_px, width_px = sequence.frames.shape[1:3]
+    common = [f"--set=render.alpha_px={alpha_px:.3f}", f"--set=camera.width_px={width_px}", f"--set=camera.height_px={height_px}"]
+    seconds = min(STEADY_S + len(sequence.frames) / sequence.rate_hz, MAX_S)  # the sequence once
     for rate_hz in rates:
-        own = rate_hz == sequence.rate_hz
+        own, knob = rate_hz == sequence.rate_hz, f"{rate_hz:g} Hz"
         video = sequence.path if own else demo_sequence(inputs.work, MOVING_S[1], rate_hz)
-        figures = _figures(inputs, sequence.truth if own else EyePath.read(video.with_suffix(".csv")), alpha_px)
+        truth = sequence.truth if own else table_of(video.with_suffix(".csv"))
 
-        def loop(video: Path = video, rate_hz: float = rate_hz, figures: Callable[[SessionRun], Turn] = figures) -> Prepared:
+        def candidate(
+            curve: str, run: Callable[[], SessionRun], paper: bool = False, used: bool = False, knob: str = knob,
+            truth: Truth | None = truth,
+        ) -> Candidate:  # fmt: skip
+            return Candidate(curve, knob, lambda: ({}, lambda: _figures(inputs, run(), truth, alpha_px)), paper, used)
+
+        def session(*options: str, video: Path = video) -> Callable[[], SessionRun]:
+            return lambda: run_session(inputs.scene, video, seconds, [*common, *options])
+
+        def loop(video: Path = video, rate_hz: float = rate_hz) -> SessionRun:
             views = write_views(field, inputs.work / "views" / str(field.manifest["key"]))
-            given = Loop(video, views, rate_hz, seconds, alpha_px, field.rows, field.cols, size)
-            return Prepared(dict, lambda: figures(run_loop(given)))
+            return run_loop(Loop(video, views, rate_hz, seconds, alpha_px, field.rows, field.cols, (width_px, height_px)))
 
-        def session(
-            *options: str, video: Path = video, figures: Callable[[SessionRun], Turn] = figures
-        ) -> Callable[[], Prepared]:
-            return lambda: Prepared(dict, lambda: figures(run_session(inputs.scene, video, seconds, [*common, *options])))
-
-        knob = f"{rate_hz:g} Hz"
-        if has_facemesh:
-            yield Candidate("paper as a plain loop", knob, loop, own)
-        yield Candidate("paper's configuration", knob, session("--config", "paper"), own)
-        for clock in ("display", "camera"):
-            for method in methods:
-                used = own and (clock, method) == (usual.clock, field.method)
-                options = session(f"--set=render.clock={clock}", f"--set=render.method={method}")
-                yield Candidate(f"{clock} clock, {method}", knob, options, False, used)
+        if package_folder() is not None:
+            yield candidate("paper as a plain loop", loop, own)
+        yield candidate("paper's configuration", session("--config", "paper"), own)
+        for clock, method in itertools.product(("display", "camera"), [best] if inputs.quick else ["nearest", best]):
+            used = own and (clock, method) == (usual.clock, field.method)
+            options = session(f"--set=render.clock={clock}", f"--set=render.method={method}")
+            yield candidate(f"{clock} clock, {method}", options, used=used)
 
 
-def _figures(inputs: Inputs, truth: EyePath | None, alpha_px: float) -> Callable[[SessionRun], Turn]:
-    grid = inputs.field.rows, inputs.field.cols
-    centre = inputs.sequence.frames.shape[2] / 2, inputs.sequence.frames.shape[1] / 2
+def _figures(inputs: Inputs, run: SessionRun, truth: Truth | None, alpha_px: float) -> Mapping[str, float | list[float]]:
+    start_ns = run.rows[0]["t_presented_ns"] + STEADY_S * 1e9  # before, the tracker looks for the face
 
-    def figures(run: SessionRun) -> Turn:
-        start_ns = run.rows[0]["t_presented_ns"] + SKIPPED_S * 1e9
-        rows = [row for row in run.rows if row.get("composed", True) and row["t_presented_ns"] > start_ns]
-        ages = [(row["t_presented_ns"] - row["t_sensor_ns"]) / 1e6 for row in rows]
-        by_part = [float(np.median([(r["t_presented_ns"] - r["t_sensor_ns"]) / 1e6 for r in part])) for part in parts(rows)]
-        found: dict[str, float | list[float]] = {"latency_ms": by_part or [float(np.median(ages))], "cpu_ms_s": run.cpu_ms_s}
-        found |= {"latency_p95_ms": float(np.percentile(ages, 95)), "first_s": run.first_s}
-        if truth is not None:
-            trace = AlignedTrace(truth, run.rows)
-            errors = trace.figures()
-            found |= {"error_views": trace.view_error(alpha_px, centre, grid), "error_px": errors["error"]}
-            if np.isfinite(errors["jitter"]):
-                found["jitter_px"] = errors["jitter"]
-        return found
+    def ages_ms(rows: Trace) -> list[float]:
+        return [(row["t_presented_ns"] - row["t_sensor_ns"]) / 1e6 for row in rows]
 
+    rows = [row for row in run.rows if row.get("composed", True) and row["t_presented_ns"] > start_ns]
+    latency_ms = [float(np.median(ages_ms(part))) for part in parts(rows)] or [float(np.median(ages_ms(rows)))]
+    p95_ms = float(np.percentile(ages_ms(rows), 95))
+    figures: dict[str, float | list[float]] = {
+        "latency_ms": latency_ms,
+        "cpu_ms_s": run.cpu_ms_s,
+        "latency_p95_ms": p95_ms,
+        "first_s": run.first_s,
+    }
+    if truth is not None:
+        trace = AlignedTrace(truth, run.rows)
+        centre_px = inputs.sequence.frames.shape[2] / 2, inputs.sequence.frames.shape[1] / 2
+        errors = trace.figures()
+        figures["error_views"] = trace.view_error(alpha_px, centre_px, (inputs.field.rows, inputs.field.cols))
+        figures["error_px"] = errors["error"]
+        figures |= {"jitter_px": errors["jitter"]} if np.isfinite(errors["jitter"]) else {}
     return figures
-
-
-SUBJECT = Subject(
-    "pipeline",
-    "The whole pipeline",
-    "Sessions of `lfpipe up` and the paper as one plain loop, on the same sequence and scene. How far is the viewpoint on screen"
-    " from the eyes at that moment, over all display time? How much CPU does it take? How old is the frame behind a picture?"
-    " All of them decode the video while they run.",
-    (
-        Figure("error_views", "error of the viewpoint shown, RMS", "views"),
-        Figure("error_px", "error of the eyes the picture was made for, RMS", "px"),
-        Figure("jitter_px", "still jitter, RMS", "px"),
-        Figure("latency_ms", "frame captured to picture shown, p50", "ms"),
-        Figure("latency_p95_ms", "frame captured to picture shown, p95", "ms"),
-        Figure("cpu_ms_s", "CPU of all processes", "ms per second"),
-        Figure("first_s", "start to first picture", "s"),
-    ),
-    (
-        Chart("pipeline-cpu", "Error of the viewpoint shown against CPU", "cpu_ms_s", "error_views"),
-        Chart("pipeline-latency", "Error of the viewpoint shown against latency", "latency_ms", "error_views"),
-        Chart("pipeline-cost", "Latency against CPU", "cpu_ms_s", "latency_ms"),
-    ),
-    candidates,
-    paper="its configuration (`--config paper`), and the same as one plain loop",
-    needs=("scene", "sequence"),
-    budget_s=(1.0, 400.0),
-    turns=(1, 3),
-)

@@ -1,172 +1,200 @@
-"""Measures subjects: errors once, times in turns, until the interval is narrow or the budget is spent."""
+"""Measures subjects: errors once, times in turns until the budget is spent."""
 
+import importlib
 import math
 import os
+import platform
 import random
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import attrs
 import cv2
 import numpy as np
 
-from lfpipe.bench import anaglyph, filters, judder, photon, pipeline, stability, synthesis, tracker
-from lfpipe.bench.conditions import describe
-from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import (
-    Candidate,
-    Prepared,
-    Row,
-    Samples,
-    Skipped,
-    Subject,
-    SubjectResults,
-    Table,
-    Value,
-    read,
-    write,
-)
-from lfpipe.bench.stats import MIN_SAMPLES, median_interval
+import lfpipe
+from lfpipe.bench.inputs import Inputs, Progress
+from lfpipe.bench.results import MIN_SAMPLES, Results, Row, Table, Value, exact, read, write
+from lfpipe.bench.subjects import SUBJECTS, Subject
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_output
+from lfpipe.host.machine import versions
+from lfpipe.host.processes import usable_cores
 
-SUBJECTS: dict[str, Subject] = {  # in the order of the report
-    module.SUBJECT.name: module.SUBJECT for module in (tracker, filters, photon, judder, synthesis, anaglyph, pipeline, stability)
-}
-NARROW = 0.05  # width of the 95 % interval of the median over the median
 LONG_TURNS = 3  # a subject with at most this many turns has long turns and no warm-up
-Progress = Callable[[str, int, int], None]
+FILES = ("results.json", "report.html")
+Samples = dict[str, list[float]]  # by the key of a column
+Turn = Callable[[], Mapping[str, float | list[float]]]  # one timed turn: a sample per column, or those of its parts if it is long
 
 
-def measure(names: Sequence[str], inputs: Inputs, out: Path, progress: Progress) -> dict[str, SubjectResults]:
-    """Measures the named subjects and writes out/results.json after each of them. Returns all results in it.
+@attrs.frozen(eq=False)
+class Candidate:
+    """A method to be measured. prepare: returns the samples of its errors, and its turn; None if nothing is timed."""
 
-    A subject that out holds for the same inputs, versions and source is not measured again, so an interrupted run continues.
+    curve: str
+    knob: str
+    prepare: Callable[[], tuple[Samples, Turn | None]]
+    paper: bool = False
+    used: bool = False
+
+    @property
+    def name(self) -> str:
+        return f"{self.curve}, {self.knob}" if self.knob else self.curve
+
+
+Found = Candidate | Table | str
+Measure = Callable[[Inputs], Iterator[Found]]
+
+
+def measure(names: Sequence[str], inputs: Inputs, out: Path, progress: Progress) -> dict[str, Results]:
+    """Measures the named subjects, and writes out/results.json after each. Returns all results in it: other subjects' stay.
+
     Raises UserError if out cannot be written.
     """
     cv2.setNumThreads(1)
+    results = opened(out)
+    for name in names:
+        subject = SUBJECTS[name]
+        started = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        found: Measure = importlib.import_module(f"lfpipe.bench.{name}").measure
+        results[name] = run(subject, found, inputs, progress)
+        results[name].about = {"started": started, **conditions(), **inputs.described(subject.needs)}
+        results = {known: results[known] for known in SUBJECTS if known in results}
+        write(results, out)
+    return results
+
+
+def opened(out: Path) -> dict[str, Results]:
+    """Makes the folder and returns the results in it. Raises UserError if it has files of these names that are not ours."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"{out}: {error.strerror}", "choose another folder with --out DIR") from None
-    for name in ("results.json", "report.html", "summary.md"):
+    for name in FILES:
         check_output(out / name)
     try:
-        results = read(out)
-    except UserError:  # nothing to continue
-        results = {}
-    for name in names:
-        subject = SUBJECTS[name]
-        identity, about = describe(subject, inputs)
-        if name not in results or results[name].identity != identity:
-            results[name] = attrs.evolve(run(subject, inputs, progress), identity=identity, about=about)
-            results = {known: results[known] for known in SUBJECTS if known in results}
-            write(results, out)
-    write(results, out)
+        return read(out)
+    except UserError:  # nothing yet, or of another version
+        return {}
+
+
+def run(subject: Subject, found: Measure, inputs: Inputs, progress: Progress) -> Results:
+    """Measures a subject. A candidate that raises, or returns a number that is not finite, is a failure with the reason."""
+    results = Results(subject.name)
+    started, cpu_s = time.monotonic(), sum(os.times()[:4])
+    items = list(found(inputs))
+    results.tables = [item for item in items if isinstance(item, Table)]
+    results.left_out = [item for item in items if isinstance(item, str)]
+    if candidates := {item.name: item for item in items if isinstance(item, Candidate)}:
+        rows = _rows(subject, candidates, inputs.quick, results.failures, progress)
+        results.tables.insert(0, Table("method", subject.columns, tuple(rows)))
+    results.wall_s, results.cpu_s = round(time.monotonic() - started, 1), round(sum(os.times()[:4]) - cpu_s, 1)
+    progress(subject.title, 1, 1)
     return results
 
 
-def run(subject: Subject, inputs: Inputs, progress: Progress) -> SubjectResults:
-    """Measures a subject. A candidate that raises, or returns a number that is not finite, is a failure with the reason."""
-    found = SubjectResults(subject.name)
-    started, cpu_s = time.monotonic(), _cpu_s()
-    if subject.tables is not None:
-        items = list(subject.tables(inputs))
-        found.tables = [item for item in items if isinstance(item, Table)]
-        found.skipped = [item for item in items if isinstance(item, Skipped)]
-    if subject.candidates is not None:
-        offered = list(subject.candidates(inputs))
-        found.skipped += [item for item in offered if isinstance(item, Skipped)]
-        _measure(subject, [item for item in offered if isinstance(item, Candidate)], inputs.quick, found, progress)
-    found.wall_s, found.cpu_s = round(time.monotonic() - started, 1), round(_cpu_s() - cpu_s, 1)
-    progress(subject.title, 1, 1)
-    return found
-
-
-def _cpu_s() -> float:
-    """CPU time of this process and of those that have ended."""
-    return sum(os.times()[:4])
-
-
-def _measure(subject: Subject, wanted: Sequence[Candidate], quick: bool, found: SubjectResults, progress: Progress) -> None:
-    ready: dict[str, Prepared] = {}
+def _rows(
+    subject: Subject, candidates: dict[str, Candidate], quick: bool, failures: dict[str, str], progress: Progress
+) -> list[Row]:
     errors: dict[str, Samples] = {}
-    turns: dict[str, Samples] = {}
-    parts: dict[str, Samples] = {}
-    try:
-        for k, candidate in enumerate(wanted):
-            progress(subject.title, k, 2 * len(wanted))
-            try:
-                prepared = ready[candidate.name] = candidate.prepare()
-                errors[candidate.name] = _finite(prepared.errors())
-                turns[candidate.name], parts[candidate.name] = {}, {}
-            except Exception as error:  # report any failure of a method and continue with the others
-                found.failures[candidate.name] = f"{type(error).__name__}: {error}"
-        timed = {name: one.turn for name, one in ready.items() if one.turn is not None and name not in found.failures}
-        _take_turns(subject, quick, timed, turns, parts, found.failures, progress)
-    finally:
-        for prepared in ready.values():
-            prepared.close()
-    for one in wanted:
-        if one.name not in found.failures:
-            figures = {}
-            for figure in subject.figures:
-                if samples := errors[one.name].get(figure.key):
-                    value = figure.of(samples)
-                    figures[figure.key] = Value(value, value, value)
-                elif samples := turns[one.name].get(figure.key):
-                    inner = parts[one.name].get(figure.key, [])
-                    low, high = median_interval(samples if len(samples) >= MIN_SAMPLES or len(inner) < MIN_SAMPLES else inner)
-                    figures[figure.key] = Value(figure.of(samples), low, high, len(samples), len(inner))
-            found.rows.append(Row(one.name, one.curve, one.knob, one.paper, one.used, one.line, figures))
+    turns: dict[str, Turn] = {}
+    for k, (name, candidate) in enumerate(candidates.items()):
+        progress(subject.title, k, 2 * len(candidates))
+        try:
+            samples, turn = candidate.prepare()
+            errors[name] = _finite(samples)
+        except Exception as error:  # report any failure of a method and continue with the others
+            failures[name] = f"{type(error).__name__}: {error}"
+            continue
+        turns |= {name: turn} if turn is not None else {}
+    taken = _take_turns(subject, quick, turns, failures, progress)
+    rows = []
+    for name in (name for name in candidates if name not in failures):
+        values = {}
+        for column in subject.columns:
+            if samples_ := errors[name].get(column.key):
+                values[column.key] = exact(column.of(samples_))
+            elif medians := [float(np.median(turn[column.key])) for turn in taken.get(name, []) if column.key in turn]:
+                parts = [x for turn in taken[name] for x in turn.get(column.key, []) if len(turn[column.key]) > 1]
+                interval = median_interval(medians if len(medians) >= MIN_SAMPLES or len(parts) < MIN_SAMPLES else parts)
+                values[column.key] = Value(column.of(medians), *interval, len(medians), len(parts))
+        one = candidates[name]
+        rows.append(Row(name, values, one.curve, one.knob, one.paper, one.used))
+    return rows
 
 
 def _take_turns(
-    subject: Subject, quick: bool, timed: dict[str, Callable[[], Mapping[str, float | list[float]]]], turns: dict[str, Samples],
-    parts: dict[str, Samples], failures: dict[str, str], progress: Progress,
-) -> None:  # fmt: skip
-    """Rounds of one turn each, in a new order every round, so that other load on the machine affects all candidates alike."""
+    subject: Subject, quick: bool, turns: dict[str, Turn], failures: dict[str, str], progress: Progress
+) -> dict[str, list[Samples]]:
+    """Samples by turn. Rounds of one turn each, in a new order every round: other load on the machine affects all alike."""
     budget_s, least = subject.budget_s[0 if quick else 1], subject.turns[0 if quick else 1]
-    shuffled, started = random.Random(1), time.monotonic()
-
-    def count(name: str) -> int:
-        return max(map(len, turns[name].values()), default=0)
-
-    def settled(name: str) -> bool:
-        key = next((key for key in turns[name] if key.startswith("time")), None)
-        low, high = median_interval(turns[name][key]) if key else (0.0, 0.0)
-        return key is None or (count(name) >= MIN_SAMPLES and high - low <= NARROW * abs(float(np.median(turns[name][key]))))
-
-    def take(name: str, keep: bool) -> None:
-        try:
-            turn = _finite({key: value if isinstance(value, list) else [value] for key, value in timed[name]().items()})
-        except Exception as error:  # as above
-            failures[name] = f"{type(error).__name__}: {error}"
-            timed.pop(name)
-            return
-        for key, samples in turn.items() if keep else ():
-            turns[name].setdefault(key, []).append(float(np.median(samples)))
-            if len(samples) > 1:
-                parts[name].setdefault(key, []).extend(samples)
-
-    if least > LONG_TURNS:
-        for name in list(timed):
-            take(name, keep=False)
-    while names := [name for name in timed if count(name) < least or not settled(name)]:
-        elapsed_s = time.monotonic() - started
-        hurried = [name for name in names if count(name) < least] if elapsed_s > budget_s else names
-        if not hurried or (elapsed_s > 3 * budget_s and all(map(count, names))):
-            break
-        done = len(timed) - len(names) + len(names) * min(1.0, elapsed_s / budget_s)
-        progress(subject.title, len(timed) + int(done), 2 * len(timed) + 1)
-        shuffled.shuffle(hurried)
-        for name in hurried:
-            take(name, keep=True)
+    shuffled, started, rounds = random.Random(1), time.monotonic(), -1 if least > LONG_TURNS else 0  # the first is a warm-up
+    taken: dict[str, list[Samples]] = {name: [] for name in turns}
+    while turns and (rounds < least or time.monotonic() - started < budget_s):
+        done = min(rounds / least, (time.monotonic() - started) / budget_s)
+        progress(subject.title, len(turns) + int(done * len(turns)), 2 * len(turns) + 1)
+        for name in shuffled.sample(list(turns), len(turns)):
+            try:
+                turn = turns[name]().items()
+                turn_samples = _finite({key: value if isinstance(value, list) else [value] for key, value in turn})
+            except Exception as error:  # as above
+                failures[name] = f"{type(error).__name__}: {error}"
+                turns.pop(name)
+            else:
+                taken[name] += [turn_samples] if rounds >= 0 else []
+        rounds += 1
+    return taken
 
 
 def _finite(samples: Samples) -> Samples:
     """samples. Raises ValueError if one is not finite."""
-    if wrong := [key for key, values in samples.items() if not all(math.isfinite(value) for value in values)]:
+    if wrong := [key for key, values in samples.items() if not all(map(math.isfinite, values))]:
         raise ValueError(f"not finite: {', '.join(wrong)}")
     return samples
+
+
+def median_interval(samples: Sequence[float]) -> tuple[float, float]:
+    """95 % interval of the median by order statistics, for any distribution; the range below MIN_SAMPLES samples."""
+    ordered, n = sorted(samples), len(samples)
+    if n < MIN_SAMPLES:
+        return ordered[0], ordered[-1]
+    tail = np.cumsum([math.comb(n, k) / 2**n for k in range(n // 2)])
+    k = int(np.searchsorted(tail, 0.025, side="right"))
+    return ordered[k - 1], ordered[n - k]
+
+
+def times_ms(call: Callable[[], object], count: int) -> list[float]:
+    """Time of each of count calls, in ms."""
+    times = []
+    for _ in range(count):
+        start = time.perf_counter_ns()
+        call()
+        times.append((time.perf_counter_ns() - start) / 1e6)
+    return times
+
+
+def time_figures(times: Sequence[float], unit: str = "ms", scale: float = 1.0) -> dict[str, float]:
+    """The figures time_UNIT (median) and time_p95_UNIT of times, multiplied by scale."""
+    p50, p95 = np.percentile(times, (50, 95)) * scale
+    return {f"time_{unit}": float(p50), f"time_p95_{unit}": float(p95)}
+
+
+def conditions() -> dict[str, str]:
+    """What results depend on besides their inputs: command, machine, versions, commit."""
+    packages = versions()
+    load = f", load {os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else ""
+    machine = f"{packages.pop('processor')}, {len(usable_cores())} cores, {platform.system()} {platform.release()}{load}"
+    try:
+        git = ["git", "-C", str(Path(lfpipe.__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]
+        commit = subprocess.run(git, capture_output=True, text=True, timeout=5, check=False).stdout.strip()
+    except (OSError, subprocess.TimeoutExpired):
+        commit = ""
+    return {
+        "command": " ".join(["lfpipe", *sys.argv[1:]]),
+        "machine": machine,
+        "versions": ", ".join(f"{name} {version}" for name, version in packages.items()),
+        "commit": commit or "not a git checkout",
+    }

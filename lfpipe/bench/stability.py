@@ -1,7 +1,7 @@
-"""Subject: stiff and extreme cases as tables of cells: ok, degraded or failed, with the worst error.
+"""Subject: stiff and extreme cases of eyes over time: the filters and the viewer. Values are ok, degraded or failed.
 
-References are exact or wider than what they judge: rationals for the covariance, the undisturbed run for filters and the viewer,
-np.longdouble for the mapping, the published matrices in float64 for colours, the stored views for pictures.
+References are exact or wider than what they judge: rationals for the covariance, the undisturbed run for filters and the viewer;
+those of the picture are in `extremes.py`.
 """
 
 import itertools
@@ -13,9 +13,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.extremes import colour_table, judged_cell, mapping_table, synthesis_table
+from lfpipe.bench.extremes import colour_table, judged_error, mapping_table, synthesis_table
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Cell, Skipped, State, Subject, Table
+from lfpipe.bench.results import State, Table, Value, judged_table
+from lfpipe.bench.runner import Found
 from lfpipe.config import Config, Track
 from lfpipe.eyes import EYES as RECORD
 from lfpipe.eyes import EyesRecord
@@ -57,16 +58,13 @@ def covariance_error(q: float, first: float, dt_ns: int, rounds: int) -> float:
 def covariance_table(rounds: int) -> Table:
     """The default filter's own models, over and far beyond their settings."""
     steps_ns, noises = (200_000, 4_166_667, 33_333_333, 400_000_000), (1e-6, 1e-3, 1.0)
-    rows = tuple(
-        (
-            Cell(f"q {q:.0e}, noise {r:.0e}"),
-            *(judged_cell(partial(covariance_error, q, r, d, rounds), 1e-9, 1e-3) for d in steps_ns),
-        )
+    rows = [
+        (f"q {q:.0e}, noise {r:.0e}", [judged_error(partial(covariance_error, q, r, d, rounds), 1e-9, 1e-3) for d in steps_ns])
         for q, r in itertools.product((1e-6, 1.0, 1200.0, 1e9), noises)
-    )
+    ]
     note = "Worst relative error of an entry against rational arithmetic; failed if a matrix is no longer semi-definite."
     head = ("acceleration and noise", *(f"step {d / 1e6:g} ms" for d in steps_ns))
-    return Table(f"Covariance of the default filter ({Track().filter})", note, head, rows)
+    return judged_table(f"Covariance of the default filter ({Track().filter})", note, head, rows)
 
 
 def head_path(t_s: float, moving: bool) -> Float:
@@ -81,8 +79,8 @@ def stamps_ns(rate_hz: float, count: int, seed: int, jittered: bool) -> list[int
     return [stamps[k - 1] if jittered and k % 9 == 8 else t_ns for k, t_ns in enumerate(stamps)]
 
 
-# Name -> what becomes of the stamp (ns) and the eyes of one frame; None for no face. What the tracker's gate refuses anyway
-# (not finite, out of all proportion) is no face.
+# Name -> what becomes of the stamp (ns) and the eyes of one frame. What the tracker's gate refuses anyway (not finite, out of all
+# proportion) is no face.
 DISTURBANCES: dict[str, Callable[[int, Float], tuple[int, Float]]] = {
     "wrong by half an eye distance": lambda t_ns, eyes: (t_ns, eyes + np.array((APART_PX / 2, 0.0))),
     "one eye wrong by an eye distance": lambda t_ns, eyes: (t_ns, eyes + np.array(((APART_PX, 0.0), (0.0, 0.0)))),
@@ -119,86 +117,82 @@ def disturbed(name: str, what: str, rate_hz: int, moving: bool, frames: int = 1)
 
 def filter_tables(rates_hz: tuple[int, ...]) -> Iterator[Table]:
     """Every filter with every disturbance of one frame and of two, at rest and moving."""
+    note = (
+        f"Largest distance from the run without it in eye distances, {AHEAD_MS} ms ahead, and how long it stays above 2 %."
+        " ok: at most 1.5 and 0.7 s; failed: longer than 1.5 s, or not finite."
+    )
     for moving, frames in itertools.product((False, True), (1, 2)):
         rows = []
         for what, rate_hz in itertools.product(DISTURBANCES, rates_hz):
-            cells = []
+            values = []
             for name in FILTERS:
                 peak, lasts_s = disturbed(name, what, rate_hz, moving, frames)
                 state: State = "ok" if peak <= 1.5 and lasts_s <= 0.7 else "degraded" if lasts_s <= 1.5 else "failed"
-                cells.append(Cell(f"{peak:.2f}, {lasts_s:.2f} s", state, "" if name == FILTERS[0] else f"track.filter={name}"))
-            rows.append((Cell(f"{what}, {rate_hz} Hz"), *cells))
+                only = "" if name == FILTERS[0] else f"track.filter={name}"
+                values.append(Value(words=f"{peak:.2f}, {lasts_s:.2f} s", state=state, only=only))
+            rows.append((f"{what}, {rate_hz} Hz", values))
         title = f"Filters after {('one bad frame', 'two bad frames')[frames - 1]}, "
         title += "a moving head, jittered and duplicate stamps" if moving else "a head at rest"
-        note = (
-            f"Largest distance from the run without it in eye distances, {AHEAD_MS} ms ahead, and how long it stays above 2 %."
-            " ok: at most 1.5 and 0.7 s; failed: longer than 1.5 s, or not finite."
-        )
-        yield Table(title, note, ("wrong", *FILTERS), tuple(rows))
+        yield judged_table(title, note, ("wrong", *FILTERS), rows)
 
 
-def viewer_run(field: LightField, rate_hz: int, jittered: bool, bad: Callable[[int, NDArray[np.void]], None]) -> Float:
-    """Viewpoints (n, 2, 2) of a viewer before a field, at 60 Hz, over 8 s. bad: changes the record of frame k."""
+def viewer_run(field: LightField, rate_hz: int, jittered: bool, bad: dict[str, object], frames: range) -> Float:
+    """Viewpoints (n, 2, 2) of a viewer before a field, at 60 Hz, over 8 s. bad: what stands in the records of some frames."""
     viewer, record = Viewer(field, Config()), np.zeros((), RECORD)
     stamps = stamps_ns(rate_hz, 8 * rate_hz, 3, jittered)
     views, k = [], 0
-    for shown_ns in range(stamps[0], stamps[-1], 16_666_667):
-        while k + 1 < len(stamps) and stamps[k + 1] <= shown_ns:
+    for presented_ns in range(stamps[0], stamps[-1], 16_666_667):
+        while k + 1 < len(stamps) and stamps[k + 1] <= presented_ns:
             k += 1
-        record["filtered_px"] = record["raw_px"] = head_path(0.0, False)
-        record["velocity_px_s"], record["apart_px"], record["confidence"] = 0.0, APART_PX, 1.0
-        record["width_px"], record["height_px"], record["face"], record["generation"] = 640, 480, 1, 1
-        bad(k, record)
-        shown = viewer.viewpoints(EyesRecord.of(record), stamps[k], shown_ns + 50_000_000)
-        views.append((shown.left, shown.right))
+        usual = {"filtered_px": EYES, "raw_px": EYES, "velocity_px_s": 0.0, "apart_px": APART_PX, "confidence": 1.0,
+                 "width_px": 640, "height_px": 480, "face": 1, "generation": 1}  # fmt: skip
+        for name, value in (usual | (bad if k in frames else {})).items():
+            record[name] = value
+        viewpoints = viewer.viewpoints(EyesRecord.of(record), stamps[k], presented_ns + 50_000_000)
+        views.append((viewpoints.left, viewpoints.right))
     return np.array(views)
+
+
+CASES: dict[str, tuple[dict[str, object], int]] = {  # what stands in the record, for how many frames
+    "no face for a frame": ({"face": 0}, 1),
+    "no face for ten frames": ({"face": 0}, 10),
+    "eyes that are no number": ({"filtered_px": math.nan}, 1),
+    "eyes at 1e300 px": ({"filtered_px": 1e300}, 1),
+    "speed that is infinite": ({"velocity_px_s": math.inf}, 1),
+    "distance that is no number": ({"apart_px": math.nan}, 1),
+    "infinite distance": ({"apart_px": math.inf}, 1),
+    "distance of 1e300 px": ({"apart_px": 1e300}, 1),
+    "eyes 30 px aside": ({"filtered_px": EYES + 30.0}, 1),
+    "another face": ({"generation": 2}, 1),
+}
+
+
+def viewer_value(field: LightField, bad: dict[str, object], frames: int, rate_hz: int, jittered: bool) -> Value:
+    """How far the viewpoints are from a run without bad records, in views, and how long."""
+    at = 3 * rate_hz
+    try:
+        quiet, views = (viewer_run(field, rate_hz, jittered, bad, range(at, at + count)) for count in (0, frames))
+    except Exception as error:  # the exception is the result
+        return Value(words=f"{type(error).__name__}: {error}"[:80], state="failed")
+    off = np.abs(views - quiet).max(axis=(1, 2))
+    if not np.isfinite(views).all():
+        return Value(words="not finite", state="failed")
+    after = np.flatnonzero(off > 0.05)
+    lasts_s = (after[-1] - 3 * 60 + 1) / 60 if len(after) else 0.0
+    words = f"{off.max():.2f}, {lasts_s:.2f} s"
+    return Value(words=words, state="ok" if lasts_s <= 2 else "degraded" if lasts_s < 4.5 else "failed")
 
 
 def viewer_table(field: LightField, rates_hz: tuple[int, ...]) -> Table:
     """Viewer, easing, presence and parallax: what one frame, or ten without a face, do to the viewpoints."""
-
-    def wrong(name: str, value: object) -> Callable[[NDArray[np.void]], None]:
-        return lambda record: record.__setitem__(name, value)
-
-    cases: dict[str, tuple[Callable[[NDArray[np.void]], None], int]] = {
-        "no face for a frame": (wrong("face", 0), 1),
-        "no face for ten frames": (wrong("face", 0), 10),
-        "eyes that are no number": (wrong("filtered_px", math.nan), 1),
-        "eyes at 1e300 px": (wrong("filtered_px", 1e300), 1),
-        "speed that is infinite": (wrong("velocity_px_s", math.inf), 1),
-        "distance that is no number": (wrong("apart_px", math.nan), 1),
-        "infinite distance": (wrong("apart_px", math.inf), 1),
-        "distance of 1e300 px": (wrong("apart_px", 1e300), 1),
-        "eyes 30 px aside": (wrong("filtered_px", EYES + 30.0), 1),
-        "another face": (wrong("generation", 2), 1),
-    }
-
-    def cell(change: Callable[[NDArray[np.void]], None], frames: int, rate_hz: int, jittered: bool) -> Cell:
-        at = 3 * rate_hz
-        quiet = viewer_run(field, rate_hz, jittered, lambda k, record: None)
-        views = viewer_run(field, rate_hz, jittered, lambda k, record: change(record) if at <= k < at + frames else None)
-        off = np.abs(views - quiet).max(axis=(1, 2))
-        if not np.isfinite(views).all():
-            return Cell("not finite", "failed")
-        after = np.flatnonzero(off > 0.05)
-        lasts_s = (after[-1] - 3 * 60 + 1) / 60 if len(after) else 0.0
-        state: State = "ok" if lasts_s <= 2 else "degraded" if lasts_s < 4.5 else "failed"
-        return Cell(f"{off.max():.2f}, {lasts_s:.2f} s", state)
-
-    columns = [(rate_hz, jittered) for rate_hz in rates_hz for jittered in (False, True)]
-    rows = []
-    for what, (change, frames) in cases.items():
-        try:
-            cells = [cell(change, frames, *column) for column in columns]
-        except Exception as error:  # the exception is the result
-            cells = [Cell(f"{type(error).__name__}: {error}"[:80], "failed")] * len(columns)
-        rows.append((Cell(what), *cells))
-    head = ("in the record", *(f"{rate_hz} Hz{', jittered' if jittered else ''}" for rate_hz, jittered in columns))
+    columns = list(itertools.product(rates_hz, (False, True)))
+    rows = [(what, [viewer_value(field, *case, *column) for column in columns]) for what, case in CASES.items()]
+    head = ("in the record", *(f"{rate_hz} Hz{', jittered' * jittered}" for rate_hz, jittered in columns))
     note = "Distance of the viewpoints from a run without it, in views, and how long it stays above 0.05. failed: it never ends."
-    return Table("The viewer before the screen", note, head, tuple(rows))
+    return judged_table("The viewer before the screen", note, head, rows)
 
 
-def tables(inputs: Inputs) -> Iterator[Table | Skipped]:
+def measure(inputs: Inputs) -> Iterator[Found]:
     """All tables."""
     rates_hz = (30, 240) if inputs.quick else RATES_HZ
     yield covariance_table(7 if inputs.quick else 9)  # the rationals' digits double every round
@@ -207,12 +201,3 @@ def tables(inputs: Inputs) -> Iterator[Table | Skipped]:
     yield mapping_table()
     yield colour_table(inputs.field)
     yield synthesis_table(inputs)
-
-
-SUBJECT = Subject(
-    "stability",
-    "Stiff and extreme cases",
-    "Does anything lose precision, raise an exception or show a wrong picture, and for how long? Cells hold the worst error.",
-    tables=tables,
-    needs=("scene",),
-)

@@ -5,12 +5,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.eye_path import EyePath
+from lfpipe.bench.inputs import eyes_at
+from lfpipe.sequence.eyes import Truth
 
 SIDES = ("left", "right")
 SETTLE_NS, STILL_NS, STEP_NS, SKIP_NS = 500_000_000, 400_000_000, 1_000_000, 1_000_000_000
 
 Float = NDArray[np.float64]
+
+
+def _since_ns(truth: Truth, state: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Per row of the truth, the time from which a state has held; -1 where it does not."""
+    starts = state & ~np.concatenate([[False], state[:-1]])
+    return np.where(state, np.maximum.accumulate(np.where(starts, truth.t_ns, truth.t_ns[0])), -1)
 
 
 class AlignedTrace:
@@ -22,15 +29,14 @@ class AlignedTrace:
     real head does. Raises ValueError if nothing remains.
     """
 
-    def __init__(self, truth: EyePath, rows: list[dict[str, Any]]) -> None:
+    def __init__(self, truth: Truth, rows: list[dict[str, Any]]) -> None:
         self.rows = rows = [row for row in rows if row["t_presented_ns"] and row["eyes_used"]]
         if not rows:
             raise ValueError("the trace holds no picture made for eyes")
-        shown_ns = np.array([row["t_presented_ns"] for row in rows])
-        frame_ns = truth.t_ns[[row["source_seq"] % len(truth.t_ns) for row in rows]]
-        offset_ns = frame_ns - np.array([row["t_sensor_ns"] for row in rows])
-        t_ns = np.arange(shown_ns[0] + SKIP_NS, shown_ns[-1], STEP_NS)
-        now = np.searchsorted(shown_ns, t_ns, side="right") - 1
+        presented_ns = np.array([row["t_presented_ns"] for row in rows])
+        offset_ns = truth.t_ns[[row["source_seq"] % len(truth.t_ns) for row in rows]] - [row["t_sensor_ns"] for row in rows]
+        t_ns = np.arange(presented_ns[0] + SKIP_NS, presented_ns[-1], STEP_NS)
+        now = np.searchsorted(presented_ns, t_ns, side="right") - 1
         true_ns = t_ns + offset_ns[now]
         first_round = np.array([row["source_seq"] < len(truth.t_ns) for row in rows])[now]
         inside = (true_ns >= np.where(first_round, 0, SETTLE_NS)) & (true_ns <= truth.t_ns[-1])
@@ -39,10 +45,10 @@ class AlignedTrace:
         if not len(true_ns):
             raise ValueError("the trace and the truth have no time in common")
         row = np.searchsorted(truth.t_ns, true_ns, side="right") - 1
-        self.true_px = truth.at(true_ns)
-        self.still_since_ns: NDArray[np.int64] = truth.still_ns[row]
-        self.visible: NDArray[np.bool_] = truth.visible_ns[row] >= 0
-        self.still: NDArray[np.bool_] = (self.still_since_ns >= 0) & (true_ns - self.still_since_ns > STILL_NS)
+        self.true_px = eyes_at(truth, true_ns)
+        self.visible: NDArray[np.bool_] = truth.visible[row]
+        self.still_since_ns = _since_ns(truth, truth.visible & truth.still)[row]
+        self.still = (self.still_since_ns >= 0) & (true_ns - self.still_since_ns > STILL_NS)
         self.used_px = np.array([[row["eyes_used"][side] for side in SIDES] for row in rows], np.float64)
         self.drawn = np.maximum.accumulate([i if row.get("composed", True) else 0 for i, row in enumerate(rows)])
 
@@ -52,8 +58,8 @@ class AlignedTrace:
         error = self.used_px[self.now] - self.true_px
         deviation = np.zeros_like(self.true_px)
         for start_ns in np.unique(self.still_since_ns[self.still]):
-            stretch = self.still & (self.still_since_ns == start_ns)
-            deviation[stretch] = self.used_px[self.now[stretch]] - self.used_px[self.now[stretch]].mean(axis=0)
+            rest = self.still & (self.still_since_ns == start_ns)
+            deviation[rest] = self.used_px[self.now[rest]] - self.used_px[self.now[rest]].mean(axis=0)
         return {"error": _rms(error, self.visible), "jitter": _rms(deviation, self.still)}
 
     def view_error(self, alpha_px: float, centre_px: tuple[float, float], grid: tuple[int, int]) -> float:
@@ -61,11 +67,11 @@ class AlignedTrace:
 
         alpha_px, centre_px: of the mapping that made the trace. grid: rows, cols.
         """
-        shown = np.array([[row["view"][side] for side in SIDES] for row in self.rows], np.float64)[self.drawn[self.now]]
+        on_screen = np.array([[row["view"][side] for side in SIDES] for row in self.rows], np.float64)[self.drawn[self.now]]
         rows = (grid[0] - 1) / 2 + (self.true_px[:, :, 1].mean(axis=1, keepdims=True) - centre_px[1]) / alpha_px
         cols = (grid[1] - 1) / 2 + (centre_px[0] - self.true_px[:, :, 0]) / alpha_px
-        wanted = np.stack([np.clip(np.broadcast_to(rows, cols.shape), 0, grid[0] - 1), np.clip(cols, 0, grid[1] - 1)], axis=2)
-        return _rms(shown - wanted, self.visible)
+        true = np.stack([np.clip(np.broadcast_to(rows, cols.shape), 0, grid[0] - 1), np.clip(cols, 0, grid[1] - 1)], axis=2)
+        return _rms(on_screen - true, self.visible)
 
 
 def _rms(values: Float, where: NDArray[np.bool_]) -> float:

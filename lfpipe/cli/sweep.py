@@ -61,9 +61,8 @@ def run(
     from lfpipe.cli.progress import progress
     from lfpipe.files.output import check_output
     from lfpipe.host.processes import usable_cores
-    from lfpipe.sweep.cell import DIFFERS, FAILED
     from lfpipe.sweep.plan import read_plan
-    from lfpipe.sweep.results import verdict, write
+    from lfpipe.sweep.results import DIFFERS, FAILED, References, verdict, write
 
     if junit is not None:
         check_output(junit, [plan], label="--junit")
@@ -71,21 +70,22 @@ def run(
         raise UserError("--update needs references", "name their folder with --expect DIR")
     if jobs and address:
         raise UserError("--jobs and --on exclude each other", "leave --jobs out: the scheduler has its own workers")
+    references = None if expect is None else References(expect, update)
     try:
         with progress() as bar:
             notice = partial(click.echo, err=True)
-            options = Options(address, jobs or len(usable_cores()), limit, expect, update, insecure, bar, notice)
+            options = Options(address, jobs or len(usable_cores()), limit, references, insecure, bar, notice)
             outcomes = sweep(read_plan(plan), out, options)
     except KeyboardInterrupt:
         click.echo(f"interrupted; finished cells are in {out}; the same command continues", err=True)
         return 130
     page = write(outcomes, out, junit)
-    for outcome in outcomes:
-        if outcome.state in (FAILED, DIFFERS):
-            click.echo(f"{outcome.state}: {outcome.cell.name}: {outcome.reason}")
+    wrong = [outcome for outcome in outcomes if outcome.state in (FAILED, DIFFERS)]
+    for outcome in wrong:
+        click.echo(f"{outcome.state}: {outcome.cell.name}: {outcome.reason}")
     click.echo(verdict(outcomes))
     click.echo(page)
-    return 1 if any(outcome.state in (FAILED, DIFFERS) for outcome in outcomes) else 0
+    return 1 if wrong else 0
 
 
 @sweep.command()
@@ -96,14 +96,13 @@ def show(folder: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from lfpipe.sweep.results import ABOUT, Store, rows, verdict
+    from lfpipe.sweep.results import ABOUT, Store, by_subject, verdict
 
     outcomes = list(Store(folder, read_only=True).outcomes.values())
     console = Console()
     if not console.is_terminal:
         console.width = 240
-    for subject in dict.fromkeys(outcome.cell.subject for outcome in outcomes):
-        head, *body = rows([outcome for outcome in outcomes if outcome.cell.subject == subject])
+    for subject, (head, *body) in by_subject(outcomes).items():
         known = [k for k, name in enumerate(ABOUT) if name != "subject" and any(row[k] for row in body)]
         table = Table(*(head[k] for k in known), "figures", title=subject, title_justify="left")
         for row in body:

@@ -1,26 +1,65 @@
-"""Writes the results of a sweep: one line per finished cell, then a table, a page and JUnit XML."""
+"""Results of a sweep: one line per finished cell, references to compare with, a table, a page and JUnit XML."""
 
 import csv
-import html
+import hashlib
 import io
 import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
-from lfpipe.bench.style import STYLE
+import attrs
+
+from lfpipe.bench.style import document, html_table
 from lfpipe.errors import UserError, plain
 from lfpipe.files.line_file import LineFile
 from lfpipe.files.output import check_output
 from lfpipe.files.safe_files import reason, replaced
-from lfpipe.sweep.cell import DIFFERS, FAILED, LEFT_OUT, OK, Outcome, parsed
+from lfpipe.host.files import is_dir, is_file
+from lfpipe.sweep.plan import QUALITY, REPLAY, Cell
 
+OK, DIFFERS, FAILED, LEFT_OUT = "ok", "differs", "failed", "left out"
+DONE = (OK, DIFFERS, LEFT_OUT)  # not measured again
+DIED = "died"  # of a cell whose process died: it runs again, alone; never stored
 LINES, TABLE, PAGE, JUNIT = "results.jsonl", "table.csv", "report.html", "junit.xml"
+REFERENCE = "figures.json"  # of a cell without pictures
+CLOSE = 1e-3  # relative tolerance of figures, for rounding on other processors
 PLACE = "name a folder that you may write to, on a disk with free space: --out DIR"
 STATES = {OK: "ok", DIFFERS: "failed", FAILED: "failed", LEFT_OUT: "degraded"}  # with the class of the page's style
 ABOUT = ("state", "subject", "sequence", "scene", "config", "options", "seconds", "host", "reason")
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute a text that begins so
+
+
+@attrs.frozen
+class Outcome:
+    """The outcome of a cell. figures: numbers and digests by name. seconds: of its process. began_s: Unix time."""
+
+    cell: Cell
+    state: str
+    reason: str = ""
+    figures: dict[str, float | str] = attrs.Factory(dict)
+    seconds: float = 0.0
+    host: str = ""
+    began_s: float = 0.0
+
+    def line(self) -> bytes:
+        """As a line of results.jsonl: the fields of the cell beside those of the outcome."""
+        outcome = attrs.asdict(self)
+        return json.dumps({**outcome.pop("cell"), "name": self.cell.name, **outcome}).encode() + b"\n"
+
+
+def parsed(line: bytes) -> Outcome:
+    """An outcome from its line. Raises TypeError, KeyError or ValueError for other lines."""
+    values = json.loads(line)
+    del values["name"]
+    cell = Cell(**{field.name: values.pop(field.name) for field in attrs.fields(Cell)})
+    pairs = tuple((str(name), str(value)) for name, value in cell.options)
+    outcome = Outcome(attrs.evolve(cell, sets=tuple(map(str, cell.sets)), options=pairs), **values)
+    if not isinstance(cell.key, str) or outcome.state not in STATES or not isinstance(outcome.figures, dict):
+        raise ValueError("not an outcome")
+    return outcome
 
 
 class Store:
@@ -36,13 +75,12 @@ class Store:
                 for name in (LINES, TABLE, PAGE, JUNIT):
                     check_output(folder / name)
                 self._file = LineFile(self.path)
-            with self.path.open("rb") as file:
-                for line in file:
-                    try:
-                        outcome = parsed(json.loads(line))
-                    except (ValueError, TypeError, KeyError):  # a line of another version: the cell is measured again
-                        continue
-                    self.outcomes[outcome.cell.key] = outcome
+            for line in self.path.read_bytes().splitlines():
+                try:
+                    outcome = parsed(line)
+                except (ValueError, TypeError, KeyError):  # a line of another version: the cell is measured again
+                    continue
+                self.outcomes[outcome.cell.key] = outcome
         except OSError as error:
             raise UserError(f"{self.path}: {reason(error)}", "name a folder that a sweep wrote" if read_only else PLACE) from None
 
@@ -59,18 +97,74 @@ class Store:
         self._file.close()
 
 
+@attrs.frozen
+class References:
+    """folder: with a folder for each replay and quality cell. update: they are written instead of compared with."""
+
+    folder: Path
+    update: bool = False
+
+    def place(self, cell: Cell) -> Path | None:
+        """Where the reference of a cell is; None for a subject without."""
+        return self.folder / cell.folder if cell.subject in (REPLAY, QUALITY) else None
+
+    def marked(self, cell: Cell) -> Cell:
+        """The cell with a key that also depends on its reference: on its files, or, with update, on whether there are any."""
+        if (place := self.place(cell)) is None:
+            return cell
+        files = sorted(path for path in place.rglob("*") if is_file(path)) if is_dir(place) else []
+        content = [f"update {bool(files)}".encode()] if self.update else [path.read_bytes() for path in files]
+        return attrs.evolve(cell, key=cell.key + hashlib.blake2b(b"".join(content), digest_size=4).hexdigest())
+
+    def judged(self, outcome: Outcome) -> Outcome:
+        """The outcome; `differs` if it differs from its reference. Without a reference it fails; with update it is stored.
+
+        `lfpipe replay` compares and writes its own references. Raises UserError if the disk is full.
+        """
+        place = self.place(outcome.cell)
+        if place is None or outcome.state != OK or (self.update and outcome.cell.subject == REPLAY):
+            return outcome
+        if self.update:
+            try:
+                place.mkdir(parents=True, exist_ok=True)
+                (place / REFERENCE).write_text(json.dumps(outcome.figures, indent=1))
+            except OSError as error:
+                raise UserError(f"--expect {self.folder}: {reason(error)}", "use a folder on a disk with free space") from None
+            return outcome
+        if not is_dir(place):
+            return attrs.evolve(outcome, state=FAILED, reason=f"no reference {place.name}: write it with --update")
+        if outcome.cell.subject == REPLAY:
+            return outcome
+        try:
+            reference: dict[str, Any] = json.loads((place / REFERENCE).read_text())
+            wrong = [
+                f"{name}: {value} in the reference, now {outcome.figures.get(name)}"
+                for name, value in reference.items()
+                if not abs(float(outcome.figures.get(name, "nan")) - float(value)) <= CLOSE * abs(float(value))
+            ]
+        except (OSError, ValueError, AttributeError) as error:
+            return attrs.evolve(outcome, state=FAILED, reason=f"reference {place.name}: {error}")
+        return attrs.evolve(outcome, state=DIFFERS, reason="\n".join(wrong)) if wrong else outcome
+
+
 def rows(outcomes: Sequence[Outcome]) -> list[list[str]]:
     """A table with its header: the columns ABOUT of each cell, and its figures in the order in which they first appear."""
     figures = list(dict.fromkeys(name for outcome in outcomes for name in outcome.figures))
     body = []
     for outcome in outcomes:
         cell = outcome.cell
-        names = (Path(path).name for path in (cell.sequence, cell.scene))
         options = " ".join(f"{name}={value}" for name, value in cell.options)
-        about = [cell.subject, *names, " ".join(cell.sets), options, f"{outcome.seconds:.2f}", outcome.host, outcome.reason]
+        about = [outcome.state, cell.subject, Path(cell.sequence).name, Path(cell.scene).name, " ".join(cell.sets), options,
+                 f"{outcome.seconds:.2f}", outcome.host, outcome.reason]  # fmt: skip
         values = (outcome.figures.get(name, "") for name in figures)
-        body.append([outcome.state, *about, *(value if isinstance(value, str) else f"{value:.6g}" for value in values)])
+        body.append([*about, *(value if isinstance(value, str) else f"{value:.6g}" for value in values)])
     return [[*ABOUT, *figures], *body]
+
+
+def by_subject(outcomes: Sequence[Outcome]) -> dict[str, list[list[str]]]:
+    """The table of each subject."""
+    subjects = dict.fromkeys(outcome.cell.subject for outcome in outcomes)
+    return {subject: rows([outcome for outcome in outcomes if outcome.cell.subject == subject]) for subject in subjects}
 
 
 def verdict(outcomes: Sequence[Outcome]) -> str:
@@ -81,14 +175,16 @@ def verdict(outcomes: Sequence[Outcome]) -> str:
 
 def write(outcomes: Sequence[Outcome], folder: Path, junit: Path | None) -> Path:
     """table.csv, the page, and JUnit; returns the path of the page. Raises UserError if the disk is full."""
-    table, text = rows(outcomes), io.StringIO()
-    csv.writer(text).writerows([[_quoted(cell, k) for k, cell in enumerate(row)] for row in table])
+    text = io.StringIO()
+    csv.writer(text).writerows([[_quoted(cell, k) for k, cell in enumerate(row)] for row in rows(outcomes)])
+    page = f"<p>{verdict(outcomes)}</p>"
+    for subject, (head, *body) in by_subject(outcomes).items():
+        texts = [[plain(text, 400) for text in row] for row in body]
+        page += f"<h2>{subject}</h2>" + html_table(head, texts, [[STATES[row[0]]] for row in body])
+    files = {folder / TABLE: text.getvalue().encode(), folder / PAGE: document("Sweep", page).encode(),
+             junit or folder / JUNIT: _junit(outcomes)}  # fmt: skip
     try:
-        for path, content in (
-            (folder / TABLE, text.getvalue().encode()),
-            (folder / PAGE, _page(outcomes).encode()),
-            (junit or folder / JUNIT, _junit(outcomes)),
-        ):
+        for path, content in files.items():
             with replaced(path, 0o644) as file:
                 file.write(content)
     except OSError as error:
@@ -100,23 +196,6 @@ def _quoted(cell: str, column: int) -> str:
     """A text for a spreadsheet: names come from files. Figures stay as they are."""
     text = plain(cell, 4000)
     return f"'{text}" if column < len(ABOUT) and text.startswith(FORMULA) else text
-
-
-def _page(outcomes: Sequence[Outcome]) -> str:
-    sections = ""
-    for subject in dict.fromkeys(outcome.cell.subject for outcome in outcomes):
-        head, *body = rows([outcome for outcome in outcomes if outcome.cell.subject == subject])
-        lines = "".join(f"<th>{html.escape(name)}</th>" for name in head)
-        for row in body:
-            cells = "".join(f"<td>{html.escape(plain(cell, 400))}</td>" for cell in row[1:])
-            lines += f'<tr><td class="{STATES[row[0]]}">{row[0]}</td>{cells}</tr>'
-        sections += f'<h2>{html.escape(subject)}</h2><div class="wide"><table>{lines}</table></div>'
-    return (
-        '<!doctype html><!-- written by lfpipe --><html lang="en">'
-        '<head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f"<title>lfpipe sweep</title><style>{STYLE}</style></head><body><h1>Sweep</h1><p>{html.escape(verdict(outcomes))}</p>"
-        f"{sections}</body></html>"
-    )
 
 
 def _junit(outcomes: Sequence[Outcome]) -> bytes:

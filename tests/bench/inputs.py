@@ -31,7 +31,7 @@ def wall(rows: int, cols: int, side_px: int = 64, disparity: bool = True) -> Lig
 def inputs(field: LightField, work: Path, sequence: FrameSequence | None = None) -> Inputs:
     """Quick inputs; without a sequence, 20 grey frames without truth."""
     grey = FrameSequence(work / "grey.avi", np.full((20, 120, 160, 3), 90, np.uint8), 30.0, None)
-    return Inputs(lambda: ((work / "wall", field),), lambda: sequence or grey, True, sequence is None, work)
+    return Inputs(lambda: (work / "wall", field), lambda: sequence or grey, True, sequence is None, work)
 
 
 def without_truth(sequence: FrameSequence) -> FrameSequence:

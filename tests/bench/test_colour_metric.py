@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lfpipe.bench.colour_metric import (
+from lfpipe.bench.anaglyph import (
     BARE,
     GLASS,
     GREEN_MAGENTA,

@@ -40,7 +40,7 @@ def test_missing_data_is_named(name: str) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
 def test_quoted_scripts_and_subjects_exist(page: Path) -> None:
-    from lfpipe.bench.runner import SUBJECTS
+    from lfpipe.bench.subjects import SUBJECTS
 
     text = page.read_text()
     for name in re.findall(r"(?:profiling|tools)/[\w/.-]+\.(?:py|md|toml)", text):

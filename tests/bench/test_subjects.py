@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from lfpipe.bench import anaglyph, extremes, filters, judder, paper_loop, photon, pipeline, stability, synthesis, tracker
-from lfpipe.bench.conditions import describe
-from lfpipe.bench.eye_path import EyePath
-from lfpipe.bench.inputs import FrameSequence, Inputs, demo_sequence, read_sequence
-from lfpipe.bench.results import Candidate, Skipped
-from lfpipe.bench.sessions import parts
+from lfpipe.bench.inputs import FrameSequence, Inputs, demo_sequence, eyes_at, read_sequence
+from lfpipe.bench.motion import known_motion
+from lfpipe.bench.results import Results
+from lfpipe.bench.runner import Candidate
+from lfpipe.bench.subjects import NOISE_PX, SUBJECTS
 from lfpipe.bench.trace_error import AlignedTrace
 from lfpipe.sequence.eyes import Truth
 from lfpipe.track.models import package_folder
@@ -24,8 +24,8 @@ from tests.replay.conftest import make_sequence
 PAPER = ["mediapipe, 640x480"] if package_folder() else []  # mediapipe has no wheel for some Pythons and machines
 
 
-def path(t_ns: np.ndarray, eyes_px: np.ndarray, still: bool) -> EyePath:
-    return EyePath(Truth(t_ns, eyes_px, np.ones(len(t_ns), bool), np.full(len(t_ns), still)))
+def path(t_ns: np.ndarray, eyes_px: np.ndarray, still: bool) -> Truth:
+    return Truth(t_ns, eyes_px, np.ones(len(t_ns), bool), np.full(len(t_ns), still))
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,8 @@ def sequence(tmp_path_factory: pytest.TempPathFactory) -> FrameSequence:
 
 def split(offered: object) -> tuple[dict[str, Candidate], dict[str, str]]:
     items = list(offered)  # type: ignore[call-overload]
-    return {i.name: i for i in items if isinstance(i, Candidate)}, {i.what: i.why for i in items if isinstance(i, Skipped)}
+    left_out = dict(item.split(": ", 1) for item in items if isinstance(item, str))
+    return {item.name: item for item in items if isinstance(item, Candidate)}, left_out
 
 
 def test_demo_sequence_is_still_then_moves(sequence: FrameSequence) -> None:
@@ -47,36 +48,35 @@ def test_demo_sequence_is_still_then_moves(sequence: FrameSequence) -> None:
 
 
 def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: FrameSequence) -> None:
-    found, skipped = split(tracker.candidates(inputs(wall(2, 2), tmp_path, sequence)))
+    found, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path, sequence)))
     assert [name for name, one in found.items() if one.paper] == PAPER and ("engine mediapipe" in skipped) != bool(PAPER)
-    prepared = found["litert, 640x480"].prepare()
-    figures = prepared.errors()
-    assert tracker.SUBJECT.figure("error_px").of(figures["error_px"]) < 1.0
-    assert prepared.turn is not None and set(prepared.turn()) == {"time_ms", "time_p95_ms", "cpu_ms"}
+    figures, turn = found["litert, 640x480"].prepare()
+    assert SUBJECTS["tracker"].column("error_px").of(figures["error_px"]) < 1.0
+    assert turn is not None and set(turn()) == {"time_ms", "time_p95_ms", "cpu_ms"}
 
 
 def test_tracker_without_truth_or_face(tmp_path: Path, sequence: FrameSequence) -> None:
-    found, skipped = split(tracker.candidates(inputs(wall(2, 2), tmp_path, without_truth(sequence))))
+    found, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path, without_truth(sequence))))
     assert "error of tracking" in skipped
-    assert set(found["litert, 320x240"].prepare().errors()) == {"missed"}
-    blank, skipped = split(tracker.candidates(inputs(wall(2, 2), tmp_path)))
+    assert set(found["litert, 320x240"].prepare()[0]) == {"missed"}
+    blank, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path)))
     assert "input wider than 160 px" in skipped
     with pytest.raises(ValueError, match="no face"):
-        blank["litert, 160x120"].prepare().errors()
+        blank["litert, 160x120"].prepare()
 
 
 def test_lag_is_found() -> None:
     t_ns = np.arange(90) * 33_333_333
     eyes = np.stack([300 + 40 * np.sin(t_ns / 4e8), 240 + 0 * t_ns] * 2, axis=1).reshape(-1, 2, 2)
     truth = path(t_ns, eyes, still=False)
-    assert tracker.lag_ms(truth.at(t_ns - 50e6), truth, t_ns) == pytest.approx(50, abs=1)
+    assert tracker.lag_ms(eyes_at(truth, t_ns - 50e6), truth, t_ns) == pytest.approx(50, abs=1)
     assert math.isnan(tracker.lag_ms(eyes, path(t_ns, eyes[:1].repeat(90, 0), still=True), t_ns))
 
 
 def test_filters_know_their_motion() -> None:
     raw, five = (filters.follow(Mean(k), 30, (0, 40)) for k in (1, 5))
-    rms = filters.SUBJECT.figure("error_0ms_30hz").of
-    assert rms(raw["error_0ms_30hz"]) == pytest.approx(filters.NOISE_PX * 2**0.5, rel=0.05)  # its own noise, both axes
+    rms = SUBJECTS["filters"].column("error_0ms_30hz").of
+    assert rms(raw["error_0ms_30hz"]) == pytest.approx(NOISE_PX * 2**0.5, rel=0.05)  # its own noise, both axes
     assert rms(five["error_0ms_30hz"]) > 20 * rms(raw["error_0ms_30hz"])  # lags
     assert rms(raw["jitter_30hz"]) > 1.5 * rms(five["jitter_30hz"])  # but rests
 
@@ -91,7 +91,7 @@ class Late:
         pass
 
     def predict(self, t_ns: int) -> np.ndarray:
-        return filters.known_motion()[0][max(t_ns // 1_000_000 - self._late_ms, 0)]
+        return known_motion()[0][max(t_ns // 1_000_000 - self._late_ms, 0)]
 
 
 @pytest.mark.parametrize("late_ms", [0, 25, 60])
@@ -126,12 +126,12 @@ def test_a_clock_that_is_a_little_off_does_not_choose_the_frames(rate_hz: float)
 
 
 def test_synthesis_of_a_wall(tmp_path: Path) -> None:
-    found, skipped = split(synthesis.candidates(inputs(wall(5, 5), tmp_path)))
+    found, skipped = split(synthesis.measure(inputs(wall(5, 5), tmp_path)))
     assert not skipped and [name for name, one in found.items() if one.paper] == ["nearest, every 2nd view"]
-    near, warped = (found[f"{name}, every 2nd view"].prepare() for name in ("nearest", "warp2"))
-    assert np.mean(warped.errors()["psnr_db"]) > np.mean(near.errors()["psnr_db"]) + 10
-    assert near.errors()["jump"][0] > 10 > 4 > warped.errors()["jump"][0]
-    assert warped.turn is not None and warped.turn()["time_ms"] > 0
+    (near, _), (warped, turn) = (found[f"{name}, every 2nd view"].prepare() for name in ("nearest", "warp2"))
+    assert np.mean(warped["psnr_db"]) > np.mean(near["psnr_db"]) + 10
+    assert near["jump"][0] > 10 > 4 > warped["jump"][0]
+    assert turn is not None and turn()["time_ms"] > 0  # type: ignore[operator]
 
 
 @pytest.mark.parametrize(
@@ -146,17 +146,17 @@ def test_synthesis_of_a_wall(tmp_path: Path) -> None:
 def test_synthesis_skips_what_does_not_apply(
     tmp_path: Path, rows: int, cols: int, disparity: bool, missing: str, methods: set[str]
 ) -> None:
-    found, skipped = split(synthesis.candidates(inputs(wall(rows, cols, disparity=disparity), tmp_path)))
+    found, skipped = split(synthesis.measure(inputs(wall(rows, cols, disparity=disparity), tmp_path)))
     assert missing in skipped
     assert {one.curve for one in found.values()} == methods
     for one in list(found.values())[:1]:
-        figures = one.prepare().errors()
+        figures, _ = one.prepare()
         assert all(math.isfinite(value) for values in figures.values() for value in values)
 
 
 def test_pipeline_skips_what_does_not_apply(tmp_path: Path, sequence: FrameSequence) -> None:
-    assert "pipeline" in split(pipeline.candidates(inputs(wall(1, 1), tmp_path)))[1]
-    found, skipped = split(pipeline.candidates(inputs(wall(3, 3, disparity=False), tmp_path, without_truth(sequence))))
+    assert "pipeline" in split(pipeline.measure(inputs(wall(1, 1), tmp_path)))[1]
+    found, skipped = split(pipeline.measure(inputs(wall(3, 3, disparity=False), tmp_path, without_truth(sequence))))
     assert {"error of the viewpoint shown", "warped views"} <= set(skipped)
     assert sum(one.paper for one in found.values()) == 1 + len(PAPER)  # its configuration, and the plain loop
 
@@ -170,16 +170,7 @@ def test_the_loop_names_the_frame_it_shows(tmp_path: Path) -> None:
 
 def test_parts_of_a_trace_are_full() -> None:
     rows = [{"t_presented_ns": 7 + k * 100_000_000} for k in range(13)]  # 1.2 s
-    assert [len(part) for part in parts(rows)] == [5, 5] and parts([]) == []
-
-
-def test_every_pair_of_a_tracker_s_settings_is_offered(tmp_path: Path, sequence: FrameSequence) -> None:
-    full = inputs(wall(2, 2), tmp_path, sequence)
-    full.quick = False
-    found, _ = split(tracker.candidates(full))
-    assert len(found) == (1 + len(PAPER)) * 2 * 3 * 3 and [name for name, one in found.items() if one.paper] == PAPER
-    lines = {(one.curve, one.line): one.knob for one in found.values()}
-    assert lines["litert", "one in 3"] == "160x120, one frame in 3"
+    assert [len(part) for part in pipeline.parts(rows)] == [5, 5] and pipeline.parts([]) == []
 
 
 def test_displayed_error_of_a_known_trace() -> None:
@@ -189,7 +180,7 @@ def test_displayed_error_of_a_known_trace() -> None:
     truth = path(t_ns, eyes, still=False)
     rows = []
     for ms in range(200, 3500):
-        used = truth.at((ms - 10) * 1e6)
+        used = eyes_at(truth, (ms - 10) * 1e6)
         views = [[4.0, 4 + (400 - u) / 100] for u in used[:, 0]]
         pairs = {name: dict(zip(("left", "right"), np.asarray(pair).tolist(), strict=True)) for name, pair in
                  (("eyes_used", used), ("view", views))}  # fmt: skip
@@ -206,9 +197,9 @@ def test_displayed_error_of_a_known_trace() -> None:
 
 def test_anaglyph_encodings_are_ranked(tmp_path: Path) -> None:
     given = inputs(wall(3, 3), tmp_path)
-    coded, skipped = split(anaglyph.candidates(given))
+    coded, skipped = split(anaglyph.measure(given))
     assert "dubois-amber-blue" in skipped and coded["colour, plain"].paper
-    colour, grey = (coded[f"{name}, plain"].prepare().errors() for name in ("colour", "grey"))
+    colour, grey = (coded[f"{name}, plain"].prepare()[0] for name in ("colour", "grey"))
     assert max(grey["rivalry"]) == 0 < min(colour["rivalry"]) and np.mean(grey["fused"]) > np.mean(colour["fused"])
 
 
@@ -217,11 +208,11 @@ def test_extreme_cases_and_whether_they_matter(tmp_path: Path) -> None:
     given = inputs(wall(3, 3), tmp_path)
     made = [stability.covariance_table(6), *stability.filter_tables((30,)), stability.viewer_table(given.field, (30,)),
             extremes.mapping_table(), extremes.colour_table(given.field), extremes.synthesis_table(given)]  # fmt: skip
-    tables = {table.title: table for table in made}
-    cells = [(title, *case) for title, table in tables.items() for case in table.failures()]
-    assert not [case for case in cells if case[3].state == "failed" and not case[3].only]
-    assert all("render.anaglyph=" in case[3].only for case in cells if case[3].state == "failed")
-    assert [case for case in cells if " bad frame" in case[0] and case[3].state == "degraded" and not case[3].only]
+    judged = [(table.title, value) for table, _, _, value in Results("stability", made).judged()]
+    failed = [value for _, value in judged if value.state == "failed"]
+    assert failed and all("render.anaglyph=" in value.only for value in failed)
+    degraded = [title for title, value in judged if value.state == "degraded" and not value.only]
+    assert any(" bad frame" in title for title in degraded)
 
 
 def test_a_bad_frame_is_judged_by_peak_and_duration() -> None:
@@ -240,23 +231,20 @@ def test_colours_against_the_published_matrices() -> None:
     assert errors[0] < 0.51 and 5 < errors[1] < 16 < errors[2] < 45
 
 
-def test_latency_by_motion_and_noise() -> None:
+def test_latency_by_motion_and_noise_is_that_of_the_docs() -> None:
     """More noise, more lag: README's figures are those of live faces."""
-    (table,) = photon.tables(None)  # type: ignore[arg-type]
-    steady = {(row[0].text, row[1].text): [float(cell.text.partition("/")[2]) for cell in row[2:]] for row in table.rows}
-    assert all(ours < 60 < 130 < paper for ours, paper in steady.values())
-    for motion in photon.MOTIONS:
-        assert steady[motion, "0.15 px"][0] < steady[motion, "0.5 px"][0]
-
-
-def test_the_figures_of_the_docs_are_those_of_a_run() -> None:
-    (table,) = photon.tables(None)  # type: ignore[arg-type]
     page = (Path(__file__).parents[2] / "docs" / "photon.md").read_text()
-    for row in table.rows:
-        (line,) = [line for line in page.splitlines() if line.startswith(f"| {row[0].text} |")]
-        printed = line.split("|")[2 + photon.NOISES_PX.index(float(row[1].text.split()[0]))].split("/")
-        for ours, theirs in zip(row[2].text.split("/"), printed, strict=True):
-            assert ours.strip() == theirs.strip() == "-" or abs(float(ours) - float(theirs)) <= 5, (line, row[2].text)
+    steady: dict[tuple[str, str], float] = {}
+    for row in photon.motion_table().rows:
+        noise, ours, paper = (value.words for value in row.values.values())
+        steady[row.name, noise] = float(ours.partition("/")[2])
+        assert steady[row.name, noise] < 60 < 130 < float(paper.partition("/")[2])
+        (line,) = [line for line in page.splitlines() if line.startswith(f"| {row.name} |")]
+        printed = line.split("|")[2 + photon.NOISES_PX.index(float(noise.split()[0]))].split("/")
+        for here, there in zip(ours.split("/"), printed, strict=True):
+            assert here.strip() == there.strip() == "-" or abs(float(here) - float(there)) <= 5, (line, ours)
+    for motion in photon.MOTIONS:
+        assert steady[motion, "0.15 px"] < steady[motion, "0.5 px"]
 
 
 def test_photon_and_judder_read_no_sequence(tmp_path: Path) -> None:
@@ -264,9 +252,8 @@ def test_photon_and_judder_read_no_sequence(tmp_path: Path) -> None:
         raise AssertionError("not needed")
 
     given = Inputs(refuse, refuse, False, True, tmp_path)  # type: ignore[arg-type]
-    for subject in (photon.SUBJECT, judder.SUBJECT, filters.SUBJECT):
-        describe(subject, given)
-        assert list((subject.candidates or subject.tables)(given))  # type: ignore[misc]
+    for subject in (photon, judder, filters):
+        assert list(subject.measure(given))
 
 
 def test_a_sequence_takes_no_memory_and_a_recorded_one_will_do(tmp_path: Path) -> None:

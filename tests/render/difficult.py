@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.holdout import subsample
+from lfpipe.bench.synthesis import subsample
 from lfpipe.scene.lightfield import Geometry, LightField
 
 Plane = NDArray[np.float32]

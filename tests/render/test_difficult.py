@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.bench.holdout import ViewRenderer
+from lfpipe.bench.synthesis import ViewRenderer
 from lfpipe.render.scoring import psnr_db
 from lfpipe.scene.disparity import quantised
 from lfpipe.scene.lightfield import UNKNOWN

@@ -4,19 +4,18 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
 import psutil
 import pytest
-from distributed import get_worker
 
 from lfpipe.errors import UserError
 from lfpipe.sweep import run, work
-from lfpipe.sweep.cell import DIED, FAILED, OK, Cell, Outcome
+from lfpipe.sweep.plan import Cell
+from lfpipe.sweep.results import DIED, FAILED, OK, Outcome
 from lfpipe.sweep.run import Sweep, cluster
-from lfpipe.sweep.work import Order, alone, outcome_of
+from lfpipe.sweep.work import Order, outcome_of
 from tests.sweep.conftest import write_wall
 
 CLIENT = "import sys; from distributed import Client; Client(sys.argv[1], timeout=4).run(lambda: open(sys.argv[2], 'w').close())"
@@ -32,7 +31,6 @@ def measured(cell: Cell, order: Order) -> Outcome:
     if cell.key == "k2":  # its process dies once, beside others
         return Outcome(cell, DIED if len(list(tries.parent.glob("k2-*"))) == 1 else OK, "signal 9")
     if cell.key == "k3":
-        get_worker().log_event(work.TOPIC, {"key": cell.key, "text": "", "host": "here"})
         end = time.monotonic() + 30
         while not (tries.parent / "named").exists() and time.monotonic() < end:
             time.sleep(0.05)
@@ -69,7 +67,7 @@ def test_a_local_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         assert not any(mark.exists() for mark in marks.values()), "a client without certificates ran code"
     assert {key: one.state for key, one in done.items()} == {"k0": OK, "k1": FAILED, "k2": OK, "k3": OK, "k4": OK}
     assert "died" in done["k1"].reason and "alone" in done["k1"].reason
-    assert any("quality s3" in line and "running for" in line for line in notices), notices
+    assert any("running:" in line and "quality s3" in line for line in notices), notices
 
 
 @pytest.mark.live
@@ -86,46 +84,19 @@ def test_a_scheduler_without_tls_is_refused_unless_insecure() -> None:
 def test_a_cell_that_hangs_ends_at_its_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work, "COMMAND", "import time; time.sleep(60)")
     began = time.monotonic()
-    outcome = outcome_of(CELLS[0], Order(1.0), "here", lambda _: None)
+    outcome = outcome_of(CELLS[0], Order(1.0))
     assert outcome.state == FAILED and "--limit" in outcome.reason and time.monotonic() - began < 20
 
 
 def test_a_cell_whose_process_is_killed_is_a_suspect(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work, "COMMAND", "import os; os.kill(os.getpid(), 9)")
-    outcome = outcome_of(CELLS[0], Order(60.0), "here", lambda _: None)
+    outcome = outcome_of(CELLS[0], Order(60.0))
     assert outcome.state == DIED and "signal 9" in outcome.reason
-
-
-def test_timed_cells_wait_for_each_other_and_say_for_whom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The lock is in a private folder: a link that stands there is not followed."""
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr(work, "PATIENCE_S", 0.1)
-    lines: list[str] = []
-    with alone("here", 10.0, lines.append):
-        (folder,) = tmp_path.iterdir()
-        assert folder.stat().st_mode & 0o777 == 0o700
-
-        def wait() -> None:
-            with pytest.raises(UserError), alone("here", 1.0, lines.append):
-                pass
-
-        waiter = threading.Thread(target=wait)
-        waiter.start()
-        waiter.join(10)
-        assert not waiter.is_alive() and f"process {os.getpid()}" in lines[0]
-    mine = tmp_path / "mine.txt"
-    mine.write_text("precious")
-    for suffix in ("lock", "pid"):
-        (folder / f"other.{suffix}").symlink_to(mine)
-    with pytest.raises(UserError, match="other"), alone("other", 1.0, lines.append):
-        pass
-    assert mine.read_text() == "precious"
 
 
 @pytest.mark.live
 def test_a_subject_of_the_benchmark_as_a_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     scene = write_wall(tmp_path / "wall", 0)
-    outcome = outcome_of(Cell("anaglyph", "", str(scene), (), key="k"), Order(100.0), "here", lambda _: None)
+    outcome = outcome_of(Cell("anaglyph", "", str(scene), (), key="k"), Order(100.0))
     assert outcome.state == OK and outcome.figures, outcome.reason

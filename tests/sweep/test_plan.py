@@ -9,9 +9,8 @@ from click.testing import CliRunner
 
 from lfpipe.cli.sweep import sweep
 from lfpipe.errors import UserError
-from lfpipe.sweep.cell import FAILED, Cell, Outcome
-from lfpipe.sweep.plan import cells, read_plan, scene_id, sequence_id
-from lfpipe.sweep.results import ABOUT, Store, write
+from lfpipe.sweep.plan import Cell, cells, read_plan, scene_id, sequence_id
+from lfpipe.sweep.results import ABOUT, FAILED, Outcome, Store, write
 from tests.sweep.conftest import write_plan
 
 FULL = """

@@ -1,0 +1,202 @@
+"""The subjects of `lfpipe bench`: what each answers, the columns of its rows, its charts, and what it decides.
+
+`lfpipe/bench/NAME.py` measures the subject NAME: its function `measure` yields candidates, which the runner measures in turns and
+makes rows of, finished tables, and texts that say what is left out and why.
+"""
+
+import math
+
+import attrs
+
+from lfpipe.bench.results import Column
+
+FILTER_HORIZONS_MS, FILTER_RATES_HZ = (0, 20, 40, 60, 80, 100, 120), (30, 60, 120)
+AHEAD_MS = 40  # of the charts of filters: age of a picture at 30 Hz and 60 Hz refresh
+NOISE_PX = 0.3  # of the landmarks of live faces: 0.22 to 0.34 px were measured at 640x480
+LIGHT_MS = (20, 40, 60, 80, 100, 120, 140)  # from exposure to light
+SHOWN_MS = 80  # of the charts of photon
+
+
+@attrs.frozen
+class Chart:
+    """Error against run time of all methods: keys of the columns on both logarithmic axes, less is better."""
+
+    name: str
+    title: str
+    x: str
+    y: str
+
+
+@attrs.frozen
+class Profile:
+    """A line for each method in use by default, and the paper's. points: (position on x, key of the column)."""
+
+    name: str
+    title: str
+    x_axis: str
+    y_axis: str
+    points: tuple[tuple[float, str], ...]
+
+
+@attrs.frozen
+class Choice:
+    """What a subject decides. key: of the configuration. x, y: columns of cost and error. limit: of the cost, with its reason.
+    Only methods with the knob of the one in use are choices of the key."""
+
+    key: str
+    x: str
+    y: str
+    limit: float = math.inf
+    reason: str = ""
+
+
+@attrs.frozen
+class Subject:
+    """paper: what the paper does. needs: the inputs that it reads.
+
+    Pairs are for quick and full runs. budget_s: seconds of timing. turns: minimum number of turns of each method.
+    """
+
+    name: str
+    title: str
+    question: str
+    columns: tuple[Column, ...] = ()
+    charts: tuple[Chart | Profile, ...] = ()
+    paper: str = ""
+    needs: tuple[str, ...] = ()
+    choice: Choice | None = None
+    budget_s: tuple[float, float] = (5.0, 60.0)
+    turns: tuple[int, int] = (7, 15)
+
+    def column(self, key: str) -> Column:
+        return next(column for column in self.columns if column.key == key)
+
+
+def _times(of: str, unit: str, suffix: str) -> tuple[Column, Column]:
+    return Column(f"time_{suffix}", f"time per {of}, p50", unit), Column(f"time_p95_{suffix}", f"time per {of}, p95", unit)
+
+
+_EYES = "of the distance between the eyes"
+_ALL = (
+    Subject(
+        "tracker", "Tracking the eyes",
+        "How closely does each face engine follow the true eyes of the sequence, and what does a camera frame cost? If an engine"
+        " sees only every n-th frame, its eyes are held between and its time is divided by n.",
+        (
+            Column("error_px", "error of the worse eye, RMS", "px of the frame", "rms"),
+            Column("error_share", "error of the worse eye, RMS", _EYES, "rms"),
+            Column("offset", "offset of the eye centre", _EYES), Column("missed", "frames without a face", "share", "mean"),
+            Column("lag_ms", "lag", "ms"), *_times("camera frame", "ms", "ms"),
+            Column("cpu_ms", "CPU per camera frame, all threads", "ms"),
+        ),
+        (
+            Chart("tracker", "Error of tracking against time", "time_ms", "error_px"),
+            Chart("tracker-share", "Error of tracking, in distances between the eyes, against CPU", "cpu_ms", "error_share"),
+        ),
+        "FaceMesh (engine mediapipe) on every frame of 640x480", ("sequence",),
+        Choice("track.engine", "time_ms", "error_px", 11.0, "a third of a frame at 30 Hz"), (6.0, 60.0),
+    ),
+    Subject(
+        "filters", "Filtering and predicting",
+        "How far are the filtered eyes that a picture is made for from the viewer's eyes when it is shown? A known motion"
+        f" (reaches up to 450 mm/s, sway, sudden stops, approach, leaving the picture), landmarks with {NOISE_PX} px of noise.",
+        (
+            *(Column(f"error_{h}ms_{rate}hz", f"error {h} ms ahead at {rate} Hz, RMS", "px", "rms")
+              for rate in FILTER_RATES_HZ for h in FILTER_HORIZONS_MS),
+            *(Column(f"jitter_{rate}hz", f"still jitter at {rate} Hz, RMS", "px", "rms") for rate in FILTER_RATES_HZ),
+            *_times("update", "µs", "us"),
+        ),
+        (
+            Chart("filters", f"Error {AHEAD_MS} ms ahead against time", "time_us", f"error_{AHEAD_MS}ms_30hz"),
+            Chart("filters-jitter", f"Error {AHEAD_MS} ms ahead against still jitter", "jitter_30hz", f"error_{AHEAD_MS}ms_30hz"),
+            *(Profile(f"filters-horizon-{rate}hz", f"Error at the moment of display, camera at {rate} Hz",
+                      "from frame to display, ms", "error, RMS, px",
+                      tuple((float(h), f"error_{h}ms_{rate}hz") for h in FILTER_HORIZONS_MS)) for rate in FILTER_RATES_HZ),
+        ),
+        "mean of k = 5, without prediction", (),
+        Choice("track.filter", "time_us", f"error_{AHEAD_MS}ms_30hz", 1000.0, "a thirtieth of a frame at 30 Hz"), (3.0, 30.0),
+    ),
+    Subject(
+        "photon", "Motion to photon",
+        "How much later than the head do its pictures begin to move, and how far do they lag while it moves? The same known"
+        " motion, camera at 30 Hz, display at 60 Hz, against the time from exposure to light.",
+        (
+            *(Column(f"onset_{h}ms", f"latency at onset, light {h} ms after exposure", "ms", "mean") for h in LIGHT_MS),
+            *(Column(f"steady_{h}ms", f"steady latency, light {h} ms after exposure", "ms") for h in LIGHT_MS),
+            *(Column(f"error_{h}ms", f"displayed error, RMS, light {h} ms after exposure", "px", "rms") for h in LIGHT_MS),
+        ),
+        (
+            Chart("photon", "Displayed error against latency at the onset", f"onset_{SHOWN_MS}ms", f"error_{SHOWN_MS}ms"),
+            *(Profile(f"photon-{key}", title, "from exposure to light, ms", "latency, ms",
+                      tuple((float(h), f"{key}_{h}ms") for h in LIGHT_MS))
+              for key, title in (("onset", "Latency at the onset of a motion"), ("steady", "Steady latency, head under way"))),
+        ),
+        "mean of k = 5, without prediction",
+    ),
+    Subject(
+        "judder", "Pictures shown twice or left out",
+        "How many pictures miss the blank of a simulated screen that they were made for, and does video play evenly?",
+    ),
+    Subject(
+        "synthesis", "Views between the stored ones",
+        "How well does each method make views that were left out, how evenly do they move, and what does a picture cost?"
+        " Disparities are estimated from the kept views alone. A picture is an anaglyph of both eyes, between the stored views.",
+        (
+            Column("rmse", "error on left-out views, RMSE", "levels", "rms"),
+            Column("psnr_db", "PSNR on left-out views", "dB", "mean"),
+            Column("jump", "largest over mean step of a sweep", "", "max"), *_times("picture", "ms", "ms"),
+        ),
+        (
+            Chart("synthesis", "Error on left-out views against time", "time_ms", "rmse"),
+            Chart("synthesis-continuity", "Jumps while moving against time", "time_ms", "jump"),
+        ),
+        "nearest stored view", ("scene",), Choice("render.method", "time_ms", "rmse", 8.0, "half a refresh at 60 Hz"),
+    ),
+    Subject(
+        "anaglyph", "Anaglyph encodings",
+        "What do both eyes see through simulated glasses? For views of the scene: error of the fused colour, difference in"
+        " lightness between the eyes, and the other eye's light on mid grey.",
+        (
+            Column("fused", "error of the fused colour", "CIELAB", "mean"),
+            Column("rivalry", "rivalry between the eyes", "L*", "mean"),
+            Column("ghost", "ghost of the other eye on grey", "% of its light", "max"), *_times("megapixel", "ms", "ms_mp"),
+        ),
+        tuple(Chart(f"anaglyph-{name}", f"{title} against time", "time_ms_mp", y) for name, title, y in (
+            ("colour", "Error of colour", "fused"), ("rivalry", "Rivalry", "rivalry"), ("ghost", "Ghost", "ghost"))),
+        "colour: red of the left view, green and blue of the right", ("scene",), None, (3.0, 30.0),
+    ),
+    Subject(
+        "pipeline", "The whole pipeline",
+        "How far is the viewpoint on screen from the eyes at that moment, how old is the frame behind it, and how much CPU does"
+        " it take? Sessions of `lfpipe up`, and the paper as one plain loop, on the same video, which they decode as they run.",
+        (
+            Column("error_views", "error of the viewpoint shown, RMS", "views"),
+            Column("error_px", "error of the eyes the picture was made for, RMS", "px"),
+            Column("jitter_px", "still jitter, RMS", "px"), Column("latency_ms", "frame captured to picture shown, p50", "ms"),
+            Column("latency_p95_ms", "frame captured to picture shown, p95", "ms"),
+            Column("cpu_ms_s", "CPU of all processes", "ms per second"), Column("first_s", "start to first picture", "s"),
+        ),
+        (
+            Chart("pipeline-cpu", "Error of the viewpoint shown against CPU", "cpu_ms_s", "error_views"),
+            Chart("pipeline-latency", "Error of the viewpoint shown against latency", "latency_ms", "error_views"),
+            Chart("pipeline-cost", "Latency against CPU", "cpu_ms_s", "latency_ms"),
+        ),
+        "its configuration (`--config paper`), and the same as one plain loop", ("scene", "sequence"), None, (1.0, 400.0), (1, 3),
+    ),
+    Subject(
+        "stability", "Stiff and extreme cases",
+        "Does anything lose precision, raise an exception or show a wrong picture, and for how long? The worst error is shown.",
+        needs=("scene",),
+    ),
+)  # fmt: skip
+SUBJECTS = {subject.name: subject for subject in _ALL}
+TABLE = Subject(
+    "table", "Views between: quality over time",
+    "The protocol of angular super-resolution: the corners of 7x7 views are kept, the others made and compared. Luma of BT.601 in"
+    " studio range, peak 255; SSIM with a Gaussian of sigma 1.5; means over the made views. Disparity is of the kept views alone."
+    " One view in colour, one core.",
+    (
+        Column("psnr_db", "PSNR", "dB"), Column("worst_db", "worst view", "dB"), Column("ssim", "SSIM"),
+        Column("ms", "time per picture", "ms"), Column("mb", "memory", "MB"), Column("prepare_s", "disparity", "s"),
+    ),
+)  # fmt: skip
