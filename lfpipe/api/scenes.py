@@ -11,8 +11,7 @@ import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfpipe.api.settings import config_of
-from lfpipe.config import Scene
+from lfpipe.config import Config, Scene, updated
 from lfpipe.errors import UserError
 from lfpipe.files.output import output_file
 from lfpipe.host.files import is_file
@@ -44,7 +43,7 @@ def open_scene(
     The first call packs it into the cache, which may take a minute; later calls return at once. settings: as for `--set`, for
     example {"scene.layout": "hci"}. Raises lfpipe.UserError.
     """
-    config = config_of(settings).scene
+    config = updated(Config(), settings or {}).scene
     if half_turn is not None:
         config = attrs.evolve(config, half_turn="yes" if half_turn else "no")
     return scenes.open_scene(scene_path(scene, config, disparity=disparity, positions=positions), config)
@@ -91,7 +90,7 @@ def render_view(field: LightField, row: float, col: float, *, method: str = "aut
     (0, 0) is the top left camera. method: auto, nearest, blend, warp, warp2 or best. frame: of a light-field video. Positions
     outside the grid are extrapolated by up to `render.extrapolate_views`. Raises lfpipe.UserError.
     """
-    config = config_of({"render.method": method})
+    config = updated(Config(), {"render.method": method})
     _check(field, (row, col), config.render.extrapolate_views, frame)
     return ViewRenderer(field, method).render(row, col, frame)
 
@@ -110,7 +109,7 @@ def render_anaglyph(
     mode: as `render.anaglyph`, including side-by-side. settings: of `render`, for example {"render.zero_plane_px": 0.5}. Raises
     lfpipe.UserError.
     """
-    render = config_of({"render.anaglyph": mode, **(settings or {})}).render
+    render = updated(Config(), {"render.anaglyph": mode, **(settings or {})}).render
     for place in (left, right):
         _check(field, place, render.extrapolate_views, frame)
     return Compositor(field, render).compose(left, right, frame).copy()

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.api.scenes import ScenePath, scene_path
-from lfpipe.api.settings import config_of
 from lfpipe.api.tracker import Eyes
-from lfpipe.config import from_dict
+from lfpipe.config import Config, from_dict, updated
 from lfpipe.errors import UserError
 from lfpipe.observe.session_reader import Watch
 from lfpipe.render.display import has_display
@@ -159,7 +158,7 @@ class Session(Attachment):
         trace: str | os.PathLike[str] | None = None,
         **settings: Any,
     ) -> None:
-        config = config_of(settings)
+        config = updated(Config(), settings)
         path = scene_path(scene, config.scene)
         self._process: subprocess.Popen[bytes] | None = None
         name = name or f"py{os.getpid()}.{time.monotonic_ns() % 1000}"  # short: it is part of a socket's path

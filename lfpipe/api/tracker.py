@@ -11,7 +11,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.api.settings import config_of
+from lfpipe.config import Config, updated
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, extrapolated
 from lfpipe.share.head import Head, HeadEstimator
@@ -51,7 +51,7 @@ class Tracker:
     """
 
     def __init__(self, settings: Mapping[str, Any] | None = None) -> None:
-        config = config_of(settings)
+        config = updated(Config(), settings or {})
         self._tracker, self._estimator = EyeTracker(config.track), HeadEstimator(config)
         self._record = np.zeros((), EYES)
         self._closed = False

@@ -51,6 +51,7 @@ def test_the_container_runs_commands_that_exist() -> None:
     assert re.search(r"^FROM python:3\.1[1-4]-slim$", text, re.M) and '"lfpipe", "up", "--demo"' in text and "pytest" in text
 
 
+@pytest.mark.live
 def test_a_wheel_from_the_source_distribution_installs_into_an_empty_environment(tmp_path: Path) -> None:
     """As an installer without a wheel does: the archive has all that its own build reads."""
 

@@ -32,6 +32,7 @@ def brightness(browser: Browser, name: str) -> int:
     return sum(int(value) for value in re.findall(r"\d+", browser.ask(f"getComputedStyle(document.body).{name}"))[:3])
 
 
+@pytest.mark.live
 def test_no_page_is_wider_than_its_screen(site: Path, tmp_path: Path) -> None:
     """On a desktop and on a phone, light and dark; and the text differs from its background."""
     if why := missing():
