@@ -17,8 +17,8 @@ from lfpipe.cli.startup_summary import loop_lines, sharing_lines, size_line, sta
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.user_files import has_key, with_measured_focal
 from lfpipe.errors import UserError
-from lfpipe.files.h264 import encoder_name
 from lfpipe.files.output import check_outputs
+from lfpipe.files.video_writer import encoder_name
 from lfpipe.host.files import exists
 from lfpipe.observe.state_text import print_state
 from lfpipe.render.display import check_display, has_display

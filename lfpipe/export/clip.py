@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.h264 import H264Writer, encoder_name, write_error
 from lfpipe.files.output import MARK, finished_output
+from lfpipe.files.video_writer import VideoWriter, encoder_name, write_error
 
 SUFFIXES = (".mp4", ".gif")
 GIF_PICTURES = 300  # a GIF is held in memory
@@ -35,14 +35,14 @@ def write_clip(path: Path, pictures: Iterable[NDArray[np.uint8]], rate_hz: float
         with finished_output(path, 0o644) as output:
             if path.suffix.lower() == ".gif":
                 return _write_gif(output.file, list(pictures), rate_hz)
-            writer: H264Writer | None = None
+            writer: VideoWriter | None = None
             for picture in pictures:
                 size_px = picture.shape[1], picture.shape[0]
-                writer = writer or H264Writer(output.beside, size_px, rate_hz, survives=False)
+                writer = writer or VideoWriter(output.beside, size_px, rate_hz)
                 writer.write(picture)
                 count += 1
             if writer is not None:
-                writer.release()
+                writer.release(output.beside)
     except OSError as error:
         raise write_error(path, error) from None
     return count

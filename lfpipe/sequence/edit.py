@@ -17,8 +17,9 @@ import numpy as np
 
 from lfpipe.errors import UserError, plain
 from lfpipe.files.decoding import is_video, opencv_name
-from lfpipe.files.output import PLACE, check_output, finished_output, mark_video, output_file
+from lfpipe.files.output import PLACE, check_output, finished_output, output_file
 from lfpipe.files.safe_files import create_private, open_regular, reason
+from lfpipe.files.video_writer import VideoWriter
 from lfpipe.host.files import path_of
 from lfpipe.host.machine import versions
 from lfpipe.sequence.eyes import EYES, TRUTH, eyes_lines, table_of, truth_rows
@@ -149,7 +150,6 @@ def export(sequence: Sequence, video: Path) -> Path:
         with finished_output(video) as pictures, output_file(table) as rows:
             _write_table(sequence, rows)
             _write_video(sequence, pictures.beside)
-            mark_video(pictures.beside)
     except OSError as error:
         raise UserError(f"{video}: {reason(error)}", PLACE) from None
     return table
@@ -170,15 +170,13 @@ def _write_table(sequence: Sequence, file: IO[bytes]) -> None:
 
 def _write_video(sequence: Sequence, path: Path) -> None:
     """Raises UserError if it cannot be created, OSError if its end is missing: FFmpeg does not report a full disk."""
-    where = opencv_name(path.absolute())
-    writer = cv2.VideoWriter(where, cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"HFYU"), sequence.measured_hz, sequence.size_px)
-    if not writer.isOpened():
-        what = f"{sequence.width_px}x{sequence.height_px} at {sequence.measured_hz:g} Hz"
-        raise UserError(f"{path}: cannot write a video of {what}", "export another SEQ")
+    writer = VideoWriter(path, sequence.size_px, sequence.measured_hz)
     for packet in sequence.packets:
         writer.write(sequence.frame(packet.seq))
-    writer.release()
-    reader = cv2.VideoCapture(where, cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])  # frames are counted, not decoded
+    writer.release(path)
+    reader = cv2.VideoCapture(
+        opencv_name(path.absolute()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1]
+    )  # frames are counted, not decoded
     count = 0
     while reader.grab():
         count += 1

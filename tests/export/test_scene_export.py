@@ -14,7 +14,7 @@ from lfpipe.config import Config, Scene
 from lfpipe.errors import UserError
 from lfpipe.export.clip import check_clip, write_clip
 from lfpipe.export.scene_pictures import SceneExport, parse_tiles, quilt_name
-from lfpipe.files import h264
+from lfpipe.files import video_writer
 from lfpipe.scene.packing import pack_scene
 from tests.world import write_scene
 
@@ -154,10 +154,10 @@ def test_what_cannot_be_exported_is_refused(made: SceneExport, tmp_path: Path, m
         with pytest.raises(UserError) as caught:
             call()
         assert why in caught.value.message and caught.value.remedy
-    monkeypatch.setattr(h264, "ENCODERS", ("none",))
+    monkeypatch.setattr(video_writer, "ENCODERS", ("none",))
     with pytest.raises(UserError, match=r"no H\.264 encoder in PyAV"):
         check_clip(tmp_path / "x.mp4", 3)
-    monkeypatch.setattr(h264.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(video_writer.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(UserError, match="PyAV is not installed") as caught:
         check_clip(tmp_path / "x.mp4", 3)
     assert "lfpipe[media]" in caught.value.remedy
