@@ -16,7 +16,7 @@ from lfpipe.errors import UserError
 from lfpipe.observe.calibrate import by_card, by_eyes
 from lfpipe.observe.loop_calibration import measure_loop
 from lfpipe.render.geometry import BANK_CARD_MM, focal_px_from
-from lfpipe.render.monitors import LoopConditions
+from lfpipe.render.monitors import loop_conditions
 
 USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
 
@@ -79,8 +79,8 @@ def _latency(config: Config, camera: str | None, name: str) -> None:
     loop_ms = round(max(found.delay_ms, 0.0), 1)
     click.echo(f"total delay of camera and display: {loop_ms} ms (90 %: {found.low_ms:.1f} to {found.high_ms:.1f} ms)")
     click.echo(f"exposure {found.exposure_ms:.0f} ms, on monitor {monitor.name} at {monitor.rate_hz:g} Hz")
-    here = LoopConditions.of(datetime.date.today().isoformat(), name, config.camera, monitor)
-    _store(user_file(), "render", {"loop_ms": loop_ms, "loop_measured": str(here)})
+    here = loop_conditions(datetime.date.today().isoformat(), name, config.camera, monitor)
+    _store(user_file(), "render", {"loop_ms": loop_ms, "loop_measured": here})
     click.echo(f"render.loop_ms written to {user_file()}: the next session predicts by it")
 
 

@@ -12,7 +12,7 @@ from lfpipe.cli import completions
 from lfpipe.config import user_file
 from lfpipe.config.session_options import check_code
 from lfpipe.errors import UserError
-from lfpipe.files.output import check_outputs, write_output
+from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import read_text, reason, replaced
 from lfpipe.host.files import exists
 
@@ -52,10 +52,8 @@ def kiosk_code(file: Path | None) -> str:
     return code
 
 
-def check_exhibition(code: str | None, counted: bool, display: str) -> None:
-    """Raises UserError if an exhibition has no screen. counted: visitors are counted."""
-    if counted and code is None:
-        raise UserError("--visits without --kiosk: only an exhibition counts visitors", "add --kiosk, or leave it out")
+def check_exhibition(code: str | None, display: str) -> None:
+    """Raises UserError if an exhibition has no screen."""
     if code is not None and display not in ("window", "fullscreen"):
         raise UserError(f"--kiosk with --display {display}: an exhibition needs a screen", "leave out one or the other")
 
@@ -83,8 +81,7 @@ def kiosk() -> None:
 @click.argument("scenes", nargs=-1, required=True, metavar="SCENE...", type=click.Path(path_type=Path),
                 shell_complete=completions.scenes)  # fmt: skip
 @click.option("--code-file", type=click.Path(path_type=Path), metavar="FILE", help=f"It holds the code; or {VARIABLE}.")
-@click.option("--visits", type=click.Path(path_type=Path), metavar="FILE", help="Count visitors by the hour, as CSV.")
-def install(scenes: tuple[Path, ...], code_file: Path | None, visits: Path | None) -> None:
+def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
     """Write a systemd unit that shows SCENE in full screen when this user's desktop starts, and restarts it after any failure."""
     import platformdirs
 
@@ -94,12 +91,11 @@ def install(scenes: tuple[Path, ...], code_file: Path | None, visits: Path | Non
     unit = Path(platformdirs.user_config_dir("systemd")) / "user" / "lfpipe-kiosk.service"
     kept = user_file().parent / "kiosk-code"
     words = [sys.executable, "-m", "lfpipe", "up", "--session", "kiosk", "--kiosk", "--code-file", str(kept)]
-    words += ["--visits", str(visits.resolve())] if visits else []
     words += [str(path.resolve()) for path in scenes]
     try:
         unit.parent.mkdir(parents=True, exist_ok=True)
         kept.parent.mkdir(parents=True, exist_ok=True)
-        check_outputs({"the unit": unit, "--visits": visits}, scenes)
+        check_output(unit, scenes, label="the unit")
         with replaced(kept) as file:
             file.write(code.encode())
     except OSError as error:

@@ -55,7 +55,6 @@ class UpArguments:
     sets: tuple[str, ...] = ()
     config_file: str | None = None
     kiosk: str | None = None
-    visits: Path | None = None
     start: bool = False
     force: bool = False
 
@@ -145,7 +144,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
     still = DEMO_FOLDER / "demo.png" if records_itself else None
     duration_s = arguments.duration_s or (DEMO_S if records_itself else None)
-    check_exhibition(arguments.kiosk, arguments.visits is not None, display)
+    check_exhibition(arguments.kiosk, display)
     halved = ("render.rate_hz=30",) if records_itself else ()  # lossless video is large
     config = configuration.load(arguments.config_file, (*halved, *arguments.sets))
 
@@ -168,7 +167,6 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         tracking=tracking,
         display=display,
         kiosk=arguments.kiosk or "",
-        visits=_absolute(arguments.visits),
         playlist=tuple(map(_absolute, scenes)) if len(scenes) > 1 or arguments.start else (),
         start=arguments.start,
         ask_glasses=_is_first_start(arguments, display),
@@ -253,7 +251,7 @@ def _checked(
         remedy = "`lfpipe up --no-picture --share TARGET` tracks without a scene"
         errors.append(UserError(f"--share with {arguments.scenes[0]}: a single view needs no eyes, so none are tracked", remedy))
     video = Path(display.removeprefix("file:")).expanduser() if display.startswith("file:") else None
-    outputs = {"--display": video, "--trace": arguments.trace, "--visits": arguments.visits}
+    outputs = {"--display": video, "--trace": arguments.trace}
     inputs = [path for path in (*arguments.scenes, source_file(camera)) if path is not None]
     attempt(lambda: check_outputs(outputs, inputs, arguments.force))
     if errors and opening is not None and opening.packing is not None:

@@ -46,7 +46,6 @@ Examples:
 @click.option(
     "--code-file", type=click.Path(path_type=Path), metavar="FILE", help="With --kiosk: holds the code; or LFPIPE_KIOSK_CODE."
 )
-@click.option("--visits", type=click.Path(path_type=Path), metavar="FILE", help="With --kiosk: count visitors by the hour.")
 @click.option("--force", is_flag=True, help="Replace output files that lfpipe did not write.")
 @click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")
 @with_session

@@ -98,7 +98,7 @@ class SessionOptions:
     every stage before the next one starts. share: where eyes are sent to, as `lfpipe.share.target` writes it. level: the quality
     in force, None for full.
     playlist, playlist_at: the scenes to step through, and the index of the one shown. kiosk: the code that ends an exhibition.
-    visits: file of its visitors by the hour. start: begin with the thumbnails of the playlist. ask_glasses: ask which glasses the
+    start: begin with the thumbnails of the playlist. ask_glasses: ask which glasses the
     person has.
     """
 
@@ -125,7 +125,6 @@ class SessionOptions:
     playlist: tuple[str, ...] = ()
     playlist_at: int = 0
     kiosk: str = ""
-    visits: str = ""
     start: bool = False
     ask_glasses: bool = False
     level: QualityLevel | None = None

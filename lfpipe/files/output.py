@@ -6,7 +6,7 @@ write. `written_by_lfpipe` recognises the others by their content, whatever thei
     trace                first line: an object with the keys of TRACE_KEYS
     timeline             the first event names lfpipe
     reports, results     JSON that begins with "format": "lfpipe-..."; JUnit XML of a suite "lfpipe ..."
-    tables               the header row of visits (every row fits) or of an exported sequence
+    tables               the header row of an exported sequence
     text                 a first line of "# ", "// " or "<!-- " and MARK
     pictures, videos     MARK in their metadata: PNG text, JPEG and GIF comment, MP4 comment, space reserved by Matroska and AVI
 """
@@ -28,7 +28,6 @@ from lfpipe.host.files import longest_name, write_at
 
 MARK = b"written by lfpipe"
 TRACE_KEYS = {"source_seq", "epoch", "t_sensor_ns", "t_presented_ns", "eyes_used", "view", "composed"}
-VISITS_HEADER = b"hour,visits\n"
 PLACE = "name a file in an existing folder that you may write to, on a disk with free space"
 _NAMELESS = getattr(os, "O_TMPFILE", 0)  # tries to write in a folder without changing it; not every file system can
 _HEAD_BYTES = 1 << 16  # more than any metadata of ours, and than the longest line of a trace
@@ -43,7 +42,6 @@ _TEXTS = (
     re.compile(rb"seq,source_seq,epoch,t_sensor_ns,t_read_ns\b"),
     re.compile(rb"(# |// |<!-- |<!doctype html>\s*<!-- )" + MARK, re.IGNORECASE),
 )
-_VISITS = re.compile(VISITS_HEADER + rb"(\d{4}-\d\d-\d\d \d\d:00,[0-9]{1,9}\n)*")
 _PICTURES = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8", b"\x1a\x45\xdf\xa3", b"RIFF")
 _MATROSKA_INFO = bytes.fromhex("1549a966")
 
@@ -141,8 +139,6 @@ def written_by_lfpipe(path: Path) -> bool:
             head = file.read(_HEAD_BYTES)
             if not head or any(pattern.match(head) for pattern in _TEXTS):
                 return True
-            if head.startswith(VISITS_HEADER):
-                return _VISITS.fullmatch(head + file.read()) is not None
             if head.startswith(_PICTURES):
                 return MARK in head
             if head[4:8] == b"ftyp":

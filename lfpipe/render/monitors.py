@@ -86,56 +86,28 @@ def detect_monitors() -> tuple[str, list[Monitor]]:
         pygame.display.quit()
 
 
-NAMES = {"camera": "the camera", "mode": "its mode", "monitor": "the monitor", "rate": "the screen's rate"}
+CONDITIONS = ("the camera", "its mode", "the monitor", "the screen's rate")
 
 
-@attrs.frozen
-class LoopConditions:
-    """Texts. date: YYYY-MM-DD. camera: the driver's name. mode: requested size, format and rate. rate: of the monitor."""
-
-    date: str
-    camera: str
-    mode: str
-    monitor: str
-    rate: str
-
-    @classmethod
-    def of(cls, date: str, camera: str, asked: Camera, monitor: Monitor) -> LoopConditions:
-        """camera: its name. asked: its settings."""
-        mode = f"{asked.width_px}x{asked.height_px} {asked.format} {asked.rate_hz:g} Hz"
-        texts = (date, camera, mode, monitor.name, f"{monitor.rate_hz:g} Hz")
-        return cls(*(text.replace(";", ",") for text in texts))
-
-    @classmethod
-    def parse(cls, text: str) -> LoopConditions | None:
-        """Parses the result of `str`; None for any other text."""
-        parts = text.split("; ")
-        return cls(*parts) if len(parts) == 5 else None
-
-    def __str__(self) -> str:
-        return "; ".join(attrs.astuple(self))
-
-    def changes(self, now: LoopConditions) -> list[str]:
-        """The changed conditions, in words."""
-        return [
-            f"{words} is {getattr(now, name) or 'unknown'}, not {getattr(self, name)}"
-            for name, words in NAMES.items()
-            if getattr(now, name) != getattr(self, name)
-        ]
+def loop_conditions(date: str, camera: str, asked: Camera, monitor: Monitor) -> str:
+    """The value of render.loop_measured. date: YYYY-MM-DD. camera: the driver's name. asked: its settings."""
+    mode = f"{asked.width_px}x{asked.height_px} {asked.format} {asked.rate_hz:g} Hz"
+    texts = (date, camera, mode, monitor.name, f"{monitor.rate_hz:g} Hz")
+    return "; ".join(text.replace(";", ",") for text in texts)
 
 
 def loop_doubt(config: Config, camera: str, monitors: list[Monitor]) -> str:
     """The reason to distrust render.loop_ms now; "" if there is none. camera: name of the camera in use. monitors: all connected
-    ones; without screen.monitor the window may be on any of them.
-    """
-    then = LoopConditions.parse(config.render.loop_measured)
-    if then is None:
+    ones; without screen.monitor the window may be on any of them."""
+    _, *then = config.render.loop_measured.split("; ")
+    if len(then) != len(CONDITIONS):
         return "it was set by hand, not measured" if config.render.loop_ms else ""
     wanted = str(config.screen.monitor)
-    chosen = [each for each in monitors if wanted in ("", str(each.number)) or wanted.lower() in each.name.lower()]
-    nowhere = Monitor(0, "", 0, 0, 0, 0, None)
-    changes: list[list[str]] = []
-    for each in chosen or [nowhere]:
-        changes.append(then.changes(LoopConditions.of("", camera, config.camera, each)))
-    fewest = min(changes, key=len)
+    chosen = [monitor for monitor in monitors if wanted in ("", str(monitor.number)) or wanted.lower() in monitor.name.lower()]
+    doubts: list[list[str]] = []
+    for monitor in chosen or [Monitor(0, "", 0, 0, 0, 0, None)]:
+        _, *now = loop_conditions("", camera, config.camera, monitor).split("; ")
+        changed = zip(CONDITIONS, now, then, strict=True)
+        doubts.append([f"{name} is {value or 'unknown'}, not {old}" for name, value, old in changed if value != old])
+    fewest = min(doubts, key=len)
     return "; ".join(fewest)

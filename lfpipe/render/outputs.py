@@ -1,9 +1,9 @@
-"""What render writes and reports besides the picture: the ring "pictures", the timeline, the viewpoints, presence and visits.
+"""What render writes and reports besides the picture: the ring "pictures", the timeline, viewpoints, presence and parallax.
 
-All follow the session's options; without a request there is no ring, no copy, no message.
+Without a request there is no ring and no copy.
 """
 
-import time
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
-from lfpipe.files.output import VISITS_HEADER, output_file
-from lfpipe.files.safe_files import read_text, reason
 from lfpipe.files.trace import TraceFile
-from lfpipe.host.files import is_missing
 from lfpipe.render.geometry import Parallax
-from lfpipe.render.presence import ViewerState
 from lfpipe.render.viewer import Viewer, Viewpoints
 from lfpipe.transport import ring
 from lfpipe.transport.clock import MS_NS, now_ns
@@ -27,40 +23,35 @@ from lfpipe.transport.ring_ends import RingOutput
 VIEWPOINTS_NS = 100 * MS_NS  # between two messages "look"
 
 
-class OptionalOutputs:
+class Outputs:
     """Call `follow` whenever options may have changed; without a request the other calls cost next to nothing."""
 
     def __init__(self, context: Context, viewer: Viewer) -> None:
         self._context, self._viewer = context, viewer
-        self._part, self._ring = "", None  # type: tuple[str, ring.Writer | None]
-        self._path, self._starting = "", True
-        self._timeline = TraceFile(None, self._lost)
+        self._options = SessionOptions()  # those followed last
+        self._ring: ring.Writer | None = None
+        # a timeline that runs when this process starts was begun by the one before it
+        self._began: Path | None = context.spec.session.run_dir / "session.json"
+        self._timeline = TraceFile(None, context.report_lost)
+        self._parallax: Parallax | None = None  # reported last
         self._viewpoints_due_ns = 0
         self._shown: RingOutput | None = None  # opened when it is first needed
 
     def follow(self, options: SessionOptions, picture: NDArray[np.uint8] | None) -> None:
         """Opens and closes outputs as options ask. picture: the one on the screen, for a new ring."""
-        part, path = options.pictures, options.timeline
-        if part != self._part:
+        before, self._options = self._options, options
+        if options.timeline != before.timeline:
+            self._timeline.close()
+            path = Path(options.timeline) if options.timeline else None
+            self._timeline = TraceFile(path, self._context.report_lost, self._began)
+        self._began = None
+        if options.pictures != before.pictures:
             if self._ring is not None:
                 self._ring.close()
-            self._part, self._ring = part, None
-            if part:
-                try:
-                    self._ring = ring.Writer(self._context.spec.session.segment(part))
-                except FileNotFoundError:
-                    return  # released before it was used
-                self.picture(picture, None)
-        if path != self._path:
-            self._path = path
-            self._timeline.close()
-            # a timeline that runs when this process starts was begun by the one before it
-            began = self._context.spec.session.run_dir / "session.json" if self._starting else None
-            self._timeline = TraceFile(Path(path) if path else None, self._lost, began)
-        self._starting = False
-
-    def _lost(self, why: str) -> None:
-        self._context.report_lost(why)
+            self._ring = None
+            with contextlib.suppress(FileNotFoundError):  # released before it was used
+                self._ring = ring.Writer(self._context.spec.session.segment(options.pictures)) if options.pictures else None
+            self.picture(picture, None)
 
     @property
     def traced(self) -> bool:
@@ -108,65 +99,21 @@ class OptionalOutputs:
             method=self._viewer.method,
         )
 
-    def close(self) -> None:
-        """Ends the timeline; the ring ends with the process."""
-        self._timeline.close()
-
-
-class ViewerReports:
-    """Emits each change once. Raises UserError if option visits names a file of another program."""
-
-    def __init__(self, context: Context, viewer: Viewer) -> None:
-        self._context, self._viewer = context, viewer
-        self._parallax: Parallax | None = None
-        self._visits = VisitLog(Path(context.options.visits)) if context.options.visits else None
-
-    def follow_state(self) -> None:
-        """Emits viewer (nobody, arriving, seated, lost, exchanged)."""
+    def report_viewer(self) -> None:
+        """Emits a changed state of the viewer: nobody, arriving, seated, lost, exchanged."""
         state = self._viewer.presence.state
-        before = ViewerState(int(self._context.row["viewer"]))
-        if state == before:
-            return
-        self._context.row["viewer"] = int(state)
-        self._context.emit("viewer", state=state.word)
-        if self._visits is not None:
-            try:
-                self._visits.follow(before, state)
-            except OSError as error:
-                self._context.emit("notice", text=f"{self._context.options.visits}: cannot write visits: {reason(error)}")
+        if state != int(self._context.row["viewer"]):
+            self._context.row["viewer"] = int(state)
+            self._context.emit("viewer", state=state.word)
 
-    def follow_parallax(self) -> None:
+    def report_parallax(self) -> None:
         """Emits parallax when scene, settings or screen change it, but not at every step of a viewer, nor in a replay, which
         nobody watches."""
-        if self._context.options.lossless:
-            return
-        chosen = self._viewer.parallax
+        chosen = None if self._context.options.lossless else self._viewer.parallax
         if chosen is not None and (self._parallax is None or chosen.differs_from(self._parallax)):
             self._parallax = chosen
             self._context.emit("parallax", text=str(chosen))
 
-
-MAX_BYTES = 4 << 20  # two decades
-BEGINNING = (ViewerState.ARRIVING, ViewerState.EXCHANGED)
-
-
-class VisitLog:
-    """Counts visitors in a CSV file of lines `2026-11-21 15:00,12`. Raises UserError if path is a different kind of file."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._counts: dict[str, int] = {}
-        if not is_missing(path):
-            text = read_text(path, MAX_BYTES, str(path), "name a file that no other program wrote")
-            for hour, _, count in (line.partition(",") for line in text.splitlines()[1:]):
-                self._counts[hour] = int(count) if count.isdecimal() else 0
-
-    def follow(self, before: ViewerState, now: ViewerState) -> None:
-        """Handles a change of state: somebody who rests before the screen is a visitor. Raises OSError; the count is kept for the
-        next call."""
-        if now is ViewerState.SEATED and before in BEGINNING:
-            hour = time.strftime("%Y-%m-%d %H:00")
-            self._counts[hour] = self._counts.get(hour, 0) + 1
-            rows = "".join(f"{each},{count}\n" for each, count in sorted(self._counts.items()))
-            with output_file(self._path) as file:
-                file.write(VISITS_HEADER + rows.encode())
+    def close(self) -> None:
+        """Ends the timeline; the ring ends with the process."""
+        self._timeline.close()

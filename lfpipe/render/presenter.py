@@ -19,7 +19,7 @@ from lfpipe.render.display import Display
 from lfpipe.render.glasses import glasses_test
 from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.mouse_look import MouseLook
-from lfpipe.render.outputs import OptionalOutputs, ViewerReports
+from lfpipe.render.outputs import Outputs
 from lfpipe.render.refresh import Refresh, ScreenRefresh
 from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, WaitingPictures
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer
@@ -54,8 +54,7 @@ class Presenter:
         self._key: Key | None = None
         trace, began = context.options.trace, context.spec.session.run_dir / "session.json"
         self._trace = TraceFile(Path(trace) if trace else None, self._lost, began if context.row["restarts"] else None)
-        self._outputs = OptionalOutputs(context, viewer)
-        self._reports = ViewerReports(context, viewer)
+        self._outputs = Outputs(context, viewer)
         self._replay: ReplayWriter | None = None
         if replay := context.options.replay:
             from lfpipe.render import replay_writer
@@ -179,7 +178,7 @@ class Presenter:
             if showing.face:
                 row["t_face_ns"] = showing.t_started_ns
                 row.horizon.add_ns(min(showing.seen_ns - showing.t_sensor_ns, HORIZON_NS))
-            self._reports.follow_state()
+            self._outputs.report_viewer()
             self._outputs.emit_viewpoints(showing.viewpoints, bool(showing.face))
             if self._trace.wanted or self._outputs.traced:
                 self._eyes.done()
@@ -191,7 +190,7 @@ class Presenter:
             if not composed:
                 showing.t_presented_ns, showing.by = showing.target_ns or showing.t_handed_ns, self._display.blanks_by
             self._waiting.add(showing)
-        self._reports.follow_parallax()
+        self._outputs.report_parallax()
 
     def _report(self, showing: Showing) -> None:
         """Counts and traces a picture whose time of display is known."""

@@ -25,7 +25,6 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
     write_scene(folder / "views")
     shutil.copy(clip, folder / "me.avi")
     (folder / "notes.txt").write_text("mine\n" * 1000)
-    (folder / "visits.csv").write_text("hour;visits\n2026-11-21 15:00;12\n")
     os.mkfifo(folder / "fifo.mkv")
     (folder / "link.mkv").symlink_to("me.avi")
     return folder
@@ -42,8 +41,6 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
         ("up views --camera file:me.avi --display file:link.mkv --force", "link.mkv"),
         ("up views --camera demo --display file:fifo.mkv --force", "fifo.mkv"),
         ("up views --camera demo --display file:new.mkv --trace new.mkv", "new.mkv"),
-        ("up views --camera demo --kiosk --visits notes.txt", "notes.txt"),
-        ("up views --camera demo --kiosk --visits visits.csv", "visits.csv"),
         ("scene sheet views -o views/view_01_01.png", "view_01_01.png"),
         ("scene view views --row 0 --col 0 -o notes.txt", "notes.txt"),
         ("scene view views --row 0 --col 0 -o me.png", "me.png"),

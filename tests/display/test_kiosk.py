@@ -59,7 +59,7 @@ def test_the_picture_moves_with_nobody_there_and_keys_do_nothing_until_the_code_
     for _ in range(10):
         writer.write(np.full((480, 640, 3), 90, np.uint8))
     writer.release()
-    fixed = ("--trace", world.trace, "--session", world.name, "--visits", world.root / "visits.csv")
+    fixed = ("--trace", world.trace, "--session", world.name)
     process = world.start("up", scene, "--camera", f"file:{world.root}/empty.avi", *fixed, "--kiosk")
     world.wait_for(lambda: len({line["view"]["left"][1] for line in world.lines()}) > 20, "views in motion")
     first = screen.shown()[: len(screen.shown()) // 2]
@@ -92,4 +92,3 @@ def test_the_unit_starts_it_again_and_quotes_what_systemd_would_expand(world: Wo
     for words in ((scene_there,), ("--code-file", code, "nowhere")):
         assert world.run("kiosk", "install", *words).returncode == 2
     assert world.run("up", scene, "--kiosk", "--code-file", code, "--display", "none").returncode == 2
-    assert world.run("up", scene, "--visits", "visits.csv").returncode == 2

@@ -5,7 +5,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.cli.startup_summary import loop_lines
-from lfpipe.render.monitors import LoopConditions, Monitor, loop_doubt
+from lfpipe.render.monitors import Monitor, loop_conditions, loop_doubt
 
 DESK = [Monitor(0, "eDP-1", 0, 0, 1920, 1200, 0.18, 60.0), Monitor(1, "DP-1; 24", 1920, 0, 1920, 1080, None, 144.0)]
 CAMERA = "HD Webcam; C920"
@@ -13,8 +13,8 @@ CAMERA = "HD Webcam; C920"
 
 def measured(**changes: object) -> config.Config:
     """A configuration in which the loop was measured on the second monitor; then something changed."""
-    here = LoopConditions.of("2026-11-21", CAMERA, config.Camera(), DESK[1])
-    sets = {"render.loop_ms": 61.5, "render.loop_measured": str(here)}
+    here = loop_conditions("2026-11-21", CAMERA, config.Camera(), DESK[1])
+    sets = {"render.loop_ms": 61.5, "render.loop_measured": here}
     return config.updated(config.updated(config.Config(), sets), changes)
 
 
@@ -40,8 +40,8 @@ def test_what_changed_is_said(camera: str, changes: dict[str, object], desk: lis
 
 def test_up_says_whether_the_delay_is_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfpipe.cli.startup_summary.detect_monitors", lambda: ("x11", DESK))
-    here = LoopConditions.of("2026-11-21", "demo", config.Camera(), DESK[1])
-    sets = {"render.loop_ms": 61.5, "render.loop_measured": str(here)}
+    here = loop_conditions("2026-11-21", "demo", config.Camera(), DESK[1])
+    sets = {"render.loop_ms": 61.5, "render.loop_measured": here}
     known = config.updated(config.Config(), sets)
     assert loop_lines(known, "demo", "window") == ["loop    61.5 ms delay of camera and display"]
     changed = config.updated(known, {"camera.rate_hz": 60})
