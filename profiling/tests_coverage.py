@@ -28,11 +28,15 @@ REPORT = ROOT / "profiling" / "results" / "tests.md"
 MODULES = {  # module -> the tests that are about it
     "transport.ring": ["transport/test_ring.py", "transport/test_packet_ring.py"],
     "transport.histogram": ["transport/test_small_parts.py"],
-    "render.viewpoint": ["render/test_viewpoint.py", "render/test_handedness.py"],
+    "render.viewpoint": ["render/test_viewpoint.py", "render/test_handedness.py", "render/test_viewer.py"],
     "track.smoothing": ["track/test_smoothing.py", "track/test_kalman.py"],
     "render.anaglyph": ["render/test_anaglyph.py"],
     "supervisor.requests": ["supervisor/test_requests.py"],
-    "supervisor.session_state": ["supervisor/test_session_state.py", "supervisor/test_requests.py"],
+    "supervisor.session_state": [
+        "supervisor/test_session_state.py",
+        "supervisor/test_requests.py",
+        "supervisor/test_governor.py",
+    ],
     "supervisor.governor": ["supervisor/test_governor.py"],
     "scene.orientation": ["scene/test_orientation.py"],
 }
@@ -76,8 +80,8 @@ class Mutator(ast.NodeTransformer):
     def visit_Constant(self, node: ast.Constant) -> ast.AST:
         if isinstance(node.value, bool):
             return ast.copy_location(ast.Constant(not node.value), node) if self._here(node, f"not {node.value}") else node
-        if isinstance(node.value, int | float) and self._here(node, f"{node.value} -> {node.value + 1}"):
-            return ast.copy_location(ast.Constant(node.value + 1), node)
+        if isinstance(node.value, int | float) and self._here(node, f"{node.value} -> {2 * node.value + 1}"):
+            return ast.copy_location(ast.Constant(2 * node.value + 1), node)
         return node
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:

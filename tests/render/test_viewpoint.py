@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Render
-from lfpipe.render.viewpoint import HYSTERESIS_VIEWS, ViewSolver, limited, pair_clamped, snapped
+from lfpipe.render.viewpoint import HYSTERESIS_VIEWS, ViewSolver, limited, pair_clamped, snapped, view_weights
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 COUNTS = st.integers(1, 30)
@@ -154,3 +154,71 @@ def test_a_dragged_neutral_position_is_finite_for_finite_eyes(centre: tuple[floa
 def test_swapped_eyes_exchange_their_views() -> None:
     eyes = (350.0, 240.0, 290.0, 240.0)
     assert solver(swap_eyes=True).views(eyes) == solver().views(eyes)[::-1]
+
+
+CENTRES = st.tuples(st.floats(-500, 1500), st.floats(-500, 1500))
+
+
+@given(CENTRES, st.tuples(USUAL, USUAL, st.floats(-200, 200)), st.floats(2, 100), st.integers(1, 12), st.integers(2, 12))
+def test_a_dragged_neutral_position_is_the_nearest_that_holds_the_eyes(
+    centre: tuple[float, float], head: tuple[float, float, float], alpha_px: float, rows: int, cols: int
+) -> None:
+    x, y, half_px = head
+    eyes = (x + half_px, y, x - half_px, y)
+    one = ViewSolver(rows, cols, Render(), alpha_px, centre)
+    cx, cy = one.dragged(centre, eyes)
+    room_x, room_y = max((cols - 1) / 2 * alpha_px - abs(half_px), 0.0), (rows - 1) / 2 * alpha_px
+    assert cx == pytest.approx(sorted((x - room_x, centre[0], x + room_x))[1], abs=1e-6)
+    assert cy == pytest.approx(sorted((y - room_y, centre[1], y + room_y))[1], abs=1e-6)
+    again = one.dragged((cx, cy), eyes)
+    assert again == pytest.approx((cx, cy), abs=1e-6), "there it stays"
+
+
+@pytest.mark.parametrize(
+    ("eyes", "beyond"),
+    [
+        ((320.0, 240.0, 300.0, 240.0), False),
+        ((271.0, 240.0, 251.0, 240.0), True),  # both more than 4 columns of 12 px to the right
+        ((273.0, 240.0, 253.0, 240.0), False),  # one of them is not
+        ((389.0, 240.0, 369.0, 240.0), True),
+        ((387.0, 240.0, 367.0, 240.0), False),
+        ((330.0, 289.0, 310.0, 289.0), True),
+        ((330.0, 287.0, 310.0, 287.0), False),
+        ((330.0, 191.0, 310.0, 191.0), True),
+        ((330.0, 300.0, 310.0, 180.0), False),  # it is the middle of the eyes that has a row
+    ],
+)
+def test_beyond_the_grid_are_both_eyes_on_one_side(eyes: tuple[float, float, float, float], beyond: bool) -> None:
+    assert solver().beyond(eyes) is beyond
+    if eyes[1] == eyes[3] != 240.0:
+        assert not solver(rows=1).beyond(eyes), "a single row has no above and below"
+
+
+@given(
+    st.sampled_from(["nearest", "blend", "warp", "warp2", "best"]),
+    st.integers(1, 5),
+    st.integers(1, 5),
+    st.floats(-1, 5),
+    st.floats(-1, 5),
+)
+def test_a_picture_is_made_of_its_neighbours_by_their_nearness(method: str, rows: int, cols: int, row: float, col: float) -> None:
+    weights = view_weights(method, (row, col), rows, cols)
+    assert sum(one.weight for one in weights) == pytest.approx(1) and all(one.weight > 0 for one in weights)
+    r, c = min(max(row, 0.0), rows - 1.0), min(max(col, 0.0), cols - 1.0)
+    assert all(abs(one.row - r) <= 1 and abs(one.col - c) <= 1 and 0 <= one.row < rows and 0 <= one.col < cols for one in weights)
+    if method == "blend":
+        assert sum(one.row * one.weight for one in weights) == pytest.approx(r, abs=1e-9)
+        assert sum(one.col * one.weight for one in weights) == pytest.approx(c, abs=1e-9)
+    if method in ("nearest", "warp"):
+        ((near_row, near_col, _),) = weights
+        assert abs(near_row - r) <= 0.5 and abs(near_col - c) <= 0.5
+
+
+def test_fading_is_narrow_for_warp2_and_small_shares_count_nothing_for_best() -> None:
+    def share_of_the_next(method: str, row: float, col: float) -> float:
+        return sum(one.weight for one in view_weights(method, (row, col), 3, 3) if (one.row, one.col) == (1, 1))
+
+    assert [share_of_the_next("warp2", 1.0, col) for col in (0.25, 0.375, 0.5, 0.75)] == pytest.approx([0.0, 0.25, 0.5, 1.0])
+    assert [share_of_the_next("warp2", row, 1.0) for row in (0.4, 0.45, 0.5, 0.6)] == pytest.approx([0.0, 0.25, 0.5, 1.0])
+    assert [share_of_the_next("best", 1.0, col) for col in (0.09, 0.14)] == pytest.approx([0.0, 0.14])
+    assert share_of_the_next("best", 1.0, 0.115) == pytest.approx(0.0575 / (0.0575 + 0.885))

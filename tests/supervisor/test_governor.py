@@ -367,3 +367,86 @@ def test_wrong_niceness_is_named_with_a_remedy(text: str) -> None:
     with pytest.raises(UserError, match="nice") as error:
         placement.niceness(text, STAGES)
     assert error.value.remedy
+
+
+EDGES: dict[str, tuple[Load, bool]] = {  # in 0.1 s -> whether it is lag
+    "a tenth missed": (Load(9, 1, 50_000_000), False),
+    "more than a tenth missed": (Load(8, 1, 50_000_000), True),
+    "nine tenths of the time": (Load(6, 0, 90_000_000), False),
+    "more than nine tenths": (Load(6, 0, 90_001_000), True),
+}
+
+
+@pytest.mark.parametrize("edge", EDGES)
+def test_the_edges_of_lag_are_where_they_are_said_to_be(edge: str) -> None:
+    load, lags = EDGES[edge]
+    run = Run()
+    run.feed_for({**EASY, "render": load}, 0.4)
+    assert run.governor.level == 0
+    run.feed_for({**EASY, "render": load}, 0.2)
+    assert run.governor.level == (1 if lags else 0)
+
+
+@pytest.mark.parametrize(
+    ("load", "room"), [(Load(6, 0, 59_999_000), True), (Load(6, 0, 60_000_000), False), (Load(12, 1, 10_000_000), False)]
+)
+def test_room_is_less_than_six_tenths_of_the_time_and_nothing_missed(load: Load, room: bool) -> None:
+    run = Run()
+    run.feed_for(LATE, 0.6)
+    run.feed_for({**EASY, "render": load}, 5.2)
+    assert run.governor.level == (0 if room else 1)
+
+
+@pytest.mark.parametrize(("spoilt_s", "more_s"), [(0.2, 1.0), (0.4, 2.0)])
+def test_a_second_without_room_cancels_five_with(spoilt_s: float, more_s: float) -> None:
+    run = Run()
+    run.feed_for(LATE, 0.5)
+    run.feed_for(EASY, 4.0)
+    run.feed_for(TIGHT, spoilt_s)
+    run.feed_for(EASY, 0.8 + more_s)
+    assert run.governor.level == 1
+    run.feed_for(EASY, 0.4)
+    assert run.governor.level == 0
+
+
+def test_a_second_without_lag_cancels_half_a_second_of_it() -> None:
+    run = Run()
+    run.feed_for(LATE, 0.4)
+    run.feed_for(TIGHT, 0.4)
+    run.feed_for(LATE, 0.2)
+    assert run.governor.level == 0
+    run.feed_for(LATE, 0.1)
+    ((_, step),) = run.steps
+    assert step.load == Load(3 * 7 + 6 * 4, 3 * 7, 60_000_000 * 7 + 75_000_000 * 4) and step.span_s == pytest.approx(1.1)
+
+
+def test_a_stage_without_output_has_room_for_a_second_and_is_unknown_then() -> None:
+    run = Run()
+    run.feed_for(LATE, 0.5)
+    quiet = {**EASY, "render": Load(0, 0, 0)}
+    run.feed_for(EASY, 3.0)
+    run.feed_for(quiet, 5.0)
+    assert run.governor.level == 1
+    run.feed_for(EASY, 0.9)  # 3 + 1 + 0.9
+    assert run.governor.level == 1
+    run.feed_for(EASY, 0.2)
+    assert run.governor.level == 0
+
+
+def test_the_next_try_waits_twice_as_long_if_the_last_failed_within_twice_the_hold() -> None:
+    for kept_s, hold_s in ((9.0, 10.0), (10.0, 5.0)):
+        run = Run(levels=1)
+        run.feed_for(LATE, 0.5)
+        run.feed_for(EASY, 5.1)
+        assert run.governor.level == 0
+        run.feed_for(TIGHT, kept_s)
+        run.feed_for(LATE, 0.5)
+        assert run.governor.level == 1
+        run.feed_for(EASY, hold_s - 0.2)
+        assert run.governor.level == 1
+        run.feed_for(EASY, 0.4)
+        assert run.governor.level == 0
+
+
+def test_a_step_without_a_stage_has_no_load() -> None:
+    assert Step(0) == Step(0, "", Load(0, 0, 0), 0.0)

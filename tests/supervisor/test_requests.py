@@ -2,15 +2,17 @@
 
 from typing import Any
 
+import attrs
 import pytest
 from hypothesis import given, settings
 
+from lfpipe.config import Config, SessionOptions
 from lfpipe.errors import UserError
 from lfpipe.supervisor.requests import Reply, respond, respond_checked
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control
 from lfpipe.transport.control import BadMessage
-from tests.supervisor.states import made_state, messages
+from tests.supervisor.states import SCENE, made_state, messages
 
 
 def reply_to(state: SessionState, message: dict[str, Any]) -> Reply | str:
@@ -103,3 +105,97 @@ def test_targets_are_shared_with_until_they_are_stopped() -> None:
     assert (new := respond(state, all_of_them, 0).state) is not None and new.options.share == ()
     started = respond_checked(state, {"cmd": "share", "start": ["opentrack:h:1"]}, {"targets": ["opentrack:10.0.0.1:1"]}, 0)
     assert started.state is not None and started.state.options.share == (*running, "opentrack:10.0.0.1:1")
+
+
+def test_each_request_changes_what_it_names_and_nothing_else() -> None:
+    state = made_state()
+    for cmd, paused in (("pause", True), ("resume", False)):
+        reply = respond(state.changed(paused=not paused), {"cmd": cmd}, 0)
+        assert reply.answer == {"paused": paused} and reply.state is not None and reply.state.paused is paused
+    reply = respond(state, {"cmd": "set", "set": {"render.alpha_px": 20.0}}, 0)
+    assert (
+        reply.state is not None
+        and reply.state.config.render.alpha_px == 20.0
+        and reply.answer == {"set": {"render.alpha_px": 20.0}}
+    )
+    assert respond(state, {"cmd": "hello"}, 0) == Reply(state.message())
+    status = respond(state, {"cmd": "status"}, 0)
+    assert status.with_stages and not status.stop and status.answer["paused"] is False
+    assert respond(state, {"cmd": "recentre"}, 0) == Reply(broadcast={"cmd": "recentre"})
+    assert respond(state, {"cmd": "stop"}, 0) == Reply(stop=True) and not Reply().with_stages
+    for wrong in ({}, {"set": {}}, {"set": []}):
+        with pytest.raises(BadMessage, match="set"):
+            respond(state, {"cmd": "set", **wrong}, 0)
+
+
+def test_a_lease_of_pictures_lasts_as_asked_and_five_seconds_without() -> None:
+    for lease_s, until_ns in ((None, 5 * 10**9 + 7), (0.5, 5 * 10**8 + 7), (60, 60 * 10**9 + 7), (60.0, 60 * 10**9 + 7)):
+        reply = respond(made_state(), {"cmd": "pictures"} | ({} if lease_s is None else {"lease_s": lease_s}), 7)
+        assert reply.state is not None and reply.state.pictures_until_ns == until_ns and reply.answer == {"ring": "pictures.1"}
+    for lease in (0, -1, 60.001, True, "5", None, [5]):
+        with pytest.raises(BadMessage, match="lease_s"):
+            respond(made_state(), {"cmd": "pictures", "lease_s": lease}, 0)
+    with pytest.raises(UserError, match="no pictures"):
+        respond(SessionState.first(Config(), SessionOptions(show=False)), {"cmd": "pictures"}, 0)
+
+
+def test_a_scene_is_loaded_by_path_by_number_or_by_step() -> None:
+    state = made_state(playlist=("/a", "/b", "/c"), playlist_at=2)
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"scene": "/x"}, "/x"), ({"scene": "/b"}, "/b"), ({"at": 0}, "/a"), ({"at": 2}, "/c"), ({"step": 1}, "/a"),
+        ({"step": -1}, "/b"), ({"step": -3}, "/c"), ({"scene": "/x", "at": 1}, "/x"),
+    ]  # fmt: skip
+    for words, path in cases:
+        check = {"check": "scene", "path": path, "settings": {}}
+        assert respond(state, {"cmd": "load", **words}, 0).check == check, words
+    layout = {"layout": "quilt", "grid": "4x8"}
+    reply = respond(state, {"cmd": "load", "scene": "/x", **layout}, 0)
+    assert reply.check is not None and reply.check["settings"] == layout
+    for words in (
+        {},
+        {"scene": "x"},
+        {"scene": "/x\0"},
+        {"scene": 5},
+        {"at": 1, "step": 1},
+        {"at": True},
+        {"step": 1.0},
+        {"at": "1"},
+    ):
+        with pytest.raises(BadMessage, match="absolute path"):
+            respond(state, {"cmd": "load", **words}, 0)
+    for at in (3, -1):
+        with pytest.raises(UserError, match=f"no scene {at}") as caught:
+            respond(state, {"cmd": "load", "at": at}, 0)
+        assert "0 to 2" in caught.value.remedy
+    with pytest.raises(UserError, match="no playlist"):
+        respond(made_state(), {"cmd": "load", "at": 0}, 0)
+    with pytest.raises(UserError, match="no pictures"):
+        respond(made_state(show=False), {"cmd": "load", "scene": "/x"}, 0)
+    for words, at in (({"scene": "/b"}, 1), ({"step": 1}, 0), ({"scene": "/x"}, 2)):
+        loaded = respond_checked(state, {"cmd": "load", **words}, attrs.asdict(SCENE), 0)
+        assert loaded.answer == {"pack": SCENE.pack} and loaded.state is not None and loaded.state.options.playlist_at == at
+
+
+def test_what_needs_eyes_takes_those_of_a_camera_or_a_mouse() -> None:
+    record, share = {"cmd": "record", "path": "/r"}, {"cmd": "share", "start": ["lsl"] * 8}
+    for eyes in ({}, {"tracking": False, "mouse": True}):
+        for message in (record, share):
+            assert respond(made_state(**eyes), message, 0).check is not None
+    with pytest.raises(UserError, match="no camera"):
+        respond(made_state(tracking=False), record, 0)
+    for message in ({"cmd": "record", "path": "r"}, {"cmd": "record", "path": 5}, {"cmd": "record", "path": "/r", "eyes": 1},
+                    {"cmd": "trace", "path": "t"}, {"cmd": "trace"}):  # fmt: skip
+        with pytest.raises(BadMessage, match="absolute path"):
+            respond(made_state(), message, 0)
+    for message in (
+        {"cmd": "share"},
+        {"cmd": "share", "start": ["lsl"], "stop": []},
+        {"cmd": "share", "start": "lsl"},
+        {"cmd": "share", "stop": [5]},
+    ):
+        with pytest.raises(BadMessage, match="list of targets"):
+            respond(made_state(), message, 0)
+    started = respond_checked(made_state(), {"cmd": "trace", "path": "/t"}, {}, 0)
+    assert started.answer == {"path": "/t"} and started.state is not None and started.state.options.timeline == "/t"
+    without = respond_checked(made_state(), {"cmd": "record", "path": "/r"}, {}, 0)
+    assert without.state is not None and without.state.options.record == "/r" and not without.state.options.record_eyes

@@ -4,7 +4,7 @@ import attrs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.config import Config, Render, SceneSummary, SessionOptions
+from lfpipe.config import Config, Governor, Render, SceneSummary, SessionOptions
 from lfpipe.supervisor.config_rollback import TRIAL_NS, ConfigRollback
 from lfpipe.supervisor.session_state import SessionState
 from tests.supervisor.states import SCENE, made_state
@@ -112,3 +112,44 @@ def test_a_stage_that_fails_on_a_change_blames_it_and_one_that_is_killed_later_d
 def test_a_scene_of_one_view_needs_no_tracking() -> None:
     assert not made_state().loaded(SINGLE).options.tracking
     assert SceneSummary("/p", "line", 1, 5, 4, 4, "nearest", False).needs_tracking
+
+
+def test_a_session_begins_running_at_its_first_revision_without_rings() -> None:
+    state = SessionState.first(Config(), SessionOptions(scene=SCENE))
+    assert (state.paused, state.rev, state.pictures_until_ns, state.pictures_px, state.rings_made) == (False, 1, 0, (0, 0), 0)
+    assert not state.rings() and not state.zero_planes_px
+
+
+def test_each_change_is_one_revision_and_each_ring_has_the_next_name() -> None:
+    state = made_state()
+    first = state.with_pictures(10)
+    assert (first.rev, first.rings_made, first.options.pictures) == (state.rev + 1, 1, "pictures.1")
+    assert (first.pictures_until_ns, first.pictures_px) == (10, (SCENE.height_px, SCENE.width_px))
+    recorded = first.changed(record="/out")
+    assert (recorded.rev, recorded.rings_made, recorded.options.packets) == (state.rev + 2, 2, "packets.2")
+    stopped = recorded.without_pictures().changed(record="")
+    assert (stopped.rev, stopped.rings_made, stopped.pictures_until_ns) == (state.rev + 4, 2, 0) and not stopped.rings()
+    assert stopped.with_pictures(5).options.pictures == "pictures.3"
+    paused = state.changed(paused=True)
+    assert (
+        paused.paused
+        and paused.config is state.config
+        and paused.changed(LOWER).paused
+        and not paused.changed(paused=False).paused
+    )
+
+
+def test_quality_falls_by_number_and_is_full_again_where_the_levels_change() -> None:
+    state = made_state()
+    lower = state.with_level(1)
+    assert lower.level == state.levels[1] and lower.level.number == 1 and lower.with_level(0).options.level is None
+    assert lower.changed(paused=True).level == lower.level, "the levels are the same"
+    assert lower.changed(LOWER).options.level is None
+    for fixed in (state.changed(lossless=True), state.changed(Config(governor=Governor(quality="fixed")))):
+        assert fixed.levels == state.levels[:1]
+
+
+def test_a_mouse_needs_no_tracking() -> None:
+    for mouse in (False, True):
+        state = made_state(mouse=mouse)
+        assert state.loaded(OTHER).options.tracking is not mouse and state.loaded(SCENE).options.tracking is not mouse

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
-from lfpipe.track.smoothing import MAX_STEP_NS, MIN_STEP_NS, EyeFilter, Mean, OneEuro, weight
+from lfpipe.track.smoothing import LIMIT_PX, MAX_STEP_NS, MIN_STEP_NS, EyeFilter, Mean, OneEuro, weight
 
 FRAME_NS = 33_333_333
 EYES = np.array([[350.0, 240.0], [290.0, 242.0]])
@@ -281,3 +281,57 @@ def test_the_step_of_a_still_head_is_no_more_than_the_means_at_high_rates(rate_h
             used.append(filter_.predict(round((i / rate_hz + 0.02) * 1e9)))
         steps[kind] = float(np.sqrt(np.square(np.diff(used[2 * rate_hz :], axis=0)).mean()))
     assert steps["predictive"] <= steps["mean"]
+
+
+TRACKS = st.lists(st.tuples(st.integers(1, 150), st.tuples(*[st.floats(-1000, 1000)] * 4)), min_size=2, max_size=25)
+
+
+@given(TRACKS, st.floats(0.1, 5), st.floats(0, 20), st.floats(0.5, 8))
+def test_one_euro_is_the_published_filter(
+    track: list[tuple[int, tuple[float, ...]]], least_hz: float, beta: float, slope_hz: float
+) -> None:
+    """Each coordinate on its own, in plain Python; the speed is of both eyes together, in distances between them."""
+    filter_, t_ms = OneEuro(least_hz, beta, slope_hz), 0
+    at = last = slopes = (0.0,) * 4
+    for k, (step_ms, eyes) in enumerate(track):
+        t_ms += step_ms
+        position, velocity = filter_.update(t_ms * 10**6, np.array(eyes).reshape(2, 2))
+        if k == 0:
+            at, last = eyes, eyes
+        else:
+            w = 2 * math.pi * slope_hz * step_ms / 1e3
+            slopes = tuple(s + w / (1 + w) * ((e - x) / (step_ms / 1e3) - s) for s, e, x in zip(slopes, eyes, last, strict=True))
+            apart_px = max(math.hypot(eyes[0] - eyes[2], eyes[1] - eyes[3]), 1.0)
+            speed = math.sqrt(sum(s * s for s in slopes) / 2) / apart_px
+            w = 2 * math.pi * (least_hz + beta * speed) * step_ms / 1e3
+            at = tuple(a + w / (1 + w) * (e - a) for a, e in zip(at, eyes, strict=True))
+            last = eyes
+        assert np.allclose(position.ravel(), at, rtol=1e-9, atol=1e-7) and not velocity.any()
+        assert np.array_equal(filter_.predict((t_ms + 50) * 10**6), position), "it predicts nothing"
+
+
+@given(TRACKS, st.integers(1, 8))
+def test_a_mean_is_that_of_the_last_k(track: list[tuple[int, tuple[float, ...]]], k: int) -> None:
+    filter_, t_ms = Mean(k), 0
+    for n, (step_ms, eyes) in enumerate(track, 1):
+        t_ms += step_ms
+        position, velocity = filter_.update(t_ms * 10**6, np.array(eyes).reshape(2, 2))
+        window = np.array([one for _, one in track[max(0, n - k) : n]])
+        assert np.allclose(position.ravel(), window.mean(axis=0), atol=1e-9) and not velocity.any()
+
+
+def test_the_limits_of_a_measurement_are_where_they_are_said_to_be() -> None:
+    eyes = np.array([[350.0, 240.0], [290.0, 240.0]])
+    for where in (LIMIT_PX, -LIMIT_PX):
+        filter_ = Mean(1)
+        filter_.update(0, eyes)
+        assert filter_.update(10**7, eyes * 0 + where)[0][0, 0] == where
+        assert filter_.update(2 * 10**7, eyes * 0 + np.nextafter(where, 2 * where))[0][0, 0] == where, "too far away to be true"
+    for step_ns, heard in ((MIN_STEP_NS - 1, False), (MIN_STEP_NS, True), (MAX_STEP_NS - 1, True)):
+        filter_ = Mean(2)
+        filter_.update(0, eyes)
+        assert np.array_equal(filter_.update(step_ns, eyes + 2)[0], eyes + heard)
+    filter_ = Mean(2)
+    filter_.update(0, eyes)
+    assert np.array_equal(filter_.update(MAX_STEP_NS, eyes + 2)[0], eyes + 2), "a new beginning"
+    assert weight(1.0, 0.5) == pytest.approx(math.pi / (1 + math.pi)) and weight(math.inf, 1.0) == 1.0 and weight(0.0, 1.0) == 0.0

@@ -62,9 +62,39 @@ def test_percentiles_are_those_of_the_values(values: list[int]) -> None:
 def test_durations_that_cannot_be_are_counted_as_nothing_and_as_the_longest() -> None:
     histogram = Histogram(np.zeros((), HISTOGRAM))
     histogram.add_ns(-5)
-    for value in (2**62, 2**63 - 1, 2**63, 2**80):  # counters have 64 bits: sum and maximum stop there
+    assert (histogram.record["count"], histogram.record["sum_ns"], histogram.record["max_ns"]) == (1, 0, 0)
+    for value in (1 << 53, 1 << 62, 1 << 63, 1 << 80):
         histogram.add_ns(value)
     assert summary_ms(histogram.record)["n"] == 5 and histogram.record["buckets"][-1] == 4
+    assert histogram.record["sum_ns"] == histogram.record["max_ns"] == (1 << 63) - 1
+
+
+def test_a_bucket_is_represented_by_the_middle_of_its_values() -> None:
+    values: dict[int, list[int]] = {}
+    for us in range(1 << 13):
+        values.setdefault(bucket_of(us), []).append(us)
+    assert all(
+        middle_us(bucket) == (us[0] + us[-1]) / 2 and us == list(range(us[0], us[-1] + 1)) for bucket, us in values.items()
+    )
+    assert bucket_of((1 << 32) - 1) == bucket_of(1 << 32) == BUCKETS - 1 > bucket_of((1 << 32) - (1 << 27))
+
+
+@given(st.lists(st.integers(0, 10**13), max_size=40))
+def test_a_summary_is_that_of_the_values(values_ns: list[int]) -> None:
+    """To 0.1 us; percentiles by rank, as the middle of a bucket, at most the maximum."""
+    histogram = Histogram()
+    for value_ns in values_ns:
+        histogram.add_ns(value_ns)
+    ranked, top_ms = sorted(values_ns) or [0], max(values_ns, default=0) / 1e6
+    expected = {
+        "n": len(values_ns),
+        "mean_ms": round(sum(values_ns) / 1e6 / max(len(values_ns), 1), 4),
+        "max_ms": round(top_ms, 4),
+    }
+    for name, percent in (("p50_ms", 50), ("p95_ms", 95), ("p99_ms", 99)):
+        rank = max(1, -(-percent * len(values_ns) // 100))
+        expected[name] = round(min(middle_us(bucket_of(ranked[rank - 1] // 1000)) / 1e3, top_ms), 4)
+    assert summary_ms(histogram.record) == pytest.approx(expected, abs=2e-4)
 
 
 def test_a_row_is_seen_by_another_attachment_and_outlives_its_writer() -> None:
