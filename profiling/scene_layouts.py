@@ -24,7 +24,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.packing import examine_scene
 from profiling.arguments import parser_of
-from tests.scene import made, test_plausibility, test_rgbd, test_stereo
+from tests.scene import made, test_pictures, test_plausibility
 
 Make = Callable[[Path], Path]
 SAMPLES = {
@@ -78,7 +78,7 @@ def one(name: str, picture: np.ndarray) -> Make:
 
 def depth(name: str, values: np.ndarray) -> Make:
     def make(folder: Path) -> Path:
-        made.write(folder / "car.jpg", test_rgbd.PICTURE)
+        made.write(folder / "car.jpg", test_pictures.PICTURE)
         made.write(folder / name, values)
         return folder
 
@@ -102,17 +102,17 @@ def cases() -> Iterator[Case]:
     for rows, cols in ((5, 5), (9, 5), (3, 8)):
         views = made.views(rows, cols, 150, 200)
         yield Case("mosaics", f"{rows}x{cols}", one("lf.png", made.mosaic(views)), (rows, cols), views)
-    pair = np.stack([test_stereo.LEFT, test_stereo.RIGHT])[None]
-    for kind, make in test_stereo.FORMS.items():
+    pair = np.stack([test_pictures.LEFT, test_pictures.RIGHT])[None]
+    for kind, make in test_pictures.PAIRS.items():
         yield Case("stereo", kind, make, (1, 2), pair)
-    for kind, make in test_rgbd.FORMS.items():
+    for kind, make in test_pictures.WITH_DEPTH.items():
         yield Case("picture and depth", kind, make, (5, 9))
     metres = (1000 * np.linspace(4, 1, 96)[:, None] * np.ones(128)).astype(np.uint16)
     metres[20:30, 40:60] = 0
     yield Case("picture and depth", "millimetres, 0 not measured", depth("car_depth.png", metres), (5, 9))
-    yield Case("picture and depth", "car.jpg, car.png", depth("car.png", test_rgbd.FLOOR), (5, 9))
-    yield Case("picture and depth", "black is near", depth("car_depth.png", 255 - test_rgbd.FLOOR), (5, 9))
-    yield Case("one picture", "moon.jpg, moon.png", depth("car.png", test_rgbd.PICTURE), (1, 1))
+    yield Case("picture and depth", "car.jpg, car.png", depth("car.png", test_pictures.FLOOR), (5, 9))
+    yield Case("picture and depth", "black is near", depth("car_depth.png", 255 - test_pictures.FLOOR), (5, 9))
+    yield Case("one picture", "moon.jpg, moon.png", depth("car.png", test_pictures.PICTURE), (1, 1))
     yield Case("none", "289 unknown files and a picture", lambda f: [
         [(f / f"{k}.xyz").write_bytes(b"x") for k in range(289)], made.write(f / "a.png", scene[0, 0]), f][2], None)  # fmt: skip
     for kind, grid in test_plausibility.NO_LIGHT_FIELDS.items():
@@ -164,7 +164,7 @@ print(json.dumps([done.returncode, used.ru_utime + used.ru_stime, used.ru_maxrss
 
 def photograph(folder: Path) -> Path:
     made.write(folder / "x.jpg", cv2.resize(made.texture(300, 400, 1), (4000, 3000)))
-    made.write(folder / "x_depth.png", cv2.resize(test_rgbd.FLOOR, (4000, 3000)))
+    made.write(folder / "x_depth.png", cv2.resize(test_pictures.FLOOR, (4000, 3000)))
     return folder
 
 

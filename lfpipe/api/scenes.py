@@ -18,7 +18,7 @@ from lfpipe.host.files import is_file
 from lfpipe.render.compositor import Compositor, ViewRenderer
 from lfpipe.scene import open_scene as scenes
 from lfpipe.scene.cache import cache_dir
-from lfpipe.scene.layouts.array import require_views
+from lfpipe.scene.layouts.arrays import require_views
 from lfpipe.scene.lightfield import LightField
 
 KEPT_S = 7 * 86400.0  # arrays that nobody has opened for so long are removed from the cache

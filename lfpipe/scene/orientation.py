@@ -147,7 +147,10 @@ def _detected(source: SceneSource) -> Orientation:
 
 def _by_truth(source: SceneSource) -> tuple[Turn | None, float]:
     """The turn under which a true map matches its neighbours best, and its lead over the runner-up; (None, 0.0) without a map."""
-    inner = [p for p in source.truth if 0 < p[0] < source.rows - 1 and 0 < p[1] < source.cols - 1]
+    inner = [
+        (r, c) for r, c in source.truth
+        if 0 < r < source.rows - 1 and 0 < c < source.cols - 1 and not {(r, c + 1), (r + 1, c)} & source.missing
+    ]  # fmt: skip
     if not inner or min(source.height_px, source.width_px) < SMALLEST_PX:
         return None, 0.0
     row, col = min(inner, key=lambda p: abs(p[0] - source.rows // 2) + abs(p[1] - source.cols // 2))

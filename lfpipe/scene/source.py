@@ -8,6 +8,8 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe import config
+from lfpipe.scene.files import Listing
 from lfpipe.scene.lightfield import Geometry
 
 ViewIndex = tuple[int, int]  # (row, column)
@@ -80,3 +82,17 @@ class SceneSource:
     def bit_depth(self) -> int:
         """Number of bits of the source's values."""
         return self.max_value.bit_length()
+
+
+@attrs.frozen
+class Layout:
+    """One of the formats in which light fields come. A module that defines these three names is a layout, too.
+
+    NAME: as `--layout` takes it. detect: how specific the match is, by names (and a glance at one picture) alone: 90 for a
+    format that says what it is, 50 for a pattern of names, 10 for a last resort; None where it is not this layout. describe: the
+    scene, by the user's own word on grid and so on; raises UserError.
+    """
+
+    NAME: str
+    detect: Callable[[Listing], int | None]
+    describe: Callable[[Listing, config.Scene], SceneSource]

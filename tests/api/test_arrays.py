@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import lfpipe
-from lfpipe.scene.layouts.array import require_views
+from lfpipe.scene.layouts.arrays import require_views
 
 
 @pytest.fixture

@@ -88,3 +88,29 @@ def mosaic(grid: NDArray[Any]) -> NDArray[Any]:
     """Views (rows, cols, h, w, 3) as one picture of tiles."""
     rows, cols, height, width, planes = grid.shape
     return np.ascontiguousarray(grid.transpose(0, 2, 1, 3, 4).reshape(rows * height, cols * width, planes))
+
+
+def write_film(path: Path, frames: list[NDArray[Any]], codec: str = "MJPG", rate_hz: float = 12.0) -> Path:
+    """A video of RGB frames; returns its path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate_hz, frames[0].shape[1::-1])
+    for frame in frames:
+        writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+    writer.release()
+    return path
+
+
+def write_npz(path: Path, **arrays: NDArray[Any]) -> Path:
+    """Arrays in one file; returns its path."""
+    np.savez(path, **arrays)
+    return path
+
+
+def honeycomb(pitch_px: float, turned: bool = False) -> NDArray[np.uint8]:
+    """A raw picture of a plenoptic camera: lenslets in a honeycomb."""
+    y, x = np.mgrid[:420, :560].astype(np.float64)
+    x, y = (y, x) if turned else (x, y)
+    row = np.rint(y / (pitch_px * np.sqrt(3) / 2))
+    off_y, off_x = y - row * pitch_px * np.sqrt(3) / 2, (x + row % 2 * pitch_px / 2) % pitch_px - pitch_px / 2
+    lens = np.exp(-(off_x**2 + off_y**2) / (0.35 * pitch_px) ** 2)
+    return np.asarray(lens[..., None] * texture(420, 560, 4), np.uint8)

@@ -1,9 +1,8 @@
-"""Each layout from files that the test writes: found without being named, every view read where it belongs."""
+"""Each layout from files that the test writes: detected without being named, every view read where it belongs."""
 
-import json
+from collections.abc import Callable
 from pathlib import Path
 
-import attrs
 import cv2
 import h5py
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 import scipy.io
 
 from lfpipe import config
-from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.layouts._running import Running
 from lfpipe.scene.layouts._tiles import Tiling
@@ -19,8 +17,14 @@ from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import SceneSource
 from tests.scene import made
 
-GRID = made.views(3, 4, 64, 80)
 AUTO = config.Scene()
+GRID, SQUARE, QUILT = made.views(3, 4, 64, 80), made.views(3, 3, 64, 80), made.views(1, 12, 64, 80)
+TRUTH = made.middle_disparity(64, 80)
+CFG = (
+    "[intrinsics]\nfocal_length_mm = 100\nimage_resolution_x_px = 80\nimage_resolution_y_px = 64\nsensor_size_mm = 35\n"
+    "[extrinsics]\nnum_cams_x = {}\nnum_cams_y = {}\nbaseline_mm = 25\nfocus_distance_m = 4.25\n[meta]\nscene = %(odd)s\n"
+)
+Make = Callable[[Path], object]
 
 
 def canonical(source: SceneSource, scene: config.Scene = AUTO) -> np.ndarray:
@@ -30,50 +34,30 @@ def canonical(source: SceneSource, scene: config.Scene = AUTO) -> np.ndarray:
     return np.array([[source.read(0, *turn.file_index(r, c, rows, cols)) for c in range(cols)] for r in range(rows)])
 
 
-def found(path: Path, layout: str, scene: config.Scene = AUTO) -> SceneSource:
+def described(path: Path, layout: str, scene: config.Scene = AUTO) -> SceneSource:
     source = layouts.describe(path, scene)
     assert source.layout == layout
     return source
 
 
-@pytest.mark.parametrize(("rows", "cols"), [(1, 9), (3, 5), (4, 4), (9, 1)])
-def test_names_of_the_hci_benchmark_on_any_grid(rows: int, cols: int, tmp_path: Path) -> None:
-    grid = made.views(rows, cols)
-    made.write_grid(tmp_path, grid, "input_Cam{n:03d}.png")
-    source = found(tmp_path, "hci")
-    told = orient(source, AUTO)
-    assert told.turn.grid(source.rows, source.cols) == (rows, cols)
-    order = [[source.read(0, *told.turn.file_index(r, c, rows, cols)) for c in range(cols)] for r in range(rows)]
-    assert np.array_equal(order, grid)
+def named(grid: np.ndarray, name: str, **more: str) -> Make:
+    """One file per view, and texts beside them."""
+    return lambda f: [made.write_grid(f, grid, name), *((f / k.replace("_", ".")).write_text(v) for k, v in more.items())]
 
 
-def test_hci_with_geometry_and_truth_of_two_views(tmp_path: Path) -> None:
-    grid = made.views(3, 3, 64, 80)
-    made.write_grid(tmp_path, grid, "input_Cam{n:03d}.png")
-    (tmp_path / "parameters.cfg").write_text(
-        "[intrinsics]\nfocal_length_mm = 100\nimage_resolution_x_px = 80\nimage_resolution_y_px = 64\nsensor_size_mm = 35\n"
-        "[extrinsics]\nnum_cams_x = 3\nnum_cams_y = 3\nbaseline_mm = 25\nfocus_distance_m = 4.25\n[meta]\nscene = %(odd)s\n"
-    )
-    truth = made.middle_disparity(64, 80)
-    made.write_pfm(tmp_path / "gt_disp_lowres.pfm", truth)
-    made.write_pfm(tmp_path / "gt_disp_lowres_Cam002.pfm", truth + 1)
-    source = found(tmp_path, "hci")
-    assert np.array_equal(canonical(source), grid)
-    assert (source.geometry.baseline_mm, source.geometry.focus_distance_mm) == (25, 4250)
-    assert source.geometry.focal_length_px == pytest.approx(80 * 100 / 35)
-    assert sorted(source.truth) == [(0, 2), (1, 1)]
-    assert np.array_equal(source.truth[1, 1](), truth)
+def stanford(name: str, index: Callable[[int, int], tuple[int, int]], y: float, x: float, shape: tuple[int, int]) -> Make:
+    """Views under camera coordinates. index: of the view in GRID; y, x: by which the coordinates grow with the index in names."""
+
+    def make(folder: Path) -> None:
+        for r, c in np.ndindex(shape):
+            at = index(r, c)
+            down, across = (y * r, x * c) if shape == (3, 4) else (y * c, x * r)
+            made.write(folder / name.format(r=r, c=c, y=down - 300, x=across + 1100), GRID[at])
+
+    return make
 
 
-def test_hci_of_a_grid_that_is_not_square(tmp_path: Path) -> None:
-    made.write_grid(tmp_path, GRID, "input_Cam{n:03d}.png")
-    source = found(tmp_path, "hci", config.Scene(grid="3x4"))
-    assert np.array_equal(canonical(source), GRID)
-    (tmp_path / "parameters.cfg").write_text("[extrinsics]\nnum_cams_x = 4\nnum_cams_y = 3\n")
-    assert np.array_equal(canonical(found(tmp_path, "hci")), GRID)
-
-
-def old_hci(path: Path, grid: np.ndarray, depth: np.ndarray | None) -> None:
+def old_hci(path: Path, grid: np.ndarray, depth: np.ndarray | None = None) -> None:
     with h5py.File(path, "w") as file:
         file["LF"] = grid[:, ::-1]
         file.attrs.update({"dH": 0.5, "focalLength": 20.0, "shift": 3.0, "hRes": grid.shape[1]})
@@ -81,61 +65,104 @@ def old_hci(path: Path, grid: np.ndarray, depth: np.ndarray | None) -> None:
             file["GT_DEPTH"] = np.broadcast_to(depth, (*grid.shape[:2], *depth.shape))
 
 
-def test_old_hci_runs_right_to_left_and_its_depth_becomes_disparity(tmp_path: Path) -> None:
-    grid = made.views(3, 3, 64, 80)
-    truth = made.middle_disparity(64, 80)
-    old_hci(tmp_path / "lf.h5", grid, (0.5 * 20 / (truth + 3)).astype(np.float32))
-    source = found(tmp_path, "hci-old")
-    assert orient(source, AUTO).turn.cols
-    assert np.array_equal(canonical(source), grid)
-    assert np.allclose(source.truth[1, 1](), truth, atol=1e-4)
-    assert np.array_equal(canonical(found(tmp_path / "lf.h5", "hci-old")), grid)
-
-
-def test_old_hci_written_the_right_way_round_is_told_by_its_truth(tmp_path: Path) -> None:
-    grid = made.views(3, 3, 64, 80)
-    truth = made.middle_disparity(64, 80)
-    old_hci(tmp_path / "lf.h5", grid[:, ::-1], (0.5 * 20 / (truth + 3)).astype(np.float32))
-    source = found(tmp_path, "hci-old")
-    assert orient(source, AUTO).by == "truth"
-    assert np.array_equal(canonical(source), grid)
-
-
-@pytest.mark.parametrize("focal", [0.0, 20.0])
-def test_text_export(tmp_path: Path, focal: float) -> None:
-    grid = made.views(3, 3, 64, 80)
-    truth = made.middle_disparity(64, 80)
-    made.write_grid(tmp_path / "lf", grid, "{r:02d}_{c:02d}.png")
+def text_export(folder: Path, focal: float) -> None:
+    made.write_grid(folder / "lf", SQUARE, "{r:02d}_{c:02d}.png")
     values = {"xRes": 80, "yRes": 64, "hRes": 3, "vRes": 3, "dH": 0.5, "shift": 3, "focalLength": focal}
-    (tmp_path / "attributes.dat").write_text("".join(f"{value:e} //{name}\n" for name, value in values.items()) + "junk\n")
-    (tmp_path / "depth.bin").write_bytes((truth if focal == 0 else 10 / (truth + 3)).astype("<f4").tobytes())
-    made.write(tmp_path / "mask.png", np.full((64, 80), 255, np.uint8))
-    source = found(tmp_path, "hci-text")
-    assert np.array_equal(canonical(source), grid)
-    assert np.allclose(source.truth[1, 1](), truth, atol=1e-4)
+    (folder / "attributes.dat").write_text("".join(f"{value:e} //{name}\n" for name, value in values.items()) + "junk\n")
+    (folder / "depth.bin").write_bytes((TRUTH if focal == 0 else 10 / (TRUTH + 3)).astype("<f4").tobytes())
+    made.write(folder / "mask.png", np.full((64, 80), 255, np.uint8))
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "out_{r:02d}_{c:02d}_{y:.6f}_{x:.6f}_.png",
-        "jpg_out_{r:02d}_{c:02d}_{y:.6f}_{x:.6f}.png",
-        "out_{r:02d}_{c:02d}_{y:.3f}_{x:.3f}_0.5_1.25_.png",
-    ],
-)
-def test_stanford_follows_coordinates_not_indices(tmp_path: Path, name: str) -> None:
-    for r in range(3):
-        for c in range(4):  # index rows run upwards, columns from right to left
-            made.write(tmp_path / name.format(r=r, c=c, y=-300 - 8.5 * r, x=1100.0 - 8.6 * c), GRID[2 - r, 3 - c])
-    source = found(tmp_path, "stanford")
-    assert np.array_equal(canonical(source), GRID)
+def numbered(grid: np.ndarray, order: str) -> Make:
+    rows, cols = grid.shape[:2]
+
+    def make(folder: Path) -> None:
+        for r, c in np.ndindex(rows, cols):
+            n = {"rows": r * cols + c, "cols": c * rows + r, "snake": r * cols + (cols - 1 - c if r % 2 else c)}[order]
+            made.write(folder / f"im_{n + 1:03d}.png", grid[r, c])
+
+    return make
 
 
-def test_stanford_with_rows_for_columns(tmp_path: Path) -> None:
-    for r in range(4):
-        for c in range(3):
-            made.write(tmp_path / f"out_{r:02d}_{c:02d}_{5.0 * c:.4f}_{5.0 * r:.4f}_.png", GRID[c, r])
-    assert np.array_equal(canonical(found(tmp_path, "stanford")), GRID)
+def picture(name: str, pixels: np.ndarray) -> Make:
+    return lambda folder: made.write(folder / name, pixels)
+
+
+STANFORD = "out_{r:02d}_{c:02d}_{y:.6f}_{x:.6f}"
+LINE, LARGE = made.views(1, 9, 96, 128), made.views(5, 7, 96, 128)
+DEPTH = (0.5 * 20 / (TRUTH + 3)).astype(np.float32)
+FORMS: dict[str, tuple[str, Make, np.ndarray]] = {  # layout, files, views in canonical order
+    **{f"hci, {rows}x{cols}": ("hci", named(made.views(rows, cols), "input_Cam{n:03d}.png"), made.views(rows, cols))
+       for rows, cols in ((1, 9), (3, 5), (4, 4), (9, 1))},
+    "hci, parameters": ("hci", named(GRID, "input_Cam{n:03d}.png", parameters_cfg=CFG.format(4, 3)), GRID),
+    "hci-old": ("hci-old", lambda f: old_hci(f / "lf.h5", SQUARE, DEPTH), SQUARE),
+    "hci-old, turned": ("hci-old", lambda f: old_hci(f / "lf.h5", SQUARE[:, ::-1], DEPTH), SQUARE),
+    "hci-text": ("hci-text", lambda f: text_export(f, 20.0), SQUARE),
+    "stanford": ("stanford", stanford(STANFORD + "_.png", lambda r, c: (2 - r, 3 - c), -8.5, -8.6, (3, 4)), GRID),
+    "stanford, copies": ("stanford", stanford("jpg_" + STANFORD + ".png", lambda r, c: (r, 3 - c), 8.5, -8.6, (3, 4)), GRID),
+    "stanford, more fields": (
+        "stanford", stanford(STANFORD + "_0.5_1.25_.png", lambda r, c: (2 - r, c), -8.5, 8.6, (3, 4)), GRID
+    ),
+    "stanford, rows for columns": ("stanford", stanford(STANFORD + "_.png", lambda r, c: (c, r), 5.0, 5.0, (4, 3)), GRID),
+    "quilt": ("quilt", picture("a_qs4x3a1.25.png", made.mosaic(QUILT[0].reshape(3, 4, *QUILT.shape[2:])[::-1])), QUILT),
+    "quilt without its name": ("mosaic", picture("a.png", made.mosaic(QUILT[0].reshape(3, 4, *QUILT.shape[2:])[::-1])), QUILT),
+    "quilt downwards": ("mosaic", picture("a.png", made.mosaic(QUILT[0].reshape(3, 4, *QUILT.shape[2:]))), QUILT),
+    "rows-cols": ("rows-cols", named(made.views(5, 5), "view_{r:02d}_{c:02d}.png"), made.views(5, 5)),
+    "rows-cols, every fourth": (
+        "rows-cols", lambda f: [made.write(f / f"v_{4 * r}_{4 * c}.png", GRID[r, c]) for r, c in np.ndindex(3, 4)], GRID
+    ),
+    **{f"numbered, {order}": ("numbered", numbered(LARGE, order), LARGE) for order in ("rows", "cols", "snake")},
+    "a line": ("numbered", numbered(LINE, "rows"), LINE),
+    "an upright line": ("numbered", numbered(made.views(9, 1, 96, 128), "rows"), made.views(9, 1, 96, 128)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_view_stands_where_it_belongs(tmp_path: Path, form: str) -> None:
+    layout, make, views = FORMS[form]
+    make(tmp_path)
+    assert np.array_equal(canonical(described(tmp_path, layout)), views)
+
+
+def test_every_layout_offers_the_protocol() -> None:
+    known = layouts.layouts()
+    assert all(name == layout.NAME and callable(layout.detect) and callable(layout.describe) for name, layout in known.items())
+    assert len(known) == 18
+
+
+def test_hci_with_geometry_and_truth_of_two_views(tmp_path: Path) -> None:
+    named(SQUARE, "input_Cam{n:03d}.png", parameters_cfg=CFG.format(3, 3))(tmp_path)
+    made.write_pfm(tmp_path / "gt_disp_lowres.pfm", TRUTH)
+    made.write_pfm(tmp_path / "gt_disp_lowres_Cam002.pfm", TRUTH + 1)
+    source = described(tmp_path, "hci")
+    assert (source.geometry.baseline_mm, source.geometry.focus_distance_mm) == (25, 4250)
+    assert source.geometry.focal_length_px == pytest.approx(80 * 100 / 35)
+    assert sorted(source.truth) == [(0, 2), (1, 1)]
+    assert np.array_equal(source.truth[1, 1](), TRUTH)
+
+
+@pytest.mark.parametrize("layout", ["hci", "hci-text", "stanford", "jpeg-pleno"])
+def test_views_that_are_missing_or_of_another_size_are_named(tmp_path: Path, layout: str) -> None:
+    name = {"hci": "input_Cam{n:03d}.png", "hci-text": "lf/{r:02d}_{c:02d}.png", "stanford": "out_{r:02d}_{c:02d}_{r}_{c}_.png",
+            "jpeg-pleno": "{r:03d}_{c:03d}.png"}[layout]  # fmt: skip
+    named(made.views(4, 4, 64, 80), name, parameters_cfg=CFG.format(4, 4), attributes_dat="1 //dH\n")(tmp_path)
+    gone, odd = (tmp_path / name.format(r=r, c=c, n=4 * r + c) for r, c in ((1, 2), (2, 1)))
+    gone.unlink()
+    made.write(odd, GRID[0, 0, :-2])
+    source = described(tmp_path, layout)
+    assert (source.rows, source.cols, source.missing) == (4, 4, {(1, 2), (2, 1)})
+    assert "2 of 4x4 views missing, made from others: row 1 column 2, row 2 column 1" in source.notes
+    assert any(f"{odd.name} (80x62 px)" in note for note in source.notes)
+
+
+def test_truth_of_the_first_hci_data_set(tmp_path: Path) -> None:
+    for focal in (0.0, 20.0):
+        text_export(tmp_path / str(focal), focal)
+        assert np.allclose(described(tmp_path / str(focal), "hci-text").truth[1, 1](), TRUTH, atol=1e-4)
+    for grid, by in ((SQUARE, "layout"), (SQUARE[:, ::-1], "truth")):
+        old_hci(tmp_path / f"{by}.h5", grid, DEPTH)
+        source = described(tmp_path / f"{by}.h5", "hci-old")
+        assert np.allclose(source.truth[1, 1](), TRUTH, atol=1e-4) and orient(source, AUTO).by in (by, "truth")
 
 
 def test_jpeg_pleno_10_bit_dark_sides_and_missing_corners(tmp_path: Path) -> None:
@@ -143,72 +170,82 @@ def test_jpeg_pleno_10_bit_dark_sides_and_missing_corners(tmp_path: Path) -> Non
     whole = np.zeros((7, 7, 48, 64, 3), np.uint16)
     whole[1:6, 1:6] = inner
     whole[1, 1] = 3
-    for r in range(7):
-        for c in range(7):
-            if (r, c) not in ((0, 0), (0, 6), (5, 5)):
-                made.write_ppm(tmp_path / f"{r:03d}_{c:03d}.ppm", whole[r, c], 1023)
-    source = found(tmp_path, "jpeg-pleno")
-    assert (source.rows, source.cols, source.bit_depth) == (5, 5, 10)
-    assert source.missing == {(0, 0), (4, 4)}
+    for r, c in np.ndindex(7, 7):
+        if (r, c) not in ((0, 0), (0, 1), (1, 0), (0, 6), (5, 5)):
+            made.write_ppm(tmp_path / f"{r:03d}_{c:03d}.ppm", whole[r, c], 1023)
+    source = described(tmp_path, "jpeg-pleno")
+    assert (source.rows, source.cols, source.bit_depth, source.missing) == (5, 5, 10, {(0, 0), (4, 4)})
     assert np.array_equal(source.read(0, 2, 3), inner[2, 3])
-    assert len(source.notes) == 2
+
+
+def write_mat(path: Path, grid: np.ndarray, modern: bool, **more: object) -> None:
+    if not modern:
+        scipy.io.savemat(path, {"LF": grid})
+        return
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file.create_dataset("LF", data=grid.transpose(), **more)
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("modern", [True, False])
 def test_mat_both_versions_and_types(tmp_path: Path, modern: bool, dtype: type) -> None:
-    grid = GRID.astype(dtype) if dtype != np.uint16 else GRID.astype(np.uint16) * 257
-    if dtype == np.float32:
-        grid = (GRID / 255).astype(np.float32)
-    path = tmp_path / "scene.mat"
-    if modern:
-        with h5py.File(path, "w", userblock_size=512) as file:
-            file["LF"] = grid.transpose(4, 3, 2, 1, 0)
-        with path.open("r+b") as stream:
-            stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
-    else:
-        scipy.io.savemat(path, {"LF": grid})
-    source = found(path, "mat")
+    scale = {np.uint8: 1, np.uint16: 257, np.float32: 1 / 255}[dtype]
+    write_mat(tmp_path / "scene.mat", (GRID * np.float64(scale)).astype(dtype), modern)
+    source = described(tmp_path, "mat")
     assert source.max_value == (255 if dtype == np.uint8 else 65535)
-    got = canonical(source, config.Scene(flip="none", transpose="no")).astype(np.float64) / source.max_value
-    assert np.abs(got - GRID / 255).max() < 1e-4
+    views = canonical(source, config.Scene(flip="none", transpose="no")).astype(np.float64) / source.max_value
+    assert np.abs(views - GRID / 255).max() < 1e-4
 
 
 def test_mat_of_lftoolbox_is_linear_light_with_weights_and_dark_sides(tmp_path: Path) -> None:
     inner = made.views(5, 5, 48, 64)
     whole = np.zeros((7, 7, 48, 64, 4), np.uint16)
     whole[1:6, 1:6, ..., :3] = inner.astype(np.uint16) * 257
-    with h5py.File(tmp_path / "IMG__Decoded.mat", "w", userblock_size=512) as file:
-        file.create_dataset("LF", data=whole.transpose(4, 3, 2, 1, 0), chunks=True, compression="gzip")
+    write_mat(tmp_path / "IMG__Decoded.mat", whole, True, chunks=True, compression="gzip")
+    with h5py.File(tmp_path / "IMG__Decoded.mat", "a") as file:
         file["LFMetadata"] = np.zeros(1)
-    source = found(tmp_path, "mat")
-    assert source.linear
-    assert (source.rows, source.cols) == (5, 5)
+    source = described(tmp_path, "mat")
+    assert (source.linear, source.rows, source.cols) == (True, 5, 5)
     assert np.array_equal(source.read(0, 1, 4), inner[1, 4].astype(np.uint16) * 257)
+
+
+@pytest.mark.parametrize("layout", ["hci-old", "mat"])
+def test_hdf5_of_one_plane(tmp_path: Path, layout: str) -> None:
+    for name, grid in (("grey", GRID[..., :1]), ("no axis", GRID[..., 0])):
+        (tmp_path / name).mkdir()
+        with h5py.File(tmp_path / name / ("lf.h5" if layout == "hci-old" else "a.mat"), "w") as file:
+            file["LF"] = grid if layout == "hci-old" else grid.transpose()
+        source = described(tmp_path / name, layout)
+        assert np.array_equal([[source.read(0, r, c) for c in range(4)] for r in range(3)], GRID[..., 0])
+
+
+OPTIONS = [{"compression": "gzip", "fletcher32": True, "shuffle": True}, {"compression": "lzf"}, {"fletcher32": True}]
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_ways_to_pack_hdf5(tmp_path: Path, options: dict[str, object]) -> None:
+    for n, grid in enumerate((GRID, np.random.default_rng(1).integers(0, 255, GRID.shape, np.uint8))):
+        with h5py.File(tmp_path / f"{n}.h5", "w") as file:
+            file.create_dataset("LF", data=grid, **options)
+        source = described(tmp_path / f"{n}.h5", "hci-old")
+        assert np.array_equal([[source.read(0, r, c) for c in range(4)] for r in range(3)], grid)
 
 
 def test_eslf_lenslets_with_dark_outer_views(tmp_path: Path) -> None:
     inner = made.views(10, 10, 60, 72, 0.4, -0.2)
     whole = np.zeros((14, 14, 60, 72, 3), np.uint8)
     whole[2:12, 2:12] = inner
-    picture = whole.transpose(2, 0, 3, 1, 4).reshape(60 * 14, 72 * 14, 3)
-    made.write(tmp_path / "IMG_0001.png", picture[:-3])  # not a multiple of 14: filled up at the end
-    source = found(tmp_path, "eslf")
+    lenslets = whole.transpose(2, 0, 3, 1, 4).reshape(60 * 14, 72 * 14, 3)
+    made.write(tmp_path / "IMG_0001.png", lenslets[:-3])  # not a multiple of 14: filled up at the end
+    source = described(tmp_path, "eslf")
     assert (source.rows, source.cols, source.height_px, source.width_px) == (10, 10, 60, 72)
     assert np.array_equal(source.read(0, 3, 7), inner[3, 7])
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg"])
-def test_mosaic_is_found_by_its_period(tmp_path: Path, suffix: str) -> None:
-    grid = made.views(4, 5, 96, 128)
-    made.write(tmp_path / f"toys{suffix}", made.mosaic(grid))
-    source = found(tmp_path / f"toys{suffix}", "mosaic")
-    assert (source.rows, source.cols) == (4, 5)
-    assert np.abs(source.read(0, 1, 3).astype(int) - grid[1, 3]).mean() < (0.01 if suffix == ".png" else 6)
-
-
 @pytest.mark.parametrize("suffix", ["png", "jpg"])
-@pytest.mark.parametrize(("line_px", "edge_px"), [(1, 0), (2, 2), (7, 7), (3, 40)])
+@pytest.mark.parametrize(("line_px", "edge_px"), [(0, 0), (1, 0), (2, 2), (7, 7), (3, 40)])
 @pytest.mark.parametrize(("rows", "cols", "level"), [(3, 4, 255), (5, 2, 0), (1, 5, 128)])
 def test_lines_between_tiles_are_cut_away(
     rows: int, cols: int, level: int, line_px: int, edge_px: int, suffix: str, tmp_path: Path
@@ -220,7 +257,7 @@ def test_lines_between_tiles_are_cut_away(
         top, left = edge_px + r * (90 + line_px), edge_px + c * (131 + line_px)
         sheet[top : top + 90, left : left + 131] = grid[r, c]
     made.write(tmp_path / f"sheet.{suffix}", sheet)
-    source = found(tmp_path / f"sheet.{suffix}", "mosaic")
+    source = described(tmp_path / f"sheet.{suffix}", "mosaic")
     assert (source.rows, source.cols) == (rows, cols)
     assert abs(source.height_px - 90) + abs(source.width_px - 131) <= (0 if suffix == "png" else 8)
     if suffix == "png":
@@ -231,76 +268,39 @@ def test_tiles_with_a_plain_background_are_not_cropped(tmp_path: Path) -> None:
     grid = made.views(4, 6, 90, 120).copy()
     grid[:, :, :12], grid[:, :, -9:], grid[:, :, :, :15], grid[:, :, :, -15:] = 0, 0, 0, 0
     made.write(tmp_path / "sheet.png", made.mosaic(grid))
-    source = found(tmp_path / "sheet.png", "mosaic")
+    source = described(tmp_path / "sheet.png", "mosaic")
     assert (source.rows, source.cols, source.height_px, source.width_px) == (4, 6, 90, 120)
 
 
-def test_an_ordinary_picture_is_no_mosaic(tmp_path: Path) -> None:
-    made.write(tmp_path / "photo.png", made.texture(360, 480, 5))
-    source = found(tmp_path, "picture")
-    assert (source.rows, source.cols) == (1, 1)
+@pytest.mark.parametrize("counts", [(2, 9), (9, 2), (8, 8), (17, 1)])
+@pytest.mark.parametrize("quilt", [False, True])
+def test_tiling_covers_every_tile_once(counts: tuple[int, int], quilt: bool) -> None:
+    rows, cols = counts
+    pixels = np.arange(rows * 4 * cols * 5).reshape(rows * 4, cols * 5)
+    even = Tiling.even(pixels, rows, cols)
+    cut = Tiling(even.tops, even.lefts, even.height_px, even.width_px, quilt)
+    tiles = [cut.cut(pixels, r, c) for r in range(cut.grid[0]) for c in range(cut.grid[1])]
+    assert np.array_equal(np.sort(np.concatenate([t.ravel() for t in tiles])), pixels.ravel())
 
 
-QUILT = made.views(1, 12, 64, 80)
+def test_a_quilt_whose_tiles_do_not_divide_it(tmp_path: Path) -> None:
+    line = made.views(1, 45, 91, 102, 0.5, -0.3)[0]
+    tiles = np.array([[cv2.resize(line[9 * 5 - 5 * (r + 1) + c], (819, 455)) for c in range(5)] for r in range(9)])
+    pixels = np.zeros((4096, 4096, 3), np.uint8)
+    pixels[:4095, :4095] = made.mosaic(tiles)
+    made.write(tmp_path / "45_01.jpg", pixels)
+    source = described(tmp_path / "45_01.jpg", "mosaic")
+    assert (source.rows, source.cols, source.height_px, source.width_px) == (1, 45, 455, 819)
 
 
-def test_quilt_by_name_starts_at_the_bottom_left(tmp_path: Path) -> None:
-    tiles = QUILT[0].reshape(3, 4, *QUILT.shape[2:])[::-1]
-    made.write(tmp_path / "shop_qs4x3a1.25.png", made.mosaic(tiles))
-    assert np.array_equal(canonical(found(tmp_path, "quilt")), QUILT)
-
-
-@pytest.mark.parametrize("bottom_first", [True, False])
-def test_quilt_without_its_name_is_told_from_a_grid(tmp_path: Path, bottom_first: bool) -> None:
-    tiles = QUILT[0].reshape(3, 4, *QUILT.shape[2:])
-    made.write(tmp_path / "example.png", made.mosaic(tiles[::-1] if bottom_first else tiles))
-    assert np.array_equal(canonical(found(tmp_path, "mosaic")), QUILT)
-
-
-@pytest.mark.parametrize(
-    ("name", "first"), [("view_{r:02d}_{c:02d}.png", 0), ("scene-r{r:d}_c{c:d}.jpg", 1), ("2067_{r:02d}_{c:02d}.png", 1)]
-)
-def test_rows_and_columns_in_the_names(tmp_path: Path, name: str, first: int) -> None:
-    grid = made.views(5, 5)
-    for r in range(5):
-        for c in range(5):
-            made.write(tmp_path / name.format(r=r + first, c=c + first), grid[r, c])
-    source = found(tmp_path, "rows-cols")
-    assert np.abs(canonical(source).astype(int) - grid).mean() < 3
-    assert orient(source, AUTO).by == "flow"
-
-
-def test_every_fourth_row_is_a_grid_of_its_own(tmp_path: Path) -> None:
-    for r in range(3):
-        for c in range(4):
-            made.write(tmp_path / f"v_{4 * r}_{4 * c}.png", GRID[r, c])
-    source = found(tmp_path, "rows-cols")
-    assert (source.rows, source.cols) == (3, 4)
-
-
-def numbered_files(folder: Path, grid: np.ndarray, order: str) -> None:
-    rows, cols = grid.shape[:2]
-    for r in range(rows):
-        for c in range(cols):
-            n = {"rows": r * cols + c, "cols": c * rows + r, "snake": r * cols + (cols - 1 - c if r % 2 else c)}[order]
-            made.write(folder / f"im_{n + 1:03d}.png", grid[r, c])
-
-
-@pytest.mark.parametrize("order", ["rows", "cols", "snake"])
-def test_numbered_views_in_any_order(tmp_path: Path, order: str) -> None:
-    grid = made.views(5, 7, 96, 128)
-    numbered_files(tmp_path, grid, order)
-    source = found(tmp_path, "numbered")
-    assert np.array_equal(canonical(source), grid), orient(source, AUTO)
-
-
-@pytest.mark.parametrize("upright", [False, True])
-def test_a_numbered_line_of_cameras(tmp_path: Path, upright: bool) -> None:
-    line = made.views(9, 1, 96, 128) if upright else made.views(1, 9, 96, 128)
-    for n, view in enumerate(line.reshape(9, *line.shape[2:])):
-        made.write(tmp_path / f"{n}.png", view)
-    source = found(tmp_path, "numbered")
-    assert np.array_equal(canonical(source), line), orient(source, AUTO)
+def test_what_the_doubt_about_a_quilt_offers(tmp_path: Path) -> None:
+    line = made.views(1, 45, 150, 200, 0.5, -0.3)
+    made.write(tmp_path / "45_01.png", made.mosaic(line[0].reshape(9, 5, 150, 200, 3)[::-1]))
+    for layout, grid in (("quilt", (1, 45)), ("mosaic", (9, 5))):
+        for text in ("", "9x5"):
+            source = described(tmp_path, layout, config.Scene(layout=layout, grid=text))
+            assert (source.rows, source.cols) == grid
+    assert np.array_equal(described(tmp_path, "mosaic").read(0, 0, 5), line[0, 5])
 
 
 def test_numbers_of_a_snake_by_hand() -> None:
@@ -309,77 +309,25 @@ def test_numbers_of_a_snake_by_hand() -> None:
 
 
 def test_light_field_video_from_pictures_and_from_a_file(tmp_path: Path) -> None:
-    grids = [made.views(3, 4, 64, 80), made.views(3, 4, 64, 80, 1.8)]
+    grids = [GRID, made.views(3, 4, 64, 80, 1.8)]
     for n, grid in enumerate(grids):
         made.write(tmp_path / "frames" / f"frame_{n + 1:04d}.png", made.mosaic(grid))
-    source = found(tmp_path / "frames", "mosaic-video")
-    assert (source.frames, source.rows, source.cols, source.frame_rate_hz) == (2, 3, 4, 25.0)
-    assert np.array_equal(source.read(1, 2, 1), grids[1][2, 1])
-    video = tmp_path / "lf.mkv"
-    picture = made.mosaic(grids[0])
-    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"FFV1"), 12.0, picture.shape[1::-1])
-    for grid in grids:
-        writer.write(cv2.cvtColor(made.mosaic(grid), cv2.COLOR_RGB2BGR))
-    writer.release()
-    source = found(video, "mosaic-video")
-    assert (source.frames, source.rows, source.cols, source.frame_rate_hz) == (2, 3, 4, 12.0)
-    for frame in (1, 0, 1):  # backwards too
-        assert np.abs(source.read(frame, 0, 3).astype(int) - grids[frame][0, 3]).mean() < 2
+    made.write_film(tmp_path / "lf.mkv", [made.mosaic(grid) for grid in grids], "FFV1")
+    for path, rate_hz in ((tmp_path / "frames", 25.0), (tmp_path / "lf.mkv", 12.0)):
+        source = described(path, "mosaic-video")
+        assert (source.frames, source.rows, source.cols, source.frame_rate_hz) == (2, 3, 4, rate_hz)
+        for frame in (1, 0, 1):  # backwards too
+            assert np.abs(source.read(frame, 0, 3).astype(int) - grids[frame][0, 3]).mean() < 2
 
 
 def test_pictures_that_are_no_video_are_told_apart(tmp_path: Path) -> None:
-    made.write(tmp_path / "example01.png", made.mosaic(made.views(3, 4, 64, 80)))
-    made.write(tmp_path / "example02.png", made.mosaic(made.views(3, 4, 64, 80)[:, :, ::-1, ::-1]))
-    source = found(tmp_path, "mosaic-video")
-    assert source.frames == 1
-    assert "example01.png" in source.notes[0]
+    made.write(tmp_path / "example01.png", made.mosaic(GRID))
+    made.write(tmp_path / "example02.png", made.mosaic(GRID[:, :, ::-1, ::-1]))
+    source = described(tmp_path, "mosaic-video")
+    assert source.frames == 1 and "example01.png" in source.notes[0]
 
 
 def test_named_layout_and_grid_override(tmp_path: Path) -> None:
     made.write(tmp_path / "view_0_0.png", made.mosaic(GRID))
-    source = found(tmp_path, "mosaic", config.Scene(layout="mosaic", grid="6x2"))
+    source = described(tmp_path, "mosaic", config.Scene(layout="mosaic", grid="6x2"))
     assert (source.rows, source.cols) == (6, 2)
-    with pytest.raises(UserError, match="did you mean 'quilt'"):
-        layouts.describe(tmp_path, config.Scene(layout="qilt"))
-
-
-def test_every_layout_offers_the_protocol() -> None:
-    for name, layout in layouts.layouts().items():
-        assert name == layout.NAME
-        assert callable(layout.detect)
-        assert callable(layout.describe)
-    assert len(layouts.layouts()) == 18
-
-
-@pytest.mark.parametrize("counts", [(2, 9), (9, 2), (8, 8), (17, 1)])
-def test_tiling_covers_every_tile_once(counts: tuple[int, int]) -> None:
-    rows, cols = counts
-    picture = np.arange(rows * 4 * cols * 5).reshape(rows * 4, cols * 5)
-    for quilt in (False, True):
-        cut = Tiling.even(picture, rows, cols, quilt)
-        tiles = [cut.cut(picture, r, c) for r in range(cut.grid[0]) for c in range(cut.grid[1])]
-        assert np.array_equal(np.sort(np.concatenate([t.ravel() for t in tiles])), picture.ravel())
-        assert json.dumps(attrs.asdict(cut))
-
-
-def test_a_quilt_whose_tiles_do_not_divide_it(tmp_path: Path) -> None:
-    line = made.views(1, 45, 91, 102, 0.5, -0.3)[0]
-    tiles = np.array([[cv2.resize(line[9 * 5 - 5 * (r + 1) + c], (819, 455)) for c in range(5)] for r in range(9)])
-    picture = np.zeros((4096, 4096, 3), np.uint8)
-    picture[:4095, :4095] = made.mosaic(tiles)
-    made.write(tmp_path / "45_01.jpg", picture)
-    source = found(tmp_path / "45_01.jpg", "mosaic")
-    assert (source.rows, source.cols, source.height_px, source.width_px) == (1, 45, 455, 819)
-
-
-@pytest.mark.parametrize(("cols", "rows"), [(5, 9), (4, 8), (6, 10), (8, 6)])
-def test_a_quilt_without_its_name_is_a_line(tmp_path: Path, cols: int, rows: int) -> None:
-    line = made.views(1, cols * rows, 150, 200, 0.5, -0.3)
-    made.write(tmp_path / "45_01.png", made.mosaic(line[0].reshape(rows, cols, 150, 200, 3)[::-1]))
-    source = layouts.describe(tmp_path, config.Scene())
-    assert (source.layout, source.rows, source.cols) == ("mosaic", 1, cols * rows)
-    assert np.array_equal(source.read(0, 0, 1), line[0, 1]) and np.array_equal(source.read(0, 0, cols), line[0, cols])
-    for layout, grid in (("quilt", (1, cols * rows)), ("mosaic", (rows, cols))):  # what the doubt offers
-        for text in ("", f"{rows}x{cols}"):
-            source = layouts.describe(tmp_path, config.Scene(layout=layout, grid=text))
-            assert (source.rows, source.cols) == grid

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from lfpipe import config
 from lfpipe.scene import layouts
 from lfpipe.scene.grid_geometry import grid_offsets, nearest_present, truth_sign
-from lfpipe.scene.layouts.stanford import coordinate_turn
+from lfpipe.scene.layouts.named import coordinate_turn
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import SceneSource, Turn
 from tests.scene import made
@@ -108,9 +108,7 @@ def test_coordinates_give_the_turn_and_the_jitter(
     jitter = rng.uniform(-0.1, 0.1, (rows, cols, 2))
     canonical = (np.stack(np.meshgrid(np.arange(rows), np.arange(cols), indexing="ij"), axis=2) + jitter) * 8.6 + 1000
     stood = turned(canonical, turn)
-    found, sure = coordinate_turn(stood)
-    assert sure
-    assert found == turn
+    assert coordinate_turn(stood) == turn
     offsets = grid_offsets(stood, turn, rows, cols)
     assert np.abs(offsets).max() < 0.3
     # The regular grid is a fit, so what is left has no mean.

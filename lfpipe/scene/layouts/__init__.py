@@ -1,4 +1,5 @@
-"""The layouts light fields come in, one module each. A new one is one file here with NAME, `detect` and `describe`."""
+"""The layouts light fields come in, by module. A new one is one file here with NAME, `detect` and `describe`, or with
+several of them as LAYOUTS."""
 
 import difflib
 import importlib
@@ -6,7 +7,7 @@ import os
 import pkgutil
 from collections import Counter
 from pathlib import Path
-from typing import Protocol, cast
+from typing import cast
 
 import attrs
 
@@ -16,34 +17,21 @@ from lfpipe.files.pictures import read_picture
 from lfpipe.plugins import LAYOUTS, loaded
 from lfpipe.scene.files import PICTURES, Listing, library_errors, list_scene
 from lfpipe.scene.layouts._folders import inner_listing, note_of
-from lfpipe.scene.layouts._plenoptic import is_honeycomb
 from lfpipe.scene.layouts._tiles import single_picture
-from lfpipe.scene.source import SceneSource
+from lfpipe.scene.layouts.plenoptic import is_honeycomb
+from lfpipe.scene.source import Layout, SceneSource
 
 _LAST_RESORT = 10  # a mark that pictures below the folder outweigh
 
 
-class Layout(Protocol):
-    """What a module of this package offers."""
-
-    NAME: str  # as `--layout` takes it
-
-    def detect(self, listing: Listing) -> int | None:
-        """How specific the match is, by names (and a glance at one picture) alone: 90 for a format that says what it is,
-        50 for a pattern of names, 10 for a last resort; None where it is not this layout."""
-
-    def describe(self, listing: Listing, scene: config.Scene) -> SceneSource:
-        """The scene at that path. scene: the user's own word on grid and so on. Raises UserError."""
-
-
 def layouts() -> dict[str, Layout]:
-    """Every layout by name, in alphabetical order of the modules, after those of other packages."""
-    found: dict[str, Layout] = {}
-    for module in sorted(pkgutil.iter_modules(__path__), key=lambda m: m.name):
+    """Every layout by name, in alphabetical order, after those of other packages."""
+    own: dict[str, Layout] = {}
+    for module in pkgutil.iter_modules(__path__):
         if not module.name.startswith("_"):
-            layout = cast(Layout, importlib.import_module(f"{__name__}.{module.name}"))
-            found[layout.NAME] = layout
-    return {**{name: cast(Layout, layout) for name, layout in loaded(LAYOUTS).items()}, **found}
+            content = importlib.import_module(f"{__name__}.{module.name}")
+            own |= {layout.NAME: layout for layout in getattr(content, "LAYOUTS", [content])}
+    return {**{name: cast(Layout, layout) for name, layout in loaded(LAYOUTS).items()}, **dict(sorted(own.items()))}
 
 
 def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
@@ -67,27 +55,16 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
 
 
 _CONVERTED = {  # what other programs turn into pictures, by the ends of names
-    (".lfp", ".lfr", ".lfx"): (
-        "a raw picture of a Lytro camera",
-        "decode it with PlenoptiCam or LFToolbox and give the folder of its views",
-    ),
-    (".heic", ".heif"): (
-        "a HEIC picture, which is not decoded here",
+    (".lfp", ".lfr", ".lfx"): ("a raw picture of a Lytro camera",
+        "decode it with PlenoptiCam or LFToolbox and give the folder of its views"),
+    (".heic", ".heif"): ("a HEIC picture, which is not decoded here",
         "`heif-convert FILE.heic FILE.jpg`, or export it as JPEG; with its depth: `heif-convert --with-aux`, then the two as "
-        "x.jpg and x_depth.jpg in a folder",
-    ),
-    (".jxl", ".psd", ".exr"): (
-        "a picture of a kind that is not decoded here",
-        "export it as PNG or JPEG, and give that",
-    ),
-    (".cr2", ".cr3", ".nef", ".arw", ".dng", ".raf", ".orf", ".rw2"): (
-        "a camera's raw picture",
-        "develop it with the camera's program, darktable or RawTherapee, and give the folder of JPEGs or TIFFs",
-    ),
+        "x.jpg and x_depth.jpg in a folder"),
+    (".jxl", ".psd", ".exr"): ("a picture of a kind that is not decoded here", "export it as PNG or JPEG, and give that"),
+    (".cr2", ".cr3", ".nef", ".arw", ".dng", ".raf", ".orf", ".rw2"): ("a camera's raw picture",
+        "develop it with the camera's program, darktable or RawTherapee, and give the folder of JPEGs or TIFFs"),
     (".zip", ".tar", ".gz", ".rar", ".7z"): ("an archive", "unpack it and give the folder"),
-}
-
-
+}  # fmt: skip
 _BESIDE = (  # what lies beside views and says nothing of them
     ".txt", ".md", ".cfg", ".ini", ".json", ".xml", ".xmp", ".csv", ".dat", ".yaml", ".yml", ".toml", ".log", ".db", ".html",
     ".pdf", ".py", ".pfm", ".bin", ".npy", ".exif", ".aae", ".bak", *(end for ends in _CONVERTED for end in ends),
@@ -117,15 +94,16 @@ def _require_pictures(listing: Listing) -> None:
         )
 
 
-def _described(known: dict[str, Layout], listing: Listing, scene: config.Scene) -> SceneSource:
-    given, tries = listing, list(known.values()) if scene.layout == "auto" else [known[scene.layout]]
-    marks = _marks(tries, listing)
-    found = max((mark for mark, _ in marks), default=0)
-    inner = inner_listing(listing) if found <= _LAST_RESORT else None
+def _described(known: dict[str, Layout], given: Listing, scene: config.Scene) -> SceneSource:
+    """The scene by the most specific layout that matches, else of the pictures below the folder. Raises UserError."""
+    tries = list(known.values()) if scene.layout == "auto" else [known[scene.layout]]
+    listing, marks = given, _marks(tries, given)
+    inner = inner_listing(given) if max((mark for mark, _ in marks), default=0) <= _LAST_RESORT else None
     if inner is not None:
         listing, marks = inner, _marks(tries, inner)
     _require_readable(listing)
-    source = known[scene.layout].describe(listing, scene) if scene.layout != "auto" else _chosen(known, marks, listing, scene)
+    layout = known[scene.layout] if scene.layout != "auto" else _chosen(known, marks, listing, scene)
+    source = layout.describe(listing, scene)
     if inner is not None:
         source = attrs.evolve(source, path=given.path, notes=(*source.notes, *filter(None, [note_of(given, inner)])))
     return source
@@ -135,8 +113,7 @@ def _marks(tries: list[Layout], listing: Listing) -> list[tuple[int, Layout]]:
     return [(mark, layout) for layout in tries if (mark := layout.detect(listing)) is not None]
 
 
-def _chosen(known: dict[str, Layout], marks: list[tuple[int, Layout]], listing: Listing, scene: config.Scene) -> SceneSource:
-    """The scene by the most specific layout that matches. Raises UserError."""
+def _chosen(known: dict[str, Layout], marks: list[tuple[int, Layout]], listing: Listing, scene: config.Scene) -> Layout:
     if not marks:
         some = ", ".join(listing.names[:3] or listing.folders[:3])
         remedy = "give the folder of the views, or one file that holds them all by its own path"
@@ -147,11 +124,11 @@ def _chosen(known: dict[str, Layout], marks: list[tuple[int, Layout]], listing: 
     if mark < 80 and not listing.is_file and not scene.force:
         _require_pictures(listing)
     path = single_picture(listing) if mark < 90 else None  # others say what they are
-    if path is not None and is_honeycomb(read_picture(path)[0]):
-        if not scene.force:
-            raise UserError(
-                f"{path}: a raw picture of a plenoptic camera, a honeycomb of lenslets",
-                "decode it with PlenoptiCam or LFToolbox and give the folder of its views; --set scene.force=true shows it flat",
-            )
-        layout = known["picture"]
-    return layout.describe(listing, scene)
+    if path is None or not is_honeycomb(read_picture(path)[0]):
+        return layout
+    if not scene.force:
+        raise UserError(
+            f"{path}: a raw picture of a plenoptic camera, a honeycomb of lenslets",
+            "decode it with PlenoptiCam or LFToolbox and give the folder of its views; --set scene.force=true shows it flat",
+        )
+    return known["picture"]

@@ -5,7 +5,7 @@ picture; XMP Part 3 (Adobe) for its parts in a JPEG. In both, larger values are 
 """
 
 import base64
-import binascii
+import contextlib
 import io
 import re
 from pathlib import Path
@@ -18,6 +18,7 @@ from PIL import Image
 
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import header_of
+from lfpipe.files.untrusted import finite
 from lfpipe.scene.files import read_bytes
 
 MAX_BYTES = 60_000_000  # of a photograph with its embedded items
@@ -28,9 +29,9 @@ _REMEDY = "export the picture and its depth as x.png and x_depth.png, and give t
 
 
 def _packets(data: bytes) -> tuple[bytes, bytes]:
-    """The XMP of a JPEG and the extended XMP, its parts in order. Raises OSError."""
+    """The XMP of a JPEG and the extended XMP, its parts in order; of a damaged one, what can be read."""
     packet, parts = b"", dict[int, bytes]()
-    with Image.open(io.BytesIO(data), formats=["JPEG"]) as image:
+    with contextlib.suppress(OSError, SyntaxError, ValueError), Image.open(io.BytesIO(data), formats=["JPEG"]) as image:
         for name, body in getattr(image, "applist", ()):
             if name == "APP1" and body.startswith(_XMP):
                 packet = body[len(_XMP) :]
@@ -45,18 +46,16 @@ def _value(xmp: bytes, name: bytes) -> bytes | None:
     return found[1] if found else None
 
 
-def _appended(data: bytes, xmp: bytes) -> bytes | None:
-    """The depth item of a directory: items follow the picture, in order, to the end of the file."""
-    end, depth = len(data), None
-    for item in reversed(_ITEM.findall(xmp)):
-        length = int(_value(item, rb"\w*Item:Length") or 0)
-        start = end - length
-        if start <= 0 or not length:
-            break
+def _depth_item(packet: bytes, data: bytes) -> bytes | None:
+    """The depth item of the directory in a picture's XMP, None without one: items follow the picture to the end of the file."""
+    end = len(data)
+    for item in reversed(_ITEM.findall(packet)):
+        length = re.search(rb"Item:Length\s*=\s*[\"'](\d{1,12})", item)
+        start = end - int(length[1] if length else 0)
         if (_value(item, rb"\w*Item:Semantic") or b"").lower() == b"depth":
-            depth = data[start:end]
+            return data[start:end] if start > 0 else b""
         end = start
-    return depth
+    return None
 
 
 def has_depth(path: Path) -> bool:
@@ -65,44 +64,29 @@ def has_depth(path: Path) -> bool:
         return False
     try:
         packet, _ = _packets(read_bytes(path, MAX_BYTES))
-    except (UserError, OSError, SyntaxError, ValueError):  # the last two: Pillow, of damage
+    except UserError:
         return False
-    items = _ITEM.findall(packet)
-    listed = any((_value(item, rb"\w*Item:Semantic") or b"").lower() == b"depth" for item in items)
-    return listed or b"GDepth:Format" in packet or b"GDepth:Mime" in packet
+    return _depth_item(packet, b"") is not None or b"GDepth:Format" in packet or b"GDepth:Mime" in packet
 
 
 def embedded_depth(path: Path) -> NDArray[Any]:
     """The depth map of a photograph, (h, w) float32, larger is nearer. Raises UserError."""
     data = read_bytes(path, MAX_BYTES)
-    try:
-        packet, more = _packets(data)
-    except (OSError, SyntaxError, ValueError):
-        packet = more = b""
+    packet, more = _packets(data)
     whole = packet + more
-    stored = _value(whole, b"GDepth:Data")
     try:
-        coded = base64.b64decode(stored, validate=True) if stored else _appended(data, packet)
-    except (binascii.Error, ValueError):
+        stored = _value(whole, b"GDepth:Data")
+        coded = base64.b64decode(stored, validate=True) if stored else _depth_item(packet, data)
+    except ValueError:
         coded = None
     header = header_of(coded) if coded else None
-    if header is None or coded is None or header.decoded_bytes > _MAX_DEPTH_BYTES:
+    small = header is not None and header.decoded_bytes <= _MAX_DEPTH_BYTES
+    pixels = cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH) if coded and small else None
+    if pixels is None:
         raise UserError(f"{path}: claims to contain a depth map, but has no readable one", _REMEDY)
-    found = cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
-    if found is None:
-        raise UserError(f"{path}: its depth map is damaged", _REMEDY)
-    share = found.astype(np.float32) / np.float32(65535 if found.dtype == np.uint16 else 255)
-    if (_value(whole, rb"\w*Depth:Format") or b"RangeInverse").lower() != b"rangelinear":
-        return np.asarray(1 - share, np.float32)
-    near, far = (_number(_value(whole, rb"\w*Depth:" + name)) for name in (b"Near", b"Far"))
-    if near is None or far is None or not 0 < near < far:
+    share = pixels.astype(np.float32) / np.float32(65535 if pixels.dtype == np.uint16 else 255)
+    near, far = (finite((_value(whole, rb"\w*Depth:" + name) or b"").decode("latin-1"), 0) for name in (b"Near", b"Far"))
+    linear = (_value(whole, rb"\w*Depth:Format") or b"").lower() == b"rangelinear"
+    if not linear or near is None or far is None or not 0 < near < far:
         return np.asarray(1 - share, np.float32)
     return np.asarray(near / (near + share * np.float32(far - near)), np.float32)
-
-
-def _number(text: bytes | None) -> float | None:
-    try:
-        value = float(text or b"")
-    except ValueError:
-        return None
-    return value if np.isfinite(value) else None

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import Header, open_header, small_grey
 from lfpipe.scene.files import Listing, list_scene
+from lfpipe.scene.layouts._grid import some
 from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
-from lfpipe.scene.layouts._views import some
 
 _DEEPEST = 8
 _LOOK_PX, _COPY = 32, 0.9  # side of a reduced picture, and correlation of two of one picture

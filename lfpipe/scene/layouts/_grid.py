@@ -1,39 +1,47 @@
-"""A grid of picture files, one per view: what several layouts share."""
+"""One picture file per view: from the numbers in the names to a grid of views, with a word on every file that is not used."""
 
-import math
 import re
-from collections.abc import Mapping
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.pictures import MAX_DECODING_BYTES, open_header, read_picture, small_grey
+from lfpipe.files.pictures import MAX_DECODING_BYTES, Header, open_header, read_picture, small_grey
 from lfpipe.scene.files import MAX_FILES, Listing
+from lfpipe.scene.layouts._names import MAX_SIDE, Lattice, NumberedNames, read_names
+from lfpipe.scene.layouts._running import find_columns
 from lfpipe.scene.source import SceneSource, ViewIndex
 
 LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
-MAX_SIDE = 10_000  # views along one side of a grid
-MAX_VIEWS = MAX_FILES
+_MADE_SHARE = 0.25  # of a grid that may be missing: those views are made from their neighbours
+_SMALL_PX = 96 * 128  # of pictures that the columns of a running number follow from
+_MAX_CELLS = 4000  # of a grid with holes
+_RENAME = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
 
 
 def parse_grid(text: str) -> ViewIndex | None:
     """`scene.grid` as (rows, cols), None where empty. Raises UserError."""
     if not text:
         return None
-    found = re.fullmatch(r"\s*(\d{1,4})\s*[xX×]\s*(\d{1,4})\s*", text)
-    if not found or int(found[1]) * int(found[2]) == 0:
+    numbers = re.fullmatch(r"\s*(\d{1,4})\s*[xX×]\s*(\d{1,4})\s*", text)
+    if not numbers or int(numbers[1]) * int(numbers[2]) == 0:
         raise UserError(f"scene.grid: {text!r} is not ROWSxCOLS", "use for example --set scene.grid=9x9")
-    require_grid(int(found[1]), int(found[2]), "scene.grid")
-    return int(found[1]), int(found[2])
+    require_grid(int(numbers[1]), int(numbers[2]), "scene.grid")
+    return int(numbers[1]), int(numbers[2])
 
 
 def require_grid(rows: int, cols: int, what: str) -> None:
     """Raises UserError where no light field has such a grid. what: who says so."""
-    if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE and rows * cols <= MAX_VIEWS):
-        most = f"at most {MAX_SIDE} along a side and {MAX_VIEWS} together"
+    if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE and rows * cols <= MAX_FILES):
+        most = f"at most {MAX_SIDE} along a side and {MAX_FILES} together"
         raise UserError(
             f"{what}: a grid of {rows}x{cols} views, {most} are expected", "give the true one with --set scene.grid=ROWSxCOLS"
         )
@@ -48,53 +56,19 @@ def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
 
 def true_max(values: list[int], full: int) -> int:
     """The value that stands for full where 16-bit files may hold 10, 12 or 14 bits: by the largest value of some views."""
-    if full != 65535:
-        return full
-    return next((top for top in (1023, 4095, 16383) if max(values) <= top), full)
+    return full if full != 65535 else next((top for top in (1023, 4095, 16383) if max(values) <= top), full)
 
 
-def named_grid(pairs: Mapping[ViewIndex, str], listing: Listing) -> tuple[dict[ViewIndex, Path], int, int]:
-    """Files by (row, column) numbers as they stand in the names -> files by place from (0, 0), rows, cols.
-
-    Numbers may start anywhere and go in equal steps (rows 0, 4, 8). Every path is checked to lie in the folder.
-    Raises UserError where the numbers span far more places than there are files.
-    """
-    lows, steps, counts = [], [], []
-    for axis in (0, 1):
-        numbers = {pair[axis] for pair in pairs}
-        lows.append(min(numbers))
-        steps.append(math.gcd(*(number - lows[axis] for number in numbers)) or 1)
-        counts.append((max(numbers) - lows[axis]) // steps[axis] + 1)
-    if counts[0] * counts[1] > 16 * len(pairs) + 64:
-        raise UserError(
-            f"{listing.path}: the names span {counts[0]}x{counts[1]} views, {len(pairs)} files are there",
-            "give a folder with the views of only one scene",
-        )
-    files = {((r - lows[0]) // steps[0], (c - lows[1]) // steps[1]): listing.file(name) for (r, c), name in pairs.items()}
-    return files, counts[0], counts[1]
-
-
-def require_whole(
-    listing: Listing, files: Mapping[ViewIndex, Path], rows: int, cols: int, example: str, grouped: bool = True
-) -> None:
-    """Raises UserError that names the views without a file, or where no light field has such a grid. grouped: whether the names
-    hold row and column."""
-    require_grid(rows, cols, str(listing.path))
-    holes = [(r, c) for r in range(rows) for c in range(cols) if (r, c) not in files]
-    if holes:
-        some = ", ".join(f"row {r} column {c}" for r, c in holes[:6]) + (f" and {len(holes) - 6} more" if len(holes) > 6 else "")
-        raise UserError(
-            f"{listing.path}: {len(holes)} of {rows}x{cols} views missing: {some} (counted from 0; a file like {example})",
-            f"fetch the missing files; --layout {'rows-cols' if grouped else 'numbered'} opens the others",
-        )
+def some(names: Sequence[str], most: int = 4) -> str:
+    """The first names of a list, and how many more there are."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def files_source(
     layout: str, listing: Listing, files: Mapping[ViewIndex, Path], rows: int, cols: int, **more: Any
 ) -> SceneSource:
-    """A SceneSource that reads one picture file per view. Size and depth are those of the middle view; a view of another
-    size or depth raises UserError when read. more: further fields of SceneSource; extra_files joins its files; headers: of
-    files, where they are known."""
+    """A SceneSource that reads one picture file per view; places without a file are missing. Size and depth are those of the
+    middle view; raises UserError where a view has others. more: further fields of SceneSource; headers: by path, where known."""
     middle = min(files, key=lambda place: (abs(place[0] - rows // 2) + abs(place[1] - cols // 2), place))
     known = more.pop("headers", {})
     headers = {place: known.get(path) or open_header(path) for place, path in files.items()}
@@ -119,19 +93,181 @@ def files_source(
     def small(row: int, col: int, most_px: float) -> NDArray[np.uint8]:
         return small_grey(files[row, col], headers[row, col], most_px)
 
-    extra = tuple(more.pop("extra_files", ()))
-    missing = frozenset((r, c) for r in range(rows) for c in range(cols) if (r, c) not in files)
+    missing = frozenset(place for place in np.ndindex(rows, cols) if place not in files)
+    paths = tuple(files[place] for place in sorted(files))
     return SceneSource(
-        layout=layout,
-        path=listing.path,
-        files=tuple(files[place] for place in sorted(files)) + extra,
-        rows=rows,
-        cols=cols,
-        read=read,
-        small=small if full in (255, first.max_value) else None,
-        height_px=first.height_px,
-        width_px=first.width_px,
-        max_value=full,
-        missing=missing,
-        **more,
+        layout, listing.path, paths, rows, cols, read, first.height_px, first.width_px, full,
+        small if full == first.max_value else None, missing=missing, **more,
+    )  # fmt: skip
+
+
+@attrs.frozen
+class GridViews:
+    """Views by place in a grid, and notes for people."""
+
+    views: dict[ViewIndex, str]
+    rows: int
+    cols: int
+    doubt: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@lru_cache(maxsize=2)
+def _one_per_stem(listing: Listing) -> tuple[str, ...]:
+    """The pictures of a folder, one of each name: of a view in several formats the one in colour, then the lossless one."""
+    stems: defaultdict[str, list[str]] = defaultdict(list)
+    for name in listing.pictures():
+        stems[name.rpartition(".")[0]].append(name)
+
+    def rank(name: str) -> tuple[bool, bool]:
+        try:
+            return open_header(listing.file(name)).grey, name.lower().endswith(LOSSY)
+        except UserError:
+            return True, True
+
+    return tuple(min(names, key=rank) if len(names) > 1 else names[0] for names in stems.values())
+
+
+def named_views(listing: Listing) -> NumberedNames | None:
+    """What the names of a folder's pictures say; None for a file or where they are not numbered."""
+    return None if listing.is_file else read_names(_one_per_stem(listing))
+
+
+def _odd_sizes(listing: Listing, names: Sequence[str]) -> tuple[dict[str, Header], dict[str, str]]:
+    """The headers of pictures, and the sizes of those few that have another one than the rest."""
+    headers = {name: open_header(listing.file(name)) for name in names}
+    sizes = {name: f"{header.width_px}x{header.height_px} px" for name, header in headers.items()}
+    usual, count = Counter(sizes.values()).most_common(1)[0]
+    return headers, {name: size for name, size in sizes.items() if size != usual} if 2 * count > len(headers) else {}
+
+
+def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: bool) -> SceneSource:
+    """The scene of a folder with one picture per view. runs: the names contain one running number, not row and column.
+
+    Raises UserError.
+    """
+    pictures, numbered = listing.pictures(), named_views(listing)
+    if numbered is None:
+        raise UserError(f"{listing.path}: {len(pictures)} pictures whose names do not differ in numbers", _RENAME)
+    headers, odd = _odd_sizes(listing, list(numbered.views.values()))
+    if odd:
+        numbered = read_names(tuple(name for name in _one_per_stem(listing) if name not in odd)) or numbered
+    if runs and not numbered.runs:
+        line = {(0, position): name for position, (_, name) in enumerate(sorted(numbered.views.items()))}
+        numbered = attrs.evolve(numbered, views=line, rows=1, cols=len(line), runs=True)
+    if not runs and numbered.runs:
+        raise UserError(f"{listing.path}: the names contain one running number, not row and column", "use --layout numbered")
+    if numbered.clashes:
+        (first, second), count = numbered.clashes[0], len(numbered.clashes)
+        if count > len(numbered.views):
+            what = f"{count} pictures have the same numbers as another one, for example {first} and {second}"
+            raise UserError(f"{listing.path}: {what}", _RENAME)
+        others = f", and so are {count - 1} more pairs" if count > 1 else ""
+        remedy = f"move {some([name for _, name in numbered.clashes])} away"
+        raise UserError(f"{listing.path}: {first} and {second} are the same view{others}", remedy)
+    grid = parse_grid(scene.grid)
+    if runs:
+        arranged = _arranged(listing, headers, numbered, scene)
+    else:
+        arranged = GridViews(numbered.views, numbered.rows, numbered.cols, numbered.doubt)
+        if grid is not None and grid != (arranged.rows, arranged.cols):
+            wrong = f"the names give a grid of {arranged.rows}x{arranged.cols}, scene.grid says {grid[0]}x{grid[1]}"
+            raise UserError(f"{listing.path}: {wrong}", "leave out --grid; --layout numbered takes names in order")
+    return _views_source(layout, listing, arranged, pictures, headers, odd, certain=False)
+
+
+def placed_views(
+    layout: str, listing: Listing, places: Mapping[str, ViewIndex], shape: ViewIndex | None = None, **more: Any
+) -> SceneSource:
+    """The scene of pictures whose names say their rows and columns. shape: the grid; without it, numbers may start anywhere and
+    go in equal steps (rows 0, 4, 8). more: further fields of SceneSource. Raises UserError."""
+    headers, odd = _odd_sizes(listing, list(places))
+    lattices = [Lattice.of({Fraction(place[axis]) for place in places.values()}) for axis in (0, 1)]
+    rows, cols = shape or (lattices[0].count, lattices[1].count)
+    views: dict[ViewIndex, str] = {}
+    for name, place in places.items():
+        row, col = place if shape else (lattice.index(Fraction(n)) for lattice, n in zip(lattices, place, strict=True))
+        if name not in odd and views.setdefault((row, col), name) != name:
+            raise UserError(f"{listing.path}: {views[row, col]} and {name} are the same view", f"move {name} away")
+    return _views_source(layout, listing, GridViews(views, rows, cols), list(places), headers, odd, **more)
+
+
+def _views_source(
+    layout: str, listing: Listing, grid: GridViews, names: Sequence[str], headers: Mapping[str, Header],
+    odd: Mapping[str, str], **more: Any,
+) -> SceneSource:  # fmt: skip
+    """The scene of views by place, without parts that have too many gaps. names: of pictures, of which those that are not used
+    are noted; odd: their sizes where these differ. Raises UserError."""
+    if grid.rows * grid.cols > max(len(grid.views), _MAX_CELLS):
+        wrong = f"{listing.path}: the names span {grid.rows}x{grid.cols} views, {len(grid.views)} files are there"
+        raise UserError(wrong, "give a folder with the views of only one scene")
+    whole = whole_part(grid)
+    if 4 * len(whole.views) < len(grid.views):
+        wrong = f"{listing.path}: the {len(grid.views)} views stand scattered in a grid of {grid.rows}x{grid.cols}"
+        raise UserError(wrong, "give a folder with a whole row or a whole grid of them")
+    require_grid(whole.rows, whole.cols, str(listing.path))
+    used, notes = set(whole.views.values()), list(whole.notes)
+    if unused := [f"{name} ({odd[name]})" if name in odd else name for name in names if name not in used]:
+        notes.append(f"{len(used)} of {len(names)} files used; the others are {some(unused)}")
+    files = {place: listing.file(name) for place, name in whole.views.items()}
+    known = {listing.folder / name: header for name, header in headers.items()}
+    return files_source(
+        layout, listing, files, whole.rows, whole.cols, notes=tuple(notes), doubt=whole.doubt, headers=known, **more
     )
+
+
+def _arranged(listing: Listing, headers: Mapping[str, Header], numbered: NumberedNames, scene: config.Scene) -> GridViews:
+    """The grid of a running number, by the pictures. Raises UserError."""
+    by_position = {index[1]: name for index, name in numbered.views.items()}
+
+    def read(position: int) -> NDArray[np.uint8]:
+        name = by_position[position]
+        return small_grey(listing.file(name), headers[name], _SMALL_PX)
+
+    run = find_columns(read, [position in by_position for position in range(numbered.cols)], parse_grid(scene.grid))
+    if run is None:
+        what = f"{listing.path}: {len(by_position)} views do not make {scene.grid}"
+        raise UserError(what, "leave out --grid to have it detected")
+    views = {index: name for position, name in by_position.items() if (index := run.index(position)) is not None}
+    shape = f"{run.rows}x{run.cols}" + (", every other row backwards" if run.snake else "")
+    why = "as scene.grid says" if scene.grid else "from the likeness of the pictures; --grid ROWSxCOLS overrides it"
+    return GridViews(views, run.rows, run.cols, run.doubt, (f"the numbered views form {shape}: {why}",))
+
+
+def whole_part(grid: GridViews) -> GridViews:
+    """The grid itself where few views are missing, else the largest whole rectangle within it."""
+    views, rows, cols = grid.views, grid.rows, grid.cols
+    holes = [(row, col) for row in range(rows) for col in range(cols) if (row, col) not in views]
+    if not holes:
+        return grid
+    lonely = [(r, c) for r, c in holes if not any((r + y, c + x) in views for y in (-1, 0, 1) for x in (-1, 0, 1))]
+    missing = f"{len(holes)} of {rows}x{cols} views missing"
+    if len(holes) <= _MADE_SHARE * rows * cols and not lonely:
+        where = some([f"row {row} column {col}" for row, col in holes])
+        return attrs.evolve(grid, notes=(*grid.notes, f"{missing}, made from others: {where}"))
+    mask = np.zeros((rows, cols), bool)
+    for index in views:
+        mask[index] = True
+    top, left, height, width = _largest_rectangle(mask)
+    inside = {(r, c): views[top + r, left + c] for r in range(height) for c in range(width)}
+    note = f"{missing}: the whole {height}x{width} views from row {top} column {left} are used"
+    return GridViews(inside, height, width, grid.doubt, (*grid.notes, note))
+
+
+def _largest_rectangle(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """(top, left, rows, columns) of the largest rectangle that is True; of equals the one with two axes, then the wider one, then
+    the one nearest to the middle."""
+    best: tuple[tuple[int, bool, int, int], tuple[int, int, int, int]] = ((0, False, 0, 0), (0, 0, 0, 0))
+    heights = np.zeros(mask.shape[1], int)
+    for bottom, line in enumerate(mask):
+        heights = np.where(line, heights + 1, 0)
+        for left in range(len(heights)):
+            low = 1 << 30
+            for right in range(left, len(heights)):
+                low = min(low, int(heights[right]))
+                if low == 0:
+                    break
+                width = right - left + 1
+                off = abs(2 * left + width - mask.shape[1]) + abs(2 * (bottom + 1) - low - mask.shape[0])
+                best = max(best, ((low * width, min(low, width) > 1, width, -off), (bottom + 1 - low, left, low, width)))
+    return best[1]

@@ -16,7 +16,6 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.scene.layouts._grid import MAX_SIDE
 from lfpipe.scene.source import ViewIndex
 
 _SIGNED = r"(?<=[^0-9A-Za-z])[+-][0-9]{1,18}"
@@ -43,6 +42,7 @@ _FRAME_WORDS = ("f", "fr", "frame", "frames", "time", "ev", "exp", "exposure", "
 _ROW_WORDS, _COL_WORDS = ("row", "rows", "r", "y", "v", "t"), ("col", "cols", "column", "c", "x", "u", "s")
 _MIN_COVERAGE = 0.15  # of a lattice by files: less is no grid. A cross in a 13x13 grid has 0.148
 _MAX_FIELDS = 12
+MAX_SIDE = 10_000  # views along one side of a grid
 _TIME = re.compile(r"(?:19|20)\d\d([-_.]?)[01]\d\1[0-3]\d\D{0,4}[0-2]\d([-_.:]?)[0-5]\d\2[0-5]\d(?:\d{3}(?!\d))?(?!\d)")
 _SUM = re.compile(r"[-_. ](?=[0-9a-f]*[a-f])(?=[0-9a-f]*[0-9])[0-9a-f]{6,40}$", re.IGNORECASE)
 _SUM_OR_NUMBER = re.compile(r"[-_. ][0-9a-f]{6,40}$", re.IGNORECASE)
@@ -52,15 +52,13 @@ _COPY = re.compile(r"(.*?)([-_ ]?\(|[-_ ])(\d{1,5})(\)?)", re.DOTALL)
 @attrs.frozen
 class NumberedNames:
     """A family of names by what their numbers say. views: names by (row, column) from (0, 0); or by (0, position) where one
-    number runs (`runs`). clashes: pairs of names for one place. others: pictures that belong to another family. doubt: what the
-    names leave open, "" for nothing."""
+    number runs (`runs`). clashes: pairs of names for one place. doubt: what the names leave open, "" for nothing."""
 
     views: dict[ViewIndex, str]
     rows: int
     cols: int
     runs: bool
     clashes: tuple[tuple[str, str], ...] = ()
-    others: tuple[str, ...] = ()
     doubt: str = ""
 
 
@@ -76,7 +74,7 @@ class _Fit:
 
 
 @attrs.frozen
-class _Lattice:
+class Lattice:
     """Equally spaced values: low, low + step, ... (count of them). step 0: values in any distance, by their order."""
 
     low: Fraction
@@ -84,12 +82,16 @@ class _Lattice:
     count: int
 
     @classmethod
-    def of(cls, values: Collection[Fraction]) -> "_Lattice":
+    def of(cls, values: Collection[Fraction]) -> "Lattice":
         """The finest lattice that holds the values."""
         low = min(values)
         scale = math.lcm(*(value.denominator for value in values))
         step = math.gcd(*(int((value - low) * scale) for value in values)) or scale
         return cls(low, Fraction(step, scale), int((max(values) - low) * scale) // step + 1)
+
+    def index(self, value: Fraction) -> int:
+        """The place of a value that it holds."""
+        return int((value - self.low) / self.step)
 
 
 @attrs.frozen(eq=False)
@@ -112,9 +114,9 @@ class _Field:
         codes = np.array([rank[by_text[number]] for number in column], np.int64)
         return cls(values, codes, word[1] if word else "", min(map(len, column)))
 
-    def indices(self, lattice: _Lattice | None) -> list[int]:
+    def indices(self, lattice: Lattice | None) -> list[int]:
         """By name, the place of its value in a lattice; by order without one."""
-        at = [int((v - lattice.low) / lattice.step) if lattice and lattice.step else k for k, v in enumerate(self.values)]
+        at = [lattice.index(value) if lattice and lattice.step else k for k, value in enumerate(self.values)]
         return [at[code] for code in self.codes.tolist()]
 
 
@@ -177,7 +179,7 @@ def _read(names: list[str], fields: list[_Field]) -> tuple[_Fit, NumberedNames]:
         numbered = _placed(names, down.indices(rows), across.indices(cols), (rows.count, cols.count))
         return attrs.evolve(fit, views=len(numbered.views)), numbered
     if keys:
-        lattices = {id(key): _Lattice.of(key.values) for key in keys}
+        lattices = {id(key): Lattice.of(key.values) for key in keys}
         field = min(keys, key=lambda key: lattices[id(key)].count)
         lattice = lattices[id(field)]
         if lattice.count <= 2 * count + 2:  # else numbers with large gaps, which count nothing
@@ -190,16 +192,16 @@ def _read(names: list[str], fields: list[_Field]) -> tuple[_Fit, NumberedNames]:
     return _Fit(len(numbered.views), False, 0.0), numbered
 
 
-def _grid_fields(fields: list[_Field], count: int) -> tuple[_Fit, _Field, _Field, _Lattice, _Lattice] | None:
+def _grid_fields(fields: list[_Field], count: int) -> tuple[_Fit, _Field, _Field, Lattice, Lattice] | None:
     """The two numbers that count rows and columns, with the lattices of their values; None if there are none."""
-    lattices = {id(field): _Lattice.of(field.values) for field in fields}
-    best: tuple[tuple[float, float, bool, int], _Fit, _Field, _Field, _Lattice, _Lattice] | None = None
+    lattices = {id(field): Lattice.of(field.values) for field in fields}
+    best: tuple[tuple[float, float, bool, int], _Fit, _Field, _Field, Lattice, Lattice] | None = None
     for (first, down), (second, across) in combinations(enumerate(fields), 2):
         pairs, lows = _distinct((down, across)), [lattices[id(down)], lattices[id(across)]]
         if pairs == count == len(down.values) * len(across.values):  # a whole grid: of steps that are uneven, order counts
             for k, field in enumerate((down, across)):
                 if lows[k].count > 2 * len(field.values):
-                    lows[k] = _Lattice(Fraction(0), Fraction(0), len(field.values))
+                    lows[k] = Lattice(Fraction(0), Fraction(0), len(field.values))
         cells = lows[0].count * lows[1].count
         if max(lows[0].count, lows[1].count) > MAX_SIDE or min(pairs, count) < _MIN_COVERAGE * cells:
             continue
@@ -277,15 +279,10 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
             if reading == _LETTERS and 2 * len(family) < len(names):  # Roman numerals, initials
                 continue
             if (fit.views, fit.grid, fit.share) == (len(names), True, 1.0):
-                return _with_others(numbered, names)
+                return numbered
             maps = any(MAPS.search(text) for text in texts)
             readings.append((attrs.evolve(fit, views=fit.views / (1 + maps), likeliest=-reading), numbered))
     best = max(readings, key=lambda pair: pair[0])[1] if readings else None
     if (best is None or best.runs or best.clashes) and (rows := _by_folder(names)) is not None:
         return rows
-    return None if best is None else _with_others(best, names)
-
-
-def _with_others(numbered: NumberedNames, names: tuple[str, ...]) -> NumberedNames:
-    used = {*numbered.views.values(), *(name for clash in numbered.clashes for name in clash)}
-    return attrs.evolve(numbered, others=tuple(name for name in names if name not in used))
+    return best

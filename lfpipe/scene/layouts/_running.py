@@ -108,13 +108,13 @@ def likeliest(read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool], t
     return Likeliest(best, scores[best], tuple(run for run in others if scores[run] > scores[best] - _CLEAR), others)
 
 
-def find_columns(read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool], grid: ViewIndex | None = None) -> Running:
-    """The grid of a run of views, by the pictures. Raises ValueError where the user's grid fits no part of the run."""
+def find_columns(
+    read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool], grid: ViewIndex | None = None
+) -> Running | None:
+    """The grid of a run of views, by the pictures; None where the user's grid fits no part of the run."""
     tries = candidates(len(there), grid)
-    if not tries:
-        raise ValueError
-    if len(tries) == 1:
-        return tries[0]
+    if len(tries) < 2:
+        return tries[0] if tries else None
     found = likeliest(read, there, tries)
     if found.clear:
         return found.run

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.pictures import open_header, read_picture
+from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import LOSSY, parse_grid
 from lfpipe.scene.layouts._running import Running, likeliest
 
 # Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the remainder is at the right and the bottom.
 UNEVEN = {(4096, 4096): (5, 9), (8192, 8192): (5, 9)}
+QUILT_NAME = re.compile(r"_qs(\d{1,2})x(\d{1,2})(?:a[\d.]+)?", re.IGNORECASE)  # Looking Glass: columns, rows, aspect
 _LARGE_BYTES = 64_000_000  # of a picture
 _SAME_PICTURE = 0.98  # correlation of two files of one picture
 
@@ -51,10 +52,10 @@ class Tiling:
     doubt: str = ""
 
     @classmethod
-    def even(cls, picture: NDArray[Any], rows: int, cols: int, quilt: bool = False) -> "Tiling":
+    def even(cls, picture: NDArray[Any], rows: int, cols: int) -> "Tiling":
         """Tiles of one size without gaps; a remainder at the right and the bottom belongs to none."""
         height, width = picture.shape[0] // rows, picture.shape[1] // cols
-        return cls(tuple(height * r for r in range(rows)), tuple(width * c for c in range(cols)), height, width, quilt)
+        return cls(tuple(height * r for r in range(rows)), tuple(width * c for c in range(cols)), height, width)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -252,28 +253,21 @@ def single_picture(listing: Listing) -> Path | None:
     return listing.file(pictures[0]) if len(pictures) == 1 else listing.file(twice) if twice else None
 
 
-def tiling(picture: NDArray[Any], path: Path, scene: config.Scene) -> Tiling | None:
-    """The tiling of the picture at path: from scene.grid, else detected. Raises UserError if scene.grid does not divide it."""
+def tiling(picture: NDArray[Any], path: Path, scene: config.Scene, quilt: bool = False) -> Tiling | None:
+    """The tiling of the picture at path: from scene.grid or a quilt's name, else detected. quilt: it is one line of views, which
+    else the pictures say. Raises UserError if the given grid does not divide it."""
     height, width = picture.shape[:2]
-    grid, found = parse_grid(scene.grid), find_tiles(picture, f"{path.parent.name}/{path.stem}")
-    if grid is not None and (found is None or found.shape != grid):
-        if (height % grid[0] or width % grid[1]) and UNEVEN.get((width, height)) != grid[::-1]:
+    named = QUILT_NAME.search(path.stem) if quilt else None
+    grid = parse_grid(scene.grid) or ((int(named[2]), int(named[1])) if named else None)
+    tiles = None if quilt and grid else find_tiles(picture, f"{path.parent.name}/{path.stem}")
+    if grid is not None and (tiles is None or tiles.shape != grid):
+        rows, cols = grid
+        if rows * cols == 0 or ((height % rows or width % cols) and UNEVEN.get((width, height)) != (cols, rows)):
             raise UserError(
-                f"{path}: {width}x{height} px do not divide into {grid[0]} rows and {grid[1]} columns of tiles",
+                f"{path}: {width}x{height} px do not divide into {rows} rows and {cols} columns of tiles",
                 "give the grid that was rendered with --set scene.grid=ROWSxCOLS",
             )
-        return Tiling.even(picture, *grid)
-    if grid is not None or found is None or scene.layout == "mosaic":  # the user's word
-        return found if found is None else attrs.evolve(found, doubt="")
-    return _as_quilt(picture, found)
-
-
-def picture_loader(paths: list[Path]) -> LastPictures:
-    """Pictures by frame number. Raises UserError if their sizes differ, and on reading a damaged one."""
-    headers = [open_header(path) for path in paths]
-    sizes = [f"{header.width_px}x{header.height_px}" for header in headers]
-    for path, size in zip(paths, sizes, strict=True):
-        if size != sizes[0]:
-            what = f"{path}: {size} px, {paths[0].name} has {sizes[0]}"
-            raise UserError(what, "all frames of a light-field video must have the same size")
-    return LastPictures(lambda frame: read_picture(paths[frame], headers[frame])[0])
+        tiles = Tiling.even(picture, rows, cols)
+    if tiles is None or quilt or grid is not None or scene.layout == "mosaic":  # the user's word
+        return tiles and attrs.evolve(tiles, quilt=quilt, doubt="")
+    return _as_quilt(picture, tiles)

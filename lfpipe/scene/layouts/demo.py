@@ -37,23 +37,14 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     def read(_frame: int, row: int, col: int) -> NDArray[Any]:
         return np.asarray(cv2.cvtColor(view(row, col)[0], cv2.COLOR_BGR2RGB))
 
-    return SceneSource(
-        layout=NAME,
-        path=listing.path,
-        files=(path,),
-        rows=grid,
-        cols=grid,
-        read=read,
-        height_px=size_px,
-        width_px=size_px,
-        turn=Turn(),
-        turn_by="the demo is rendered in this order",
-        truth={(r, c): partial(lambda r, c: view(r, c)[1], r, c) for r in range(grid) for c in range(grid)},
-        rendered=True,
-        geometry=Geometry(
-            # offset = baseline * focal length * width / (focus distance * sensor width), as in the HCI benchmark's tools
-            baseline_mm=OFFSET_PX / 512 * FOCUS_M * 1000 * SENSOR_MM / FOCAL_MM,
-            focus_distance_mm=FOCUS_M * 1000,
-            focal_length_px=FOCAL_MM / SENSOR_MM * size_px,
-        ),
+    geometry = Geometry(
+        # offset = baseline * focal length * width / (focus distance * sensor width), as in the HCI benchmark's tools
+        baseline_mm=OFFSET_PX / 512 * FOCUS_M * 1000 * SENSOR_MM / FOCAL_MM,
+        focus_distance_mm=FOCUS_M * 1000,
+        focal_length_px=FOCAL_MM / SENSOR_MM * size_px,
     )
+    truth = {place: partial(lambda row, col: view(row, col)[1], *place) for place in np.ndindex(grid, grid)}
+    return SceneSource(
+        NAME, listing.path, (path,), grid, grid, read, size_px, size_px, turn=Turn(), rendered=True, truth=truth,
+        turn_by="the demo is rendered in this order", geometry=geometry,
+    )  # fmt: skip

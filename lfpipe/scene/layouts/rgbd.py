@@ -5,7 +5,7 @@ Views around the picture are made from it: shifted by depth, holes filled from b
 """
 
 import re
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -39,38 +39,38 @@ _LEFT_OPEN = "press d in the window, or set scene.half_turn=yes, if they are exc
 
 
 @attrs.frozen(eq=False)
-class Depth:
-    """nearness: float32 (h, w), larger is nearer, NaN where it was not measured. why: how it was read. doubt: what that leaves
-    open, "" for nothing."""
+class _Photo:
+    """A picture with its depth. full: the picture's full value. nearness: float32 (h, w), larger is nearer, NaN where it was not
+    measured; why: how it was read; doubt: what that leaves open, "" for nothing."""
 
+    paths: tuple[Path, ...]
+    picture: NDArray[Any]
+    full: int
     nearness: NDArray[np.float32]
     why: str
     doubt: str = ""
 
 
-def read_depth(stored: NDArray[Any], name: str, by_format: bool = False) -> Depth:
-    """A stored depth map, uint8 or uint16 (h, w), as nearness.
+def read_depth(stored: NDArray[Any], name: str, by_format: bool = False) -> tuple[NDArray[np.float32], str, str]:
+    """(nearness, why, doubt), as `_Photo` has them, of a stored depth map, uint8 or uint16 (h, w).
 
     16 bits that are not stretched to the whole range are a distance: near is small, 0 was not measured. In other maps white is
     near, unless what stands lower, which usually is nearer, is darker. by_format: the format says that white is near.
     """
     values = stored.astype(np.float32)
     stretched = stored.dtype == np.uint8 or (int(stored.min()) == 0 and int(stored.max()) == 65535)
-    inverse = bool(_INVERSE.search(name))
-    if not stretched and not inverse and not by_format:
+    by_format = by_format or bool(_INVERSE.search(name))
+    if not stretched and not by_format:
         with np.errstate(divide="ignore"):
             near = np.where(stored > 0, 1 / values, np.float32(np.nan)).astype(np.float32)
         against = _lower_is_nearer(near) < -_LOWER
         doubt = f"whether the depth map holds distances: what stands lower would be farther; {_LEFT_OPEN}" if against else ""
-        return Depth(near, "near is small in the depth map, as in distances; 0 was not measured", doubt)
-    lower = _lower_is_nearer(values)
-    if by_format or inverse:
-        return Depth(values, "white is near")
+        return near, "near is small in the depth map, as in distances; 0 was not measured", doubt
+    lower = 1.0 if by_format else _lower_is_nearer(values)
     if lower < -_LOWER:
         what = f"whether black is near in the depth map: what stands lower is darker; {_LEFT_OPEN}"
-        return Depth(-values, "black is near: what stands lower in the depth map is darker", what)
-    doubt = "" if lower > _LOWER else f"whether white is near in the depth map; {_LEFT_OPEN}"
-    return Depth(values, "white is near", doubt)
+        return -values, "black is near: what stands lower in the depth map is darker", what
+    return values, "white is near", "" if lower > _LOWER else f"whether white is near in the depth map; {_LEFT_OPEN}"
 
 
 def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:
@@ -148,47 +148,36 @@ def detect(listing: Listing) -> int | None:
         return None
 
 
-@attrs.frozen(eq=False)
-class _Photo:
-    """A picture with its depth, and the picture's full value."""
-
-    paths: tuple[Path, ...]
-    picture: NDArray[Any]
-    full: int
-    depth: Depth
-
-
 def _read(listing: Listing) -> _Photo:
     """Raises UserError."""
-    pair = _pair(listing)
-    if pair is not None:
+    if pair := _pair(listing):
         paths = tuple(listing.file(name) for name in pair)
         (picture, full), (stored, _) = read_picture(paths[0]), read_picture(paths[1])
         if _colour(stored) > _COLOURED:
             raise UserError(f"{paths[1]}: a depth map in false colours", "save it in grey, with near things white")
-        both = Path(pair[0]).stem.lower() == Path(pair[1]).stem.lower()
-        depth = read_depth(stored if stored.ndim == 2 else stored[..., 1], Path(pair[1]).stem.lower())
-        doubt = f"whether {pair[1]} is the depth of {pair[0]}" if both and picture.ndim == 2 else ""
-        return _Photo(paths, picture, full, attrs.evolve(depth, doubt="; ".join(filter(None, (doubt, depth.doubt)))))
+        near, why, doubt = read_depth(stored if stored.ndim == 2 else stored[..., 1], paths[1].stem.lower())
+        if paths[0].stem.lower() == paths[1].stem.lower() and picture.ndim == 2:
+            doubt = "; ".join(filter(None, (f"whether {pair[1]} is the depth of {pair[0]}", doubt)))
+        return _Photo(paths, picture, full, near, why, doubt)
     path = single_picture(listing)
     if path is None:
         raise UserError(f"{listing.path}: no picture with a depth map", "name them x.png and x_depth.png, alone in a folder")
     picture, full = read_picture(path)
     if has_depth(path):
-        near = upright(embedded_depth(path), open_header(path).orientation)
-        return _Photo((path,), picture, full, Depth(np.asarray(near, np.float32), "as the photograph's own depth says"))
+        near = np.asarray(upright(embedded_depth(path), open_header(path).orientation), np.float32)
+        return _Photo((path,), picture, full, near, "as the photograph's own depth says")
     halves = _beside(picture)
     if halves is None:
         raise UserError(
             f"{path}: neither half is a grey depth map beside a coloured picture",
             "give picture and depth side by side, or as x.png and x_depth.png in a folder of their own",
         )
-    return _Photo((path,), halves[0], full, read_depth(halves[1][..., 1], path.stem.lower(), by_format=True))
+    return _Photo((path,), halves[0], full, *read_depth(halves[1][..., 1], path.stem.lower(), by_format=True))
 
 
 def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
     """Disparity for each pixel of a view, px per view. Raises UserError."""
-    near, of = photo.depth.nearness, photo.picture.shape
+    near, of = photo.nearness, photo.picture.shape
     if not 1 / _SAME_SHAPE < (near.shape[1] / near.shape[0]) / (of[1] / of[0]) < _SAME_SHAPE:
         what = f"{photo.paths[-1]}: a depth map of {near.shape[1]}x{near.shape[0]} px for a picture of {of[1]}x{of[0]}"
         raise UserError(what, "turn or crop one of them to the shape of the other")
@@ -213,7 +202,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     photo = _read(listing)
     rows, cols = parse_grid(scene.grid) or _GRID
     require_grid(rows, cols, str(listing.path))
-    picture, notes = photo.picture, [f"{rows}x{cols} views are made from one picture and its depth; {photo.depth.why}"]
+    picture, notes = photo.picture, [f"{rows}x{cols} views are made from one picture and its depth; {photo.why}"]
     scale = (_MOST_PX / (picture.shape[0] * picture.shape[1])) ** 0.5
     if scale < 1:
         picture = np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
@@ -223,15 +212,15 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     disparity = _disparity(photo, height, width)
 
     @lru_cache(maxsize=8)
-    def made(row: int, col: int) -> NDArray[np.float32]:
+    def disparity_at(row: int, col: int) -> NDArray[np.float32]:
         return warped_disparity(disparity, row - rows // 2, col - cols // 2)
 
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
-        return warped_view(picture, disparity, made(row, col), row - rows // 2, col - cols // 2)
+        return warped_view(picture, disparity, disparity_at(row, col), row - rows // 2, col - cols // 2)
 
-    truth = {(row, col): (lambda r=row, c=col: made(r, c)) for row in range(rows) for col in range(cols)}
+    truth = {place: partial(disparity_at, *place) for place in np.ndindex(rows, cols)}
     return SceneSource(
         layout=NAME, path=listing.path, files=photo.paths, rows=rows, cols=cols, read=read, height_px=height, width_px=width,
-        max_value=photo.full, truth=truth, rendered=True, turn=Turn(), turn_by=f"the views are made in order; {photo.depth.why}",
-        doubt=photo.depth.doubt, notes=tuple(notes),
+        max_value=photo.full, truth=truth, rendered=True, turn=Turn(), turn_by=f"the views are made in order; {photo.why}",
+        doubt=photo.doubt, notes=tuple(notes),
     )  # fmt: skip

@@ -9,7 +9,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +17,9 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_frames, read_picture
 from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts._grid import files_source
+from lfpipe.scene.layouts._grid import files_source, some
 from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
 from lfpipe.scene.layouts._tiles import single_picture
-from lfpipe.scene.layouts._views import some
 from lfpipe.scene.optical_flow import confirmed, flow, textured
 from lfpipe.scene.source import SceneSource, Turn
 
@@ -86,47 +84,25 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
     a_soft, b_soft = (np.asarray(cv2.GaussianBlur(grey, (0, 0), 4), np.float64).ravel() for grey in greys)
     if float(np.corrcoef(a_soft, b_soft)[0, 1]) < _ALIKE:
         return False
-    there, back = flow(greys[0], greys[1]), flow(greys[1], greys[0])
-    detail = textured(greys[0])
-    if not detail.any():
-        return False
-    found = confirmed(there, back) & (np.abs(there[..., 1]) < 1.5 + 0.1 * np.abs(there[..., 0]))
-    return float(found[detail].mean()) > _AGREED
-
-
-@attrs.frozen
-class _Arrangement:
-    """How a picture holds two: one above the other; with half the width or height; and whether its name says so."""
-
-    above: bool
-    half: bool
-    named: bool
-
-
-@attrs.frozen(eq=False)
-class _Halves:
-    """Views in file order, their full value, the turn or None, and why."""
-
-    views: list[NDArray[Any]]
-    full: int
-    turn: Turn | None = None
-    why: str = ""
+    there, back, detail = flow(greys[0], greys[1]), flow(greys[1], greys[0]), textured(greys[0])
+    agreed = confirmed(there, back) & (np.abs(there[..., 1]) < 1.5 + 0.1 * np.abs(there[..., 0]))
+    return bool(detail.any()) and float(agreed[detail].mean()) > _AGREED
 
 
 @lru_cache(maxsize=2)
-def _arrangement(path: Path) -> _Arrangement | None:
-    """How a picture holds two; None if it does not."""
+def _arrangement(path: Path) -> tuple[bool, bool, bool] | None:
+    """How a picture holds two: one above the other; with half the width or height; whether its name says so. None if it does
+    not."""
     name = path.stem.lower().replace("_", " ")
     if path.suffix.lower() == ".jps":
-        return _Arrangement(False, bool(_HALF.search(name)), True)
+        return False, bool(_HALF.search(name)), True
     picture, _ = read_picture(path)
     aspect = picture.shape[1] / picture.shape[0]
-    for above, word in ((False, _BESIDE), (True, _ABOVE)):
+    video = _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1]
+    for above, word, likely in ((False, _BESIDE, aspect > 1.2), (True, _ABOVE, aspect < 1.0 or video)):
         named = bool(word.search(name))
-        likely = aspect > 1.2 if not above else aspect < 1.0 or _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1]
         if (named or likely) and are_a_pair(*_halves(picture, above)):
-            half = bool(_HALF.search(name)) or _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1]
-            return _Arrangement(above, half, named)
+            return above, bool(_HALF.search(name)) or video, named
     return None
 
 
@@ -139,16 +115,14 @@ def detect(listing: Listing) -> int | None:
         if len(pairs) == 1:
             return 45
     path = _alone(listing)
-    if path is None:
-        return None
-    if path.suffix.lower() in (".jps", ".mpo"):
-        return 95
+    if path is None or path.suffix.lower() in (".jps", ".mpo"):
+        return None if path is None else 95
     try:
-        found = _arrangement(path)
+        arrangement = _arrangement(path)
     except UserError:
         return None
     # the halves of a mosaic are also alike: without a word in the name, tiles come first
-    return None if found is None else 65 if found.named else 55
+    return None if arrangement is None else 65 if arrangement[2] else 55
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
@@ -161,43 +135,37 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     if path is None:
         what = f"{listing.path}: no stereo pair among {len(listing.pictures())} pictures"
         raise UserError(what, "name two of them x_left.png and x_right.png")
-    pair = _mpo(path) if path.suffix.lower() == ".mpo" else _divided(path)
+    full, turn, why = 255, Turn(), "an .mpo file begins with the left eye's picture"
+    if path.suffix.lower() == ".mpo":
+        views: list[NDArray[Any]] = list(read_frames(path)[:2])
+        if len(views) < 2 or views[0].shape != views[1].shape:
+            raise UserError(f"{path}: no two pictures of one size in this .mpo file", "copy it from the camera again")
+    else:
+        views, full, turn, why = _divided(path)
     return SceneSource(
-        certain=pair.turn is not None, layout=NAME, path=listing.path, files=(path,), rows=1, cols=2,
-        read=lambda frame, row, col: pair.views[col], height_px=pair.views[0].shape[0], width_px=pair.views[0].shape[1],
-        max_value=pair.full, turn=pair.turn, turn_by=pair.why,
+        certain=bool(why), layout=NAME, path=listing.path, files=(path,), rows=1, cols=2,
+        read=lambda frame, row, col: views[col], height_px=views[0].shape[0], width_px=views[0].shape[1],
+        max_value=full, turn=turn if why else None, turn_by=why,
     )  # fmt: skip
 
 
-def _divided(path: Path) -> _Halves:
-    """The views of a picture of two. Raises UserError."""
-    found = _arrangement(path)
-    if found is None:
+def _divided(path: Path) -> tuple[list[NDArray[Any]], int, Turn, str]:
+    """The views of a picture of two in file order, their full value, the turn, and why ("": nothing says so). Raises UserError."""
+    arrangement = _arrangement(path)
+    if arrangement is None:
         raise UserError(
             f"{path}: its halves are no stereo pair, neither side by side nor above one another",
             "give two files x_left.png and x_right.png",
         )
+    above, half, named = arrangement
     picture, full = read_picture(path)
-    views = [np.ascontiguousarray(part) for part in _halves(picture, found.above)]
-    if found.half:
+    views = [np.ascontiguousarray(part) for part in _halves(picture, above)]
+    if half:
         height, width = views[0].shape[:2]
-        size = (width, 2 * height) if found.above else (2 * width, height)
+        size = (width, 2 * height) if above else (2 * width, height)
         views = [np.asarray(cv2.resize(view, size, interpolation=cv2.INTER_LINEAR)) for view in views]
     if path.suffix.lower() == ".jps":
-        return _Halves(views, full, Turn(cols=True), "a .jps file begins with the right eye's picture")
+        return views, full, Turn(cols=True), "a .jps file begins with the right eye's picture"
     if _CROSSED.search(path.stem.lower().replace("_", " ")):
-        return _Halves(views, full, Turn(cols=True), "the name says that it is for crossed eyes")
-    if found.named:
-        return _Halves(views, full, Turn(), "the name gives a format that begins with the left eye's picture")
-    return _Halves(views, full)
-
-
-def _mpo(path: Path) -> _Halves:
-    """The first two pictures of an .mpo file. Raises UserError."""
-    views = read_frames(path)[:2]
-    if len(views) < 2:
-        raise UserError(f"{path}: no two JPEGs in this .mpo file", "copy it from the camera again")
-    if views[0].shape != views[1].shape:
-        sizes = " and ".join(f"{view.shape[1]}x{view.shape[0]}" for view in views)
-        raise UserError(f"{path}: pictures of {sizes} px are not a stereo pair", "give a file of two equal pictures")
-    return _Halves(list(views), 255, Turn(), "an .mpo file begins with the left eye's picture")
+        return views, full, Turn(cols=True), "the name says that it is for crossed eyes"
+    return views, full, Turn(), "the name gives a format that begins with the left eye's picture" if named else ""

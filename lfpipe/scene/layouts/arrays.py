@@ -1,0 +1,317 @@
+"""Light fields that are one array: NumPy's .npy and .npz, MATLAB's .mat, and the first HCI data set, lf.h5.
+
+Axes are (rows, cols, height, width, planes), in NumPy files perhaps with frames before them; planes are 1 (grey) or 3 (red
+first). Values are uint8, uint16, or float 0 .. 1. An .npz holds `views`, and perhaps `disparity` (rows, cols, height, width), px
+per view, nearer is larger; and `positions` (rows, cols, 2), where each camera stood, (down, right) in any unit.
+
+MATLAB files hold LF: LFToolbox's NAME__Decoded.mat and BasicLFSR's. v7.3 files are HDF5, axes in reverse order; older ones need
+scipy (`pip install 'lfpipe[scipy]'`). lf.h5 holds LF, GT_DEPTH and attributes, columns from right to left: Wanner, Meister,
+Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013.
+"""
+
+import contextlib
+import math
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.files.untrusted import in_range
+from lfpipe.scene.files import Listing, descriptor_path, open_file
+from lfpipe.scene.layouts._grid import require_grid, require_view, true_max
+from lfpipe.scene.layouts.plenoptic import lit
+from lfpipe.scene.source import Layout, SceneSource, Turn
+
+VIEWS, DISPARITY, POSITIONS = "views", "disparity", "positions"
+AXES = "(rows, cols, height, width, 1 or 3), or (frames, rows, cols, height, width, 1 or 3)"
+MEMBER_BYTES = 2 << 30  # of an .npz, which must be read as a whole; .npy is mapped
+_KEYS = ("LF", "lf", "LightField", "lightfield")
+_PLANES = (1, 3, 4, 5)  # grey, colour, and colour with weights behind it
+_WHOLE_BYTES = 1 << 30  # a compressed data set up to this size is unpacked in one go
+_USED, _MOST = ("dH", "focalLength", "shift"), 1e9
+
+
+def _only_file(listing: Listing, ends: tuple[str, ...]) -> Path | None:
+    """The file of a scene with such an ending, if it is the only one."""
+    names = [name for name in listing.names if name.lower().endswith(ends)]
+    names = ["lf.h5"] if "lf.h5" in names and ".h5" in ends else names
+    return listing.file(names[0]) if len(names) == 1 else None
+
+
+def _require_file(listing: Listing, ends: tuple[str, ...]) -> Path:
+    path = _only_file(listing, ends)
+    if path is None:
+        raise UserError(f"{listing.path}: not exactly one {ends[0]} file", "give the file itself by its own path")
+    return path
+
+
+def require_views(views: NDArray[Any], what: str) -> NDArray[Any]:
+    """views with an axis of frames. Raises UserError for other axes and types. what: its name, for messages."""
+    if views.ndim not in (5, 6) or views.shape[-1] not in (1, 3):
+        raise UserError(f"{what}: axes of sizes {views.shape}", f"expected {AXES}")
+    if views.dtype not in (np.uint8, np.uint16) and views.dtype.kind != "f":
+        raise UserError(f"{what}: values of type {views.dtype}", "expected uint8, uint16 or float 0 .. 1")
+    framed = views if views.ndim == 6 else views[None]
+    frames, rows, cols, height, width, _ = framed.shape
+    if frames < 1:
+        raise UserError(f"{what}: no frame", f"expected {AXES}")
+    require_grid(rows, cols, what)
+    require_view(height, width, views.dtype.itemsize, what)
+    return framed
+
+
+def _unsigned(values: NDArray[Any], path: Path, full: float = 1.0) -> NDArray[Any]:
+    """uint8 and uint16 unchanged; floats 0 .. full as uint16 0 .. 65535. Raises UserError for NaN."""
+    if values.dtype.kind != "f":
+        return values
+    if not np.isfinite(values).all():
+        raise UserError(f"{path}: contains NaN or infinite values", "export it again")
+    with np.errstate(over="ignore"):
+        share = np.clip(values.astype(np.float32) / np.float32(full), 0, 1)
+    return np.asarray(np.rint(share * np.float32(65535)), np.uint16)
+
+
+def _numpy_arrays(path: Path) -> Mapping[str, NDArray[Any]]:
+    """The arrays of a file by name. Raises UserError."""
+    with _damage(path, "not a readable array", "save it with numpy.save or numpy.savez, without objects"):
+        if path.suffix.lower() == ".npy":
+            return {VIEWS: np.load(path, mmap_mode="r", allow_pickle=False)}
+        with zipfile.ZipFile(path) as archive:
+            largest = max((entry.file_size for entry in archive.infolist()), default=0)
+        if largest > MEMBER_BYTES:
+            raise UserError(f"{path}: an array of {largest / 1e6:.0f} MB", "save the views with numpy.save, as .npy")
+        with np.load(path, allow_pickle=False) as held:
+            names = [name for name in (VIEWS, DISPARITY, POSITIONS) if name in held.files]
+            alone = VIEWS not in names and len(held.files) == 1
+            return {VIEWS: held[held.files[0]]} if alone else {name: held[name] for name in names}
+
+
+def _describe_numpy(listing: Listing, scene: config.Scene) -> SceneSource:
+    path = _require_file(listing, (".npy", ".npz"))
+    arrays = _numpy_arrays(path)
+    if VIEWS not in arrays:
+        raise UserError(f"{path}: no array {VIEWS!r}", f"numpy.savez(FILE, {VIEWS}=...) with axes {AXES}")
+    views = require_views(arrays[VIEWS], str(path))
+    frames, rows, cols, height, width, planes = views.shape
+    disparity, positions = arrays.get(DISPARITY), arrays.get(POSITIONS)
+    for name, values, shape in (
+        (DISPARITY, disparity, (rows, cols, height, width)),
+        (POSITIONS, positions, (rows, cols, 2)),
+    ):
+        if values is not None and (values.shape != shape or values.dtype.kind not in "fiu"):
+            raise UserError(f"{path}: {name} has sizes {values.shape}", f"expected {shape}, of numbers")
+    if positions is not None and not np.isfinite(positions).all():
+        raise UserError(f"{path}: {POSITIONS} contains NaN or infinite values", "expected finite numbers")
+
+    def true_map(row: int, col: int) -> NDArray[np.float32]:
+        return np.asarray(disparity[row, col], np.float32)  # type: ignore[index]
+
+    def read(frame: int, row: int, col: int) -> NDArray[Any]:
+        pixels = _unsigned(np.asarray(views[frame, row, col]), path)
+        return np.ascontiguousarray(pixels if planes == 3 else pixels[..., 0])
+
+    places = [] if disparity is None else [(row, col) for row in range(rows) for col in range(cols)]
+    return SceneSource(
+        layout="array", path=listing.path, files=(path,), rows=rows, cols=cols, read=read, height_px=height, width_px=width,
+        max_value=255 if views.dtype == np.uint8 else 65535, frames=frames, frame_rate_hz=30.0 if frames > 1 else 0.0,
+        turn=Turn(), turn_by="rows of the array are counted from the top, columns from the left", turn_firm=False,
+        coordinates=None if positions is None else np.asarray(positions, np.float64),
+        truth={place: partial(true_map, *place) for place in places},
+    )  # fmt: skip
+
+
+@attrs.frozen(eq=False)
+class _Array:
+    """An array of a file. part(index): some of its values."""
+
+    key: str
+    shape: tuple[int, ...]
+    type: np.dtype[Any]
+    part: Callable[[Any], NDArray[Any]]
+
+
+@contextlib.contextmanager
+def _damage(path: Path, what: str, remedy: str = "fetch the file again") -> Iterator[None]:
+    """Turns what a library's parser raises, which may be anything, into UserError."""
+    try:
+        yield
+    except (UserError, MemoryError):
+        raise
+    except Exception as error:
+        why = (str(error).splitlines() or [type(error).__name__])[0]
+        raise UserError(f"{path}: {what}: {why}"[:1000], remedy) from None
+
+
+def _hdf5(path: Path) -> Any:
+    """The h5py.File at path. Raises UserError."""
+    import h5py  # 0.1 s, and only two layouts need it
+
+    with open_file(path) as file, _damage(path, "not a readable HDF5 file"):
+        return h5py.File(descriptor_path(file), "r")
+
+
+def _hdf5_array(path: Path, file: Any, *keys: str) -> _Array | None:
+    """The first of these arrays of numbers in a file, or None. Raises UserError if it leads out of the file."""
+    import h5py
+
+    for key in keys:
+        with _damage(path, f"{key} cannot be read"):
+            link = file.get(key, getlink=True)
+            if isinstance(link, h5py.ExternalLink | h5py.SoftLink):  # a chain of them may end anywhere
+                there = getattr(link, "filename", "") or link.path
+                raise UserError(f"{path}: {key} links to another file or place, {there}", "download the scene as one file")
+            data = file.get(key)
+            if isinstance(data, h5py.Dataset) and data.dtype.kind in "uif" and data.shape is not None:
+                if data.external or data.is_virtual:
+                    raise UserError(f"{path}: {key} is stored in other files", "download the whole scene as one file")
+                return _Array(key, tuple(map(int, data.shape)), data.dtype, _hdf5_reader(path, key, data))
+    return None
+
+
+def _hdf5_reader(path: Path, key: str, data: Any) -> Callable[[Any], NDArray[Any]]:
+    values: list[Any] = []
+
+    def part(index: Any) -> NDArray[Any]:
+        with _damage(path, f"{key} cannot be read"):
+            if not values:
+                chunks = data.chunks or (1,) * data.ndim
+                whole = math.prod(-(-size // chunk) * chunk for size, chunk in zip(data.shape, chunks, strict=True))
+                stored = data.id.get_storage_size()
+                if stored > whole * data.dtype.itemsize * 1.1 + 1024:  # it would unpack to more than it says
+                    raise UserError(f"{path}: {key}: {stored} bytes are stored for {whole} values", "fetch the file again")
+                # a view may cross every compressed chunk: unpacking all of them once beats unpacking for each view
+                values.append(data[()] if data.chunks and data.nbytes <= _WHOLE_BYTES else data)
+            return np.asarray(values[0][index])
+
+    return part
+
+
+def axis_order(shape: tuple[int, ...]) -> tuple[int, ...] | None:
+    """Which axes of the array are (rows, cols, y, x[, planes]), by size: planes are few and views larger than the grid.
+
+    Both v7.3 order (planes first) and MATLAB's own (planes last) occur. None if the shape cannot be a light field.
+    """
+    natural: tuple[int, ...] = tuple(range(len(shape)))
+    if len(shape) not in (4, 5) or 0 in shape:
+        return None
+    sizes = shape if len(shape) == 5 else (*shape, 1)
+    if sizes[4] in _PLANES and max(sizes[:2]) <= min(sizes[2:4]):
+        return natural
+    sizes = shape if len(shape) == 5 else (1, *shape)
+    return natural[::-1] if sizes[0] in _PLANES and max(sizes[3:]) <= min(sizes[1:3]) else None
+
+
+def _source(layout: str, listing: Listing, path: Path, array: _Array | None, names: list[str]) -> SceneSource:
+    """The views of an array. names: of all arrays in the file, for the message without one. Raises UserError."""
+    if array is None:
+        raise UserError(f"{path}: no array LF (it contains: {', '.join(names[:8])})", "save the light field as LF")
+    what, kind, order = f"{path}: {array.key}", array.type, axis_order(array.shape)
+    if order is None:
+        wrong = f"{what} has {len(array.shape)} axes of sizes {array.shape}; expected (rows, columns, y, x, planes)"
+        raise UserError(wrong, "save it with these axes")
+    if kind not in (np.uint8, np.uint16) and kind.kind != "f":
+        raise UserError(f"{what} has values of type {kind}", "save it as uint8, uint16 or float")
+    rows, cols, height, width = (array.shape[axis] for axis in order[:4])
+    require_grid(rows, cols, what)
+    require_view(height, width, kind.itemsize, what)
+
+    def raw(row: int, col: int) -> NDArray[Any]:
+        return array.part((..., col, row)).T if order[0] else array.part((row, col))
+
+    bright = kind.kind == "f" and float(np.nanmax(raw(rows // 2, cols // 2), initial=0)) > 1.5
+
+    def read(frame: int, row: int, col: int) -> NDArray[Any]:
+        pixels = raw(row, col)
+        if pixels.ndim == 3:  # a fourth plane is LFToolbox's weight
+            pixels = pixels[..., 0] if pixels.shape[2] < 3 else np.ascontiguousarray(pixels[..., :3])
+        return _unsigned(pixels, path, 255.0 if bright else 1.0)
+
+    return SceneSource(layout, listing.path, (path,), rows, cols, read, height, width, 255 if kind == np.uint8 else 65535)
+
+
+def _matlab_array(path: Path) -> tuple[_Array | None, list[str]]:
+    """The light field of a file, and the names of its variables. Raises UserError."""
+    import h5py
+
+    with open_file(path) as file:
+        if h5py.is_hdf5(descriptor_path(file)):  # v7.3, after MATLAB's own header
+            data = _hdf5(path)
+            return _hdf5_array(path, data, *_KEYS), [*data]
+        try:
+            import scipy.io
+        except ImportError:
+            remedy = "pip install 'lfpipe[scipy]', or save it with -v7.3"
+            raise UserError(f"{path}: a .mat file older than v7.3 needs scipy", remedy) from None
+        with _damage(path, "not a readable .mat file", "save it again, with -v7.3"):
+            shapes = {name: shape for name, shape, _ in scipy.io.whosmat(file)}
+            key = next((key for key in _KEYS if key in shapes), "")
+            if key and axis_order(shapes[key]) is not None:
+                file.seek(0)
+                values = np.asarray(scipy.io.loadmat(file, variable_names=[key])[key])
+                return _Array(key, values.shape, values.dtype, values.__getitem__), [*shapes]
+    # what cannot be a light field is not read
+    return (_Array(key, shapes[key], np.dtype(np.uint8), np.zeros) if key else None), [*shapes]
+
+
+def _describe_matlab(listing: Listing, scene: config.Scene) -> SceneSource:
+    path = _require_file(listing, (".mat",))
+    array, names = _matlab_array(path)
+    source = lit(_source("mat", listing, path, array, names))
+    toolbox = {"LFMetadata", "DecodeOptions", "RectOptions", "WhiteImageMetadata"} & set(names)
+    if array is not None and array.type == np.uint16:
+        top = true_max([int(source.read(0, row, source.cols // 2).max()) for row in (0, source.rows // 2)], 65535)
+        source = attrs.evolve(source, max_value=top)
+    by = "LFToolbox counts rows from the top and columns from the left"
+    return attrs.evolve(source, linear=True, turn=Turn(), turn_by=by, turn_firm=False) if toolbox else source
+
+
+def require_plausible(known: Mapping[str, float], path: Path) -> None:
+    """Raises UserError where one of the attributes that are used here is not finite or out of range."""
+    for name in _USED:
+        in_range(known.get(name, 0.0), -_MOST, _MOST, f"{path}: {name}", "fetch the scene again, or correct the value")
+
+
+def disparity_of_depth(depth: NDArray[np.float32], known: Mapping[str, float]) -> NDArray[np.float32]:
+    """Disparity in px per view of the first HCI data set's depth: dH * focalLength / depth - shift."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        unit = np.float32(known.get("dH", 0.0) * known.get("focalLength", 0.0))
+        return np.asarray(unit / depth - np.float32(known.get("shift", 0.0)), np.float32)
+
+
+def _describe_hci_old(listing: Listing, scene: config.Scene) -> SceneSource:
+    path = _require_file(listing, (".h5", ".hdf5"))
+    file = _hdf5(path)
+    source = _source("hci-old", listing, path, _hdf5_array(path, file, *_KEYS), [*file])
+    with _damage(path, "the attributes cannot be read"):
+        stored = {name: file.attrs.get_id(name) for name in _USED if name in file.attrs}
+        single = [name for name, about in stored.items() if about.dtype.kind in "uif" and about.shape in ((), (1,))]
+        known = {name: float(np.ravel(file.attrs[name])[0]) for name in single}
+    require_plausible(known, path)
+    depth, truth = _hdf5_array(path, file, "GT_DEPTH"), {}
+    shape = source.rows, source.cols, source.height_px, source.width_px
+    if depth is not None and depth.shape == shape and known.get("dH") and known.get("focalLength"):
+
+        def true_map(row: int, col: int) -> NDArray[np.float32]:
+            return disparity_of_depth(depth.part((row, col)).astype(np.float32), known)
+
+        truth = {place: partial(true_map, *place) for place in np.ndindex(source.rows, source.cols)}
+    by = "the columns of lf.h5 run from right to left"
+    return attrs.evolve(source, truth=truth, turn=Turn(cols=True), turn_by=by)
+
+
+def _detects(ends: tuple[str, ...]) -> Callable[[Listing], int | None]:
+    return lambda listing: 90 if _only_file(listing, ends) is not None else None
+
+
+LAYOUTS = (
+    Layout("array", lambda listing: 90 if listing.is_file and _only_file(listing, (".npy", ".npz")) else None, _describe_numpy),
+    Layout("mat", _detects((".mat",)), _describe_matlab),
+    Layout("hci-old", _detects((".h5", ".hdf5")), _describe_hci_old),
+)

@@ -1,0 +1,211 @@
+"""One picture file per view, by names: those of known data sets, and any whose numbers span a grid or run.
+
+hci          the HCI 4D benchmark: input_Cam000.png ... row by row from the top left, parameters.cfg, true disparity where given:
+             https://lightfield-analysis.uni-konstanz.de (Honauer, Johannsen, Kondermann, Goldluecke, ACCV 2016)
+hci-text     the first HCI data set as text and pictures: lf/XX_YY.png, attributes.dat, depth.bin (Wanner, Meister, Goldluecke,
+             "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013)
+stanford     the Stanford archive: out_RR_CC_Y_X_.png, Y and X the camera's position. Coordinates decide, never the index: X grows
+             to the right, Y downwards, and scenes were shot in either direction. http://lightfield.stanford.edu
+jpeg-pleno   JPEG Pleno, EPFL: RRR_CCC.ppm of a Lytro Illum, 15x15 with dark sides and corners, 8, 10 or 16 bit
+rows-cols    any two numbers in the names that span a grid
+numbered     a running number: row by row, column by column, a snake or a line; the pictures decide
+"""
+
+import configparser
+import math
+import re
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.files.untrusted import in_range
+from lfpipe.scene.files import Listing, list_scene, read_bytes, read_pfm
+from lfpipe.scene.layouts._grid import describe_views, named_views, parse_grid, placed_views
+from lfpipe.scene.layouts._names import MAX_SIDE
+from lfpipe.scene.layouts.arrays import disparity_of_depth, require_plausible
+from lfpipe.scene.layouts.plenoptic import lit
+from lfpipe.scene.lightfield import Geometry
+from lfpipe.scene.source import Layout, SceneSource, Turn
+
+_NUMBER, _PICTURE = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)", r"\.(?:png|jpe?g|ppm)"
+_HCI = re.compile(rf"input_Cam(\d{{3,5}}){_PICTURE}", re.IGNORECASE)
+_HCI_TEXT = re.compile(rf"(\d{{1,3}})_(\d{{1,3}}){_PICTURE}", re.IGNORECASE)
+_STANFORD = re.compile(rf".*?out_(\d{{1,4}})_(\d{{1,4}})_{_NUMBER}_{_NUMBER}(?:_{_NUMBER})*_?{_PICTURE}", re.IGNORECASE)
+_JPEG_PLENO = re.compile(r"(\d{3})_(\d{3})\.(?:ppm|png)", re.IGNORECASE)
+_TRUTH = re.compile(r"gt_disp_lowres(?:_Cam(\d{3,5}))?\.pfm", re.IGNORECASE)
+_FARTHEST = 1e9  # of a camera, in whatever unit: mm or px
+_NOT_NEEDED = "correct it or move the file away, it is not needed"
+
+
+def _matches(listing: Listing, pattern: re.Pattern[str]) -> dict[str, re.Match[str]]:
+    """The names of a folder's files in this form."""
+    return {} if listing.is_file else {name: match for name in listing.names if (match := pattern.fullmatch(name))}
+
+
+def _require_matches(listing: Listing, pattern: re.Pattern[str], example: str) -> dict[str, re.Match[str]]:
+    if not (matches := _matches(listing, pattern)):
+        raise UserError(f"{listing.path}: no {example}", "give the folder of the views, or leave out --layout")
+    return matches
+
+
+def _detects(pattern: re.Pattern[str], fewest: int, mark: int) -> Callable[[Listing], int | None]:
+    return lambda listing: mark if len(_matches(listing, pattern)) >= fewest else None
+
+
+def _parameters(path: Path) -> dict[str, str]:
+    """All sections of parameters.cfg in one table; keys vary from scene to scene. Raises UserError."""
+    parser = configparser.ConfigParser(interpolation=None, strict=False)
+    try:
+        parser.read_string(read_bytes(path).decode("utf-8", "replace"))
+    except configparser.Error as error:
+        reason = str(error).splitlines()[0]
+        raise UserError(f"{path}: not a valid parameters.cfg: {reason}", _NOT_NEEDED) from None
+    return {key: value for section in parser.values() for key, value in section.items()}
+
+
+def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
+    views = {name: int(match[1]) for name, match in _require_matches(listing, _HCI, "input_Cam000.png").items()}
+    cfg = listing.file("parameters.cfg") if "parameters.cfg" in listing.names else None
+    table = _parameters(cfg) if cfg else {}
+
+    def number(key: str, low: float, high: float) -> float | None:
+        """None if it is missing, or zero or text for "not known". Raises UserError if it is out of range."""
+        try:
+            value = float(table.get(key, "0"))
+        except ValueError:
+            return None
+        return in_range(value, low, high, f"{cfg}: {key}", _NOT_NEEDED) if value else None
+
+    focal, sensor = number("focal_length_mm", 1e-2, 1e5), number("sensor_size_mm", 1e-2, 1e5)
+    longer_px = max(number(f"image_resolution_{axis}_px", 1, 1e5) or 0.0 for axis in "xy")
+    focus = number("focus_distance_m", 1e-4, 1e6)
+    geometry = Geometry(
+        baseline_mm=number("baseline_mm", 1e-6, 1e7),
+        focus_distance_mm=focus * 1000 if focus else None,
+        focal_length_px=focal / sensor * longer_px if focal and sensor and longer_px else None,
+    )
+    rows, cols = parse_grid(scene.grid) or [int(number(f"num_cams_{axis}", 1, MAX_SIDE) or 0) for axis in "yx"]
+    maps = {name: match for name in sorted(listing.names, key=len) if (match := _TRUTH.fullmatch(name))}
+    convention = "the HCI layout is row by row from the top left camera"
+    if not rows * cols and not maps:  # only the names are of the benchmark: the pictures decide, and may contradict the order
+        source = describe_views("hci", listing, scene, runs=True)
+        usual = source.rows == source.cols and not source.doubt
+        return attrs.evolve(source, turn=Turn(), turn_firm=False, turn_by=convention) if usual else source
+    last = max(views, key=lambda name: views[name])
+    if not rows * cols:
+        rows = cols = math.isqrt(views[last]) + 1
+    if views[last] >= rows * cols:
+        raise UserError(f"{listing.path}: {last} is outside of the grid of {rows}x{cols}", "use --set scene.grid=ROWSxCOLS")
+    source = placed_views(
+        "hci", listing, {name: divmod(index, cols) for name, index in views.items()}, (rows, cols),
+        turn=Turn(), turn_by=convention, geometry=geometry,
+    )  # fmt: skip
+    truth: dict[tuple[int, int], Callable[[], NDArray[np.float32]]] = {}
+    for name, match in maps.items() if (source.rows, source.cols) == (rows, cols) else ():
+        index = int(match[1]) if match[1] else (rows // 2) * cols + cols // 2  # a map that names its view is last and wins
+        if index < rows * cols and divmod(index, cols) not in source.missing:
+            truth[divmod(index, cols)] = partial(read_pfm, listing.file(name))
+    beside = (*(listing.file(name) for name in maps), *([cfg] if cfg else []))
+    return attrs.evolve(source, truth=truth, files=(*source.files, *beside))
+
+
+def hci_attributes(text: str) -> dict[str, float]:
+    """`value //name` lines by name; lines of another form are passed over."""
+    known: dict[str, float] = {}
+    for line in text.splitlines():
+        value, sign, name = line.partition("//")
+        if sign and name.split():
+            try:
+                known[name.split()[0]] = float(value)
+            except ValueError:
+                continue
+    return known
+
+
+def _detect_hci_text(listing: Listing) -> int | None:
+    return 92 if "attributes.dat" in listing.names and "lf" in listing.folders else None
+
+
+def _describe_hci_text(listing: Listing, scene: config.Scene) -> SceneSource:
+    if _detect_hci_text(listing) is None:
+        raise UserError(f"{listing.path}: no attributes.dat next to a folder lf/", "give the folder that contains both")
+    beside = [listing.file("attributes.dat")]
+    known = hci_attributes(read_bytes(beside[0]).decode("utf-8", "replace"))
+    require_plausible(known, beside[0])
+    inner = list_scene(listing.file("lf"))
+    places = {name: (int(m[1]), int(m[2])) for name, m in _require_matches(inner, _HCI_TEXT, "ROW_COLUMN.png").items()}
+    source = placed_views(
+        "hci-text", inner, places, turn=Turn(), turn_by="this export counts rows from the top and columns from the left"
+    )
+    size, truth, middle = (source.height_px, source.width_px), {}, (source.rows // 2, source.cols // 2)
+    if "depth.bin" in listing.names and middle not in source.missing:
+        beside.append(path := listing.file("depth.bin"))
+
+        def read_truth() -> NDArray[np.float32]:
+            data, expected = read_bytes(path, 1 << 28), 4 * math.prod(size)
+            if len(data) != expected:
+                wrong = f"{len(data)} bytes, {expected} expected of {size[1]}x{size[0]} float32"
+                raise UserError(f"{path}: {wrong}", "fetch it again, or move it away")
+            depth = np.frombuffer(data, "<f4").reshape(size).astype(np.float32)
+            return disparity_of_depth(depth, known) if known.get("focalLength") else depth
+
+        truth[middle] = read_truth
+    return attrs.evolve(source, path=listing.path, truth=truth, files=(*source.files, *beside))
+
+
+def _describe_stanford(listing: Listing, scene: config.Scene) -> SceneSource:
+    matches = _require_matches(listing, _STANFORD, "out_ROW_COLUMN_Y_X_.png")
+    source = placed_views("stanford", listing, {name: (int(m[1]), int(m[2])) for name, m in matches.items()})
+    stood = np.full((source.rows, source.cols, 2), np.nan)
+    places = [place for place in np.ndindex(source.rows, source.cols) if place not in source.missing]
+    for place, path in zip(places, source.files, strict=True):
+        for axis in (0, 1):
+            value = float(matches[path.name][3 + axis])
+            stood[place][axis] = in_range(value, -_FARTHEST, _FARTHEST, f"{path}: a camera coordinate", "rename the file")
+    turn = coordinate_turn(stood)
+    if turn is None:
+        return source
+    coordinates = None if source.missing else stood
+    return attrs.evolve(source, coordinates=coordinates, turn=turn, turn_by="camera coordinates in the names")
+
+
+def coordinate_turn(stood: NDArray[np.float64]) -> Turn | None:
+    """From coordinates (rows, cols, 2) as (down, right) in file order, NaN where unknown: the turn to canonical order, or None if
+    they do not determine it. Along each index axis the mean step of the coordinate that moves most decides."""
+    by_row, by_col = np.nanmean(stood, axis=1), np.nanmean(stood, axis=0)
+    (down_by_row, right_by_row), (down_by_col, right_by_col) = by_row[-1] - by_row[0], by_col[-1] - by_col[0]
+    straight, crossed = abs(down_by_row) + abs(right_by_col), abs(right_by_row) + abs(down_by_col)
+    if straight == crossed:
+        return None
+    if straight > crossed:
+        return Turn(rows=bool(down_by_row < 0), cols=bool(right_by_col < 0))
+    return Turn(rows=bool(down_by_col < 0), cols=bool(right_by_row < 0), transpose=True)
+
+
+def _describe_jpeg_pleno(listing: Listing, scene: config.Scene) -> SceneSource:
+    matches = _require_matches(listing, _JPEG_PLENO, "ROW_COLUMN.ppm with three digits each")
+    return lit(placed_views(
+        "jpeg-pleno", listing, {name: (int(m[1]), int(m[2])) for name, m in matches.items()},
+        turn=Turn(), turn_firm=False, turn_by="JPEG Pleno counts rows from the top and columns from the left",
+    ))  # fmt: skip
+
+
+def _detect_numbers(runs: bool, mark: int, listing: Listing) -> int | None:
+    numbered = named_views(listing)
+    return mark if numbered is not None and numbered.runs == runs else None
+
+
+LAYOUTS = (
+    Layout("hci", _detects(_HCI, 1, 90), _describe_hci),
+    Layout("hci-text", _detect_hci_text, _describe_hci_text),
+    Layout("stanford", _detects(_STANFORD, 2, 90), _describe_stanford),
+    Layout("jpeg-pleno", _detects(_JPEG_PLENO, 2, 80), _describe_jpeg_pleno),
+    Layout("rows-cols", partial(_detect_numbers, False, 50), partial(describe_views, "rows-cols", runs=False)),
+    Layout("numbered", partial(_detect_numbers, True, 40), partial(describe_views, "numbered", runs=True)),
+)

@@ -1,0 +1,134 @@
+"""Plenoptic cameras. ESLF: one PNG of lenslets, N x N px each (14 x 14 of a Lytro Illum), as in LFToolbox's LFReadESLF; pixel
+(row, col) of every lenslet is one view. Raw pictures are a honeycomb of lenslets; the outer views are dark or empty.
+"""
+
+from typing import Any
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.files.pictures import read_picture
+from lfpipe.scene.files import Listing
+from lfpipe.scene.layouts._grid import parse_grid
+from lfpipe.scene.layouts._tiles import single_picture
+from lfpipe.scene.source import SceneSource, Turn, ViewIndex
+
+NAME = "eslf"
+_USUAL = 14
+_PITCHES = range(5, 25)
+_GLANCE_PX = 1024
+_CROP_PX, _PITCH_PX, _PEAK = 512, (5, 30), 300.0  # of the examined part, of a lenslet; over the median around it
+_SMALLEST_PX = 256  # side of a raw picture: at least thousands of px
+_DARK_SIDE, _DARK_VIEW = 0.55, 0.4  # brightness over that of the middle view; darker sides and views are left out
+
+
+def lenslet_pitch(picture: NDArray[Any]) -> int | None:
+    """The side of a lenslet in px, or None: neighbouring lenslets are nearly alike, their halves are not."""
+    plane = picture if picture.ndim == 2 else picture[..., 1]
+    top, left = ((max(0, size - _GLANCE_PX)) // 2 for size in plane.shape)
+    part = plane[top : top + _GLANCE_PX, left : left + _GLANCE_PX].astype(np.float32)
+    if min(part.shape) < 4 * max(_PITCHES):
+        return None
+
+    def unlike(shift: int, axis: int) -> float:
+        a, b = (part[shift:], part[:-shift]) if axis == 0 else (part[:, shift:], part[:, :-shift])
+        return float(np.mean((a - b) ** 2))
+
+    ratios: dict[int, float] = {}
+    for pitch in _PITCHES:
+        halves = [min(unlike(pitch // 2, axis), unlike(pitch + pitch // 2, axis)) for axis in (0, 1)]
+        if min(halves) > 1:
+            ratios[pitch] = max(unlike(pitch, axis) / half for axis, half in zip((0, 1), halves, strict=True))
+    best = min(ratios, key=lambda pitch: ratios[pitch], default=0)
+    return best if ratios.get(best, 1.0) < 0.5 else None
+
+
+def is_honeycomb(picture: NDArray[Any]) -> bool:
+    """Whether a picture is a raw honeycomb of lenslets: its spectrum has peaks at equal distance, 60 degrees apart."""
+    plane = picture if picture.ndim == 2 else picture[..., 1]
+    size = min(_CROP_PX, *plane.shape)
+    top, left = ((side - size) // 2 for side in plane.shape)
+    if size < _SMALLEST_PX:
+        return False
+    window = np.hanning(size).astype(np.float32)
+    part = plane[top : top + size, left : left + size].astype(np.float32)
+    if part.std() < 1e-3 * (float(part.max()) + 1):
+        return False
+    power = np.fft.fftshift(np.abs(np.fft.fft2((part - part.mean()) * window * window[:, None])) ** 2)
+    y, x = np.mgrid[:size, :size] - size // 2
+    away = np.hypot(x, y)
+    ring = (away > size / _PITCH_PX[1]) & (away < size / _PITCH_PX[0])
+    at = int(np.argmax(np.where(ring, power, 0)))
+    peak_y, peak_x = (int(v) - size // 2 for v in divmod(at, size))
+    radius = float(np.hypot(peak_x, peak_y))
+    usual = float(np.median(power[np.abs(away - radius) < 0.2 * radius]))
+    for angle in (np.pi / 3, -np.pi / 3):
+        px = round(peak_x * np.cos(angle) - peak_y * np.sin(angle)) + size // 2
+        py = round(peak_x * np.sin(angle) + peak_y * np.cos(angle)) + size // 2
+        near = power[max(0, py - 2) : py + 3, max(0, px - 2) : px + 3]
+        if not near.size or float(near.max()) < max(_PEAK * usual, 0.05 * float(power.flat[at])):
+            return False
+    return True
+
+
+def lit(source: SceneSource) -> SceneSource:
+    """The source without its dark sides, evenly from both ends; dark views in the corners count as missing."""
+
+    def light(row: int, col: int) -> float:
+        return 0.0 if (row, col) in source.missing else float(source.read(0, row, col)[::4, ::4].mean())
+
+    all_rows, all_cols = source.rows, source.cols
+    middle = light(all_rows // 2, all_cols // 2)
+    top = left = 0
+    while all_rows - 2 * top > 2 and min(light(r, all_cols // 2) for r in (top, all_rows - 1 - top)) < _DARK_SIDE * middle:
+        top += 1
+    while all_cols - 2 * left > 2 and min(light(all_rows // 2, c) for c in (left, all_cols - 1 - left)) < _DARK_SIDE * middle:
+        left += 1
+    rows, cols = all_rows - 2 * top, all_cols - 2 * left
+    missing: set[ViewIndex] = set()
+    for row, col in np.ndindex(rows, cols):
+        # light falls off only towards the corners: no need to check the rest of the grid
+        corner = min(row, rows - 1 - row) + min(col, cols - 1 - col) < max(1, min(rows, cols) // 4)
+        if (row + top, col + left) in source.missing or (corner and light(row + top, col + left) < _DARK_VIEW * middle):
+            missing.add((row, col))
+    note = f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used; the others are dark"
+    small = source.small
+    return attrs.evolve(
+        source, rows=rows, cols=cols, missing=frozenset(missing), notes=(*source.notes, note) if top or left else source.notes,
+        read=lambda frame, row, col: source.read(frame, row + top, col + left),
+        small=None if small is None else lambda row, col, most_px: small(row + top, col + left, most_px),
+    )  # fmt: skip
+
+
+def detect(listing: Listing) -> int | None:
+    path = single_picture(listing)
+    if path is None:
+        return None
+    if "eslf" in path.stem.lower():
+        return 90
+    try:
+        return 70 if lenslet_pitch(read_picture(path)[0]) else None
+    except UserError:
+        return None
+
+
+def describe(listing: Listing, scene: config.Scene) -> SceneSource:
+    path = single_picture(listing)
+    if path is None:
+        raise UserError(f"{listing.path}: not exactly one lenslet picture", "give the file itself")
+    picture, full = read_picture(path)
+    pitch = lenslet_pitch(picture) or _USUAL
+    rows, cols = parse_grid(scene.grid) or (pitch, pitch)
+    below, beside = -picture.shape[0] % rows, -picture.shape[1] % cols
+    if below or beside:  # LFToolbox fills up at the end
+        picture = cv2.copyMakeBorder(picture, 0, below, 0, beside, cv2.BORDER_CONSTANT)
+    return lit(SceneSource(
+        certain="eslf" in path.stem.lower(), layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
+        read=lambda frame, row, col: np.ascontiguousarray(picture[row::rows, col::cols]),
+        height_px=picture.shape[0] // rows, width_px=picture.shape[1] // cols, max_value=full,
+        turn=Turn(), turn_firm=False, turn_by="an ESLF picture counts rows from the top and columns from the left",
+    ))  # fmt: skip

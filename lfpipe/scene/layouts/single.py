@@ -1,0 +1,100 @@
+"""Scenes of one file that is no mosaic: a picture, which is a light field of one view, and an animation (GIF, WebP, AVIF) whose
+frames are views along a line: a wiggle."""
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.files.pictures import open_header, read_frames, read_picture
+from lfpipe.scene.files import PICTURES, Listing
+from lfpipe.scene.layouts._grid import files_source
+from lfpipe.scene.layouts._tiles import single_picture
+from lfpipe.scene.optical_flow import confirmed, flow, textured
+from lfpipe.scene.source import Layout, SceneSource, Turn
+
+_GLANCE_PX, _FEWEST_PX = 512, 300
+_ASIDE_PX = 1.5  # between red and green: more than lens errors
+_SAME = 2.0  # grey levels between frames of one view: dithering
+
+
+def _is_anaglyph(picture: NDArray[Any]) -> bool:
+    """Whether red is shifted against green and blue like one eye's picture against the other's."""
+    if picture.ndim == 2:
+        return False
+    scale = min(1.0, _GLANCE_PX / max(picture.shape[:2]))
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    small = small if small.dtype == np.uint8 else cv2.convertScaleAbs(small, alpha=1 / 256)
+    red, green = (np.asarray(cv2.equalizeHist(np.ascontiguousarray(small[..., k])), np.uint8) for k in (0, 1))
+    if min(red.shape) < 24:
+        return False
+    there, back = flow(red, green), flow(green, red)
+    detail = confirmed(there, back) & textured(green)
+    if np.count_nonzero(detail) < _FEWEST_PX:
+        return False
+    aside, beside = np.abs(there[detail]).T
+    return bool(np.percentile(aside, 70) > _ASIDE_PX and np.median(beside) < _ASIDE_PX / 3)
+
+
+def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
+    path = single_picture(listing)
+    if path is None:
+        count = len(listing.pictures())
+        raise UserError(f"{listing.path}: contains {count} pictures, not one", f"give one file ({', '.join(PICTURES)})")
+    if not scene.force and _is_anaglyph(read_picture(path)[0]):
+        raise UserError(
+            f"{path}: a red/cyan anaglyph: each eye's picture has lost its other colours, so they cannot be shown apart",
+            "give the stereo pair that it was made of; --set scene.force=true shows it flat",
+        )
+    notes = tuple(f"{name} is the same picture" for name in listing.pictures() if name != path.name)
+    return files_source("picture", listing, {(0, 0): path}, 1, 1, turn=Turn(), turn_by="there is one view", notes=notes)
+
+
+@lru_cache(maxsize=2)
+def _animation(listing: Listing) -> Path | None:
+    path = single_picture(listing)
+    try:
+        header = open_header(path) if path else None
+    except UserError:
+        return None
+    return path if header and header.frames > 1 and header.format not in ("JPEG", "TIFF") else None
+
+
+def _there(frames: list[NDArray[Any]]) -> list[NDArray[Any]]:
+    """The frames before the sequence reverses; all of them if it does not."""
+
+    def same(a: int, b: int) -> bool:
+        return float(cv2.norm(frames[a], frames[b], cv2.NORM_L1)) < _SAME * frames[a].size
+
+    count = len(frames)
+    for last, back in ((count // 2, count), (count // 2 - 1, count - 1)):
+        pairs = [(k, back - k) for k in range(last) if back - k < count and k < back - k]
+        if len(pairs) >= max(1, (count - 1) // 2) and count > 2 and all(same(a, b) for a, b in pairs):
+            return frames[: back // 2 + 1]
+    return frames
+
+
+def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
+    path = _animation(listing)
+    if path is None:
+        raise UserError(f"{listing.path}: not one animation", "give the GIF itself")
+    frames = read_frames(path)
+    views = _there(frames)
+    note = f"{len(views)} of {len(frames)} frames are used: the others go back the same way"
+    height, width = views[0].shape[:2]
+    return SceneSource(
+        certain=False, layout="gif", path=listing.path, files=(path,), rows=1, cols=len(views),
+        read=lambda frame, row, col: views[col], height_px=height, width_px=width,
+        notes=(note,) if len(views) < len(frames) else (),
+    )  # fmt: skip
+
+
+LAYOUTS = (
+    Layout("picture", lambda listing: None if single_picture(listing) is None else 10, _describe_picture),
+    Layout("gif", lambda listing: None if _animation(listing) is None else 90, _describe_animation),
+)

@@ -1,0 +1,385 @@
+"""Refusals of scenes: what causes each, its whole text, and the remedy carried out, which opens the scene (`test_remedies`)."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import attrs
+import cv2
+import h5py
+import numpy as np
+import scipy.io
+
+from lfpipe import config
+from lfpipe.scene.files import MAX_FILES
+from lfpipe.scene.layouts._grid import parse_grid
+from lfpipe.scene.packing import examine_scene
+from tests.hostile_files import png_of
+from tests.scene import made
+
+AUTO = config.Scene()
+GRID, PAIR = made.views(3, 4, 48, 64), made.views(1, 2, 192, 256, 6.0, -3.0)[0]
+HCI, PLENO, TEXT = "input_Cam{n:03d}.png", "{r:03d}_{c:03d}.png", "lf/{r:02d}_{c:02d}.png"
+Make = Callable[[Path], Path]
+Cure = Callable[[Path], tuple[Path, config.Scene]]
+
+
+@attrs.frozen
+class Refused:
+    """make writes a scene into an empty folder and returns the path that is given, with the settings; text: the whole message,
+    "" where it quotes a library; cure does what the remedy says."""
+
+    make: Make
+    text: str
+    cure: Cure | None = None
+    given: config.Scene = AUTO
+
+
+def grid(name: str, *without: str, views: np.ndarray = GRID) -> Make:
+    return lambda here: [made.write_grid(here / "s", views, name), *((here / "s" / name).unlink() for name in without)][0]
+
+
+def one(name: str, picture: np.ndarray = GRID[0, 0]) -> Make:
+    return lambda here: [made.write(here / "s" / name, picture), here / "s" / name][1]
+
+
+def data(name: str, body: bytes = b"x", into: Make | None = None) -> Make:
+    """A file; of a scene, given with it."""
+
+    def make(here: Path) -> Path:
+        folder = into(here) if into else here / "s"
+        folder.mkdir(exist_ok=True)
+        (folder / name).write_bytes(body)
+        return folder if into else folder / name
+
+    return make
+
+
+def folder_of(make: Make) -> Make:
+    return lambda here: make(here).parent
+
+
+def both(*makes: Make) -> Make:
+    return lambda here: [make(here) for make in makes] and here / "s"  # type: ignore[return-value]
+
+
+def hci(*more: Callable[[Path], object]) -> Make:
+    def make(here: Path) -> Path:
+        folder = made.write_grid(here / "s", GRID, HCI)
+        (folder / "parameters.cfg").write_text("[extrinsics]\nnum_cams_x = 4\nnum_cams_y = 3\n")
+        for change in more:
+            change(folder)
+        return folder
+
+    return make
+
+
+def linked(name: str, to: str) -> Callable[[Path], object]:
+    return lambda folder: [(folder / name).unlink(), (folder / name).symlink_to(folder / to)]
+
+
+def truth(values: np.ndarray, size: int = -1) -> Callable[[Path], object]:
+    path = "gt_disp_lowres.pfm"
+    return lambda folder: [made.write_pfm(folder / path, values), size > 0 and os.truncate(folder / path, size)]
+
+
+def text(attributes: str = "1 //dH\n2 //focalLength\n", depth: bytes = b"") -> Make:
+    def make(here: Path) -> Path:
+        made.write_grid(here / "s", GRID, TEXT)
+        (here / "s" / "attributes.dat").write_text(attributes)
+        if depth:
+            (here / "s" / "depth.bin").write_bytes(depth)
+        return here / "s"
+
+    return make
+
+
+def h5(name: str = "lf.h5", key: str = "LF", values: object = GRID, size: int = -1, **more: object) -> Make:
+    def make(here: Path) -> Path:
+        (here / "s").mkdir(exist_ok=True)
+        with h5py.File(here / "s" / name, "w") as file:
+            if isinstance(values, np.ndarray):
+                file.create_dataset(key, data=values, **more)
+            else:
+                file[key] = values
+        if size > 0:
+            os.truncate(here / "s" / name, size)
+        return here / "s"
+
+    return make
+
+
+def mat(name: str = "a.mat", key: str = "LF", values: np.ndarray = GRID) -> Make:
+    return lambda here: [(here / "s").mkdir(exist_ok=True), scipy.io.savemat(here / "s" / name, {key: values}), here / "s"][2]
+
+
+def elsewhere(here: Path) -> Path:
+    (here / "raw").write_bytes(GRID.tobytes())
+    (here / "s").mkdir()
+    with h5py.File(here / "s" / "lf.h5", "w") as file:
+        file.create_dataset("LF", GRID.shape, np.uint8, external=[(str(here / "raw"), 0, GRID.nbytes)])
+    return here / "s"
+
+
+def film(frame: np.ndarray) -> Make:
+    return lambda here: made.write_film(here / "s" / "a.avi", [frame] * 3)
+
+
+def again(**words: object) -> Cure:
+    return lambda path: (path, config.Scene(**words))  # type: ignore[arg-type]
+
+
+def inside(name: str) -> Cure:
+    return lambda path: (path / name, AUTO)
+
+
+def without(*names: str) -> Cure:
+    return lambda path: [*((path / name).unlink() for name in names), (path, AUTO)][-1]  # type: ignore[return-value]
+
+
+def anew(make: Make) -> Cure:
+    """The scene written once more, or by another program."""
+
+    def cure(path: Path) -> tuple[Path, config.Scene]:
+        (path.parent / "anew").mkdir()
+        return make(path.parent / "anew"), AUTO
+
+    return cure
+
+
+LEFT, RIGHT = PAIR
+AS_PAIR = anew(both(one("x_left.png", LEFT), one("x_right.png", RIGHT)))
+AS_VIEWS = anew(grid("view_{n:03d}.jpg"))
+AS_DEPTH = anew(both(one("x.png"), one("x_depth.png", np.uint8(60 + 60 * made.middle_disparity(48, 64)))))
+XMP = b"http://ns.adobe.com/xap/1.0/\0" + b'<x GDepth:Format="RangeInverse"/>'
+SMALL_JPEG = cv2.imencode(".jpg", GRID[0, 0])[1].tobytes()
+PROMISED = SMALL_JPEG[:2] + b"\xff\xe1" + (len(XMP) + 2).to_bytes(2) + XMP + SMALL_JPEG[2:]
+NOISE = np.random.default_rng(0).integers(0, 3, (60, 12))
+NAN = np.full((3, 4, 24, 32), np.nan, np.float32)
+UNRELATED = np.array([made.texture(120, 160, seed) for seed in range(9)]).reshape(3, 3, 120, 160, 3)
+
+REFUSALS = {
+    "no such scene": Refused(lambda here: here / "nowhere",
+        "/here/nowhere: no such scene\n  remedy: give the folder of the views, or their file"),
+    "an empty folder": Refused(lambda here: here,
+        "/here: the folder is empty\n  remedy: give the folder of the views, or their file"),
+    "more files than a light field has": Refused(
+        lambda here: [(here / f"v_{n}.png").touch() for n in range(MAX_FILES + 1)] and here,
+        "/here: more than 20000 files, no light field has so many views\n  remedy: give the folder that holds the views of "
+        "one scene only"  # type: ignore[return-value]
+    ),
+    "a truncated view": Refused(hci(lambda f: os.truncate(f / "input_Cam007.png", 2000)),
+        "/here/s/input_Cam007.png: not a readable picture (truncated: a PNG file without its end)\n  remedy: download or "
+        "export it again"),
+    "a view of other bits": Refused(hci(lambda f: made.write(f / "input_Cam003.png", GRID[0, 0].astype(np.uint16) * 257)),
+        "/here/s/input_Cam003.png: 16-bit, but input_Cam006.png has 8-bit\n  remedy: every view of a light field has the "
+        "same size and depth; export this one again"),
+    "a view that is no picture": Refused(hci(lambda f: (f / "input_Cam003.png").write_text("hello")),
+        "/here/s/input_Cam003.png: not a readable picture (truncated, damaged or another format)\n  remedy: download or "
+        "export it again"),
+    "a view that claims too much": Refused(hci(lambda f: (f / "input_Cam004.png").write_bytes(png_of(10**6, 10**6, b""))),
+        "/here/s/input_Cam004.png: not a readable picture (it claims 1000000x1000000 px, 3000000 MB; at most 240 MB are "
+        "allowed)\n  remedy: download or export it again"),
+    "a link out of the folder": Refused(hci(linked("input_Cam005.png", "../x.png")),
+        "/here/s/input_Cam005.png: a link to /here/x.png, outside of the folder\n  remedy: copy the files (`cp -rL` follows "
+        "links)"),
+    "a link to nothing": Refused(hci(linked("input_Cam005.png", "gone.png")),
+        "/here/s/input_Cam005.png: cannot be read: No such file or directory\n  remedy: check the file and its permissions"),
+    "true disparity that is not finite": Refused(hci(truth(np.full((48, 64), np.nan, np.float32))),
+        "/here/s: true disparity of the view in row 1 column 2: 3072 of 3072 values are NaN or infinite\n  remedy: remove "
+        "the map to have disparity estimated"),
+    "true disparity of another size": Refused(hci(truth(made.middle_disparity(40, 64))),
+        "/here/s: true disparity of the view in row 1 column 2 has 64x40 values, the views 64x48 px\n  remedy: remove the "
+        "map to have disparity estimated"),
+    "truncated true disparity": Refused(hci(truth(made.middle_disparity(48, 64), 500)),
+        "/here/s/gt_disp_lowres.pfm: 64x48 values claimed, 121 present\n  remedy: download the file again"),
+    "parameters in another form": Refused(hci(lambda f: (f / "parameters.cfg").write_text("no section = 1")),
+        "/here/s/parameters.cfg: not a valid parameters.cfg: File contains no section headers.\n  remedy: correct it or move "
+        "the file away, it is not needed"),
+    "beyond the grid of HCI": Refused(grid(HCI),
+        "/here/s: input_Cam011.png is outside of the grid of 3x3\n  remedy: use --set scene.grid=ROWSxCOLS",
+        again(grid="3x4"), config.Scene(grid="3x3")),
+    "h5: two files": Refused(both(h5("a.h5"), h5("b.h5")),
+        "/here/s: no layout of a light field recognised (a.h5, b.h5, ...)\n  remedy: give the folder of the views, or one "
+        "file that holds them all by its own path", inside("a.h5")),
+    "h5: another name": Refused(h5(key="views"),
+        "/here/s/lf.h5: no array LF (it contains: views)\n  remedy: save the light field as LF", anew(h5())),
+    "h5: wrong axes": Refused(h5(values=GRID[0]),
+        "/here/s/lf.h5: LF has 4 axes of sizes (4, 48, 64, 3); expected (rows, columns, y, x, planes)\n  remedy: save it "
+        "with these axes", anew(h5())),
+    "h5: a link outwards": Refused(h5(values=h5py.ExternalLink("other.h5", "LF")),
+        "/here/s/lf.h5: LF links to another file or place, other.h5\n  remedy: download the scene as one file", anew(h5())),
+    "h5: a link within": Refused(h5(values=h5py.SoftLink("/elsewhere")),
+        "/here/s/lf.h5: LF links to another file or place, /elsewhere\n  remedy: download the scene as one file", anew(h5())),
+    "h5: kept elsewhere": Refused(elsewhere,
+        "/here/s/lf.h5: LF is stored in other files\n  remedy: download the whole scene as one file", anew(h5())),
+    "h5: whole numbers": Refused(h5(values=GRID.astype(np.int32)),
+        "/here/s/lf.h5: LF has values of type int32\n  remedy: save it as uint8, uint16 or float", anew(h5(values=GRID / 255))),
+    "h5: not finite": Refused(h5(values=NAN),
+        "/here/s/lf.h5: contains NaN or infinite values\n  remedy: export it again", anew(h5(values=GRID / 255))),
+    "mat: two files": Refused(both(mat("a.mat"), mat("b.mat")),
+        "/here/s: no layout of a light field recognised (a.mat, b.mat, ...)\n  remedy: give the folder of the views, or one "
+        "file that holds them all by its own path", inside("b.mat")),
+    "mat: another name": Refused(mat(key="views"),
+        "/here/s/a.mat: no array LF (it contains: views)\n  remedy: save the light field as LF", anew(mat())),
+    "mat: another name, 7.3": Refused(h5("a.mat", "views"),
+        "/here/s/a.mat: no array LF (it contains: views)\n  remedy: save the light field as LF", anew(h5("a.mat"))),
+    "mat: wrong axes": Refused(mat(values=GRID[0, 0]),
+        "/here/s/a.mat: LF has 3 axes of sizes (48, 64, 3); expected (rows, columns, y, x, planes)\n  remedy: save it with "
+        "these axes", anew(mat())),
+    "mat: another format": Refused(folder_of(data("a.mat", b"x" * 500)), "", anew(mat())),
+    "mat: texts": Refused(mat(values=np.full((3, 4, 24, 32), "x")),
+        "/here/s/a.mat: LF has values of type <U1\n  remedy: save it as uint8, uint16 or float", anew(mat())),
+    "jpeg-pleno: other names": Refused(grid("v_{r}_{c}.png"),
+        "/here/s: no ROW_COLUMN.ppm with three digits each\n  remedy: give the folder of the views, or leave out --layout",
+        again(), config.Scene(layout="jpeg-pleno")),
+    "hci-text: no attributes": Refused(
+        lambda here: text()(here) / "lf",
+        "/here/s/lf: no attributes.dat next to a folder lf/\n  remedy: give the folder that contains both",
+        lambda path: (path.parent, AUTO), config.Scene(layout="hci-text")
+    ),
+    "hci-text: a number out of range": Refused(text("1e30 //dH\n"),
+        "/here/s/attributes.dat: dH is 1e+30, expected a number from -1e+09 to 1e+09\n  remedy: fetch the scene again, or "
+        "correct the value", anew(text())),
+    "hci-text: depth of another size": Refused(text(depth=b"1234"),
+        "/here/s/depth.bin: 4 bytes, 12288 expected of 64x48 float32\n  remedy: fetch it again, or move it away",
+        without("depth.bin")),
+    "hci-text: depth that is none": Refused(text(depth=b"\xff" * 4 * 48 * 64),
+        "/here/s: true disparity of the view in row 1 column 2: 3072 of 3072 values are NaN or infinite\n  remedy: remove "
+        "the map to have disparity estimated", without("depth.bin")),
+    "two files for a view": Refused(both(grid("v_{r}_{c}.png"), one("v_01_01.png")),
+        "/here/s: v_01_01.png and v_1_1.png are the same view\n  remedy: move v_1_1.png away", without("v_1_1.png")),
+    "two files for every view": Refused(both(grid("v_{r}_{c}.png"), grid("v_{r:02d}_{c:02d}.png")),
+        "/here/s: v_0_0.png and v_00_00.png are the same view, and so are 11 more pairs\n  remedy: move v_00_00.png, "
+        "v_0_1.png, v_00_02.png, v_00_03.png and 8 more away"),
+    "numbers that are no places": Refused(
+        lambda here: [made.write(here / f"{'_'.join(map(str, row))}.png", GRID[0, 0]) for row in NOISE] and here,
+        "/here: 51 pictures have the same numbers as another one, for example 0_0_0_1_0_0_0_1_1_0_2_2.png and "
+        "0_0_0_1_0_0_2_2_2_1_1_2.png\n  remedy: name the views view_ROW_COLUMN.png, or give one picture by its own path"
+    ),
+    "a running number": Refused(grid("v{n:02d}.png"),
+        "/here/s: the names contain one running number, not row and column\n  remedy: use --layout numbered",
+        again(layout="numbered"), config.Scene(layout="rows-cols")),
+    "a grid that does not divide": Refused(grid("v{n:02d}.png"),
+        "/here/s: 12 views do not make 5x5\n  remedy: leave out --grid to have it detected", again(), config.Scene(grid="5x5")),
+    "another grid than the names": Refused(grid("v_{r}_{c}.png"),
+        "/here/s: the names give a grid of 3x4, scene.grid says 4x4\n  remedy: leave out --grid; --layout numbered takes "
+        "names in order", again(layout="numbered"), config.Scene(grid="4x4")),
+    "unnumbered pictures": Refused(both(*(one(f"{name}.png") for name in ("beach", "dog", "house"))),
+        "/here/s: no layout of a light field recognised (beach.png, dog.png, house.png, ...)\n  remedy: name the views "
+        "view_ROW_COLUMN.png, or give one picture by its own path", inside("beach.png")),
+    "folders of two scenes": Refused(both(grid("garden/v_{r}_{c}.png"), grid("hall/v_{r}_{c}.png")),
+        "/here/s: pictures stand in 2 folders: garden, hall\n  remedy: give one of them, /here/s/garden; folders that are "
+        "rows of one scene are named row_01, row_02", inside("garden")),
+    "unknown files": Refused(both(one("a.png"), *(data(f"{n}.xyz") for n in range(9))),
+        "/here/s: 9 of 10 files are of a kind that is not read: 0.xyz, 1.xyz, 2.xyz, ...\n  remedy: convert them to PNG and "
+        "give their folder; a.png alone: give /here/s/a.png", inside("a.png")),
+    "tiles that do not divide": Refused(one("m.png", made.mosaic(GRID)),
+        "/here/s/m.png: 256x144 px do not divide into 5 rows and 7 columns of tiles\n  remedy: give the grid that was "
+        "rendered with --set scene.grid=ROWSxCOLS", again(grid="3x4"), config.Scene(grid="5x7")),
+    "a quilt of other tiles": Refused(one("q_qs5x7.png", made.mosaic(GRID)),
+        "/here/s/q_qs5x7.png: 256x144 px do not divide into 7 rows and 5 columns of tiles\n  remedy: give the grid that was "
+        "rendered with --set scene.grid=ROWSxCOLS", again(grid="3x4")),
+    "a quilt of no tiles": Refused(one("q_qs0x3.png", made.mosaic(GRID)),
+        "/here/s/q_qs0x3.png: 256x144 px do not divide into 3 rows and 0 columns of tiles\n  remedy: give the grid that was "
+        "rendered with --set scene.grid=ROWSxCOLS", again(grid="3x4")),
+    "no tiles": Refused(one("x.png"),
+        "/here/s/x.png: no tiles recognised in 64x48 px\n  remedy: give the tiles with --grid ROWSxCOLS",
+        again(grid="3x4", layout="mosaic"), config.Scene(layout="mosaic")),
+    "a mosaic among others": Refused(grid("v_{r}_{c}.png"),
+        "/here/s: contains 12 pictures; a mosaic is one\n  remedy: give one picture",
+        inside("v_1_1.png"), config.Scene(layout="mosaic")),
+    "not one picture": Refused(grid("v_{r}_{c}.png"),
+        "/here/s: contains 12 pictures, not one\n  remedy: give one file (.png, .jpg, .jpeg, .ppm, .pgm, .pnm, .bmp, .tif, "
+        ".tiff, .webp, .avif, .gif)", inside("v_1_1.png"), config.Scene(layout="picture")),
+    "no video": Refused(data("a.mp4", b"\0" * 1000),
+        "/here/s/a.mp4: not a readable video (MP4, QuickTime, Matroska, WebM or AVI)\n  remedy: play it with another "
+        "program, or export it again"),
+    "a film of no tiles": Refused(film(made.texture(96, 128, 3)),
+        "/here/s/a.avi: no tiles recognised in 128x96 px\n  remedy: give the tiles with --grid ROWSxCOLS; from a camera slid "
+        "sideways, `lfpipe scene make` makes views", again(grid="2x2", force=True)),
+    "a film of two eyes": Refused(film(np.hstack((LEFT, RIGHT))),
+        "/here/s/a.avi: no tiles recognised in 512x192 px\n  remedy: give --grid 1x2: its halves are a stereo pair",
+        again(grid="1x2")),
+    "no stereo pair": Refused(grid("v_{r}_{c}.png"),
+        "/here/s: no stereo pair among 12 pictures\n  remedy: name two of them x_left.png and x_right.png",
+        AS_PAIR, config.Scene(layout="stereo")),
+    "halves that do not match": Refused(one("x.png", made.texture(96, 256, 5)),
+        "/here/s/x.png: its halves are no stereo pair, neither side by side nor above one another\n  remedy: give two files "
+        "x_left.png and x_right.png", AS_PAIR, config.Scene(layout="stereo")),
+    "an anaglyph": Refused(one("x.png", np.dstack([LEFT[..., 0], RIGHT[..., 0], RIGHT[..., 0]])),
+        "/here/s/x.png: a red/cyan anaglyph: each eye's picture has lost its other colours, so they cannot be shown apart\n  "
+        "remedy: give the stereo pair that it was made of; --set scene.force=true shows it flat", again(force=True)),
+    "lenslets": Refused(one("x.png", made.honeycomb(10.0)),
+        "/here/s/x.png: a raw picture of a plenoptic camera, a honeycomb of lenslets\n  remedy: decode it with PlenoptiCam "
+        "or LFToolbox and give the folder of its views; --set scene.force=true shows it flat", again(force=True)),
+    "no depth": Refused(one("x_rgbd.png"),
+        "/here/s/x_rgbd.png: neither half is a grey depth map beside a coloured picture\n  remedy: give picture and depth "
+        "side by side, or as x.png and x_depth.png in a folder of their own", AS_DEPTH, config.Scene(layout="rgbd")),
+    "no depth map among pictures": Refused(grid("v_{r}_{c}.png"),
+        "/here/s: no picture with a depth map\n  remedy: name them x.png and x_depth.png, alone in a folder",
+        AS_DEPTH, config.Scene(layout="rgbd")),
+    "depth that is promised only": Refused(data("x.jpg", PROMISED),
+        "/here/s/x.jpg: claims to contain a depth map, but has no readable one\n  remedy: export the picture and its depth "
+        "as x.png and x_depth.png, and give their folder", AS_DEPTH),
+    "depth in false colours": Refused(both(one("x.png"), one("x_depth.png", GRID[2, 2])),
+        "/here/s/x_depth.png: a depth map in false colours\n  remedy: save it in grey, with near things white", AS_DEPTH),
+    "depth of another shape": Refused(both(one("x.png"), one("x_depth.png", GRID[2, 2, :, :30, 0])),
+        "/here/s/x_depth.png: a depth map of 30x48 px for a picture of 64x48\n  remedy: turn or crop one of them to the "
+        "shape of the other", AS_DEPTH),
+    "depth of one value": Refused(both(one("x.png"), one("x_depth.png", GRID[2, 2, ..., 0] * 0)),
+        "/here/s/x_depth.png: a depth map of one value\n  remedy: use one in which near and far differ", AS_DEPTH),
+    "unrelated pictures": Refused(grid("v_{r}_{c}.png", views=UNRELATED),
+        "/here/s: as 3x3 views of layout rows-cols, the pictures do not fit together as a light field: quality when "
+        "predicting views from their neighbours 20 dB, and one disparity explains the motion of 4% of the detail\n  remedy: "
+        "give the folder of one scene, or one of the pictures; --set scene.force=true opens it all the same", again(force=True)),
+    "a damaged GIF": Refused(data("a.gif", b"GIF89a"),
+        "/here/s/a.gif: not a readable picture (truncated, damaged or another format)\n  remedy: download or export it again",
+        AS_VIEWS),
+    "HEIC under another name": Refused(data("IMG_1.jpg", b"\0\0\0\x18ftypheic" + b"\0" * 99),
+        "/here/s/IMG_1.jpg: a HEIC picture under another name\n  remedy: export it as JPEG", AS_VIEWS),
+    "HEIC": Refused(data("a.heic"),
+        "/here/s/a.heic: a HEIC picture, which is not decoded here\n  remedy: `heif-convert FILE.heic FILE.jpg`, or export "
+        "it as JPEG; with its depth: `heif-convert --with-aux`, then the two as x.jpg and x_depth.jpg in a folder", AS_VIEWS),
+    "a camera's raw picture": Refused(data("a.CR2"),
+        "/here/s/a.CR2: a camera's raw picture\n  remedy: develop it with the camera's program, darktable or RawTherapee, "
+        "and give the folder of JPEGs or TIFFs", AS_VIEWS),
+    "Lytro's raw picture": Refused(folder_of(data("a.LFR")),
+        "/here/s/a.LFR: a raw picture of a Lytro camera\n  remedy: decode it with PlenoptiCam or LFToolbox and give the "
+        "folder of its views", AS_VIEWS),
+    "an archive": Refused(data("a.zip"),
+        "/here/s/a.zip: an archive\n  remedy: unpack it and give the folder", AS_VIEWS),
+    "another format": Refused(data("a.psd"),
+        "/here/s/a.psd: a picture of a kind that is not decoded here\n  remedy: export it as PNG or JPEG, and give that",
+        AS_VIEWS),
+    "no picture at all": Refused(folder_of(data("notes.txt")),
+        "/here/s: no layout of a light field recognised (notes.txt, ...)\n  remedy: give the folder of the views, or one "
+        "file that holds them all by its own path"),
+    "no layout": Refused(grid("v_{r}_{c}.png"),
+        "scene.layout: 'qilt' is not a layout (did you mean 'quilt'?)\n  remedy: one of: auto, array, demo, eslf, gif, hci, "
+        "hci-old, hci-text, jpeg-pleno, mat, mosaic, mosaic-video, numbered, picture, quilt, rgbd, rows-cols, stanford, stereo",
+        again(), config.Scene(layout="qilt")),
+    "npz: no views": Refused(lambda here: made.write_npz(here / "a.npz", other=GRID, more=GRID),
+        "/here/a.npz: no array 'views'\n  remedy: numpy.savez(FILE, views=...) with axes (rows, cols, height, width, 1 or "
+        "3), or (frames, rows, cols, height, width, 1 or 3)"),
+    "npz: positions of another shape": Refused(lambda here: made.write_npz(here / "a.npz", views=GRID, positions=GRID[0]),
+        "/here/a.npz: positions has sizes (4, 48, 64, 3)\n  remedy: expected (3, 4, 2), of numbers"),
+}  # fmt: skip
+
+MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
+    **{
+        name: (lambda here, row=row: examine_scene(row.make(here), row.given), row.text)
+        for name, row in REFUSALS.items()
+        if row.text
+    },
+    "no grid": (lambda here: parse_grid("9"), "scene.grid: '9' is not ROWSxCOLS\n  remedy: use for example --set scene.grid=9x9"),
+    "a grid of no rows": (
+        lambda here: parse_grid("0x3"),
+        "scene.grid: '0x3' is not ROWSxCOLS\n  remedy: use for example --set scene.grid=9x9",
+    ),
+    "a grid beyond all": (
+        lambda here: parse_grid("9999x1000"),
+        "scene.grid: a grid of 9999x1000 views, at most 10000 along a side and 20000 together are expected\n  remedy: give "
+        "the true one with --set scene.grid=ROWSxCOLS",
+    ),
+}

@@ -1,0 +1,409 @@
+"""Hostile scenes through the packer's door: each is refused by name or opens, with little memory; no traceback, no hang.
+
+Many of them go through one process, which has the packer's limits.
+"""
+
+import json
+import os
+import random
+import re
+import shutil
+import struct
+import sys
+import tempfile
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.files.pictures import read_picture
+from lfpipe.host.limits import limit_memory
+from lfpipe.scene import layouts
+from lfpipe.scene.files import list_scene, read_pfm
+from lfpipe.scene.layouts.arrays import axis_order
+from lfpipe.scene.layouts.named import hci_attributes
+from lfpipe.scene.packer import MEMORY_BYTES
+from lfpipe.scene.packing import examine_scene, pack_scene
+from tests.hostile_files import NO_FILES, PEAK_MB, damaged_bytes, ended, jpeg_claiming, png_of
+from tests.scene import made
+
+CHECKOUT = Path(__file__).parents[2]
+GRID, FRAME = made.views(3, 3, 32, 40), made.mosaic(made.views(2, 3, 64, 80))
+Make = Callable[[Path], object]  # writes a scene into a folder; returns the path that is given if it is not the folder
+DEPTH = 10 / (made.middle_disparity(32, 40) + 3)
+PARAMETERS = (
+    "[intrinsics]\nfocal_length_mm = 100\nimage_resolution_x_px = 40\nimage_resolution_y_px = 32\nsensor_size_mm = 35\n"
+    "[extrinsics]\nnum_cams_x = 3\nnum_cams_y = 3\nbaseline_mm = 25\nfocus_distance_m = 4.25\n"
+)
+
+
+def hci(folder: Path, **parameters: str) -> None:
+    made.write_grid(folder, GRID, "input_Cam{n:03d}.png")
+    text = PARAMETERS
+    for key, value in parameters.items():
+        text = re.sub(f"{key} = .*", f"{key} = {value}", text)
+    (folder / "parameters.cfg").write_text(text)
+    made.write_pfm(folder / "gt_disp_lowres.pfm", made.middle_disparity(32, 40))
+
+
+def hci_text(folder: Path, attributes: str = "3 //hRes\n3 //vRes\n.5 //dH\n3 //shift\n20 //focalLength\n") -> None:
+    made.write_grid(folder / "lf", GRID, "{r:02d}_{c:02d}.png")
+    (folder / "attributes.dat").write_text(attributes)
+    (folder / "depth.bin").write_bytes(DEPTH.astype("<f4").tobytes())
+
+
+def h5(folder: Path, name: str = "lf.h5", values: np.ndarray = GRID[:, ::-1], **options: object) -> None:
+    with h5py.File(folder / name, "w", userblock_size=512) as file:
+        file.create_dataset("LF", data=values, **options)
+        file.attrs.update({"dH": 0.5, "focalLength": 20.0, "shift": 3.0})
+        file["GT_DEPTH"] = np.broadcast_to(DEPTH.astype(np.float32), (3, 3, 32, 40))
+
+
+def stanford(folder: Path, y: str = "{:.3f}", x: str = "{:.3f}") -> None:
+    for r, c in np.ndindex(3, 3):
+        made.write(folder / f"out_{r:02d}_{c:02d}_{y.format(-300 - 8.5 * r)}_{x.format(1100 - 8.6 * c)}_.png", GRID[r, c])
+
+
+def jpeg_pleno(folder: Path) -> None:
+    for r, c in np.ndindex(3, 3):
+        made.write_ppm(folder / f"{r:03d}_{c:03d}.ppm", GRID[r, c].astype(np.uint16) * 4, 1023)
+
+
+def film(folder: Path, end: str = "avi", codec: str = "FFV1") -> Path:
+    return made.write_film(folder / f"film.{end}", [FRAME] * 2, codec)
+
+
+SCENES: dict[str, Make] = {
+    "hci": hci, "hci-text": hci_text, "hci-old": h5, "stanford": stanford, "jpeg-pleno": jpeg_pleno,
+    "hci-old in chunks": lambda folder: h5(folder, chunks=(1, 1, 32, 40, 3), compression="gzip"),
+    "mat": lambda folder: scipy.io.savemat(folder / "a.mat", {"LF": GRID}, do_compression=True),
+    "mat 7.3": lambda folder: h5(folder, "a.mat", GRID.transpose(), chunks=(1, 40, 32, 3, 3), compression="gzip"),
+    **{f"views, {end}": lambda folder, end=end: made.write_grid(folder, GRID, "view_{r:02d}_{c:02d}." + end)
+       for end in ("png", "jpg", "bmp", "tif", "webp", "ppm")},
+    **{name: lambda folder, name=name: made.write(folder / name, FRAME)
+       for name in ("atlas.png", "atlas.jpg", "a_qs3x2.png", "a_eslf.png")},
+    **{f"film, {end}": lambda folder, end=end, codec=codec: film(folder, end, codec)
+       for end, codec in (("mkv", "FFV1"), ("avi", "MJPG"), ("mp4", "mp4v"))},
+    "numbered": lambda folder: made.write_grid(folder, GRID[:1], "v{n}.png"),
+}  # fmt: skip
+
+
+def bytes_of(name: str, body: bytes) -> Make:
+    return lambda folder: [(folder / name).write_bytes(body), folder / name][1]
+
+
+def beside(make: Make, name: str, body: bytes = b"", size: int = -1) -> Make:
+    """A scene in which one file has other bytes, or that size without any."""
+
+    def put(folder: Path) -> None:
+        make(folder)
+        (folder / name).write_bytes(body)
+        if size >= 0:
+            os.truncate(folder / name, size)
+
+    return put
+
+
+def replaced(old: bytes, new: bytes, codec: str) -> Make:
+    """A film in which some bytes are others."""
+
+    def make(folder: Path) -> Path:
+        path = film(folder, "avi", codec)
+        assert old in path.read_bytes()
+        path.write_bytes(path.read_bytes().replace(old, new))
+        return path
+
+    return make
+
+
+def claiming(shape: tuple[int, ...]) -> Make:
+    def make(folder: Path) -> None:
+        with h5py.File(folder / "lf.h5", "w") as file:
+            file.create_dataset("LF", shape, np.uint8)
+
+    return make
+
+
+def chained_links(folder: Path) -> None:
+    with h5py.File(folder / "lf.h5", "w") as file:
+        file["away"] = h5py.ExternalLink("../secret.h5", "LF")
+        file["LF"] = h5py.SoftLink("/away")
+
+
+def virtual(folder: Path) -> None:
+    layout = h5py.VirtualLayout(GRID.shape, GRID.dtype)
+    layout[:] = h5py.VirtualSource(str(folder.parent / "secret.h5"), "LF", GRID.shape)
+    with h5py.File(folder / "lf.h5", "w") as file:
+        file.create_virtual_dataset("LF", layout)
+
+
+def chunk_bomb(folder: Path) -> None:
+    """A chunk of 34 kB as 0.5 MB that unpacks to 0.5 GB."""
+    with h5py.File(folder / "lf.h5", "w") as file:
+        data = file.create_dataset("LF", GRID.shape, np.uint8, chunks=GRID.shape, compression="gzip")
+        engine = zlib.compressobj(6)
+        packed = b"".join(engine.compress(b"\0" * (1 << 24)) for _ in range(32)) + engine.flush()
+        data.id.write_direct_chunk((0,) * 5, packed)
+
+
+SMALL_JPEG = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
+FRAME_HEADER = b"\xff\xc0\x00\x11\x08"
+HUGE = 2 << 40
+PLAYLIST = b"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfilm.avi\n#EXT-X-ENDLIST\n"
+ATTACKS: dict[str, tuple[Make, str]] = {
+    "far too many columns": (lambda f: hci(f, num_cams_x="1e18"), r"parameters\.cfg: num_cams_x is 1e\+18"),
+    "far too many rows": (lambda f: hci(f, num_cams_y="99999"), "num_cams_y"),
+    "many cameras": (lambda f: hci(f, num_cams_x="10000"), "views"),
+    "baseline": (lambda f: hci(f, baseline_mm="1e307"), r"baseline_mm is 1e\+307"),
+    "focus": (lambda f: hci(f, focus_distance_m="nan"), "focus_distance_m is nan"),
+    "far cameras": (lambda f: stanford(f, "1e308", "-1e308"), "camera coordinate is -?1e"),
+    "attributes": (lambda f: hci_text(f, "1e308 //dH\n1e308 //focalLength\n"), r"attributes\.dat: dH is 1e\+308"),
+    "2 TB view": (beside(hci, "input_Cam004.png", size=HUGE), r"input_Cam004\.png"),
+    "2 TB parameters": (beside(hci, "parameters.cfg", size=HUGE), r"parameters\.cfg: has 2199023255552 bytes"),
+    "2 TB map": (beside(hci, "gt_disp_lowres.pfm", size=HUGE), r"gt_disp_lowres\.pfm: has 2199023255552 bytes"),
+    **{f"2 TB, {name}": (beside(lambda f: None, name, size=HUGE), name) for name in ("lf.h5", "a.mat", "film.mkv")},
+    "JPEG": (bytes_of("a.jpg", jpeg_claiming(SMALL_JPEG, 20_000, 20_000)), "20000x20000"),
+    "JPEG among views": (beside(hci, "input_Cam008.png", jpeg_claiming(SMALL_JPEG, 20_000, 20_000)), "20000x20000"),
+    "PNG, whole": (bytes_of("a.png", png_of(16_384, 16_384)), "16384x16384"),
+    "HDF5, large views": (claiming((9, 9, 40_000, 40_000, 3)), "views of 40000x40000"),
+    "HDF5, no end": (claiming((1, 2**40, 32, 32, 3)), r"lf\.h5"),
+    "HDF5, truncated": (lambda f: [h5(f), os.truncate(f / "lf.h5", 4000)], "not a readable HDF5 file"),
+    "HDF5 bomb": (chunk_bomb, "bytes are stored for"),
+    "chain of links": (chained_links, "links to another"),
+    "virtual data set": (virtual, "stored in other files"),
+    "film, header": (replaced(struct.pack("<II", 240, 128), struct.pack("<II", 9000, 9000), "FFV1"), "9000x9000"),
+    "film, frames": (
+        replaced(FRAME_HEADER + struct.pack(">HH", 128, 240), FRAME_HEADER + b"\x4e\x20\x4e\x20", "MJPG"), r"film\.avi"
+    ),
+    "playlist": (lambda f: [film(f), bytes_of("list.mp4", PLAYLIST)(f)][1], "not a readable video"),
+    "concatenation": (lambda f: [film(f), bytes_of("list.mkv", b"ffconcat version 1.0\nfile film.avi\n")(f)][1], "not a read"),
+}  # fmt: skip
+
+
+def opened(path: Path, scene: config.Scene) -> str:
+    """What lfpipe says of a scene, "" where it opens."""
+    try:
+        examined = examine_scene(path, scene)
+    except UserError as error:
+        assert error.message and error.remedy
+        return str(error)
+    source = examined.source
+    for place in {(0, 0), (source.rows // 2, source.cols // 2)} - source.missing:
+        assert source.read(0, *place).shape[:2] == (source.height_px, source.width_px)
+    return ""
+
+
+NUMBERS = (
+    "0", "-1", "1e18", "1e-300", "1e307", "-1e308", "1e400", "nan", "inf", "9" * 400, "99999", "0x10", "1_0", "", "x", "3e38",
+)  # fmt: skip
+INTEGERS = (0, 1, 255, 20_000, 65_535, 1 << 24, (1 << 31) - 1, 1 << 31, (1 << 32) - 1, 1 << 40, (1 << 63) - 1)
+
+
+def damage(rng: random.Random, folder: Path) -> None:
+    """Does something to one file of a scene."""
+    files = [path for path in folder.rglob("*") if path.is_file() and not path.is_symlink() and path.stat().st_size < 10_000_000]
+    if not files:
+        return
+    path = rng.choice(sorted(files))
+    data, kind = path.read_bytes(), rng.randrange(6)
+    if kind == 0:
+        path.write_bytes(damaged_bytes(rng, data))
+    elif kind == 1:
+        path.write_bytes(damaged_bytes(rng, data[:200]) + data[200:])
+    elif kind == 2:
+        form = rng.choice(("<H", ">H", "<I", ">I", "<Q", ">Q"))
+        value = rng.choice(INTEGERS) & ((1 << 8 * struct.calcsize(form)) - 1)
+        at = rng.randrange(min(len(data), rng.choice((100, 1000, 10**9)))) if data else 0
+        path.write_bytes(data[:at] + struct.pack(form, value) + data[at + struct.calcsize(form) :])
+    elif kind == 3:
+        if numbers := list(re.finditer(rb"-?\d+(\.\d+)?(e[+-]?\d+)?", data[:2000])):
+            spot = rng.choice(numbers)
+            path.write_bytes(data[: spot.start()] + rng.choice(NUMBERS).encode() + data[spot.end() :])
+    elif kind == 4:
+        new = re.sub(r"\d+", lambda part: rng.choice((part[0], *NUMBERS, "\x1b[2J", "\udcff", "\n", "٣"))[:40], path.name)
+        path.rename(path.with_name(new or "x"))
+    else:
+        NO_FILES[rng.choice(sorted(set(NO_FILES) - {"directory"}))](path)
+
+
+def all_attacks(base: Path) -> dict[str, str]:
+    """For the process of the test below: what is said of each attack."""
+    with h5py.File(base / "secret.h5", "w") as file:
+        file["LF"] = GRID
+    said = {}
+    for name, (make, _) in ATTACKS.items():
+        (base / name).mkdir()
+        path = make(base / name)
+        said[name] = opened(path if isinstance(path, Path) else base / name, config.Scene())
+    return said
+
+
+def all_damage(base: Path) -> dict[str, str]:
+    """For the process of the test below: scenes with damage, opened with any setting."""
+    for name, seed in ((name, seed) for name in SCENES for seed in range(8)):
+        rng, folder = random.Random(f"{name} {seed}"), base / "scene"
+        folder.mkdir()
+        SCENES[name](folder)
+        for _ in range(rng.choice((1, 1, 2))):
+            damage(rng, folder)
+        layout = "auto" if rng.random() < 0.8 else rng.choice(sorted(layouts.layouts()))
+        grid = rng.choice(("",) * 12 + ("3x3", "1x1", "9999x9999", "100x200"))
+        path = next((path for path in folder.iterdir() if path.name.startswith("film.")), folder)
+        print(name, seed, file=sys.stderr, flush=True)  # the last one is the culprit
+        opened(path, config.Scene(layout=layout, grid=grid))
+        shutil.rmtree(folder)
+    return {}
+
+
+def in_the_packer(what: str, base: Path) -> dict[str, str]:
+    """The answer of a function of this file, from a process with the packer's limit of memory."""
+    code = f"from tests.scene import test_hostile; test_hostile.answer({what!r}, {str(base)!r})"
+    done, out, err, peak_mb = ended([sys.executable, "-c", code], timeout_s=110, cwd=CHECKOUT)
+    assert done == 0, err[-2000:]
+    assert peak_mb < PEAK_MB
+    return dict(json.loads(out))
+
+
+def answer(what: str, base: str) -> None:
+    limit_memory(MEMORY_BYTES)
+    print(json.dumps(globals()[what](Path(base))))
+
+
+def test_attacks_are_refused_by_name_with_little_memory(tmp_path: Path) -> None:
+    said = in_the_packer("all_attacks", tmp_path)
+    assert [name for name, (_, word) in ATTACKS.items() if not re.search(word, said[name])] == []
+
+
+def test_damaged_scenes_are_refused_or_open_with_little_memory(tmp_path: Path) -> None:
+    in_the_packer("all_damage", tmp_path)
+
+
+def test_the_command_refuses_with_code_2_and_escapes_what_a_terminal_obeys(tmp_path: Path) -> None:
+    folder = made.write_grid(tmp_path / "a\x1b[2Jb", GRID)
+    (folder / "view_01_01.png").write_text("none")
+    command = [sys.executable, "-m", "lfpipe", "scene", "info", str(folder), "--set", f"scene.cache_dir={tmp_path / 'cache'}"]
+    code, out, err, peak_mb = ended(command)
+    assert (code, out) == (2, "") and "Traceback" not in err and peak_mb < PEAK_MB
+    assert "a\\x1b[2Jb/view_01_01.png" in err and "\x1b[2J" not in err
+
+
+def test_one_large_picture_among_the_views_is_left_out(tmp_path: Path) -> None:
+    beside(lambda f: made.write_grid(f, GRID), "view_02_02.png", png_of(8000, 8000))(tmp_path)
+    notes = examine_scene(tmp_path, config.Scene()).source.notes
+    assert any("8 of 9 files used; the others are view_02_02.png (8000x8000 px)" in note for note in notes)
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("kind", ["fifo", "socket", "endless device", "terminal"])
+def test_what_is_no_file_neither_blocks_nor_is_read(tmp_path: Path, kind: str) -> None:
+    for name in ("input_Cam004.png", "parameters.cfg", "gt_disp_lowres.pfm"):
+        hci(tmp_path / name)
+        NO_FILES[kind](tmp_path / name / name)
+        assert name in opened(tmp_path / name, config.Scene())
+    for name in ("scene", "lf.h5", "a.mat", "film.mkv", "a.png"):
+        (tmp_path / "alone").mkdir(exist_ok=True)
+        NO_FILES[kind](tmp_path / "alone" / name)
+        for layout in ("auto", *layouts.layouts()):
+            assert "neither a file nor a folder" in opened(tmp_path / "alone" / name, config.Scene(layout=layout))
+
+
+@pytest.mark.timeout(60)
+def test_things_beside_the_views_do_no_harm(tmp_path: Path) -> None:
+    made.write_grid(tmp_path, GRID)
+    os.mkfifo(tmp_path / "notes.txt")
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "locked.txt").touch(mode=0)
+    assert examine_scene(tmp_path, config.Scene()).source.rows == 3
+
+
+@pytest.mark.parametrize("layout", ["hci", "hci-text"])
+def test_implausible_truth_counts_as_missing(tmp_path: Path, scene_config: config.Scene, layout: str) -> None:
+    truth = made.middle_disparity(32, 40).copy()
+    truth[3, 4], truth[5, 6] = 3e38, -3e38
+    if layout == "hci":
+        hci(tmp_path / "s")
+        made.write_pfm(tmp_path / "s" / "gt_disp_lowres.pfm", truth)
+    else:
+        hci_text(tmp_path / "s", "3 //hRes\n3 //vRes\n")
+        (tmp_path / "s" / "depth.bin").write_bytes(truth.astype("<f4").tobytes())
+    field = pack_scene(tmp_path / "s", scene_config)
+    assert (field.disparity_source, field.manifest["disparity"]["truth_views"]) == ("estimated", 0)
+    assert -4 < field.disparity_min_px < field.disparity_max_px < 4
+    assert any("true disparity" in note and "3e+38" in note for note in field.manifest["notes"])
+
+
+def test_paths_of_any_bytes_work(tmp_path: Path, scene_config: config.Scene) -> None:
+    for name in (b"\xff\xfe", b"sc\xe9ne", "日本".encode(), b"a b;'\"", b"\x1b[2J\x07"):
+        base = made.write_grid(tmp_path / "x", GRID).rename(tmp_path / os.fsdecode(name))  # OpenCV alone crashes at such a path
+        paths = [base, film(tmp_path, "mkv").rename(base.with_name(base.name + ".mkv"))]
+        paths.append(base.with_name(base.name + ".png"))
+        paths[-1].write_bytes(cv2.imencode(".png", GRID[0, 0])[1].tobytes())
+        for end, grid in (("h5", GRID), ("mat", GRID.transpose())):
+            h5(tmp_path, f"x.{end}", grid)
+            paths.append((tmp_path / f"x.{end}").rename(base.with_name(f"{base.name}.{end}")))
+        assert [examine_scene(path, config.Scene()).source.rows for path in paths] == [3, 2, 1, 3, 3]
+    pack_scene(base, config.Scene(cache_dir=scene_config.cache_dir + os.fsdecode(b"-\xff")))
+
+
+@pytest.mark.parametrize("name", ["a\nerror: x", "a\rb"])
+def test_a_name_does_not_make_lines_of_its_own(tmp_path: Path, name: str) -> None:
+    assert len(opened(tmp_path / name, config.Scene()).splitlines()) == 2
+
+
+@pytest.fixture
+def base() -> Iterator[Path]:
+    """A folder, made by root where it is root, who then is nobody: permissions count, as they do for everybody else."""
+    with tempfile.TemporaryDirectory() as name:
+        base, before = Path(name), os.geteuid()
+        base.chmod(0o777)
+        if before == 0:
+            os.seteuid(65534)
+        yield base
+        for folder in base.iterdir():
+            folder.chmod(0o755)
+        os.seteuid(before)
+
+
+def test_permissions_are_named(base: Path) -> None:
+    listed, holding = base / "listed", base / "holding"
+    for folder in (listed, holding):
+        made.write_grid(folder, GRID)
+    listed.chmod(0o444)
+    (holding / "view_01_01.png").chmod(0)
+    assert "listed: search permission is missing" in opened(listed, config.Scene())
+    assert "view_01_01.png: cannot be read: Permission denied" in opened(holding, config.Scene())
+
+
+@settings(max_examples=60)
+@given(st.binary(max_size=400))
+def test_parsers_of_small_files(tmp_path_factory: pytest.TempPathFactory, body: bytes) -> None:
+    path = tmp_path_factory.getbasetemp() / "fuzzed"
+    for head in (b"", b"Pf\n4 4\n-1.0\n", b"P6\n4 4\n1023\n", b"\x89PNG\r\n\x1a\n"):
+        path.write_bytes(head + body)
+        for parser in (read_pfm, read_picture):
+            try:
+                parser(path)
+            except UserError as error:
+                assert str(path) in error.message
+    hci_attributes(body.decode("latin-1"))
+
+
+@given(st.lists(st.integers(0, 700), max_size=7))
+def test_axis_order_is_a_permutation_or_none(shape: list[int]) -> None:
+    order = axis_order(tuple(shape))
+    assert order is None or sorted(order) == list(range(len(shape)))
+
+
+def test_a_listing_sorts_numbers_as_numbers(tmp_path: Path) -> None:
+    for name in ("v10.png", "v2.png", ".hidden"):
+        (tmp_path / name).touch()
+    assert list_scene(tmp_path).names == ("v2.png", "v10.png")
