@@ -150,7 +150,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
 
 
 def _divided(path: Path) -> tuple[list[NDArray[Any]], int, Turn, str]:
-    """The views of a picture of two in file order, their full value, the turn, and why ("": nothing says so). Raises UserError."""
+    """The views of a picture of two in file order, their full value, the turn, why ("": nothing says so). Raises UserError."""
     arrangement = _arrangement(path)
     if arrangement is None:
         raise UserError(
