@@ -99,7 +99,7 @@ def read_sequence(path: Path, frames: int, work: Path) -> FrameSequence:
     The frames are a file without a name in `work`: a long or large sequence takes no memory. The truth is PATH with the suffix
     .csv. Raises UserError if one of them cannot be read.
     """
-    from lfpipe.capture.pictures import open_recording
+    from lfpipe.capture.recordings import open_recording
     from lfpipe.sequence.folder import is_sequence
 
     if is_sequence(path):

@@ -5,78 +5,102 @@ import logging
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.camera_controls import CameraControls, Controls
-from lfpipe.capture.camera_list import LIBCAMERA, CameraFinder, first_camera, none_usable, opened, others
-from lfpipe.capture.frame_source import Frame, SourceInfo
+from lfpipe.capture.camera_controls import CameraControls
+from lfpipe.capture.camera_list import LIBCAMERA, CameraFinder, opened, others
+from lfpipe.capture.frame_source import Frame, SourceInfo, size_notes
 from lfpipe.capture.pixel_formats import CHEAPEST, DECODED, JPEGS, SMALL_PX, FrameDecoder, choose
-from lfpipe.capture.sensor_clock import SensorClock, stamp_kind
 from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device
-from lfpipe.capture.v4l2_stream import RawFrame, SourceChangedError, V4L2Stream
+from lfpipe.capture.v4l2_stream import RawFrame, V4L2Stream
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fit_note
+from lfpipe.transport.stamp_kind import StampKind
 
-__all__ = ["CameraFinder", "CameraSource", "check_camera", "first_camera", "none_usable", "open_camera", "trouble"]
+__all__ = ["CameraFinder", "CameraSource", "check_camera", "open_camera", "trouble"]
 
 log = logging.getLogger(__name__)
+Start = Callable[[V4L2Device], V4L2Stream]
 
 STALL_S = 0.9  # longest wait for a frame
 START_S = 5.0  # longest wait for the first frame: some cameras need seconds
 CONTROLS_S = 1.0  # longest wait for the camera's controls; they are set later if it is slower
 REPLUG = "unplug the camera and plug it in again"
-GONE = (errno.ENODEV, errno.ENXIO, errno.ENOENT)
+MAX_AGE_NS = 2_000_000_000  # an older stamp comes from another clock
+HARDWARE_STAMPS = Path("/sys/module/uvcvideo/parameters/hwtimestamps")
 
 
-class Device(Controls, Protocol):
-    """The part of `V4L2Device` in use here."""
+def stamp_kind(driver: str, start_of_exposure: bool, hardware: Path = HARDWARE_STAMPS) -> StampKind:
+    """The event that the driver's stamps mark. start_of_exposure: the flag of its buffers.
 
-    @property
-    def driver(self) -> str: ...
-    def fourccs(self) -> list[str]: ...
-    def sizes(self, fourcc: str) -> list[FrameSizes]: ...
-    def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode: ...
-    def duplicate(self) -> Controls: ...
+    uvcvideo sets that flag always, but stamps the arrival of the first packet (uvc_video_decode_start) unless its parameter
+    hwtimestamps is set.
+    """
+    if not start_of_exposure:
+        return StampKind.END_OF_FRAME
+    if driver == "uvcvideo":
+        try:
+            by_camera = hardware.read_text().strip() not in ("0", "N")
+        except OSError:
+            by_camera = False
+        return StampKind.START_OF_EXPOSURE if by_camera else StampKind.START_OF_TRANSFER
+    return StampKind.START_OF_EXPOSURE
 
 
-class Stream(Protocol):
-    """The part of `V4L2Stream` in use here."""
+class SensorClock:
+    """Moves stamps to the middle of the exposure.
 
-    def read(self, timeout_s: float) -> RawFrame: ...
-    def close(self) -> None: ...
+    A stamp marks one end of the exposure, so half of the exposure time is added or subtracted. If the camera does not report it,
+    half a frame period is assumed, which is off by at most a quarter of a period. The sensor's readout time is unknown and not
+    corrected.
+
+    Drivers may stamp ahead of the clock (vivid: the end of a future frame). Stamps ahead by up to one period are used, all
+    shifted back by the largest lead so far: they stay evenly spaced, and no frame is read before its exposure.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_ns = int(1e9 / rate_hz)
+        self._lead_ns = 0
+
+    def usable(self, stamp_ns: int, read_ns: int) -> bool:
+        """Whether the stamp of a frame read at read_ns is from the monotonic clock."""
+        return stamp_ns > 0 and -self._period_ns <= read_ns - stamp_ns <= MAX_AGE_NS
+
+    def middle_ns(self, stamp_ns: int, kind: StampKind, read_ns: int, exposure_ns: int | None) -> tuple[int, StampKind]:
+        """The middle of the exposure of a frame read at read_ns, never later than read_ns, and the source of the value."""
+        if not self.usable(stamp_ns, read_ns):
+            return read_ns, StampKind.READ
+        self._lead_ns = max(self._lead_ns, stamp_ns - read_ns)
+        half_ns = (self._period_ns // 2 if exposure_ns is None else min(exposure_ns, self._period_ns)) // 2
+        sign = 1 if kind == StampKind.START_OF_EXPOSURE else -1
+        return min(stamp_ns - self._lead_ns + sign * half_ns, read_ns), kind
 
 
 def trouble(path: Path, error: OSError) -> UserError:
     """The device's error in the user's words."""
-    code, what = error.errno, f"camera {path}"
-    if isinstance(error, SourceChangedError):
-        return UserError(f"{what}: its picture size or signal changed", "it is reopened")
+    code, why = error.errno, error.strerror
     if code == errno.ENOENT:
-        return UserError(f"{what}: no such device", others(path))
-    if code in GONE:
-        return UserError(f"{what}: unplugged", "plug it in again")
-    if code == errno.EACCES:
-        return UserError(f"{what}: no permission", "add yourself to the group `video` and log in again")
-    if code == errno.EPERM:
-        return UserError(f"{what}: the system forbids it", f"give a container the device: `--device {path}`")
-    if code == errno.EBUSY:
-        return UserError(f"{what}: busy", f"close the program that uses it: `fuser -v {path}` shows it")
-    if code == errno.ENOSPC:
-        remedy = "use another USB port, or --set camera.format=MJPG, or a smaller size: --set camera.width_px=640"
-        return UserError(f"{what}: the USB bus has no room for its frames", remedy)
+        return UserError(f"camera {path}: no such device", others(path))
     if code == errno.ENOTTY or (code == errno.EINVAL and not path.is_char_device()):
-        return UserError(f"{what}: not a camera ({error.strerror})", others(path))
-    if code == errno.ETIMEDOUT:
-        return UserError(f"{what}: {error.strerror}", REPLUG)
-    return UserError(f"{what}: its driver failed ({error.strerror})", REPLUG)
+        return UserError(f"camera {path}: not a camera ({why})", others(path))
+    usb = "use another USB port, or --set camera.format=MJPG, or a smaller size: --set camera.width_px=640"
+    known = {
+        errno.ENODEV: ("unplugged", "plug it in again"),
+        errno.ENXIO: ("unplugged", "plug it in again"),
+        errno.EACCES: ("no permission", "add yourself to the group `video` and log in again"),
+        errno.EPERM: ("the system forbids it", f"give a container the device: `--device {path}`"),
+        errno.EBUSY: ("busy", f"close the program that uses it: `fuser -v {path}` shows it"),
+        errno.ENOSPC: ("the USB bus has no room for its frames", usb),
+        errno.ETIMEDOUT: (f"{why}", REPLUG),
+    }
+    what, remedy = known.get(code or 0, (f"its driver failed ({why})", REPLUG))
+    return UserError(f"camera {path}: {what}", remedy)
 
 
-def _requested(offered: list[str], device: Device, camera: config.Camera) -> FrameSizes | None:
+def _requested(offered: list[str], device: V4L2Device, camera: config.Camera) -> FrameSizes | None:
     """The mode to request; None if none of the offered formats can be decoded."""
     size = camera.width_px, camera.height_px
     formats = [fourcc for fourcc in offered if fourcc in DECODED and camera.format in ("auto", fourcc)]
@@ -90,7 +114,7 @@ def _requested(offered: list[str], device: Device, camera: config.Camera) -> Fra
     return FrameSizes(JPEGS[0] if size[0] * size[1] > SMALL_PX else CHEAPEST[0], *size)  # the usual ones
 
 
-def negotiate(path: Path, device: Device, camera: config.Camera) -> tuple[Mode, tuple[str, ...]]:
+def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mode, tuple[str, ...]]:
     """The mode that the device accepted, with a rate that is never 0, and notes on differences from the configuration.
 
     Raises OSError from the driver, UserError if none of the device's formats can be decoded.
@@ -110,8 +134,7 @@ def negotiate(path: Path, device: Device, camera: config.Camera) -> tuple[Mode, 
     notes = [f"the camera delivers {mode.fourcc} {mode.width_px}x{mode.height_px} at {mode.rate_hz:.4g} Hz"]
     if camera.format not in ("auto", mode.fourcc):
         notes.append(f"{camera.format} requested, {mode.fourcc} delivered")
-    if (mode.width_px, mode.height_px) != (camera.width_px, camera.height_px):
-        notes.append(fit_note((mode.width_px, mode.height_px), (camera.width_px, camera.height_px)))
+    notes += size_notes(mode.width_px, mode.height_px, camera)
     if abs(mode.rate_hz - camera.rate_hz) > 0.01 * camera.rate_hz:
         notes.append(f"{camera.rate_hz:g} Hz requested, {mode.rate_hz:.4g} Hz delivered")
     return mode, tuple(notes)
@@ -120,10 +143,12 @@ def negotiate(path: Path, device: Device, camera: config.Camera) -> tuple[Mode, 
 class CameraSource:
     """A streaming camera. source_seq follows the driver's count: frames that the driver lost leave gaps."""
 
-    def __init__(self, path: Path, camera: config.Camera, device: Device, start: Callable[[Any], Stream] = V4L2Stream) -> None:
+    def __init__(
+        self, path: Path, camera: config.Camera, device: V4L2Device, start: Callable[[V4L2Device], V4L2Stream] = V4L2Stream
+    ) -> None:
         """device: open; closed by this object. Raises UserError if it cannot be configured or delivers no first frame."""
         self._path, self._device = path, device
-        self._stream: Stream | None = None
+        self._stream: V4L2Stream | None = None
         self._controls: CameraControls | None = None
         self._decoder: FrameDecoder | None = None
         try:

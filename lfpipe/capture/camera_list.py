@@ -2,20 +2,24 @@
 
 import errno
 import logging
+import threading
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from lfpipe.capture.camera_device import CameraDevice, with_time_limit
+import attrs
+
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.errors import UserError
-from lfpipe.host import processes
+from lfpipe.host import PORTABLE, processes
 from lfpipe.host.files import exists
 
 SYS, DEV = Path("/sys/class/video4linux"), Path("/dev")
 ANSWER_S = 3.0  # drivers answer in microseconds; a stuck one never does
 LIST_S = 30.0  # thousands of calls on an emulated machine
+WITHOUT_CAMERA = "use --camera demo, --camera mouse, or a recording with --camera file:PATH"
 LIBCAMERA = (
     "a board's camera port needs libcamera: feed a v4l2loopback device from it, for example with "
     "`gst-launch-1.0 libcamerasrc ! videoconvert ! v4l2sink device=/dev/video42`"
@@ -23,6 +27,42 @@ LIBCAMERA = (
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
+
+
+@attrs.frozen
+class CameraDevice:
+    """A listed device. name: the driver's. place: its path in /sys, which names the port. Both empty if unknown."""
+
+    path: Path
+    name: str
+    place: str = ""
+
+
+def known() -> Any:
+    """The module of this system that lists cameras: `nodes`, `cameras`, `describe`, `asking`, `first_camera`, `none_usable`."""
+    return import_module(f"lfpipe.capture.{'opencv_camera' if PORTABLE else 'camera_list'}")
+
+
+def with_time_limit(limit_s: float, call: Callable[[], T]) -> T:
+    """Returns the result of call, or raises its error. Raises TimeoutError after limit_s; the thread of the call then stays until
+    the process ends, because nothing can end it."""
+    results: list[T] = []
+    errors: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            results.append(call())
+        except BaseException as error:  # raised in the caller's thread
+            errors.append(error)
+
+    thread = threading.Thread(target=run, name="time-limit", daemon=True)
+    thread.start()
+    thread.join(limit_s)
+    if errors:
+        raise errors[0]
+    if not results:
+        raise TimeoutError(f"no answer for {limit_s:g} s")
+    return results[0]
 
 
 def _limited(limit_s: float, call: Callable[[], T]) -> T:
@@ -66,8 +106,7 @@ def describe(path: Path, sys: Path = SYS) -> CameraDevice:
     """The device at path with its name and place."""
     entry = sys / path.resolve().name
     try:
-        name = (entry / "name").read_text().strip()
-        return CameraDevice(path, name, str((entry / "device").resolve(strict=True)))
+        return CameraDevice(path, (entry / "name").read_text().strip(), str((entry / "device").resolve(strict=True)))
     except OSError:
         return CameraDevice(path, "")
 
@@ -76,10 +115,8 @@ def _captures(device: CameraDevice) -> bool:
     """Whether a node delivers pictures; True if it cannot be queried (busy, no permission) but is there."""
     try:
         return asking(device.path, lambda opened_device: opened_device.captures, ANSWER_S)
-    except PermissionError:
-        return True
-    except OSError:
-        return exists(device.path)
+    except OSError as error:
+        return isinstance(error, PermissionError) or exists(device.path)
 
 
 def cameras(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
@@ -111,19 +148,27 @@ def none_usable() -> str:
                 return f"{node.path} ({node.name}) is multi-planar; {LIBCAMERA}"
         except OSError:
             continue
-    return "use --camera demo, --camera mouse, or a recording with --camera file:PATH"
+    return WITHOUT_CAMERA
 
 
 def others(path: Path) -> str:
     """A remedy for a camera that is not there: the others, or what to do without one."""
-    listed = ", ".join(f"camera:{camera.path} ({camera.name})" for camera in cameras() if camera.path != path)
-    return f"available cameras: {listed}" if listed else f"no camera found: {none_usable()}"
+    listed = ", ".join(f"camera:{camera.path} ({camera.name})" for camera in known().cameras() if camera.path != path)
+    return f"available cameras: {listed}" if listed else f"no camera found: {known().none_usable()}"
 
 
-def named(name: str, devices: list[CameraDevice]) -> list[CameraDevice]:
-    """The devices with this name, ignoring case; if there are none, those whose name contains it."""
+def by_name(name: str, devices: list[CameraDevice]) -> CameraDevice:
+    """The device with this name, ignoring case, else the one whose name contains it. Raises UserError for none or several."""
     folded = name.casefold()
-    return [d for d in devices if d.name.casefold() == folded] or [d for d in devices if folded in d.name.casefold()]
+    named = [d for d in devices if d.name.casefold() == folded] or [d for d in devices if folded in d.name.casefold()]
+    if not named:
+        raise UserError(f"camera:{name}: no camera of that name", others(Path()))
+    if len(named) > 1 and not PORTABLE:
+        named = [device for device in named if _captures(device)] or named
+    if len(named) > 1:
+        paths = " or ".join(f"camera:{device.path}" for device in named)
+        raise UserError(f"camera:{name}: {len(named)} cameras have that name", f"use {paths}")
+    return named[0]
 
 
 class CameraFinder:
@@ -141,13 +186,12 @@ class CameraFinder:
 
     def path(self) -> Path:
         """The camera's device file now. Raises UserError if no camera, or more than one, has the name, or if it is unplugged."""
-        if self._known is None:
-            spec = self._spec
-            known = self._by_name(spec.name) if spec.name else describe(spec.path, self._sys)
-            if known.place:  # else there is nothing to recognise it by
-                self._known = known
-            return known.path
-        known = self._known
+        spec, known = self._spec, self._known
+        if known is None:
+            first = by_name(spec.name, nodes(self._sys, self._dev)) if spec.name else describe(spec.path, self._sys)
+            if first.place:  # else there is nothing to recognise it by
+                self._known = first
+            return first.path
         same = [device for device in nodes(self._sys, self._dev) if device.name == known.name]
         here = [device for device in same if device.place == known.place]
         if here or not self._gone:
@@ -163,14 +207,3 @@ class CameraFinder:
             log.info("camera %s is now %s", known.path, current.path)
         self._known, self._gone = current, False
         return current.path
-
-    def _by_name(self, name: str) -> CameraDevice:
-        devices = named(name, nodes(self._sys, self._dev))
-        if len(devices) > 1:
-            devices = [device for device in devices if _captures(device)]
-        if len(devices) > 1:
-            paths = " or ".join(f"camera:{device.path}" for device in devices)
-            raise UserError(f"camera:{name}: {len(devices)} cameras have that name", f"use {paths}")
-        if not devices:
-            raise UserError(f"camera:{name}: no camera of that name", others(Path()))
-        return devices[0]

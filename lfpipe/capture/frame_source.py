@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.files.decoding import fit_note
 from lfpipe.transport.stamp_kind import StampKind
 
 _TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
@@ -83,6 +84,33 @@ class FrameSource(Protocol):
     def close(self) -> None: ...
 
 
+class Recording:
+    """A rewindable series of frames. rate_hz: 0 if the recording has none. exact: its stamps are those of its frames; else a
+    container may have rounded them. jpeg: its frames are JPEGs. packet: the JPEG of the last frame, uint8 (n,); None if it was
+    not a JPEG of this size. eyes: as in `SourceInfo`. notes: for the user."""
+
+    width_px: int
+    height_px: int
+    rate_hz: float = 0.0
+    exact = jpeg = False
+    packet: NDArray[np.uint8] | None = None
+    eyes: str = ""
+    notes: tuple[str, ...] = ()
+
+    def next(self, out: NDArray[np.uint8]) -> int | None:
+        """Decodes the next frame into out (height, width, 3) BGR, scaled to fit; returns its stamp in ns, None at the end.
+
+        Raises BrokenFrame if it cannot be decoded; the next call continues after it.
+        """
+        raise AssertionError
+
+    def rewind(self) -> None:
+        """Starts over."""
+
+    def close(self) -> None:
+        """Call when no more frames are wanted."""
+
+
 class OrientedSource:
     """Another source's frames, rotated clockwise by camera.rotate degrees, then mirrored if camera.mirror is set.
 
@@ -118,6 +146,13 @@ class OrientedSource:
 
     def close(self) -> None:
         self._source.close()
+
+
+def size_notes(width_px: int, height_px: int, camera: config.Camera) -> list[str]:
+    """Says, for people, how frames of that size become those of the configuration; empty if they have its size."""
+    if (width_px, height_px) == (camera.width_px, camera.height_px):
+        return []
+    return [fit_note((width_px, height_px), (camera.width_px, camera.height_px))]
 
 
 def as_read(pictures: NDArray[np.uint8], camera: config.Camera) -> NDArray[np.uint8]:

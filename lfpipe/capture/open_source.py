@@ -1,14 +1,17 @@
 """Opens a source by its name; imports the decoders of its kind only."""
 
+from importlib import import_module
+from typing import Any
+
 import attrs
 import numpy as np
 
 from lfpipe import config
-from lfpipe.capture.camera_device import known, with_time_limit
-from lfpipe.capture.camera_device import source as camera_source
+from lfpipe.capture.camera_list import known, with_time_limit
 from lfpipe.capture.frame_source import FrameSource, SourceInfo, decoding, orient
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
 from lfpipe.errors import UserError
+from lfpipe.host import PORTABLE
 
 MOUSE = "mouse"
 CAMERA_S, FILE_S = 15.0, 60.0  # longest time a source may take to open
@@ -18,6 +21,11 @@ class NoCamera(UserError):
     """Raised where the first camera is asked for and there is none: a session goes on with the mouse."""
 
 
+def _cameras() -> Any:
+    """The module of this system that opens cameras: `CameraFinder`, `open_camera`, `check_camera`."""
+    return import_module(f"lfpipe.capture.{'opencv_camera' if PORTABLE else 'camera'}")
+
+
 def resolve(text: str) -> Spec:
     """Parses text; an empty one stands for the first camera.
 
@@ -25,9 +33,9 @@ def resolve(text: str) -> Spec:
     """
     if text:
         return parse_source(text)
-    first = camera_source().first_camera()
+    first = known().first_camera()
     if first is None:
-        raise NoCamera("no camera found", camera_source().none_usable())
+        raise NoCamera("no camera found", known().none_usable())
     return CameraSpec(first)
 
 
@@ -50,20 +58,16 @@ def open_source(text: str, camera: config.Camera) -> FrameSource:
     """
     spec = resolve(text)
     if isinstance(spec, FileSpec):
+        from lfpipe.capture.file_source import FileSource
         from lfpipe.sequence.folder import is_sequence
 
-        if is_sequence(spec.path):
-            from lfpipe.capture.file_source import SequenceSource
-
-            return SequenceSource(spec, camera)
-        from lfpipe.capture.file_source import FileSource
-
-        return orient(FileSource(spec, camera), camera)
+        source = FileSource(spec, camera)
+        return source if is_sequence(spec.path) else orient(source, camera)
     if isinstance(spec, DemoSpec):
         from lfpipe.capture.demo import DemoSource
 
         return DemoSource(camera)
-    device = camera_source()
+    device = _cameras()
     return orient(device.open_camera(device.CameraFinder(spec).path(), camera), camera)
 
 
@@ -74,7 +78,7 @@ def open_reconnecting(text: str, camera: config.Camera) -> FrameSource:
         return open_source(text, camera)
     from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 
-    device = camera_source()
+    device = _cameras()
     info = SourceInfo(f"camera:{spec.name or spec.path.as_posix()}", camera.width_px, camera.height_px, camera.rate_hz, live=True)
     finder = device.CameraFinder(spec)
     return orient(ReconnectingCamera(info, lambda: device.open_camera(finder.path(), camera)), camera)
@@ -109,7 +113,7 @@ def _tried(text: str, camera: config.Camera) -> SourceInfo:
     """Opens the source, reads the first frame of a recording, closes it. A camera is configured, but not started."""
     spec = parse_source(text)
     if isinstance(spec, CameraSpec):
-        device = camera_source()
+        device = _cameras()
         info: SourceInfo = device.check_camera(device.CameraFinder(spec).path(), camera)
         return attrs.evolve(info, jpeg=info.jpeg and not (camera.rotate or camera.mirror))
     with decoding(text):

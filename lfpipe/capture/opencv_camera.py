@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.camera_device import CameraDevice
-from lfpipe.capture.frame_source import Frame, SourceInfo
+from lfpipe.capture.camera_list import WITHOUT_CAMERA, CameraDevice, by_name
+from lfpipe.capture.frame_source import Frame, SourceInfo, size_notes
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fit_note, fitted
+from lfpipe.files.decoding import fitted
 from lfpipe.host.terminal import opencv_logging
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.stamp_kind import StampKind
@@ -29,25 +29,14 @@ T = TypeVar("T")
 _HELP = "close the program that uses it, and allow cameras in the system's privacy settings"
 
 
-def _path(number: int) -> Path:
-    return Path(f"/dev/video{number}")
-
-
-def _number(path: Path) -> int:
-    digits = re.sub(r"\D", "", path.name)
-    if not digits:
-        raise UserError(f"camera {path.as_posix()}: not the number of a camera", "use for example camera:0")
-    return int(digits)
-
-
 def nodes() -> list[CameraDevice]:
     """The cameras of the system by number, without opening them."""
     try:
         from cv2_enumerate_cameras import enumerate_cameras
     except ImportError:
         return []
-    found = {each.index: each.name for each in enumerate_cameras()}
-    return [CameraDevice(_path(number), name) for number, name in sorted(found.items())]
+    names = {camera.index: camera.name for camera in enumerate_cameras()}
+    return [CameraDevice(Path(f"/dev/video{number}"), name) for number, name in sorted(names.items())]
 
 
 cameras = nodes
@@ -55,17 +44,17 @@ cameras = nodes
 
 def first_camera() -> Path | None:
     """The first camera, or None."""
-    return next((each.path for each in nodes()), None)
+    return next((device.path for device in nodes()), None)
 
 
 def none_usable() -> str:
     """What to do without a camera."""
-    return "use --camera demo, --camera mouse, or a recording with --camera file:PATH"
+    return WITHOUT_CAMERA
 
 
 def describe(path: Path) -> CameraDevice:
     """The camera with that number, with its name."""
-    return next((each for each in nodes() if each.path == path), CameraDevice(path, ""))
+    return next((device for device in nodes() if device.path == path), CameraDevice(path, ""))
 
 
 def asking(path: Path, question: Callable[[Any], T]) -> T:
@@ -81,18 +70,7 @@ class CameraFinder:
 
     def path(self) -> Path:
         """Raises UserError if no camera, or more than one, has the name."""
-        wanted = self._spec.name.casefold()
-        if not wanted:
-            return self._spec.path
-        devices = [device for device in nodes() if wanted in device.name.casefold()]
-        devices = [device for device in devices if device.name.casefold() == wanted] or devices
-        listed = ", ".join(f"camera:{_number(device.path)} ({device.name})" for device in nodes())
-        remedy = f"cameras here: {listed}" if listed else f"no camera found: {none_usable()}"
-        if not devices:
-            raise UserError(f"camera:{self._spec.name}: no camera of that name", remedy)
-        if len(devices) > 1:
-            raise UserError(f"camera:{self._spec.name}: {len(devices)} cameras have that name", remedy)
-        return devices[0].path
+        return by_name(self._spec.name, nodes()).path if self._spec.name else self._spec.path
 
 
 class OpenCVCamera:
@@ -100,12 +78,16 @@ class OpenCVCamera:
 
     def __init__(self, path: Path, camera: config.Camera) -> None:
         """Raises UserError if it cannot be opened or delivers no picture."""
-        number = _number(path)
-        self._name, self._seq = f"camera {number}", -1
+        if not (digits := re.sub(r"\D", "", path.name)):
+            raise UserError(f"camera {path.as_posix()}: not the number of a camera", "use for example camera:0")
+        self._name, self._seq = f"camera {int(digits)}", -1
         with opencv_logging():
-            self._capture = cv2.VideoCapture(number)
-        sizes = ((cv2.CAP_PROP_FRAME_WIDTH, camera.width_px), (cv2.CAP_PROP_FRAME_HEIGHT, camera.height_px))
-        for key, value in (*sizes, (cv2.CAP_PROP_FPS, camera.rate_hz)):
+            self._capture = cv2.VideoCapture(int(digits))
+        for key, value in (
+            (cv2.CAP_PROP_FRAME_WIDTH, camera.width_px),
+            (cv2.CAP_PROP_FRAME_HEIGHT, camera.height_px),
+            (cv2.CAP_PROP_FPS, camera.rate_hz),
+        ):
             self._capture.set(key, value)
         whole, frame = self._capture.read() if self._capture.isOpened() else (False, None)
         if not whole or frame is None:
@@ -113,9 +95,7 @@ class OpenCVCamera:
             raise UserError(f"{self._name}: cannot be opened, or delivers no picture", _HELP)
         height_px, width_px = frame.shape[:2]
         rate_hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or camera.rate_hz
-        notes = ["OpenCV gives no time stamps: using the time of reading"]
-        if (width_px, height_px) != (camera.width_px, camera.height_px):
-            notes.append(fit_note((width_px, height_px), (camera.width_px, camera.height_px)))
+        notes = ["OpenCV gives no time stamps: using the time of reading", *size_notes(width_px, height_px, camera)]
         self.info = SourceInfo(f"camera:{path.as_posix()}", width_px, height_px, rate_hz, live=True, notes=tuple(notes))
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:

@@ -36,23 +36,11 @@ PLANAR = {  # 4:2:0, chroma of half the width and height; the first two with bot
 DEEP_GREY_BITS = {"Y10": 10, "Y12": 12, "Y16": 16}  # in 16-bit words, little-endian
 DECODED = (*JPEGS, *INTERLEAVED, *PLANAR, *DEEP_GREY_BITS)
 # cheapest to decode first; grey last, because the tracker's model was trained on colours
-CHEAPEST: tuple[str, ...] = (
-    "YUYV",
-    "UYVY",
-    "YVYU",
-    "NV12",
-    "NV21",
-    "YU12",
-    "YV12",
-    "BGR3",
-    "RGB3",
-    "BGR4",
-    "XR24",
-    "MJPG",
-    "JPEG",
+CHEAPEST = (
+    *("YUYV", "UYVY", "YVYU", "NV12", "NV21", "YU12", "YV12", "BGR3", "RGB3", "BGR4", "XR24", *JPEGS),
+    *("RGGB", "BA81", "GBRG", "GRBG", "GREY", *DEEP_GREY_BITS),
 )
-CHEAPEST += ("RGGB", "BA81", "GBRG", "GRBG", "GREY", "Y10", "Y12", "Y16")
-GREY = ("GREY", "Y10", "Y12", "Y16")
+GREY = ("GREY", *DEEP_GREY_BITS)
 SMALL_PX = 640 * 480  # up to this size uncompressed frames at 30 Hz fit USB 2
 JPEG_END = np.array([0xFF, 0xD9], np.uint8)  # end of image
 

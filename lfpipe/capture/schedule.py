@@ -8,16 +8,11 @@ STAMP_ROUNDING_NS = 1_000_000
 MOVE_NS = 1_000_000_000
 
 
-def period(rate_hz: float) -> Fraction:
-    """Nanoseconds from frame to frame, exactly: 29.97002997 stands for 30000/1001."""
-    return 1_000_000_000 / Fraction(rate_hz).limit_denominator(1001)
-
-
 class EvenSchedule:
     """Frame k is due k periods after frame 0, by integer arithmetic: the error stays below 1 ns."""
 
     def __init__(self, rate_hz: float) -> None:
-        self._period = period(rate_hz)
+        self._period = 1_000_000_000 / Fraction(rate_hz).limit_denominator(1001)  # 29.97002997 stands for 30000/1001
 
     def due_ns(self, index: int) -> int:
         """Nanoseconds from frame 0 to frame index."""
@@ -25,13 +20,13 @@ class EvenSchedule:
 
 
 class StampSchedule:
-    """Due times by the recording's own stamps, snapped to the even grid of its rate where they agree with it.
+    """Due times by the recording's own stamps. Unless they are exact, they snap to the even grid of its rate where they agree.
 
     A stamp that does not increase counts as one period after the frame before, so due times always grow.
     """
 
-    def __init__(self, rate_hz: float) -> None:
-        self._even = EvenSchedule(rate_hz)
+    def __init__(self, rate_hz: float, exact: bool = False) -> None:
+        self._even, self._rounding_ns = EvenSchedule(rate_hz), 0 if exact else STAMP_ROUNDING_NS
         self._step_ns = max(1, self._even.due_ns(1))
         self._base_ns = 0  # due time of the first frame of this loop
         self._count = 0
@@ -44,7 +39,7 @@ class StampSchedule:
             self._first_stamp_ns = stamp_ns
         even_ns = self._base_ns + self._even.due_ns(self._count)
         due_ns = self._base_ns + stamp_ns - self._first_stamp_ns
-        if abs(due_ns - even_ns) <= STAMP_ROUNDING_NS:
+        if abs(due_ns - even_ns) <= self._rounding_ns:
             due_ns = even_ns
         if due_ns <= self._last_ns:
             due_ns = self._last_ns + self._step_ns

@@ -35,11 +35,11 @@ class _LightWatch:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self.reset()
+        self._stamps: deque[int] = deque(maxlen=LIGHT_FRAMES)
 
     def reset(self) -> None:
         """Forgets the frames so far."""
-        self._stamps: deque[int] = deque(maxlen=LIGHT_FRAMES)
+        self._stamps.clear()
 
     def add(self, frame: Frame, info: SourceInfo, lost: int) -> None:
         """Adds a frame of a live source; lost: frames lost before it."""
@@ -49,37 +49,27 @@ class _LightWatch:
         if len(self._stamps) < LIGHT_FRAMES:
             return
         hz = 1e9 * (LIGHT_FRAMES - 1) / max(1, self._stamps[-1] - self._stamps[0])
-        dim, was = hz < (DIM_SHARE if not self._context.row["dim"] else BRIGHT_SHARE) * info.rate_hz, self._context.row["dim"]
-        self._context.row["dim"] = dim
-        if dim and not was:
+        row, was = self._context.row, self._context.row["dim"]
+        row["dim"] = hz < (BRIGHT_SHARE if was else DIM_SHARE) * info.rate_hz
+        if row["dim"] and not was:
             text = f"{info.name} delivers {hz:.3g} instead of {info.rate_hz:.3g} Hz, probably because of too little light"
             self._context.emit("notice", text=text)
 
 
-class _Outage:
-    """Reports when the camera is lost and when it is back."""
+def _lose(context: Context, name: str, why: str) -> None:
+    """Reports that the camera is lost."""
+    log.warning("camera lost: %s: %s", name, why)
+    context.row["state"] = State.READY
+    context.emit("camera", name=name, lost=True, why=why)
+    context.emit("notice", text=f"{why}; camera lost, trying again")
 
-    def __init__(self, context: Context) -> None:
-        self._context, self._since_ns = context, 0
 
-    def begin(self, name: str, why: str) -> None:
-        """Begins the outage."""
-        self._since_ns = now_ns()
-        log.warning("camera lost: %s: %s", name, why)
-        self._context.row["state"] = State.READY
-        self._context.emit("camera", name=name, lost=True, why=why)
-        self._context.emit("notice", text=f"{why}; camera lost, trying again")
-
-    def end(self, info: SourceInfo) -> bool:
-        """Ends the outage: True if there was one."""
-        if not self._since_ns:
-            return False
-        away_s, self._since_ns = (now_ns() - self._since_ns) / 1e9, 0
-        self._context.row["state"] = State.RUNNING
-        self._context.emit("camera", name=info.name, lost=False, away_s=away_s)
-        self._context.emit("notice", text=f"{info.name} is back after {away_s:.1f} s")
-        _report(self._context, info)
-        return True
+def _find_again(context: Context, info: SourceInfo, away_s: float) -> None:
+    """Reports that the camera is back."""
+    context.row["state"] = State.RUNNING
+    context.emit("camera", name=info.name, lost=False, away_s=away_s)
+    context.emit("notice", text=f"{info.name} is back after {away_s:.1f} s")
+    _report(context, info)
 
 
 def _report(context: Context, info: SourceInfo) -> None:
@@ -104,7 +94,7 @@ def main(context: Context) -> None:
     info = source.info
     _report(context, info)
     lateness = Lateness(int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.options.lossless else 0)
-    outage, light, sleeps, broken, next_seq = _Outage(context), _LightWatch(context), SleepWatch(), 0, 0
+    light, sleeps, lost_ns, broken, next_seq = _LightWatch(context), SleepWatch(), 0, 0, 0
     context.ready()
     try:
         if not info.live and not context.wait_for_others():
@@ -118,7 +108,8 @@ def main(context: Context) -> None:
             try:
                 frame = _read(context, source, frames.begin())
             except CameraLost as lost:
-                outage.begin(info.name, str(lost))
+                _lose(context, info.name, str(lost))
+                lost_ns = now_ns()
                 continue
             except TimeoutError:
                 continue
@@ -130,7 +121,10 @@ def main(context: Context) -> None:
                 continue
             if frame is None:
                 return
-            if outage.end(source.info) or sleeps.woke():
+            if lost_ns:
+                _find_again(context, source.info, (now_ns() - lost_ns) / 1e9)
+            if lost_ns or sleeps.woke():
+                lost_ns = 0
                 light.reset()
                 frames.writer.new_epoch()  # the viewer may be anywhere by now: old positions mean nothing
             busy_ns, t_read_ns, t_sensor_ns = now_ns() - t_begin_ns, frame.t_read_ns, frame.t_sensor_ns + lateness.moved_ns

@@ -4,7 +4,7 @@ linuxpy (formerly v4l2py) wraps the whole interface, but its licence, GPL 3 or l
 """
 
 import ctypes
-from ctypes import Structure, Union, c_char, c_int32, c_int64, c_long, c_uint8, c_uint32, c_ulong, sizeof
+from ctypes import Structure, Union, c_char, c_int32, c_long, c_uint8, c_uint32, c_ulong, sizeof
 from typing import Any
 
 CAP_VIDEO_CAPTURE, CAP_MULTI_PLANAR, CAP_STREAMING, CAP_DEVICE_CAPS = 0x1, 0x1000, 0x04000000, 0x80000000
@@ -13,7 +13,6 @@ FRAME_SIZE_DISCRETE = FRAME_INTERVAL_DISCRETE = 1
 BUF_FLAG_ERROR, STAMP_SOURCE_MASK, STAMP_SOURCE_SOE = 0x40, 0x70000, 0x10000
 FIELD_NONE = 1
 CTRL_DISABLED, CTRL_READ_ONLY, CTRL_INACTIVE = 0x1, 0x4, 0x10
-EVENT_SOURCE_CHANGE = 5
 INPUT_WITHOUT_SIGNAL = 0x103  # V4L2_IN_ST_NO_POWER, _NO_SIGNAL, _NO_H_LOCK: what such an input delivers is noise
 
 
@@ -78,7 +77,9 @@ class Input(Structure):
     )
 
 
-class InputNumber(Structure):
+class Number(Structure):
+    """A whole number: of an input, or a buffer's type."""
+
     _fields_ = (("value", c_int32),)
 
 
@@ -97,10 +98,6 @@ class Buffer(Structure):
     )
 
 
-class BufferType(Structure):
-    _fields_ = (("type", c_int32),)
-
-
 class QueryControl(Structure):
     _fields_ = (
         *(*_words("id", "type"), ("name", c_char * 32), ("minimum", c_int32), ("maximum", c_int32)),
@@ -110,21 +107,6 @@ class QueryControl(Structure):
 
 class Control(Structure):
     _fields_ = (("id", c_uint32), ("value", c_int32))
-
-
-class EventSubscription(Structure):
-    _fields_ = (*_words("type", "id", "flags"), ("reserved", c_uint32 * 5))
-
-
-class _EventUnion(Union):
-    _fields_ = (("data", c_uint8 * 64), ("align", c_int64))
-
-
-class Event(Structure):
-    _fields_ = (
-        *(("type", c_uint32), ("u", _EventUnion), *_words("pending", "sequence"), ("timestamp", TimeValue)),
-        *(("id", c_uint32), ("reserved", c_uint32 * 8)),
-    )
 
 
 def _request(direction: int, number: int, argument: Any) -> int:
@@ -146,11 +128,9 @@ ENUMINPUT = _request(_READ | _WRITE, 26, Input)
 G_CTRL = _request(_READ | _WRITE, 27, Control)
 S_CTRL = _request(_READ | _WRITE, 28, Control)
 QUERYCTRL = _request(_READ | _WRITE, 36, QueryControl)
-G_INPUT = _request(_READ, 38, InputNumber)
+G_INPUT = _request(_READ, 38, Number)
 ENUM_FRAMESIZES = _request(_READ | _WRITE, 74, FrameSize)
 ENUM_FRAMEINTERVALS = _request(_READ | _WRITE, 75, FrameInterval)
-DQEVENT = _request(_READ, 89, Event)
-SUBSCRIBE_EVENT = _request(_WRITE, 90, EventSubscription)
 
 
 def fourcc_text(code: int) -> str:

@@ -15,6 +15,7 @@ from lfpipe.capture import v4l2_abi as abi
 from lfpipe.host import processes
 
 MAX_LISTED = 256  # entries of one list, in case a driver never ends it
+NOT_THERE = (errno.EINVAL, errno.ENOTTY)  # the end of a list, or a driver without such lists or controls
 
 S = TypeVar("S", bound=Structure)
 
@@ -49,12 +50,11 @@ class FrameSizes:
 
 @attrs.frozen
 class ControlRange:
-    """A control of integers. default, minimum, maximum, step: in the driver's units."""
+    """A control of integers. minimum, maximum, step: in the driver's units."""
 
     minimum: int
     maximum: int
     step: int
-    default: int
     inactive: bool  # another control, such as an automatic, currently decides its value
 
 
@@ -70,6 +70,7 @@ class V4L2Device:
         except OSError:
             self.close()
             raise
+        self.driver = bytes(self._capability.driver).decode(errors="replace")
 
     def ioctl(self, request: int, argument: S) -> S:
         """argument as the driver changed it."""
@@ -77,10 +78,6 @@ class V4L2Device:
 
         fcntl.ioctl(self.fd, request, argument)
         return argument
-
-    @property
-    def driver(self) -> str:
-        return bytes(self._capability.driver).decode(errors="replace")
 
     @property
     def captures(self) -> bool:
@@ -96,7 +93,7 @@ class V4L2Device:
     def signal(self) -> bool:
         """False if the present input reports that nothing is connected to it; its frames are then noise or one colour."""
         try:
-            number = self.ioctl(abi.G_INPUT, abi.InputNumber()).value
+            number = self.ioctl(abi.G_INPUT, abi.Number()).value
             return not self.ioctl(abi.ENUMINPUT, abi.Input(index=number)).status & abi.INPUT_WITHOUT_SIGNAL
         except OSError:  # a driver without inputs
             return True
@@ -136,9 +133,9 @@ class V4L2Device:
             try:
                 self.ioctl(request, message)
             except OSError as error:
-                if error.errno not in (errno.EINVAL, errno.ENOTTY):  # the end of the list, or a driver without such lists
-                    raise
-                return
+                if error.errno in NOT_THERE:
+                    return
+                raise
             yield
 
     def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
@@ -153,8 +150,8 @@ class V4L2Device:
         with contextlib.suppress(OSError):  # a driver without rates
             numerator, denominator = self.ioctl(abi.S_PARM, parameters).interval
             actual_hz = denominator / numerator if numerator else 0.0
-        got, compressed = abi.fourcc_text(pix.pixelformat), pix.bytesperline == 0
-        return Mode(got, pix.width, pix.height, 0 if compressed else pix.bytesperline, actual_hz if actual_hz < 10_000 else 0.0)
+        rate_hz = actual_hz if actual_hz < 10_000 else 0.0  # nonsense
+        return Mode(abi.fourcc_text(pix.pixelformat), pix.width, pix.height, pix.bytesperline, rate_hz)
 
     def control_range(self, control: int) -> ControlRange | None:
         """The range of a control; None if the device has no such settable control."""
@@ -162,13 +159,12 @@ class V4L2Device:
         try:
             self.ioctl(abi.QUERYCTRL, message)
         except OSError as error:
-            if error.errno in (errno.EINVAL, errno.ENOTTY):
+            if error.errno in NOT_THERE:
                 return None
             raise
         if message.flags & (abi.CTRL_DISABLED | abi.CTRL_READ_ONLY):
             return None
-        inactive = bool(message.flags & abi.CTRL_INACTIVE)
-        return ControlRange(message.minimum, message.maximum, max(1, message.step), message.default, inactive)
+        return ControlRange(message.minimum, message.maximum, max(1, message.step), bool(message.flags & abi.CTRL_INACTIVE))
 
     def control(self, control: int) -> int:
         """The value of a control."""

@@ -19,10 +19,6 @@ RETRY_S = 0.02
 FINAL = (errno.EBUSY, errno.ENODEV, errno.ENXIO, errno.ENOMEM, errno.ENOSPC, errno.EPERM)  # a second attempt would fail, too
 
 
-class SourceChangedError(OSError):
-    """The input signal changed its size or rate: the device must be configured again."""
-
-
 @attrs.frozen
 class RawFrame:
     """data: uint8 (n,), valid until the next read. sequence: the driver's count of frames; gaps are lost frames. stamp_ns: the
@@ -55,8 +51,6 @@ class V4L2Stream:
         self._device = device
         self._maps: list[mmap.mmap] = []
         self._taken: int | None = None  # index of the buffer in the caller's hands
-        with contextlib.suppress(OSError):  # few drivers support it
-            device.ioctl(abi.SUBSCRIBE_EVENT, abi.EventSubscription(type=abi.EVENT_SOURCE_CHANGE))
         try:
             _twice(lambda: self._request_buffers(BUFFERS))
             for index in range(self._count):
@@ -68,15 +62,15 @@ class V4L2Stream:
             self.close()
             raise
         self._poll = select.poll()
-        self._poll.register(device.fd, select.POLLIN | select.POLLPRI)
+        self._poll.register(device.fd, select.POLLIN)
 
     @staticmethod
     def _buffer(index: int = 0) -> abi.Buffer:
         return abi.Buffer(index=index, type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
 
     def _request_buffers(self, count: int) -> None:
-        wanted = abi.RequestBuffers(count=count, type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
-        self._count = min(int(self._device.ioctl(abi.REQBUFS, wanted).count), 32)
+        request = abi.RequestBuffers(count=count, type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
+        self._count = min(int(self._device.ioctl(abi.REQBUFS, request).count), 32)  # VIDEO_MAX_FRAME
         if count and not self._count:
             raise OSError(errno.ENOMEM, "the driver has no buffers")
 
@@ -84,27 +78,22 @@ class V4L2Stream:
         _twice(lambda: self._device.ioctl(abi.QBUF, self._buffer(index)))
 
     def _switch(self, request: int) -> None:
-        self._device.ioctl(request, abi.BufferType(abi.VIDEO_CAPTURE))
+        self._device.ioctl(request, abi.Number(abi.VIDEO_CAPTURE))
 
     def read(self, timeout_s: float) -> RawFrame:
-        """The newest frame. Raises TimeoutError without one, SourceChangedError, OSError."""
-        self._give_back()
+        """The newest frame. Raises TimeoutError without one, OSError."""
+        taken, self._taken = self._taken, None
+        if taken is not None:
+            self._queue(taken)
         until = time.monotonic() + timeout_s
         while True:
             left_s = until - time.monotonic()
             events = self._poll.poll(max(0.0, left_s) * 1e3)
-            if events and events[0][1] & select.POLLPRI:
-                self._take_events()
             newest = self._dequeue_newest() if events else None
             if newest is not None:
                 return self._frame(newest)
             if left_s <= 0:
                 raise TimeoutError(f"no frame for {timeout_s:.1f} s")
-
-    def _take_events(self) -> None:
-        event = self._device.ioctl(abi.DQEVENT, abi.Event())
-        if event.type == abi.EVENT_SOURCE_CHANGE:
-            raise SourceChangedError(errno.EPIPE, "its signal changed")
 
     def _dequeue_newest(self) -> abi.Buffer | None:
         newest: abi.Buffer | None = None
@@ -132,11 +121,6 @@ class V4L2Stream:
             flags & abi.STAMP_SOURCE_MASK == abi.STAMP_SOURCE_SOE,
             bool(flags & abi.BUF_FLAG_ERROR),
         )
-
-    def _give_back(self) -> None:
-        taken, self._taken = self._taken, None
-        if taken is not None:
-            self._queue(taken)
 
     def close(self) -> None:
         """Stops the stream and frees the buffers, as far as the driver still answers."""

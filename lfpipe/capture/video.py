@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.frame_source import BrokenFrame
+from lfpipe.capture.frame_source import BrokenFrame, Recording
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, is_jpeg, is_video, picture_of
 from lfpipe.host.files import path_of
@@ -36,7 +36,7 @@ MORE_KINDS = (
 )
 
 
-class Video:
+class Video(Recording):
     """A `Recording`, decoded by FFmpeg. Motion JPEG is only demuxed by it and decoded like a camera's JPEGs, and its packets are
     passed through: at 640x480 1.15 ms a frame, as with FFmpeg's own decoder.
 
@@ -47,7 +47,6 @@ class Video:
         """file: open at its start; closed by this object. Raises UserError if it is not a video, or too large to decode."""
         self._file, self._path, self._capture = file, path, cv2.VideoCapture()
         self._memory = MemoryLimit(OPENING_BYTES)  # a stream may change its size midway
-        self.packet: NDArray[np.uint8] | None = None
         self._count = 0  # frames since the start
         self._own_size: NDArray[np.uint8] | None = None
         try:
@@ -56,8 +55,8 @@ class Video:
                 raise UserError(f"{path}: not a readable video", REMEDY)
             self._open(jpegs=False)
             self._read_header(start)
-            self._jpegs = self._capture.get(cv2.CAP_PROP_FOURCC) == cv2.VideoWriter.fourcc(*"MJPG") and self._packets_are_whole()
-            if not self._jpegs:
+            self.jpeg = self._capture.get(cv2.CAP_PROP_FOURCC) == cv2.VideoWriter.fourcc(*"MJPG") and self._packets_are_whole()
+            if not self.jpeg:
                 self._open(jpegs=False)
                 with self._memory:
                     self._grabbed = self._capture.grab()
@@ -100,7 +99,6 @@ class Video:
             picture = picture_of(packet) if packet is not None and is_jpeg(packet) else None
         if picture is None or picture.shape != (self.height_px, self.width_px, 3):
             return False
-        self.packet = packet
         self._open(jpegs=True)
         return True
 
@@ -118,7 +116,7 @@ class Video:
     def next(self, out: NDArray[np.uint8]) -> int | None:
         """See `Recording.next`."""
         with self._memory:
-            stamp_ns = self._next_jpeg(out) if self._jpegs else self._next_frame(out)
+            stamp_ns = self._next_jpeg(out) if self.jpeg else self._next_frame(out)
         if stamp_ns is None:
             count, self._count = self._count, self._frames  # reported once per loop
             if count < self._frames:  # FFmpeg skips damaged frames
@@ -160,7 +158,7 @@ class Video:
 
     def rewind(self) -> None:
         """Starts over; opens the file anew, because not every stream can seek."""
-        self._open(self._jpegs)
+        self._open(self.jpeg)
         self._count = 0
 
     def close(self) -> None:

@@ -74,7 +74,7 @@ def displays(_context: click.Context, _parameter: click.Parameter, incomplete: s
 
 def sources(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """The sources of frames."""
-    from lfpipe.capture.camera_device import known
+    from lfpipe.capture.camera_list import known
 
     if incomplete.startswith("file:"):
         return _items([f"file:{path}" for path in _paths(incomplete.removeprefix("file:"))], incomplete)

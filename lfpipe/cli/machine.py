@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
-from lfpipe.capture.camera_controls import control_states
-from lfpipe.capture.camera_device import known
+from lfpipe.capture.camera_controls import control_texts
+from lfpipe.capture.camera_list import known
 from lfpipe.capture.pixel_formats import DECODED
 from lfpipe.capture.v4l2_device import FrameSizes, V4L2Device
 from lfpipe.cli.options import JSON, with_config
@@ -60,7 +60,7 @@ def cameras(everything: bool, as_json: bool) -> None:
 def _about(device: V4L2Device, everything: bool) -> tuple[dict[str, list[FrameSizes]], list[str]]:
     """Pixel formats with their sizes, and controls. Formats that cannot be decoded are included only if everything is set."""
     modes = {fourcc: device.sizes(fourcc) if everything or fourcc in DECODED else [] for fourcc in device.fourccs()}
-    return modes, [state.text for state in control_states(device)]
+    return modes, control_texts(device)
 
 
 def _every(fourcc: str, sizes: list[FrameSizes]) -> str:

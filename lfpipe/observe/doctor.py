@@ -12,7 +12,7 @@ from pathlib import Path
 import attrs
 
 from lfpipe import config
-from lfpipe.capture.camera_device import CameraDevice, known
+from lfpipe.capture.camera_list import CameraDevice, known
 from lfpipe.capture.open_source import camera_name
 from lfpipe.errors import UserError
 from lfpipe.host import shared_memory as memory

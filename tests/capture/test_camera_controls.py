@@ -17,7 +17,7 @@ from lfpipe.capture.camera_controls import (
     GAIN,
     POWER_LINE,
     CameraControls,
-    control_states,
+    control_texts,
 )
 from lfpipe.errors import UserError
 from tests.capture.fake_camera import FakeCamera, FakeControl, source
@@ -101,14 +101,14 @@ def test_a_camera_that_fails_after_its_controls_were_set_gets_them_back() -> Non
 
 
 def test_states_for_people() -> None:
-    texts = [state.text for state in control_states(webcam())]
+    texts = control_texts(webcam())
     assert texts == [
         "camera.exposure 33.3 ms (automatic) [0.3 to 204.7 ms]",
         "camera.gain 20 (automatic) [0 to 100]",
         "camera.power_line_hz 50 Hz [0 to 60 Hz]",
         "camera.dynamic_framerate 1 [0 to 1]",
     ]
-    assert control_states(FakeCamera()) == []
+    assert control_texts(FakeCamera()) == []
 
 
 def test_a_control_that_answers_in_a_second_stops_no_frame(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import pytest
 from lfpipe import config
 from lfpipe.capture.file_source import FileSource
 from lfpipe.capture.open_source import check_source, open_source
-from lfpipe.capture.pictures import natural_key
+from lfpipe.capture.recordings import natural_key
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
 

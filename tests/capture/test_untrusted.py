@@ -17,7 +17,7 @@ import pytest
 from lfpipe import config
 from lfpipe.capture import camera_list
 from lfpipe.capture import open_source as open_source_module
-from lfpipe.capture.camera_device import with_time_limit
+from lfpipe.capture.camera_list import with_time_limit
 from lfpipe.capture.file_source import MAX_BROKEN, FileSource
 from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.capture.open_source import check_source, open_source

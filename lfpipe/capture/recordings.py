@@ -1,44 +1,24 @@
-"""Recordings for a file source: a video, or pictures in order of name."""
+"""Recordings for a file source: a video, pictures in order of name, or a recorded sequence."""
 
 import re
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.frame_source import BrokenFrame
+from lfpipe.capture.frame_source import BrokenFrame, Recording
 from lfpipe.capture.video import Video
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, is_jpeg, picture_of
 from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host.files import is_dir
 from lfpipe.host.terminal import opencv_logging
+from lfpipe.sequence.folder import is_sequence, open_sequence
+from lfpipe.sequence.packets import PACKETS, decoded
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
 MAX_FILE_BYTES = 1 << 28  # of one picture; larger files are refused
-
-
-class Recording(Protocol):
-    """A rewindable series of frames. rate_hz: 0 if the recording has none. packet: the JPEG of the last frame, uint8 (n,); None
-    if it was not a JPEG of this size.
-    """
-
-    width_px: int
-    height_px: int
-    rate_hz: float
-    packet: NDArray[np.uint8] | None
-
-    def next(self, out: NDArray[np.uint8]) -> int | None:
-        """Decodes the next frame into out (height, width, 3) BGR, scaled to fit; returns its stamp in ns, None at the end.
-
-        Raises BrokenFrame if it cannot be decoded; the next call continues after it.
-        """
-        ...
-
-    def rewind(self) -> None: ...
-
-    def close(self) -> None: ...
+GREY = 128  # of a frame that was not recorded
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
@@ -61,18 +41,15 @@ def _load(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     return data, picture
 
 
-class Pictures:
+class Pictures(Recording):
     """Pictures in natural order of name."""
-
-    rate_hz = 0.0
 
     def __init__(self, paths: list[Path]) -> None:
         """Raises BrokenFrame if the first cannot be decoded."""
-        self._paths = paths
-        self._index = 0
+        self._paths, self._index = paths, 0
         data, first = _load(paths[0])
         self.height_px, self.width_px = first.shape[:2]
-        self.packet: NDArray[np.uint8] | None = data if is_jpeg(data) else None
+        self.jpeg = is_jpeg(data)
 
     def next(self, out: NDArray[np.uint8]) -> int | None:
         """See `Recording.next`."""
@@ -88,15 +65,56 @@ class Pictures:
     def rewind(self) -> None:
         self._index = 0
 
+
+class SequenceRecording(Recording):
+    """A recorded sequence, with the stamps of its frames."""
+
+    exact = True
+
+    def __init__(self, path: Path) -> None:
+        """Raises UserError if the sequence cannot be read."""
+        self._path, self._sequence, self._index = path, open_sequence(path, verify=False), 0
+        self.width_px, self.height_px = self._sequence.size_px
+        self.rate_hz = self._sequence.measured_hz
+        self._file = open_regular(path / PACKETS)
+        self.jpeg = self._sequence.packets.codecs == ["jpeg"]
+        if self._sequence.holds_eyes:
+            self.eyes, self.notes = str(path.resolve()), ("holds the eyes of the mouse",)
+        elif not self._sequence.complete:
+            self.notes = (f"{path} was cut off after {len(self._sequence.packets)} frames",)
+
+    def next(self, out: NDArray[np.uint8]) -> int | None:
+        """See `Recording.next`. Raises UserError for a damaged frame: the frames after it are not where they should be."""
+        if self._index == len(self._sequence.packets):
+            return None
+        packet = self._sequence.packets[self._index]
+        try:
+            data = self._file.read(packet.bytes)
+        except OSError as error:
+            raise UserError(f"{self._path}: frame {self._index}: {error.strerror}", "check its disk or network drive") from None
+        if self.eyes:
+            out[:] = GREY
+        else:
+            fitted(decoded(packet, data, self.width_px, self.height_px, self._sequence.path), out)
+        self.packet = np.frombuffer(data, np.uint8) if packet.codec == "jpeg" else None
+        self._index += 1
+        return packet.t_sensor_ns
+
+    def rewind(self) -> None:
+        self._file.seek(0)
+        self._index = 0
+
     def close(self) -> None:
-        pass
+        self._file.close()
 
 
 def open_recording(path: Path) -> Recording:
-    """Opens the video, picture or folder of pictures at path.
+    """Opens the sequence, video, picture or folder of pictures at path.
 
     Raises UserError if it is missing, unreadable, or a folder without pictures.
     """
+    if is_sequence(path):
+        return SequenceRecording(path)
     try:
         if not is_dir(path):
             file = open_regular(path)
