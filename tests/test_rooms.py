@@ -75,7 +75,7 @@ SYSTEM_PATHS = ("/proc", "/sys/", "/dev/shm", "/dev/dri")
 # What is about one system by its nature, or the C library of a dependency; each with its reason.
 ALLOWED = {
     "lfpipe/capture/camera_list.py": "Video4Linux is Linux's own",
-    "lfpipe/capture/sensor_clock.py": "a parameter of Linux's driver for webcams",
+    "lfpipe/capture/camera.py": "a parameter of Linux's driver for webcams",
     "lfpipe/capture/v4l2_abi.py": "Video4Linux is Linux's own",
     "lfpipe/capture/v4l2_device.py": "Video4Linux is Linux's own",
     "lfpipe/capture/v4l2_stream.py": "Video4Linux is Linux's own",
