@@ -22,10 +22,10 @@ from lfpipe.host.files import is_dir
 from lfpipe.render.compositor import render_view
 from lfpipe.render.plan import make_plan
 from lfpipe.scene.cache import cache_dir, packs, remove, sweep
-from lfpipe.scene.contact_sheet import contact_sheet, require_view_index
+from lfpipe.scene.contact_sheet import contact_sheet
 from lfpipe.scene.info import describe_pack, lines
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.open_scene import make_from_video, open_scene, packed, scene_facts
+from lfpipe.scene.open_scene import ask_packer, open_scene, packed
 
 PICTURES = (".png", ".jpg", ".jpeg", ".jps")
 
@@ -154,7 +154,7 @@ def info(path: Path, as_json: bool, **options: Any) -> None:
     """Show SCENE's layout, grid, order of views, disparity and geometry."""
     settings = scene_config(options).scene
     field = packed(path, settings)
-    facts = describe_pack(field) if field is not None and field.complete else scene_facts(path, settings)
+    facts = describe_pack(field) if field is not None and field.complete else ask_packer(path, settings, do="info")
     click.echo(json.dumps(facts) if as_json else "\n".join(filled(line[14:], line[:14]) for line in lines(facts)))
 
 
@@ -171,7 +171,9 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
     check_picture(out, path)
     config = scene_config(options)
     field = opened(path, config)
-    require_view_index(field, row, col)
+    for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):
+        if not 0 <= value <= count - 1:  # not a number compares false
+            raise UserError(f"--{name} {value:g}: the scene has {field.rows}x{field.cols} views", f"use 0 to {count - 1}")
     if frame >= field.frames:
         raise UserError(f"--frame {frame}: the scene has {field.frames} frames", f"use --frame 0 to {field.frames - 1}")
     if method in WARPS and field.disparity is None:
@@ -184,8 +186,7 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
 @click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="File for the picture.")
 @with_scene_options
 def sheet(path: Path, out: Path, **options: Any) -> None:
-    """Write a contact sheet of all views, epipolar slices, and depth: near in red, far in blue. If the order is undecided,
-    show depth for both orders."""
+    """Write a contact sheet of all views, epipolar slices, and depth: near in red, far in blue."""
     check_picture(out, path)
     write_picture(out, contact_sheet(opened(path, scene_config(options))))
 
@@ -242,7 +243,8 @@ def make(path: Path, out: Path | None, **options: Any) -> None:
     """Make a light field of one row from CLIP, a video or a folder of pictures taken while sliding the camera sideways."""
     config = scene_config(options)
     with progress() as bar:
-        made = make_from_video(path, out or path.with_name(f"{path.stem}-views"), config.scene, bar)
+        folder = out or path.with_name(f"{path.stem}-views")
+        made = ask_packer(path, config.scene, bar, do="make", out=str(folder))
     click.echo(f"{made['views']} views of {made['width_px']}x{made['height_px']} px, chosen from {made['frames']} pictures")
     parallax = f"{made['spread_px']:.0f} px between outermost views, {made['residual_px']:.2f} px vertical error (95 %)"
     click.echo(f"  parallax    {parallax}")

@@ -1,6 +1,6 @@
 """The cache of packs: addressed by content, written atomically, one writer at a time.
 
-CACHE/scenes/KEY/          a pack (views.npy, disparity.npy, manifest.json)
+CACHE/scenes/KEY/          a pack (`pack`)
 CACHE/scenes/.KEY.PID/     an unfinished pack; the holder of KEY's lock may remove it
 CACHE/locks/KEY            lock of its writer
 CACHE/index/STAMP          text: the KEY of a path whose names, sizes and times have this stamp
@@ -20,14 +20,14 @@ import platformdirs
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import read_bytes
+from lfpipe.files.safe_files import read_bytes, reason
 from lfpipe.host import file_lock
 from lfpipe.scene.files import Listing, list_scene, open_file
-from lfpipe.scene.pack import VERSION, DamagedPackError, read_manifest, unused
+from lfpipe.scene.pack import VERSION, VIEWS, DamagedPackError, read_manifest
 from lfpipe.scene.source import SceneSource
 
 _DEEPEST = 3  # levels of folders between the given one and its pictures
-MAX_KEY_BYTES = 256  # of an entry of the index
+_MAX_KEY_BYTES = 256  # of an entry of the index
 
 
 def cache_dir(scene: config.Scene) -> Path:
@@ -35,25 +35,29 @@ def cache_dir(scene: config.Scene) -> Path:
     return Path(scene.cache_dir).expanduser() if scene.cache_dir else Path(platformdirs.user_cache_dir("lfpipe"))
 
 
+@contextlib.contextmanager
+def writing(root: Path) -> Iterator[None]:
+    """Turns errors of writing to the cache into UserError."""
+    try:
+        yield
+    except OSError as error:
+        remedy = "free some space, or use another one with --set scene.cache_dir=DIR"
+        raise UserError(f"cache directory {root}: {reason(error)}", remedy) from None
+
+
 def prepare_cache(scene: config.Scene) -> Path:
     """Creates the cache's folders. Raises UserError if it cannot be written."""
     root = cache_dir(scene)
-    try:
-        for part in ("scenes", "locks", "index"):
-            (root / part).mkdir(parents=True, exist_ok=True)
-            if not os.access(root / part, os.W_OK):
-                raise PermissionError(13, f"no permission to write to {part}")
-    except OSError as error:
-        raise _unwritten(root, error) from None
+    with writing(root):
+        for name in ("scenes", "locks", "index"):
+            (root / name).mkdir(parents=True, exist_ok=True)
+            if not os.access(root / name, os.W_OK):
+                raise PermissionError(13, f"no permission to write to {name}")
     return root
 
 
-def _unwritten(root: Path, error: OSError) -> UserError:
-    return UserError(f"cache directory {root}: {error.strerror}", "use another one with --set scene.cache_dir=DIR")
-
-
 def _settings_key(scene: config.Scene) -> str:
-    """The settings that a pack depends on, as part of a key."""
+    """The settings that a pack depends on, as text of a key."""
     used = {key: value for key, value in attrs.asdict(scene).items() if key not in ("cache_dir", "force", "half_turn")}
     return json.dumps({"version": VERSION, **used}, sort_keys=True)
 
@@ -93,31 +97,27 @@ def content_key(source: SceneSource, scene: config.Scene) -> str:
     return digest.hexdigest()
 
 
-def _read_key(entry: Path) -> str:
-    """The content of an entry of the index. Raises OSError, UnicodeDecodeError."""
-    return read_bytes(entry, MAX_KEY_BYTES).decode()
+def _pack_of(entry: Path, root: Path) -> Path | None:
+    """The pack that an entry of the index names, if it exists."""
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        key = read_bytes(entry, _MAX_KEY_BYTES).decode()
+        if key.isalnum() and (root / "scenes" / key).is_dir():
+            return root / "scenes" / key
+    return None
 
 
 def find_pack(path: str | os.PathLike[str], scene: config.Scene) -> Path | None:
     """The pack of an unchanged scene, or None; reads no picture. Raises UserError if there is no scene."""
-    mark = stamp(path, scene)
-    with contextlib.suppress(OSError, UnicodeDecodeError):
-        key = _read_key(cache_dir(scene) / "index" / mark)
-        pack = cache_dir(scene) / "scenes" / key
-        if key.isalnum() and (pack / "manifest.json").is_file():
-            return pack
-    return None
+    root = cache_dir(scene)
+    return _pack_of(root / "index" / stamp(path, scene), root)
 
 
 def remember(root: Path, mark: str, key: str) -> None:
     """Notes that the path with this stamp has that pack. Raises UserError if there is no room for the entry."""
     new = root / "index" / f".{mark}.{os.getpid()}"
-    try:
+    with writing(root):
         new.write_text(key)
         new.replace(root / "index" / mark)
-    except OSError as error:
-        new.unlink(missing_ok=True)
-        raise _unwritten(root, error) from None
 
 
 @contextlib.contextmanager
@@ -132,30 +132,31 @@ def locked(root: Path, key: str, waiting: Callable[[], None]) -> Iterator[None]:
 
 def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
     """Every pack as (folder, manifest, bytes on disk), newest first; the manifest is {} if it cannot be read."""
-    found: list[tuple[Path, dict[str, Any], int]] = []
-    with contextlib.suppress(OSError):
-        for folder in (cache_dir(scene) / "scenes").iterdir():
-            if folder.is_dir() and not folder.name.startswith("."):
-                manifest: dict[str, Any] = {}
-                with contextlib.suppress(DamagedPackError):
-                    manifest = read_manifest(folder)
-                found.append((folder, manifest, sum(file.lstat().st_size for file in folder.iterdir())))
-    return sorted(found, key=lambda pack: str(pack[1].get("created", "")), reverse=True)
+    listed: list[tuple[Path, dict[str, Any], int]] = []
+    for folder in (cache_dir(scene) / "scenes").glob("[!.]*/"):
+        manifest: dict[str, Any] = {}
+        with contextlib.suppress(DamagedPackError):
+            manifest = read_manifest(folder)
+        listed.append((folder, manifest, sum(file.lstat().st_size for file in folder.iterdir())))
+    return sorted(listed, key=lambda pack: str(pack[1].get("created", "")), reverse=True)
 
 
 def remove(folder: Path) -> bool:
     """Deletes a pack; returns False and keeps it if any process has it open. Raises UserError."""
     try:
-        with unused(folder) as free:
-            if free:
-                gone = folder.with_name(f".{folder.name}.{os.getpid()}")
-                folder.replace(gone)
-                shutil.rmtree(gone, ignore_errors=True)
-            return free
+        if (lock := file_lock.take(folder / VIEWS)) is None:
+            return False
+        try:
+            gone = folder.with_name(f".{folder.name}.{os.getpid()}")
+            folder.replace(gone)
+            shutil.rmtree(gone, ignore_errors=True)
+        finally:
+            lock.release()
     except FileNotFoundError:  # another clean was faster
         return True
     except OSError as error:
         raise UserError(f"{folder}: cannot be removed: {error.strerror}", "check its permissions") from None
+    return True
 
 
 def sweep(scene: config.Scene) -> int:
@@ -166,9 +167,8 @@ def sweep(scene: config.Scene) -> int:
             shutil.rmtree(left, ignore_errors=True)
             lock.release()
             removed += 1
-    for entry in (root / "index").glob("*"):
-        with contextlib.suppress(OSError, UnicodeDecodeError):
-            if not (root / "scenes" / _read_key(entry)).is_dir():
-                entry.unlink()
-                removed += 1
+    for entry in (root / "index").iterdir() if (root / "index").is_dir() else ():
+        if _pack_of(entry, root) is None:
+            entry.unlink(missing_ok=True)
+            removed += 1
     return removed

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from functools import partial
+from itertools import product
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,8 +13,9 @@ from lfpipe.host.machine import add
 from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, flow, grid_xy
 
+Depth = dict[str, float]  # min_px, max_px, border_low_px, border_high_px: of a scene, px per grid step
+NO_DEPTH: Depth = dict.fromkeys(("min_px", "max_px", "border_low_px", "border_high_px"), 0.0)
 Neighbours = list[tuple[Grey, float, float]]  # (picture, rows away, columns away), fractions allowed
-
 
 HALVED_PX = 192  # views of at least this many px on either side are compared at half their size, which maps have anyway
 ROUNDS = 2  # of refinement by all neighbours jointly
@@ -35,13 +38,22 @@ EXTREME = 5  # percentile: at the border, where one view sees what its neighbour
 _BOX = (5, 5)
 
 
-def mismatch(a: Grey, b: Grey, disparity_px: FloatMap, d_row: float, d_col: float) -> FloatMap:
-    """Mismatch of a, warped by its disparity, with b at grid steps (d_row, d_col) from it: grey levels, box mean."""
-    height, width = a.shape
+def sampled(
+    picture: NDArray[Any], disparity_px: FloatMap, d_row: float, d_col: float, how: int = cv2.INTER_LINEAR
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """A view d_row rows and d_col columns away, sampled along the disparity of this one; and where that leaves the picture."""
+    height, width = disparity_px.shape
     xx, yy = grid_xy(height, width)
     mx, my = xx - disparity_px * float(d_col), yy - disparity_px * float(d_row)
-    wrong = cv2.absdiff(cv2.remap(b, mx, my, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), a).astype(np.float32)
-    wrong[(mx < 0) | (mx > width - 1) | (my < 0) | (my > height - 1)] += OUTSIDE
+    outside = (mx < 0) | (mx > width - 1) | (my < 0) | (my > height - 1)
+    return cv2.remap(picture, mx, my, how, borderMode=cv2.BORDER_REPLICATE), outside
+
+
+def mismatch(a: Grey, b: Grey, disparity_px: FloatMap, d_row: float, d_col: float) -> FloatMap:
+    """Mismatch of a, warped by its disparity, with b at grid steps (d_row, d_col) from it: grey levels, box mean."""
+    there, outside = sampled(b, disparity_px, d_row, d_col)
+    wrong = cv2.absdiff(there, a).astype(np.float32)
+    wrong[outside] += OUTSIDE
     return np.asarray(cv2.blur(wrong, _BOX), np.float32)
 
 
@@ -55,15 +67,13 @@ def view_disparity(here: Grey, neighbours: Neighbours) -> FloatMap:
     for there, d_row, d_col in neighbours:
         shift = flow(here, there, fine=True)
         square = d_row * d_row + d_col * d_col
-        found: FloatMap = shift[..., 0] * np.float32(-d_col / square) - shift[..., 1] * np.float32(d_row / square)
-        maps.append(found)
+        maps.append(shift[..., 0] * np.float32(-d_col / square) - shift[..., 1] * np.float32(d_row / square))
         if len(neighbours) > 1:
-            errors.append(mismatch(here, there, found, d_row, d_col))
+            errors.append(mismatch(here, there, maps[-1], d_row, d_col))
     joint = maps[0]
     if len(maps) > 1:
         shares = _shares(errors)
-        joint = _total(neighbours, [share * found for share, found in zip(shares, maps, strict=True)])
-        joint = joint / _total(neighbours, shares)
+        joint = _total(neighbours, [share * one for share, one in zip(shares, maps, strict=True)]) / _total(neighbours, shares)
     for _ in range(ROUNDS):
         joint = refined(here, neighbours, joint)
     return np.asarray(cv2.medianBlur(joint, MEDIAN_PX), np.float32)
@@ -92,17 +102,14 @@ def refined(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> Float
     the disparity (Lucas and Kanade 1981, along one unknown). Neighbours that match badly, for example because of occlusion, count
     less.
     """
-    height, width = here.shape
-    xx, yy = grid_xy(height, width)
     own = here.astype(np.float32)
     wrongs, slopes, errors = list[FloatMap](), list[FloatMap](), list[FloatMap]()
     for there, d_row, d_col in neighbours:
-        mx, my = xx - disparity_px * float(d_col), yy - disparity_px * float(d_row)
-        seen = cv2.remap(there.astype(np.float32), mx, my, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        seen, outside = sampled(there.astype(np.float32), disparity_px, d_row, d_col, cv2.INTER_CUBIC)
         slope = -cv2.addWeighted(
             cv2.Scharr(seen, cv2.CV_32F, 1, 0), d_col / 32, cv2.Scharr(seen, cv2.CV_32F, 0, 1), d_row / 32, 0.0
         )
-        slope[(mx < 0) | (mx > width - 1) | (my < 0) | (my > height - 1)] = 0
+        slope[outside] = 0
         wrong = np.asarray(seen - own, np.float32)
         wrongs.append(wrong)
         slopes.append(np.asarray(slope, np.float32))
@@ -126,8 +133,6 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
     more from each other, or are blurred more by sampling, than the cross-fade differs from both. Causes: two surfaces at one
     place (glass, highlights), texture at the limit of sampling.
     """
-    height, width = here.shape
-    xx, yy = grid_xy(height, width)
     own = here.astype(np.float32)
     worse: list[NDArray[np.bool_]] = []
     along: list[FloatMap] = []
@@ -137,10 +142,9 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
 
         def seen(picture: FloatMap, steps: float, how: int, d_row: float = d_row, d_col: float = d_col) -> FloatMap:
             """picture as seen steps of the way to the neighbour; NaN outside it."""
-            mx, my = xx - disparity_px * (steps * d_col), yy - disparity_px * (steps * d_row)
-            found = cv2.remap(picture, mx, my, how, borderMode=cv2.BORDER_REPLICATE)
-            found[(mx < 0) | (mx > width - 1) | (my < 0) | (my > height - 1)] = np.nan
-            return np.asarray(found, np.float32)
+            values, outside = sampled(picture, disparity_px, steps * d_row, steps * d_col, how)
+            values[outside] = np.nan
+            return np.asarray(values, np.float32)
 
         same = np.square(other - own)
         moved = np.square(seen(other, 1.0, cv2.INTER_LINEAR) - own)
@@ -181,9 +185,15 @@ def shrinking(height_px: int, width_px: int) -> int:
     return 2 if min(height_px, width_px) >= HALVED_PX else 1
 
 
-def stored_size(disparity_px: FloatMap, factor: int) -> FloatMap:
-    """A map of `compared` views at the size and in the px of stored maps."""
-    return disparity_px * np.float32(2) if factor == 2 else halved(disparity_px)
+def stored_map(
+    here: Grey, neighbours: Neighbours, disparity_px: FloatMap | None, factor: int
+) -> tuple[FloatMap, NDArray[np.bool_]]:
+    """A map of a `compared` view, zeros for None, at the size and in the px of stored maps; and where it is not known."""
+    if disparity_px is None:
+        disparity_px = np.zeros(here.shape, np.float32)
+    stored, every = disparity_px * np.float32(2) if factor == 2 else halved(disparity_px), 3 - factor
+    unknown = unexplained(here, neighbours, disparity_px)[::every, ::every] if neighbours else np.zeros(stored.shape, bool)
+    return stored, unknown
 
 
 def halved(disparity_px: FloatMap) -> FloatMap:
@@ -195,13 +205,9 @@ def halved(disparity_px: FloatMap) -> FloatMap:
 def neighbour_indices(row: int, col: int, rows: int, cols: int) -> list[tuple[int, int]]:
     """The up to four neighbours of a place in the grid; if fewer, the diagonal ones too: at the edge and in a small grid every
     view must see what others hide."""
-
-    def inside(places: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        return [(r, c) for r, c in places if 0 <= r < rows and 0 <= c < cols]
-
-    straight = inside([(row, col + 1), (row, col - 1), (row + 1, col), (row - 1, col)])
-    corners = [(row + 1, col + 1), (row + 1, col - 1), (row - 1, col + 1), (row - 1, col - 1)]
-    return straight if len(straight) == 4 else straight + inside(corners)
+    steps = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]
+    inside = [(row + r, col + c) for r, c in steps if 0 <= row + r < rows and 0 <= col + c < cols]
+    return inside[:4] if len(inside) == 8 else inside
 
 
 def neighbours_of(
@@ -219,8 +225,8 @@ def neighbours_of(
 
 def mean_square_mismatch(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> float:
     """Mean square, in grey levels, of `mismatch` of a view over pixels and neighbours."""
-    found = [float(np.square(mismatch(here, there, disparity_px, down, across)).mean()) for there, down, across in neighbours]
-    return add(found) / max(1, len(found))
+    squares = [float(np.square(mismatch(here, there, disparity_px, down, across)).mean()) for there, down, across in neighbours]
+    return add(squares) / max(1, len(squares))
 
 
 def luma(planes: NDArray[np.uint8]) -> Grey:
@@ -238,28 +244,31 @@ def estimate_disparity(views: NDArray[np.uint8], offsets: NDArray[np.float32] | 
     rows, cols, _, height, width = views.shape
     if rows * cols < 2 or min(height, width) < SMALLEST_PX:
         return None
-    grid = [[compared(luma(np.asarray(views[r, c]))) for c in range(cols)] for r in range(rows)]
-    factor = shrinking(height, width)
+    grid = [[compared(luma(np.asarray(view))) for view in line] for line in views]
     moved = np.zeros((rows, cols, 2), np.float32) if offsets is None else offsets
     out = np.zeros((rows, cols, (height + 1) // 2, (width + 1) // 2), np.float32)
-    for r in range(rows):
-        for c in range(cols):
-            around = neighbours_of(lambda i, j: grid[i][j], r, c, np.ones((rows, cols), bool), moved)
-            if around:
-                found = view_disparity(grid[r][c], around)
-                every = 3 - factor
-                out[r, c] = stored_size(found, factor)
-                out[r, c][unexplained(grid[r][c], around, found)[::every, ::every]] = np.nan
+    for r, c in product(range(rows), range(cols)):
+        around = neighbours_of(lambda i, j: grid[i][j], r, c, np.ones((rows, cols), bool), moved)
+        disparity = view_disparity(grid[r][c], around) if around else None
+        out[r, c], unknown = stored_map(grid[r][c], around, disparity, shrinking(height, width))
+        out[r, c][unknown] = np.nan
     return out
 
 
-def border_range(disparity_px: FloatMap) -> tuple[float, float]:
-    """Disparities of the farthest and the nearest thing at the left and right border of maps (..., h, w); NaN is not known."""
+def depth_range(disparity_px: FloatMap) -> Depth:
+    """The range of a map (h, w), with what may be its errors left out, and that of its border."""
+    low, high = (round(float(value), 4) for value in np.percentile(disparity_px, (1, 99)))
+    return {"min_px": low, "max_px": high, **border_range(disparity_px)}
+
+
+def border_range(disparity_px: FloatMap) -> Depth:
+    """Disparities of the farthest and the nearest thing at the left and right border of maps (..., h, w), which the edge of a
+    screen cuts off; NaN is not known."""
     width = max(1, round(BORDER * disparity_px.shape[-1]))
     values = np.concatenate((disparity_px[..., :width], disparity_px[..., -width:]), axis=None)
     known = values[np.isfinite(values)]
     low, high = np.percentile(known, (EXTREME, 100 - EXTREME)) if len(known) else (0.0, 0.0)
-    return round(float(low), 4), round(float(high), 4)
+    return {"border_low_px": round(float(low), 4), "border_high_px": round(float(high), 4)}
 
 
 def quantised(disparity_px: FloatMap, scale_px: float) -> NDArray[np.int8]:

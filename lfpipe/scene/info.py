@@ -5,95 +5,86 @@ from typing import Any
 
 import attrs
 
-from lfpipe.errors import plain
+from lfpipe.scene.examination import Examined
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.packing import Examined
+from lfpipe.scene.packing import manifest_of
 
-_NAMES = ("layout", "rows", "cols", "height", "width", "channels", "bit_depth", "frames", "frame_rate_hz", "flips")
+_NAMES = (
+    "name", "source", "layout", "rows", "cols", "height", "width", "channels", "bit_depth", "frames", "frame_rate_hz", "flips",
+    "geometry", "gamma", "gamma_by", "notes",
+)  # fmt: skip
+
+
+def _describe(manifest: dict[str, Any], low_px: float | None, high_px: float | None) -> dict[str, Any]:
+    about = dict(manifest["disparity"])
+    del about["min_px"], about["max_px"]
+    present = manifest["present"]
+    return {
+        **{name: manifest[name] for name in _NAMES},
+        "orientation_evidence": manifest["orientation"],
+        "disparity": {"min": low_px, "max": high_px, **about},
+        "views_missing": [[r, c] for r, line in enumerate(present) for c, there in enumerate(line) if not there],
+        "irregular": manifest["offsets"] is not None,
+    }
 
 
 def describe_pack(field: LightField) -> dict[str, Any]:
     """The facts of `lfpipe scene info --json`."""
-    manifest = field.manifest
-    missing = [[r, c] for r in range(field.rows) for c in range(field.cols) if not field.present[r, c]]
-    about = dict(manifest["disparity"])
-    low, high, source = about.pop("min_px"), about.pop("max_px"), about.pop("source")
+    size = sum(file.stat().st_size for file in Path(field.folder).glob("*"))
     return {
-        "name": field.name,
-        "source": manifest["source"],
-        **{name: manifest[name] for name in _NAMES},
-        "orientation_evidence": manifest["orientation"],
-        "disparity": {"min": low, "max": high, "source": source, **about},
-        "geometry": manifest["geometry"],
-        "views_missing": missing,
-        "gamma": manifest["gamma"],
-        "gamma_by": manifest["gamma_by"],
+        **_describe(field.manifest, field.disparity_min_px, field.disparity_max_px),
         "method": field.method,
-        "scores_db": manifest["scores"],
-        "irregular": manifest["offsets"] is not None,
-        "notes": manifest["notes"],
+        "scores_db": field.manifest["scores"],
         "pack": field.folder,
-        "pack_bytes": sum(file.stat().st_size for file in Path(field.folder).glob("*")),
+        "pack_bytes": size,
     }
 
 
-def describe_examined(examined: Examined) -> dict[str, Any]:
+def describe_examined(scene: Examined) -> dict[str, Any]:
     """The facts of an unpacked scene, with the keys of `describe_pack`: facts that need packing are None or empty."""
-    source, orientation = examined.source, examined.orientation
-    rows, cols = orientation.turn.grid(source.rows, source.cols)
-    missing = {(r, c) for r in range(rows) for c in range(cols)
-               if orientation.turn.file_index(r, c, rows, cols) in source.missing}  # fmt: skip
-    low, high = orientation.disparity_px or (None, None)
-    path = source.path.resolve()
-    return {
-        "name": plain(path.stem if path.is_file() else path.name, 300), "source": plain(str(path), 10_000),
-        "layout": source.layout, "rows": rows, "cols": cols, "height": source.height_px, "width": source.width_px,
-        "channels": examined.channels, "bit_depth": source.bit_depth, "frames": source.frames,
-        "frame_rate_hz": source.frame_rate_hz, "flips": attrs.asdict(orientation.turn),
-        "orientation_evidence": orientation.facts(cols),
-        "disparity": {"min": low, "max": high, "source": "unknown" if low is None else "estimated"},
-        "geometry": attrs.asdict(source.geometry), "views_missing": [list(index) for index in sorted(missing)],
-        "gamma": examined.gamma, "gamma_by": examined.gamma_by, "method": None, "scores_db": {},
-        "irregular": source.coordinates is not None, "notes": list(source.notes), "pack": None, "pack_bytes": 0,
-    }  # fmt: skip
+    manifest, depth = manifest_of(scene), scene.orientation.depth
+    low, high = (depth["min_px"], depth["max_px"]) if depth else (None, None)
+    if depth and scene.orientation.half_turn:
+        low, high = -depth["max_px"], -depth["min_px"]
+    manifest["flips"] = attrs.asdict(scene.orientation.turn)
+    manifest["disparity"]["source"] = "estimated" if depth else "unknown"
+    facts = _describe(manifest, low, high)
+    return {**facts, "method": None, "scores_db": {}, "pack": None, "pack_bytes": 0}
 
 
 def lines(facts: dict[str, Any]) -> list[str]:
     """The same facts for people."""
-    found = facts["orientation_evidence"]
-    turned = [name for name, on in (("rows reversed", facts["flips"]["rows"]), ("columns reversed", facts["flips"]["cols"]),
-                                    ("rows and columns exchanged", facts["flips"]["transpose"])) if on]  # fmt: skip
-    disparity, geometry = facts["disparity"], facts["geometry"]
-    by = f"{found['by']}{', sure' if found['sure'] else ''}"
+    order, flips = facts["orientation_evidence"], facts["flips"]
+    words = {"rows": "rows reversed", "cols": "columns reversed", "transpose": "rows and columns exchanged"}
+    turned = " and ".join(text for name, text in words.items() if flips[name])
+    size = "{rows}x{cols} views of {width}x{height} px".format(**facts)
+    out = [f"{facts['name']}: {size}, layout {facts['layout']}"]
+
+    def say(what: str, text: str) -> None:
+        out.append(f"  {what:11} {text}")
+
     tone = f", gamma {facts['gamma']:g} ({facts['gamma_by']})" if facts["gamma"] != 1 else ""
-    out = [
-        f"{facts['name']}: {facts['rows']}x{facts['cols']} views of {facts['width']}x{facts['height']} px, "
-        f"layout {facts['layout']}",
-        f"  depth       {facts['bit_depth']} bit, {'colour' if facts['channels'] == 3 else 'grey'}{tone}",
-        f"  order       {' and '.join(turned) or 'as in the files'}: {found['said']} ({by})",
-    ]
-    if found["undecided"]:
-        out.append(f"  undecided   {found['undecided']}")
+    say("depth", f"{facts['bit_depth']} bit, {'colour' if facts['channels'] == 3 else 'grey'}{tone}")
+    say("order", f"{turned or 'as in the files'}: {order['said']} ({order['by']}{', sure' if order['sure'] else ''})")
+    if order["undecided"]:
+        say("undecided", order["undecided"])
     if facts["frames"] > 1:
-        out.append(f"  video       {facts['frames']} frames at {facts['frame_rate_hz']:g} Hz")
-    if disparity["source"] == "unknown":
-        out.append("  disparity   measured when the scene is packed")
-    elif disparity["source"] == "none":
-        out.append("  disparity   none")
+        say("video", f"{facts['frames']} frames at {facts['frame_rate_hz']:g} Hz")
+    disparity = facts["disparity"]
+    if disparity["source"] in ("unknown", "none"):
+        say("disparity", "none" if disparity["source"] == "none" else "measured when the scene is packed")
     else:
-        check = disparity.get("median_error_px")
+        off_px = disparity.get("median_error_px")
+        check = "" if off_px is None else f"; maps from flow, {off_px:.2f} px off the truth in the median"
         where = "" if facts["pack"] else " from a few views"
-        out.append(f"  disparity   {disparity['min']:+.2f} to {disparity['max']:+.2f} px per view, {disparity['source']}{where}"
-                   + (f"; maps from flow, {check:.2f} px off the truth in the median" if check is not None else ""))  # fmt: skip
-    parts = [(*name.rsplit("_", 1), value) for name, value in geometry.items() if value]
-    known = [f"{name.replace('_', ' ')} {value:g} {unit}" for name, unit, value in parts]
-    out.append(f"  geometry    {', '.join(known) or 'not known'}")
+        say("disparity", f"{disparity['min']:+.2f} to {disparity['max']:+.2f} px per view, {disparity['source']}{where}{check}")
+    units = [(*name.rsplit("_", 1), value) for name, value in facts["geometry"].items() if value]
+    say("geometry", ", ".join(f"{name.replace('_', ' ')} {value:g} {unit}" for name, unit, value in units) or "not known")
     scores = ", ".join(f"{name} {value:.1f} dB" for name, value in facts["scores_db"].items())
     if facts["method"]:
-        out.append(
-            f"  method      {facts['method']}" + (f" (quality when predicting held-out views: {scores})" if scores else "")
-        )
-    out += [f"  note        {note}" for note in facts["notes"]]
-    out.append(f"  pack        {facts['pack_bytes'] / 1e6:.1f} MB in {facts['pack']}" if facts["pack"] else
-               "  pack        none yet: `lfpipe scene pack` or `up` makes it")  # fmt: skip
+        say("method", facts["method"] + (f" (quality when predicting held-out views: {scores})" if scores else ""))
+    for note in facts["notes"]:
+        say("note", note)
+    packed = f"{facts['pack_bytes'] / 1e6:.1f} MB in {facts['pack']}"
+    say("pack", packed if facts["pack"] else "none yet: `lfpipe scene pack` or `up` makes it")
     return out

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.scene.grid_geometry import nearest_present
 from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.optical_flow import grid_xy
 from lfpipe.scene.pack import PlaneFile
+from lfpipe.scene.view_writer import nearest_present
 
 FloatMap = NDArray[np.float32]
 _HIDDEN_PX = 1.0  # parallax that separates a surface from the one behind it

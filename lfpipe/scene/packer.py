@@ -1,41 +1,45 @@
 """The packer: the only program that reads a person's pictures, as a child with limits on memory, time and output.
 
 `python -m lfpipe.scene.packer`, by `open_scene.Packing`. Request: {"do": "pack", "info" or "make", "scenes": [path, ...],
-"expand": whether folders of light fields stand for what is in them, "remember": whether to note the scene as recent, "config":
-the table [scene]}. Steps, one JSON object each:
+"config": the table [scene]}; with "pack", "expand": whether folders of light fields stand for what is in them, and "remember":
+whether to note the scene as recent; with "make", "out": the folder for a light field made of a video. Steps, each a JSON object:
 
     {"scenes": [path, ...]}                     expand: the light fields; the first of them is opened
     {"step": "views", "done": 7, "total": 81}   progress
     {"summary": {...}}                          the pack can be shown, still without disparity
 
-"make" writes a light field into the folder "out", from a video. Result: {"summary": {...}} of the pack, {"info": {...}}, or
-{"slide": {...}}.
+Result: the summary of the pack; the facts of the scene; or those of the `Slide`.
 """
 
 import contextlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import attrs
 
 from lfpipe import config
+from lfpipe.errors import UserError
 from lfpipe.host.processes import set_scheduling
 from lfpipe.host.worker import Report, serve
-from lfpipe.scene import packing
-from lfpipe.scene.cache import cache_dir
+from lfpipe.scene import layouts
+from lfpipe.scene.cache import cache_dir, find_pack
+from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.info import describe_examined
 from lfpipe.scene.pack import open_pack, summarize
-from lfpipe.scene.playlist import playlist
+from lfpipe.scene.packing import pack_scene
 from lfpipe.scene.recent_scenes import remember_scene
 from lfpipe.scene.slide import make_slide
 
 NICE = 15
 MEMORY_BYTES = 1 << 30  # mapped files do not count
+MAX_ENTRIES = 1000  # entries of a folder to examine
 
 
 def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     """The result of a request. Raises UserError."""
     settings = config.Scene(**request["config"])
+    paths = [Path(text) for text in request["scenes"]]
 
     def progress(what: str, done: int, total: int) -> None:
         report(step=what, done=done, total=total)
@@ -45,19 +49,46 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
             set_scheduling((), NICE)  # from now on it works beside the session that shows the pack
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.half_turn))))
 
-    paths = [Path(text) for text in request["scenes"]]
     if request["do"] == "make":
-        made = make_slide(paths[0], Path(request["out"]), progress)
-        return {"slide": {**attrs.asdict(made), "folder": str(made.folder)}}
-    if request["expand"]:
+        slide = make_slide(paths[0], Path(request["out"]), progress)
+        return {**attrs.asdict(slide), "folder": str(slide.folder)}
+    if request["do"] == "info":
+        return describe_examined(examine_scene(paths[0], settings))
+    if request.get("expand"):
         paths = playlist(paths, settings)
         report(scenes=[str(path) for path in paths])
-    if request["do"] == "info":
-        return {"info": describe_examined(packing.examine_scene(paths[0], settings))}
-    field = packing.pack_scene(paths[0], settings, progress, views_ready)
-    if request["remember"] and not paths[0].is_relative_to(cache_dir(settings)):  # the demo is always there
+    field = pack_scene(paths[0], settings, progress, views_ready)
+    if request.get("remember") and not paths[0].is_relative_to(cache_dir(settings)):  # the demo is always there
         remember_scene(paths[0])
-    return {"summary": attrs.asdict(summarize(field))}
+    return attrs.asdict(summarize(field))
+
+
+def playlist(paths: Iterable[Path], settings: config.Scene) -> list[Path]:
+    """Replaces each folder in paths that is no light field itself by the light fields in it, in order of name.
+
+    A path that is neither stays: opening it reports the error. Single pictures in a folder do not count.
+    """
+    return [scene for path in paths for scene in _scenes_at(path, settings)]
+
+
+def _scenes_at(path: Path, settings: config.Scene) -> list[Path]:
+    if not path.is_dir() or _views(path, settings):
+        return [path]
+    try:
+        inside = sorted(path.iterdir())[:MAX_ENTRIES]
+    except OSError:
+        return [path]
+    return [entry for entry in inside if not entry.name.startswith(".") and _views(entry, settings) > 1] or [path]
+
+
+def _views(path: Path, settings: config.Scene) -> int:
+    """Number of views of the light field at path; 0 if there is none."""
+    with contextlib.suppress(UserError):
+        if find_pack(path, settings):
+            return 2  # or more: single pictures are opened by name only
+        source = layouts.describe(path, settings)
+        return source.rows * source.cols
+    return 0
 
 
 if __name__ == "__main__":

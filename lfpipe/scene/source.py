@@ -1,6 +1,7 @@
 """A scene on disk as its layout describes it, before it is turned or packed."""
 
 from collections.abc import Callable, Mapping
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,12 @@ class SceneSource:
     doubt: str = ""
     certain: bool = True
     notes: tuple[str, ...] = ()
+
+    @property
+    def middle(self) -> ViewIndex:
+        """The present view closest to the middle of the grid."""
+        there = (place for place in product(range(self.rows), range(self.cols)) if place not in self.missing)
+        return min(there, key=lambda place: abs(place[0] - self.rows // 2) + abs(place[1] - self.cols // 2))
 
     @property
     def bit_depth(self) -> int:

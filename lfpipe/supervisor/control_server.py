@@ -156,7 +156,6 @@ class ControlServer:
             finally:
                 self._files.end(request)
             if request.message["cmd"] == "load":
-                result = result["summary"]
                 if request.shown:
                     self._completed(SceneSummary(**result))
                     return

@@ -10,7 +10,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.host import shared_memory
-from lfpipe.scene.playlist import playlist
+from lfpipe.scene.packer import playlist
 from lfpipe.transport import control
 from tests.web.server import served
 from tests.world import World, write_scene

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.scene import layouts
-from lfpipe.scene.grid_geometry import grid_offsets, nearest_present, truth_sign
+from lfpipe.scene.examination import grid_offsets
 from lfpipe.scene.layouts.named import coordinate_turn
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import SceneSource, Turn
+from lfpipe.scene.view_writer import nearest_present
 from tests.scene import made
 
 AUTO = config.Scene()
@@ -115,11 +116,12 @@ def test_coordinates_give_the_turn_and_the_jitter(
     assert np.abs(offsets.mean(axis=(0, 1))).max() < 1e-5
 
 
-def test_truth_changes_sign_with_the_half_turn_and_is_lost_with_one_flip() -> None:
-    assert truth_sign(Turn(), Turn()) == 1
-    assert truth_sign(Turn(), Turn(rows=True, cols=True)) == -1
-    assert truth_sign(Turn(), Turn(rows=True)) == 0
-    assert truth_sign(None, Turn(transpose=True)) == 0
+@pytest.mark.parametrize(
+    ("flip", "transpose", "sign"), [("none", "auto", 1), ("both", "auto", -1), ("rows", "auto", 0), ("none", "yes", 0)]
+)
+def test_truth_changes_sign_with_the_half_turn_and_is_lost_with_one_flip(flip: str, transpose: str, sign: int) -> None:
+    source = attrs.evolve(as_source(made.views(3, 3)), turn=Turn(), turn_by="names")
+    assert orient(source, config.Scene(flip=flip, transpose=transpose)).truth_sign == sign
 
 
 def test_nearest_present_view() -> None:

@@ -242,11 +242,10 @@ def test_cameras_off_the_grid_are_divided_by_their_true_distance() -> None:
 
 
 def test_plane_file_in_pieces(tmp_path: Path) -> None:
-    file = PlaneFile.create(tmp_path / "a.npy", (2, 3, 4, 5), np.int16, 2)
     piece = np.arange(20, dtype=np.int16).reshape(4, 5)
-    file.write((1, 2), piece)
-    assert np.array_equal(file.read((1, 2)), piece)
-    file.close()
+    with PlaneFile(tmp_path / "a.npy", (2, 3, 4, 5), np.int16, create=True) as file:
+        file.write((1, 2), piece)
+        assert np.array_equal(file.read((1, 2)), piece)
     whole = np.load(tmp_path / "a.npy")
     assert np.array_equal(whole[1, 2], piece)
     assert not whole[0].any()

@@ -16,7 +16,7 @@ import pytest
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import cache
-from lfpipe.scene.open_scene import Packing, open_scene, open_scenes, packed, scene_facts
+from lfpipe.scene.open_scene import Packing, ask_packer, open_scene, open_scenes, packed
 from lfpipe.scene.pack import open_pack
 from tests.scene import made
 
@@ -60,7 +60,7 @@ def test_a_folder_of_scenes_stands_for_them(folder: Path, scene_config: config.S
 
 
 def test_facts_need_no_pack(folder: Path, scene_config: config.Scene) -> None:
-    facts = scene_facts(folder, scene_config)
+    facts = ask_packer(folder, scene_config, do="info")
     assert (facts["rows"], facts["cols"], facts["pack"]) == (3, 3, None)
     assert packed(folder, scene_config) is None
 

@@ -1,0 +1,174 @@
+"""What the packer learns about a scene from its names and a few views, before it reads all of them."""
+
+import os
+from functools import cached_property
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.scene import layouts
+from lfpipe.scene.files import library_errors
+from lfpipe.scene.orientation import Orientation, orient
+from lfpipe.scene.plausibility import plausible
+from lfpipe.scene.source import SceneSource, Turn, ViewIndex
+
+STRIP_ROWS = 256  # of a large view, processed at a time to limit memory
+SCREEN_GAMMA = 2.2  # of linear-light pictures: out = in ** (1 / gamma)
+_DARK = 0.17  # median and mean of a linear-light picture of an ordinary scene are lower, those of a screen-ready one higher
+FrameIndex = tuple[int, int, int]  # frame, row, column
+
+
+@attrs.frozen(eq=False, slots=False)
+class Examined:
+    """gamma: the exponent for the scene's values, with the reason. channels: 1 or 3. turn, rows, cols, present and offsets are
+    those of the pack, whose order leaves the half-turn to the session."""
+
+    source: SceneSource
+    orientation: Orientation
+    gamma: float
+    gamma_by: str
+    channels: int
+
+    @property
+    def turn(self) -> Turn:
+        return self.orientation.packed
+
+    @property
+    def rows(self) -> int:
+        return self.turn.grid(self.source.rows, self.source.cols)[0]
+
+    @property
+    def cols(self) -> int:
+        return self.turn.grid(self.source.rows, self.source.cols)[1]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the views: (frames, rows, cols, channels, height, width)."""
+        return self.source.frames, self.rows, self.cols, self.channels, self.source.height_px, self.source.width_px
+
+    def file_index(self, row: int, col: int) -> ViewIndex:
+        """The place in the source of a view of the pack."""
+        return self.turn.file_index(row, col, self.rows, self.cols)
+
+    @cached_property
+    def present(self) -> NDArray[np.bool_]:
+        """bool (rows, cols)."""
+        views = [[self.file_index(r, c) not in self.source.missing for c in range(self.cols)] for r in range(self.rows)]
+        return np.array(views)
+
+    @cached_property
+    def offsets(self) -> NDArray[np.float32]:
+        """As in LightField."""
+        return grid_offsets(self.source.coordinates, self.turn, self.rows, self.cols)
+
+    @cached_property
+    def views(self) -> list[FrameIndex]:
+        """The views that the source has, in every frame."""
+        return [(f, r, c) for f in range(self.source.frames) for r, c in np.argwhere(self.present).tolist()]
+
+
+def examine_scene(path: str | os.PathLike[str], scene: config.Scene) -> Examined:
+    """Examines the scene at path. Raises UserError if there is none."""
+    with library_errors(path):
+        return examined(described(path, scene), scene)
+
+
+def described(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
+    """The scene at path as its layout describes it. Raises UserError."""
+    return without_implausible_truth(layouts.describe(path, scene))
+
+
+def examined(source: SceneSource, scene: config.Scene) -> Examined:
+    """Examines a few views. Raises UserError if they are no light field."""
+    if not source.certain:
+        source = plausible(source, scene.force)
+    middle = source.read(0, *source.middle)
+    ends = {(0, 0), (0, source.cols - 1), (source.rows - 1, source.cols - 1)} - {source.middle} - source.missing
+    grey = is_grey(middle) and (source.rendered or all(is_grey(source.read(0, *place)) for place in ends))
+    return Examined(source, orient(source, scene), *_gamma(source, scene, middle), 1 if grey else 3)
+
+
+def _gamma(source: SceneSource, scene: config.Scene, middle: NDArray[Any]) -> tuple[float, str]:
+    """The exponent for this scene and the reason."""
+    if scene.gamma != "auto":
+        return float(scene.gamma), "set by scene.gamma"
+    if source.linear:
+        return SCREEN_GAMMA, f"{source.layout} holds linear light"
+    if not source.rendered and looks_linear(middle, source.max_value):
+        return SCREEN_GAMMA, "dark with black corners, like undeveloped plenoptic pictures; scene.gamma=1 keeps it"
+    return 1.0, ""
+
+
+def is_grey(pixels: NDArray[Any]) -> bool:
+    """Whether a picture has one plane or three equal ones."""
+    if pixels.ndim == 2:
+        return True
+    strips = (pixels[top : top + STRIP_ROWS] for top in range(0, len(pixels), STRIP_ROWS))
+    return all(np.array_equal(s[..., 0], s[..., 1]) and np.array_equal(s[..., 1], s[..., 2]) for s in strips)
+
+
+def looks_linear(middle: NDArray[Any], max_value: int) -> bool:
+    """Whether a middle view looks like undeveloped linear light of a plenoptic camera: dark, and black rounded corners.
+
+    Darkness alone would also catch scenes lit by a lamp; the black corners are what rectification leaves.
+    """
+    step = max(1, min(middle.shape[:2]) // 1024)  # a sample of pixels suffices for a large view
+    middle = middle[::step, ::step]
+    grey = (middle if middle.ndim == 2 else middle.mean(axis=2)) / max_value
+    side = max(2, min(grey.shape) // 64)
+    black = sum(float(grey[rows, cols].max()) < 0.01 for rows in np.s_[:side, -side:] for cols in np.s_[:side, -side:])
+    empty = float(np.mean(grey < 0.01))  # a black background is not a vignette
+    return bool(float(np.median(grey)) < _DARK and float(grey.mean()) < 0.2 and black >= 2 and empty < 0.15)
+
+
+def grid_offsets(coordinates: NDArray[np.float64] | None, turn: Turn, rows: int, cols: int) -> NDArray[np.float32]:
+    """Offset of each camera from the best regular grid, float32 (rows, cols, 2) in steps (row, col).
+
+    coordinates: float64 (rows, cols, 2) in FILE order, (down, right) in any unit, not finite if unknown; rows, cols are
+    canonical. Zeros if there are none or they span no grid.
+    """
+    out = np.zeros((rows, cols, 2), np.float32)
+    if coordinates is None:
+        return out
+    placed = np.array([[coordinates[turn.file_index(r, c, rows, cols)] for c in range(cols)] for r in range(rows)])
+    row, col = np.nonzero(np.isfinite(placed).all(axis=2))
+    for axis, index in ((0, row), (1, col)):
+        if len(np.unique(index)) > 1:
+            step, first = np.polyfit(index, placed[row, col, axis], 1)
+            if abs(step) > 1e-9:
+                out[row, col, axis] = (placed[row, col, axis] - first - step * index) / step
+    return np.clip(out, -0.49, 0.49)
+
+
+def without_implausible_truth(source: SceneSource) -> SceneSource:
+    """source without maps that claim more than a picture's side per view; a note reports them.
+
+    Such values would stretch the range until the whole scene looks flat. Raises UserError if a map differs in size from the
+    views, holds NaN, or cannot be read.
+    """
+    if source.rendered:
+        return source
+    size, remedy = (source.height_px, source.width_px), "remove the map to have disparity estimated"
+    largest: dict[ViewIndex, float] = {}
+    for (row, col), read in source.truth.items():
+        values = read()
+        where = f"{source.path}: true disparity of the view in row {row} column {col}"
+        if values.shape != size:
+            raise UserError(f"{where} has {values.shape[1]}x{values.shape[0]} values, the views {size[1]}x{size[0]} px", remedy)
+        if bad := int(np.count_nonzero(~np.isfinite(values))):
+            raise UserError(f"{where}: {bad} of {values.size} values are NaN or infinite", remedy)
+        if (most := float(np.abs(values).max())) > max(size):
+            largest[row, col] = most
+    if not largest:
+        return source
+    (row, col), most = next(iter(largest.items()))
+    note = (
+        f"true disparity of {len(largest)} views is not used: up to {most:g} px per view in row {row} column {col}, "
+        f"but the views have {size[1]}x{size[0]} px"
+    )
+    kept = {place: read for place, read in source.truth.items() if place not in largest}
+    return attrs.evolve(source, truth=kept, notes=(*source.notes, note))
