@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lfpipe.capture.demo import EYE_DISTANCE_PX, FRAME_PX, PORTRAIT_EYES_PX, backdrop, demo_eyes_px
-from lfpipe.sequence.folder import TRUTH, begin_manifest, check_out, end_manifest, open_sequence
+from lfpipe.sequence.folder import TRUTH, begin_manifest, check_out, end_manifest
 from lfpipe.sequence.packets import PacketWriter
 from lfpipe.track.network import portable_warp
 
@@ -84,7 +84,3 @@ def blocks(tmp_path_factory: pytest.TempPathFactory) -> Path:
             view = np.stack([(at_x * 37 + at_y * 59) % 256, (at_x * 91 + at_y * 23) % 256, (at_x * 53 + at_y * 71) % 256], axis=2)
             cv2.imwrite(str(folder / f"view_{row}_{col}.png"), view.astype(np.uint8))
     return folder
-
-
-def frames_of(path: Path) -> int:
-    return len(open_sequence(path).packets)

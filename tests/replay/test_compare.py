@@ -1,28 +1,38 @@
-"""A run against a reference of other versions: differences by rounding pass with a note, others are detected.
+"""A run against a reference of other versions: differences by rounding pass with a note, others are detected. Damaged
+references are compared, or refused by file, field and value.
 
 The reference in git stands for both; what another version would have made of it is written into a copy. Real runs with OpenCV
 4.11, 4.12 and 5.0 against each other are in docs/replay.md.
 """
 
 import json
+import random
 import shutil
+import tempfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.host.machine import OPENCV, versions
-from lfpipe.render.replay_writer import PICTURES
-from lfpipe.replays.compare import LEAST_DB, compare, likeness_db
-from lfpipe.replays.report import read_trace
-from lfpipe.sequence.packets import PacketWriter, decoded, encoded, read_index
+from lfpipe.host.machine import OPENCV
+from lfpipe.render import replay_writer
+from lfpipe.render.replay_writer import PICTURES, ReplayWriter
+from lfpipe.replays.compare import MOST_FIELDS, compare
+from lfpipe.replays.report import REPORT, TRACE, read_trace
+from lfpipe.replays.run import clear_out, update_reference
+from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, decoded, encoded, read_index
+from lfpipe.transport.ring import Stamp
+from tests import hostile_files as hostile
+from tests import hostile_sequences
 
 REFERENCE = Path(__file__).parent / "reference"
+FRAMES = 12
 Picture = np.ndarray
 
 
@@ -169,32 +179,134 @@ def test_pictures_that_a_person_could_tell_apart_are_caught(run: Path) -> None:
     assert difference.part == "pictures" and "least PSNR 38" in difference.what
 
 
-@pytest.mark.parametrize(
-    ("damage", "said"),
-    [
-        (lambda f: (f / "trace.jsonl").write_text("".join((f / "trace.jsonl").read_text().splitlines(True)[:200])), "200 lines"),
-        (lambda f: (f / "trace.jsonl").write_bytes((f / "trace.jsonl").read_bytes()[:-9]), "299 lines"),
-        (lambda f: (f / "trace.jsonl").unlink(), "No such file"),
-        (lambda f: (f / "report.json").write_text('{"format": 2}'), "version 2, this lfpipe reads 1"),
-        (lambda f: (f / "report.json").write_text("{"), "not valid JSON"),
-        (lambda f: (f / "pictures" / "frames.bin").write_bytes(b""), "ends after 0 bytes"),
-    ],
-)
-def test_a_damaged_reference_is_bad_input(run: Path, damage: Callable[[Path], object], said: str) -> None:
-    copy = other(run)
-    redrawn(copy, dithered)
-    damage(copy)
-    with pytest.raises(UserError, match=said) as told:
-        compare(copy, run)
-    assert told.value.remedy
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first frames of the project's reference."""
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    shutil.copytree(REFERENCE, folder)
+    lines = (folder / TRACE).read_text().splitlines(keepends=True)[:FRAMES]
+    (folder / TRACE).write_text("".join(lines))
+    report = json.loads((folder / REPORT).read_text())
+    report["counts"]["pictures"] = FRAMES
+    (folder / REPORT).write_text(json.dumps(report))
+    return folder
 
 
-def test_the_limit_lies_where_it_is_said() -> None:
-    grey = np.full((100, 100, 3), 100, np.uint8)
-    almost = grey.copy()
-    almost[:80] += 1  # mean square 0.8, 49.1 dB
-    assert likeness_db(grey, almost) < LEAST_DB == 50.0 < likeness_db(grey, dithered(grey))
+def damage(rng: random.Random, folder: Path) -> str:
+    """Damages one thing of a reference; returns which."""
+    kind = rng.choice(("report", "report", "trace", "trace", "index", "pictures", "picture", "no file"))
+    kept = folder / "pictures"
+    if kind == "report":
+        (folder / REPORT).write_bytes(hostile.damaged_json(rng, json.loads((folder / REPORT).read_text())))
+    elif kind in ("trace", "index"):
+        path = folder / TRACE if kind == "trace" else kept / INDEX
+        path.write_bytes(hostile.damaged_lines(rng, [json.loads(line) for line in path.read_text().splitlines()]))
+    elif kind == "pictures":
+        (kept / PACKETS).write_bytes(hostile.damaged_bytes(rng, (kept / PACKETS).read_bytes()))
+    elif kind == "picture":
+        found = hostile_sequences.packets(kept)
+        for at in range(3):
+            found[at] = (found[at][0], hostile_sequences.hostile_picture(rng, found[at][1]))
+        hostile_sequences.put_packets(kept, found)
+    else:
+        path = rng.choice((folder / REPORT, folder / TRACE, kept / INDEX, kept / PACKETS))
+        hostile.NO_FILES[kind := rng.choice(sorted(hostile.NO_FILES))](path)
+    return kind
 
 
-def test_versions_are_those_of_what_is_installed() -> None:
-    assert versions()[OPENCV].startswith(cv2.__version__.split("-")[0])
+@settings(max_examples=100)
+@given(seed=st.integers(0, 2**32), moved=st.booleans())
+def test_a_damaged_reference_is_compared_or_refused(first: Path, seed: int, moved: bool) -> None:
+    rng = random.Random(seed)
+    with tempfile.TemporaryDirectory() as parent:
+        reference, now = Path(parent) / "ref", Path(parent) / "now"
+        shutil.copytree(first, reference)
+        shutil.copytree(first, now)
+        if moved:  # so that pictures are looked at
+            lines = [json.loads(line) for line in (now / TRACE).read_text().splitlines()]
+            (now / TRACE).write_text("".join(json.dumps({**line, "picture": f"{line['picture']}x"}) + "\n" for line in lines))
+        what = damage(rng, reference)
+        try:
+            found = compare(reference, now)
+        except UserError as error:
+            assert str(reference) in error.message and error.remedy and len(str(error)) <= 2000, (what, error)
+        else:
+            text = "".join(map(str, found.differences)) + "".join(found.notes)
+            assert len(text) < 40_000
+            text.encode()
+
+
+def test_a_reference_with_thousands_of_other_settings_is_told_in_a_few_lines(first: Path, tmp_path: Path) -> None:
+    shutil.copytree(first, tmp_path / "ref")
+    report = json.loads((first / REPORT).read_text())
+    report["config"] |= {"x" * 200 + str(n): {"k": "v" * 1000} for n in range(3626)}
+    (tmp_path / "ref" / REPORT).write_text(json.dumps(report))
+    with pytest.raises(UserError, match="bytes"):
+        compare(tmp_path / "ref", first)
+    report["config"] = json.loads((first / REPORT).read_text())["config"]  # keys of no effect are not compared
+    report["plan"] = {f"x{n}": "v" * 50 for n in range(3626)}
+    (tmp_path / "ref" / REPORT).write_text(json.dumps(report))
+    found = [str(each) for each in compare(tmp_path / "ref", first).differences]
+    assert len(found) == MOST_FIELDS + 1 and found[-1].endswith("more keys")
+
+
+def test_results_that_are_links_go_without_what_they_lead_to(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "photo").touch()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "pictures").symlink_to(tmp_path / "mine")
+    hostile.NO_FILES["link to itself"](tmp_path / "out" / REPORT)
+    (tmp_path / "out" / (REPORT + ".turn")).unlink()
+    clear_out(tmp_path / "out")
+    assert (tmp_path / "mine" / "photo").exists() and not list((tmp_path / "out").iterdir())
+
+
+def test_kept_pictures_of_two_runs_have_frames_in_common(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(replay_writer, "KEPT_BYTES", 20_000)
+    rng = np.random.default_rng(3)
+    kept = []
+    for run, size in enumerate((16, 24)):
+        folder = tmp_path / str(run)
+        folder.mkdir()
+        keeping = ReplayWriter(folder, str(tmp_path), pictures=True)
+        eyes = np.zeros((2, 2))
+        for seq in range(64):
+            picture = rng.integers(0, 256, (size, size, 3), dtype=np.uint8)
+            keeping.keep(Stamp(seq + 1, seq, 0, seq, seq, seq, 0), eyes, eyes, seq, picture, composed=True)
+        keeping.close()
+        packets = read_index(folder / "pictures", complete=True)
+        assert sum(packet.bytes for packet in packets) <= 20_000 and (folder / "last.png").exists()
+        kept.append({packet.source_seq for packet in packets})
+    assert kept[1] < kept[0] and 0 in kept[1] and len(kept[1]) >= 4
+
+
+def test_a_link_out_of_a_reference_is_not_followed(first: Path, tmp_path: Path) -> None:
+    for number, name in enumerate((REPORT, TRACE, "pictures", f"pictures/{INDEX}", f"pictures/{PACKETS}")):
+        reference = tmp_path / str(number)
+        shutil.copytree(first, reference)
+        path = reference / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+        path.symlink_to(first / name)
+        with pytest.raises(UserError, match=f"{name}: a link to "):
+            compare(reference, first)
+
+
+def test_a_trace_that_is_not_whole_is_bad_input(first: Path, tmp_path: Path) -> None:
+    shutil.copytree(first, tmp_path / "ref")
+    for keep in (9, 12):
+        (tmp_path / "ref" / TRACE).write_bytes(b"".join((first / TRACE).read_bytes().splitlines(keepends=True)[:keep])[:-9])
+        with pytest.raises(UserError, match=f"{keep - 1} lines"):
+            compare(tmp_path / "ref", first)
+
+
+def test_an_update_without_room_leaves_the_reference(first: Path, tmp_path: Path) -> None:
+    shutil.copytree(first, tmp_path / "ref")
+    before = {path.name: path.read_bytes() for path in (tmp_path / "ref").rglob("*") if path.is_file()}
+    (tmp_path / "now").mkdir()
+    (tmp_path / "now" / REPORT).write_text("{}")  # no trace: as if the disk were full there
+    with pytest.raises(UserError):
+        update_reference(tmp_path / "ref", tmp_path / "now")
+    assert {path.name: path.read_bytes() for path in (tmp_path / "ref").rglob("*") if path.is_file()} == before
+    (tmp_path / "ref" / ".new").mkdir()  # of an update that was killed
+    update_reference(tmp_path / "ref", first)
+    assert sorted(path.name for path in (tmp_path / "ref").iterdir()) == ["pictures", REPORT, TRACE]

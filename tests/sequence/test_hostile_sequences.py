@@ -1,6 +1,5 @@
 """Recorded sequences damaged by chance or on purpose: read to the last frame, or refused by file, field and value."""
 
-import functools
 import json
 import os
 import random
@@ -10,13 +9,13 @@ import stat
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -29,16 +28,13 @@ from lfpipe.files.trace import TraceFile
 from lfpipe.replays.report import about_sequence
 from lfpipe.replays.run import replay_config
 from lfpipe.sequence import edit
-from lfpipe.sequence.eyes import read_truth
-from lfpipe.sequence.folder import EYES, MANIFEST, TRUTH, open_sequence
+from lfpipe.sequence.eyes import EYES, TRUTH, read_truth
+from lfpipe.sequence.folder import MANIFEST, open_sequence
 from lfpipe.sequence.packets import INDEX, PACKETS, encoded
 from tests import hostile_files, hostile_sequences
 from tests.hostile_files import NO_FILES
 
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return hostile_sequences.made_sequence(tmp_path_factory.mktemp("sequences") / "whole")
+Use = Callable[[Path, Path], object]
 
 
 def opened(folder: Path, out: Path) -> None:
@@ -51,8 +47,10 @@ def opened(folder: Path, out: Path) -> None:
 
 def played(folder: Path, out: Path) -> None:
     camera = config.Camera(width_px=64, height_px=48)
-    name = check_source(f"file:{folder}?loop=1&pace=max", camera).text
-    source, frame = open_source(name, camera), np.empty((48, 64, 3), np.uint8)
+    source, frame = (
+        open_source(check_source(f"file:{folder}?loop=1&pace=max", camera).text, camera),
+        np.empty((48, 64, 3), np.uint8),
+    )
     for _ in range(14):
         source.read(frame)
     source.close()
@@ -60,37 +58,31 @@ def played(folder: Path, out: Path) -> None:
 
 def scored(folder: Path, out: Path) -> None:
     truth = read_truth(folder)
-    if truth is not None:
-        assert np.isfinite(truth.error_px([[1.0, 2.0], [3.0, 4.0]], 50_000_000) or 0.0)
+    assert truth is None or np.isfinite(truth.error_px([[1.0, 2.0], [3.0, 4.0]], 50_000_000) or 0.0)
 
 
-def typed(*args: str) -> Callable[[Path, Path], None]:
-    """A command as a person types it; SEQ and OUT stand for the paths."""
-
-    def run(folder: Path, out: Path) -> None:
-        words = [{"SEQ": str(folder), "OUT": str(out)}.get(arg, arg.replace("OUT", str(out))) for arg in args]
-        found = CliRunner().invoke(cli, words)
-        if found.exception is not None and not isinstance(found.exception, SystemExit):
-            raise found.exception
-        if args[1] == "cut" and found.exit_code == 0:
-            open_sequence(out)
-
-    return run
+def typed(*words: str | Path) -> Any:
+    """The exit code of a command as a person types it, in this process; its UserError is raised."""
+    return cli.main(["sequence", *map(str, words)], standalone_mode=False)
 
 
-USES: dict[str, Callable[[Path, Path], None]] = {
+def cut(folder: Path, out: Path) -> None:
+    edit.cut(open_sequence(folder, verify=False), out, 0.03, 0.15)
+    open_sequence(out)
+
+
+USES: dict[str, Use] = {
     "open": opened,
     "play": played,
     "truth": scored,
-    "info": typed("sequence", "info", "SEQ"),
-    "info as JSON": typed("sequence", "info", "SEQ", "--json"),
-    "check": typed("sequence", "check", "SEQ"),
-    "cut": typed("sequence", "cut", "SEQ", "OUT", "--from", "0.03", "--to", "0.15"),
-    "export": typed("sequence", "export", "SEQ", "OUT.mkv"),
+    "info": lambda folder, out: typed("info", folder, "--json"),
+    "check": lambda folder, out: typed("check", folder),
+    "cut": cut,
+    "export": lambda folder, out: edit.export(open_sequence(folder), out.with_suffix(".mkv")),
 }
 
 
-@settings(max_examples=100)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 2**32))
 def test_a_damaged_sequence_is_read_or_refused(whole: Path, seed: int) -> None:
     with tempfile.TemporaryDirectory() as parent:
@@ -107,18 +99,36 @@ def test_a_damaged_sequence_is_read_or_refused(whole: Path, seed: int) -> None:
                 assert not list(Path(parent).glob(f"{out.name}*")), "what failed leaves nothing"
 
 
-def replaced_packet(folder: Path, codec: str, data: bytes) -> None:
-    """Frame 3 as data, with lengths and checksums that agree."""
-    found = hostile_sequences.packets(folder)
-    found[3] = ({**found[3][0], "codec": codec}, data)
-    hostile_sequences.put_packets(folder, found)
-    hostile_sequences.sign(folder)
+def eyes_packet(**changes: object) -> bytes:
+    """A line of the mouse's eyes."""
+    points = [[340.0, 240.0], [300.0, 240.0]]
+    return json.dumps({"source_seq": 1, "face": 1, "raw_px": points, "filtered_px": points, "apart_px": 40.0} | changes).encode()
 
 
-@functools.cache
+def eyes_only(out: Path, *packets: bytes) -> Path:
+    """A recording of the mouse."""
+    shutil.copytree(hostile_sequences.made_sequence(out.with_name("frames")), out)
+    lines = [line for line, _ in hostile_sequences.packets(out)]
+    hostile_sequences.put_packets(out, [({**line, "codec": "eyes"}, data) for line, data in zip(lines, packets, strict=True)])
+    hostile_sequences.sign(out)
+    return out
+
+
+def test_eyes_in_place_of_frames_are_finite_and_whole(tmp_path: Path) -> None:
+    good, nan = [eyes_packet(source_seq=k) for k in range(5)], float("nan")
+    for bad in (b"", b"[1]", b"{}", eyes_packet(face=2), eyes_packet(raw_px=[[nan, 0], [0, 0]]), eyes_packet(apart_px=1e300)):
+        sequence = open_sequence(eyes_only(tmp_path / "seq", *good, bad))
+        assert sequence.eyes(4)["apart_px"] == 40 and sequence.eyes(4)["raw_px"][0].tolist() == [340, 240]
+        for use in (partial(sequence.eyes, 5), partial(sequence.frame, 5), partial(typed, "check", sequence.path)):
+            with pytest.raises(UserError, match="frame 5"):
+                use()
+        shutil.rmtree(tmp_path / "seq"), shutil.rmtree(tmp_path / "frames")
+
+
 def bombs() -> dict[str, tuple[str, bytes]]:
     """(codec, packet) of pictures that are small and claim much, or cost much."""
     jpeg = cv2.imencode(".jpg", hostile_sequences.picture(0))[1].tobytes()
+    png = encoded(hostile_sequences.picture(0), fast=False)[1]
     progressive = cv2.imencode(".jpg", hostile_sequences.picture(0), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
     scan = progressive[progressive.rfind(b"\xff\xda") : -2]
     return {
@@ -129,52 +139,29 @@ def bombs() -> dict[str, tuple[str, bytes]]:
         "jpeg cut off": ("jpeg", jpeg[:600]),
         "png of 20000x20000": ("png", hostile_files.png_of(20_000, 20_000)),
         "png of 2000000000x1": ("png", hostile_files.png_of(2_000_000_000, 1, body=b"")),
-        "png cut off": ("png", encoded(hostile_sequences.picture(0), fast=False)[1][:-300]),
+        "png cut off": ("png", png[:-300]),
         "png that is a jpeg": ("png", jpeg),
-        "jpeg that is a png": ("jpeg", encoded(hostile_sequences.picture(0), fast=False)[1]),
+        "jpeg that is a png": ("jpeg", png),
         "bmp": ("png", cv2.imencode(".bmp", hostile_sequences.picture(0))[1].tobytes()),
         "nothing": ("png", b""),
         "raw of another size": ("raw", b"\0" * (64 * 48 * 3 - 1)),
     }
 
 
-@pytest.mark.parametrize("name", sorted(bombs()))
-def test_a_frame_that_claims_too_much_is_refused_by_its_number_and_costs_nothing(whole: Path, tmp_path: Path, name: str) -> None:
-    shutil.copytree(whole, tmp_path / "seq")
-    replaced_packet(tmp_path / "seq", *bombs()[name])
-    code, _, err, peak_mb = lfpipe(tmp_path, "sequence", "check", tmp_path / "seq")
-    assert code == 2 and "seq: frame 3: " in err and "Traceback" not in err, err
-    assert peak_mb <= hostile_files.PEAK_MB
-
-
-def test_all_broken_frames_are_named_and_those_before_can_be_cut_out(whole: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "seq"
-    shutil.copytree(whole, folder)
+def replaced_packet(folder: Path, codec: str, data: bytes) -> None:
+    """Frame 3 as data, with lengths and checksums that agree."""
     found = hostile_sequences.packets(folder)
-    for seq in (2, 4):
-        found[seq] = (found[seq][0], found[seq][1][:-20])
+    found[3] = ({**found[3][0], "codec": codec}, data)
     hostile_sequences.put_packets(folder, found)
-    with pytest.raises(UserError, match=r"(?s)frame 2: .*frame 4: .*`lfpipe sequence cut` copies the frames before it"):
-        typed("sequence", "check", "SEQ")(folder, tmp_path / "out")
-    typed("sequence", "cut", "SEQ", "OUT", "--to", "0.06")(folder, tmp_path / "out")
-    part = open_sequence(tmp_path / "out")
-    assert [np.array_equal(part.frame(k), open_sequence(whole).frame(k)) for k in range(2)] == [True, True]
+    hostile_sequences.sign(folder)
 
 
-def lfpipe(home: Path, *args: str | Path, encoding: str = "utf-8", **more: Any) -> tuple[int, str, str, float]:
-    """Runs the command line in a process of its own; see `hostile_files.ended`."""
-    names = ("XDG_CONFIG_HOME", "XDG_CACHE_HOME", "XDG_RUNTIME_DIR")
-    env = {**os.environ, **{name: str(home / "home") for name in names}, "PYTHONPATH": str(Path(__file__).parents[2])}
-    env["PYTHONIOENCODING"] = encoding
-    (home / "home").mkdir(mode=0o700, exist_ok=True)
-    return hostile_files.ended([sys.executable, "-m", "lfpipe", *map(str, args)], env=env, cwd=home, **more)
+def endless(start: bytes) -> Callable[[Path], None]:
+    """A file of 300 MB that begins so, sparse: who read it whole would need more memory than a refusal may."""
 
-
-def without_end(line: bytes) -> Callable[[Path], None]:
     def write(path: Path) -> None:
-        with path.open("wb") as file:
-            for _ in range(200):
-                file.write(line * (1_000_000 // len(line)))
+        path.write_bytes(start)
+        os.truncate(path, 300 << 20)
 
     return write
 
@@ -192,45 +179,78 @@ def many_rows(path: Path) -> None:
     head = path.read_text().splitlines()[0]
     with path.open("w") as file:
         file.write(head + "\n")
-        file.writelines(f"{n},{n},0,0,0,0,1\n" for n in range(1_000_000))
+        file.writelines(f"{n},{n},0,0,0,0,1\n" for n in range(300_000))
         file.write("x\n")
 
 
 LARGE: dict[str, tuple[str, Callable[[Path], None]]] = {
-    "manifest of lists": (MANIFEST, without_end(b"[],")),
-    "manifest of brackets": (MANIFEST, without_end(b"[")),
-    "index without lines": (INDEX, without_end(b"x")),
-    "index of empty lines": (INDEX, without_end(b"\n")),
+    "manifest of brackets": (MANIFEST, endless(b"[" * 9999)),
+    "index without lines": (INDEX, endless(b"x")),
     "index of many frames": (INDEX, many_frames),
-    "truth without lines": (TRUTH, without_end(b"1,")),
+    "truth without lines": (TRUTH, endless(b"t_ns,")),
     "truth of many rows": (TRUTH, many_rows),
-    "eyes without lines": (EYES, without_end(b"[")),
-    **{f"{kind} as {name}": (name, put) for kind, put in NO_FILES.items() for name in (MANIFEST, INDEX, PACKETS, TRUTH)},
+    "eyes without lines": (EYES, endless(b"[")),
+    "packets cut off": (PACKETS, lambda path: os.truncate(path, 20_000)),
+    **{
+        f"{kind} as {name}": (name, NO_FILES[kind])
+        for kind, name in zip(NO_FILES, 3 * (MANIFEST, INDEX, PACKETS, TRUTH), strict=False)
+    },
 }
 
 
-@pytest.mark.parametrize("name", sorted(LARGE))
-def test_a_refusal_is_quick_small_and_names_the_file(whole: Path, tmp_path: Path, name: str) -> None:
-    shutil.copytree(whole, tmp_path / "seq")
-    file, put = LARGE[name]
-    put(tmp_path / "seq" / file)
-    code, _, err, peak_mb = lfpipe(tmp_path, "sequence", "check", tmp_path / "seq", timeout_s=20)
-    assert code == 2 and err.startswith("error: ") and "Traceback" not in err and len(err) <= 2000, err[:3000]
-    assert file in err or "frame" in err, err
+def test_every_refusal_is_quick_and_small_and_names_file_or_frame(whole: Path, tmp_path: Path) -> None:
+    """All at once: one bad sequence of several hides no other, and the largest memory is that of all refusals."""
+    named = {}
+    for number, (name, (codec, data)) in enumerate(bombs().items()):
+        named[tmp_path / f"b{number}"] = (name, "frame 3: ")
+        shutil.copytree(whole, tmp_path / f"b{number}")
+        replaced_packet(tmp_path / f"b{number}", codec, data)
+    for number, (name, (file, put)) in enumerate(LARGE.items()):
+        named[tmp_path / f"l{number}"] = (name, f"/{file}")
+        shutil.copytree(whole, tmp_path / f"l{number}")
+        put(tmp_path / f"l{number}" / file)
+    code, out, err, peak_mb = lfpipe(tmp_path, "check", whole, *named, tmp_path / "gone")
+    refusals = err.split("error: ")[1:]
+    assert code == 2 and len(refusals) == len(named) + 1 and f"{whole}: 6 frames" in out and "Traceback" not in err, err
+    for (folder, (name, word)), refusal in zip(named.items(), refusals, strict=False):
+        assert str(folder) in refusal and (word in refusal or "frame" in refusal) and len(refusal) <= 2000, (name, refusal)
     assert peak_mb <= hostile_files.PEAK_MB
 
 
-def test_one_bad_sequence_of_several_hides_no_other(whole: Path, tmp_path: Path) -> None:
-    for name in ("a", "b", "c"):
-        shutil.copytree(whole, tmp_path / name)
-    (tmp_path / "a" / MANIFEST).write_text("{")
-    for command in ("info", "check"):
-        paths = [tmp_path / name for name in ("a", "b", "gone", "c")]
-        code, out, err, _ = lfpipe(tmp_path, "sequence", command, *paths)
-        assert code == 2 and err.count("error: ") == 2 and f"{tmp_path / 'gone'}: no such folder" in err
-        assert f"{tmp_path / 'b'}: 6 frames" in out and f"{tmp_path / 'c'}: 6 frames" in out
-    code, out, _, _ = lfpipe(tmp_path, "sequence", "info", "--json", tmp_path / "b", tmp_path / "c")
-    assert code == 0 and [json.loads(line)["frames"] for line in out.splitlines()] == [6, 6]
+def lfpipe(home: Path, *args: str | Path, room: str = "sequence", **more: Any) -> tuple[int, str, str, float]:
+    """Runs the command line in a process of its own; see `hostile_files.ended`."""
+    names = ("XDG_CONFIG_HOME", "XDG_CACHE_HOME", "XDG_RUNTIME_DIR")
+    env = {**os.environ, **{name: str(home / "home") for name in names}, "PYTHONPATH": str(Path(__file__).parents[2])}
+    env["PYTHONIOENCODING"] = "utf-8:strict"
+    (home / "home").mkdir(mode=0o700, exist_ok=True)
+    words = [sys.executable, "-m", "lfpipe", *([room] if room else []), *map(str, args)]
+    return hostile_files.ended(words, env=env, cwd=home, **more)
+
+
+def test_a_name_of_any_bytes_is_a_name(whole: Path, tmp_path: Path) -> None:
+    folders = [tmp_path / os.fsdecode(name) for name in (b"\xff\xfe", b"a\x1b[31mb", b"new\nline", "日本".encode())]
+    for folder in folders:
+        shutil.copytree(whole, folder)
+        edit.cut(open_sequence(folder), tmp_path / "part", 0, 1)
+        open_sequence(tmp_path / "part")
+        shutil.rmtree(tmp_path / "part")
+    for args in (("info", *folders), ("check", *folders), ("info", "--json", *folders)):
+        code, out, err, _ = lfpipe(tmp_path, *args)
+        assert code == 0 and out and not err, (args, err)
+
+
+def test_all_broken_frames_are_named_and_those_before_can_be_cut_out(whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "seq"
+    shutil.copytree(whole, folder)
+    found = hostile_sequences.packets(folder)
+    for seq in (2, 4):
+        found[seq] = (found[seq][0], found[seq][1][:-20])
+    hostile_sequences.put_packets(folder, found)
+    with pytest.raises(UserError, match=r"(?s)frame 2: .*frame 4: .*`lfpipe sequence cut`"):
+        typed("check", folder)
+    typed("cut", folder, tmp_path / "out", "--to", "0.06")
+    part = open_sequence(tmp_path / "out")
+    assert [np.array_equal(part.frame(k), open_sequence(whole).frame(k)) for k in range(2)] == [True, True]
 
 
 def modes(path: Path) -> dict[str, int]:
@@ -260,17 +280,21 @@ def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(whole: Path
     (tmp_path / "mine.csv").write_text("mine")
     (tmp_path / "folder").mkdir()
     (tmp_path / "notes.avi").write_text("no video")
-    (tmp_path / "notes.mkv").write_text("no video")
     bad_truth = tmp_path / "truth.csv"
     bad_truth.write_text("t_ns,left_x_px,left_y_px,right_x_px,right_y_px\n0,nan,1,1,1\n")
     edit.export(open_sequence(whole), tmp_path / "good.mkv")
     before = sorted(path.name for path in tmp_path.iterdir())
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def refused(*args: str | Path) -> None:
+        with pytest.raises(UserError) as caught:
+            typed(*args)
+        assert caught.value.remedy and sorted(path.name for path in tmp_path.iterdir()) == before, args
+
     for args in (
         ("export", whole, tmp_path / "mine.mkv"),
-        ("export", whole, tmp_path / "notes.mkv"),
         ("export", whole, tmp_path / "gone" / "v.mkv"),
         ("cut", whole, tmp_path / "folder"),
-        ("cut", whole, tmp_path / "mine.csv"),
         ("cut", whole, "/proc/none/x"),
         ("cut", whole, tmp_path / "new", "--from", "nan"),
         ("import", tmp_path / "notes.avi", tmp_path / "new"),
@@ -281,54 +305,22 @@ def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(whole: Path
         ("import", tmp_path, tmp_path / "new"),
         ("import", "http://127.0.0.1:9/x.avi", tmp_path / "new"),
     ):
-        found = CliRunner().invoke(cli, ["sequence", *map(str, args)]).exception
-        assert isinstance(found, UserError) and found.remedy, (args, found)
-        assert sorted(path.name for path in tmp_path.iterdir()) == before, args
+        refused(*args)
+    for room in (0, 1000, 4000):  # of a full disk
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+        try:
+            refused("cut", whole, tmp_path / "new")
+            refused("import", tmp_path / "good.mkv", tmp_path / "new")
+            refused("export", whole, tmp_path / "new.mkv")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert (tmp_path / "mine.csv").read_text() == "mine" and not list((tmp_path / "folder").iterdir())
 
 
-@pytest.mark.parametrize("room", [0, 1000, 4000])
-def test_a_full_disk_leaves_what_was_there(whole: Path, tmp_path: Path, room: int) -> None:
-    edit.export(open_sequence(whole), tmp_path / "good.mkv")
-    (tmp_path / "home").mkdir(mode=0o700)
-    before = sorted(path.name for path in tmp_path.iterdir())
-    full = {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))}
-    for args in (("cut", whole, "new"), ("import", "good.mkv", "new"), ("export", whole, "new.mkv")):
-        code, out, err, _ = lfpipe(tmp_path, "sequence", *args, **full)
-        assert code == 2 and "error: " in err and "Traceback" not in err, (args, out, err)
-        assert sorted(path.name for path in tmp_path.iterdir()) == before, args
-
-
-def test_a_cut_without_an_end_is_JSON_for_every_reader(whole: Path, tmp_path: Path) -> None:
-    typed("sequence", "cut", "SEQ", "OUT")(whole, tmp_path / "cut")
-
-    def refuse(word: str) -> None:
-        raise AssertionError(word)
-
-    manifest = json.loads((tmp_path / "cut" / MANIFEST).read_text(), parse_constant=refuse)
-    assert manifest["cut_from"]["end_s"] == pytest.approx(5 / 30, abs=1e-3)
-    assert len(open_sequence(tmp_path / "cut").packets) == 6
-
-
-@pytest.mark.parametrize("name", [b"\xff\xfe", b"a\x1b[31mb", b"new\nline", "日本".encode()])
-def test_a_name_of_any_bytes_is_a_name(whole: Path, tmp_path: Path, name: bytes) -> None:
-    folder = tmp_path / os.fsdecode(name)
-    shutil.copytree(whole, folder)
-    for args in (("info", folder), ("check", folder), ("info", "--json", folder), ("cut", folder, tmp_path / "part")):
-        code, out, err, _ = lfpipe(tmp_path, "sequence", *args, encoding="utf-8:strict")
-        assert code == 0 and out and not err, (args, err)
-    open_sequence(tmp_path / "part")
-    code, _, err, _ = lfpipe(tmp_path, "sequence", "cut", folder, folder)
-    assert code == 2 and "already exists" in err and "Traceback" not in err
-    code, _, err, _ = lfpipe(tmp_path, "sequence", "export", folder, folder.with_suffix(".mkv"))
-    assert code in (0, 2) and "Traceback" not in err, err
-
-
 @pytest.mark.live
-@pytest.mark.parametrize("name", ["jpeg of 20000x20000", "png cut off"])
-def test_a_session_that_comes_to_a_broken_frame_names_it(whole: Path, tmp_path: Path, name: str) -> None:
+def test_a_session_that_comes_to_a_broken_frame_names_it(whole: Path, tmp_path: Path) -> None:
     shutil.copytree(whole, tmp_path / "seq")
-    replaced_packet(tmp_path / "seq", *bombs()[name])
+    replaced_packet(tmp_path / "seq", *bombs()["jpeg of 20000x20000"])
     view = tmp_path / "scene" / "view_00_00.png"
     view.parent.mkdir()
     view.write_bytes(encoded(hostile_sequences.picture(0), fast=False)[1])
@@ -338,7 +330,7 @@ def test_a_session_that_comes_to_a_broken_frame_names_it(whole: Path, tmp_path: 
         ((1, 2), ("up", view.parent, "--camera", f"file:{tmp_path / 'seq'}?loop=0", "--display", "none")),  # tried again first
         ((1, 2), ("record", tmp_path / "rec", "--camera", f"file:{tmp_path / 'seq'}?loop=0")),
     ):
-        code, _, err, peak_mb = lfpipe(tmp_path, *args)
+        code, _, err, peak_mb = lfpipe(tmp_path, *args, room="")
         assert code in codes and "seq: frame 3: " in err and "Traceback" not in err, (args, err)
         assert peak_mb <= hostile_files.PEAK_MB, args
 
@@ -350,7 +342,7 @@ def test_a_link_out_of_the_folder_is_not_followed(whole: Path, tmp_path: Path) -
         shutil.copytree(whole, folder)
         (folder / name).unlink()
         (folder / name).symlink_to(whole / name)
-        with pytest.raises(UserError, match=f"{name}: a link to .*outside of the folder"):
+        with pytest.raises(UserError, match=f"{name}: a link to "):
             open_sequence(folder)
         shutil.copy(whole / name, folder / "kept")
         (folder / name).unlink()

@@ -1,0 +1,135 @@
+"""Refusals of recorded sequences."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from lfpipe.sequence import edit
+from lfpipe.sequence.eyes import eyes_lines, read_truth
+from lfpipe.sequence.folder import MANIFEST, TRUTH, open_sequence
+from lfpipe.sequence.packets import INDEX, PACKETS
+from tests.hostile_sequences import made_sequence
+
+
+def damaged(damage: Callable[[Path], object]) -> Callable[[Path], object]:
+    """Opens a sequence after a damage to its folder."""
+
+    def cause(here: Path) -> None:
+        damage(made_sequence(here / "seq"))
+        open_sequence(here / "seq")
+
+    return cause
+
+
+def file(name: str, change: Callable[[bytes], bytes]) -> Callable[[Path], object]:
+    """Replaces the contents of one file."""
+    return damaged(lambda seq: (seq / name).write_bytes(change((seq / name).read_bytes())))
+
+
+def line(**changes: object) -> Callable[[Path], object]:
+    """Damage to line 3 of the index: a number is a step from what was there."""
+
+    def change(data: bytes) -> bytes:
+        lines = data.splitlines(keepends=True)
+        old = json.loads(lines[2])
+        steps = {name: old[name] + step if isinstance(step, int) else step for name, step in changes.items()}
+        return b"".join([*lines[:2], json.dumps(old | steps).encode() + b"\n", *lines[3:]])
+
+    return file(INDEX, change)
+
+
+def manifest(**changes: object) -> Callable[[Path], object]:
+    """Other values in the manifest."""
+    return file(MANIFEST, lambda data: json.dumps(json.loads(data) | changes).encode())
+
+
+COPY = "\n  remedy: copy the whole folder again from where it was recorded"
+POINTS = "left_x_px,left_y_px,right_x_px,right_y_px"
+TABLE = f"\n  remedy: write one row per frame with columns t_ns, {POINTS.replace(',', ', ')}, and optionally visible (0 or 1)"
+RECORD = "\n  remedy: `lfpipe record OUT` or `lfpipe sequence import` makes one"
+MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
+    "index cut off": (file(INDEX, lambda data: data[:-5]), "/here/seq/frames.jsonl: its last line is cut off" + COPY),
+    "index shorter": (
+        file(INDEX, lambda data: b"".join(data.splitlines(keepends=True)[:-1])),
+        "/here/seq: 5 frames, but 6 were recorded" + COPY,
+    ),
+    "a line is missing": (
+        file(INDEX, lambda data: b"".join(data.splitlines(keepends=True)[1:])),
+        "/here/seq: frame 0 is missing; frame 1 is in its place" + COPY,
+    ),
+    "a stamp goes back": (
+        line(t_sensor_ns=-(10**9)),
+        "/here/seq: frame 2: its time stamp 66666666 ns is not after 1033333333 ns of the previous frame"
+        "\n  remedy: record it again: time stamps that go back cannot be replayed",
+    ),
+    "a gap": (line(offset=1), "/here/seq: frame 2 does not begin where the previous frame ends" + COPY),
+    "codec": (line(codec="gif"), "/here/seq/frames.jsonl:3: codec is 'gif', expected one of jpeg, png, raw, eyes" + COPY),
+    "checksum of a packet": (
+        line(crc32="x"),
+        "/here/seq/frames.jsonl:3: crc32 is 'x', expected a whole number from 0 to 4294967295" + COPY,
+    ),
+    "epoch": (
+        line(epoch=1.5),
+        "/here/seq/frames.jsonl:3: epoch is 1.5, expected a whole number from 0 to 4611686018427387904" + COPY,
+    ),
+    "another field": (line(more="x"), "/here/seq/frames.jsonl:3: unknown field 'more'" + COPY),
+    "no field": (file(INDEX, lambda data: b"{}\n" * 6), "/here/seq/frames.jsonl:1: codec is missing" + COPY),
+    "frames and eyes": (line(codec="eyes"), "/here/seq: holds frames and eyes in their place" + COPY),
+    "a bit": (
+        file(PACKETS, lambda data: data[:99] + bytes([data[99] ^ 1]) + data[100:]),
+        "/here/seq/frames.bin: wrong checksum: it was changed after recording" + COPY,
+    ),
+    "no packets": (damaged(lambda seq: (seq / PACKETS).unlink()), "/here/seq/frames.bin: No such file or directory" + COPY),
+    "no truth": (damaged(lambda seq: (seq / TRUTH).unlink()), "/here/seq/truth.csv is missing" + COPY),
+    "no manifest": (
+        damaged(lambda seq: (seq / MANIFEST).unlink()),
+        "/here/seq: not a recorded sequence: manifest.json is missing" + RECORD,
+    ),
+    "not JSON": (
+        file(MANIFEST, lambda data: b"["),
+        "/here/seq/manifest.json: not valid JSON: Expecting value: line 1 column 2 (char 1)" + COPY,
+    ),
+    "a list": (file(MANIFEST, lambda data: b"[]"), "/here/seq/manifest.json: expected a JSON object, not []" + COPY),
+    "another version": (
+        manifest(version=2),
+        "/here/seq/manifest.json: the sequence has version 2; this lfpipe reads version 1"
+        "\n  remedy: read it with the lfpipe that recorded it (versions in its manifest)",
+    ),
+    "another format": (
+        manifest(format="zip"),
+        '/here/seq/manifest.json: not the manifest of a recorded sequence\n  remedy: its "format" must be "lfpipe-sequence"',
+    ),
+    "wide": (
+        manifest(width_px="wide"),
+        "/here/seq/manifest.json: width_px is 'wide', expected a whole number from 1 to 67108864" + COPY,
+    ),
+    "nowhere": (lambda here: open_sequence(here / "nowhere"), "/here/nowhere: no such folder" + RECORD),
+    "no table": (
+        lambda here: (here / TRUTH).write_text("t_ns,left_x_px\n0,1\n") and read_truth(here),
+        "/here/truth.csv: not a table of true eyes: column left_y_px must exist exactly once" + TABLE,
+    ),
+    "truth goes back": (
+        lambda here: (here / TRUTH).write_text(f"t_ns,{POINTS}\n5,1,1,1,1\n5,1,1,1,1") and read_truth(here),
+        "/here/truth.csv:3: times must rise: t_ns is 5, after 5" + TABLE,
+    ),
+    "cut of nothing": (
+        lambda here: edit.cut(open_sequence(made_sequence(here / "seq")), here / "part", 9, 10),
+        "no frame from 9 s to 10 s\n  remedy: /here/seq lasts 0.167 s",
+    ),
+    "cut to what exists": (
+        lambda here: edit.cut(open_sequence(made_sequence(here / "seq")), here / "seq", 0, 1),
+        "/here/seq: already exists\n  remedy: use another name; nothing is overwritten",
+    ),
+    "export to mp4": (
+        lambda here: edit.export(open_sequence(made_sequence(here / "seq")), here / "v.mp4"),
+        "/here/v.mp4: not .mkv or .avi\n  remedy: use for example walk.mkv; both store RGB without loss",
+    ),
+    "import of text": (
+        lambda here: (here / "v.avi").write_text("no video") and edit.from_video(here / "v.avi", here / "seq"),
+        "/here/v.avi: not a readable video\n  remedy: use MP4, QuickTime, Matroska, WebM or AVI",
+    ),
+    "eyes": (
+        lambda here: (here / "eyes.jsonl").write_text('{"face": 2}\n') and list(eyes_lines(here)),
+        "/here/eyes.jsonl:1: raw_px: left is missing" + COPY,
+    ),
+}

@@ -1,0 +1,139 @@
+"""Sequences on disk: written, cut off anywhere, cut, imported, exported and played. `messages.py` names every damage."""
+
+import json
+import resource
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfpipe import config
+from lfpipe.capture.open_source import open_source
+from lfpipe.errors import UserError
+from lfpipe.sequence import edit
+from lfpipe.sequence.eyes import Truth, read_truth
+from lfpipe.sequence.folder import MANIFEST, checksum, open_sequence
+from lfpipe.sequence.packets import INDEX, PACKETS, Packet, PacketWriter, decoded, encoded, read_index
+from tests.hostile_sequences import FRAMES, SIZE
+
+NOISE = np.random.default_rng(1).integers(0, 256, (24, 32, 3), dtype=np.uint8)
+
+
+def test_a_packet_without_loss_gives_its_picture_back(tmp_path: Path) -> None:
+    for fast in (True, False):
+        codec, data = encoded(NOISE, fast)
+        packet = Packet(0, 0, 0, 1, 1, codec, 0, len(data), zlib.crc32(data))
+        assert np.array_equal(decoded(packet, data, 32, 24, tmp_path), NOISE)
+        for wrong, width_px in ((data[:-1] + bytes([data[-1] ^ 1]), 32), (data, 31)):
+            with pytest.raises(UserError, match="frame 0"):
+                decoded(packet, wrong, width_px, 24, tmp_path)
+
+
+@settings(max_examples=60)
+@given(sizes=st.lists(st.integers(0, 40), min_size=1, max_size=8), data=st.data())
+def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
+    tmp_path_factory: pytest.TempPathFactory, sizes: list[int], data: st.DataObject
+) -> None:
+    folder = tmp_path_factory.mktemp("cut")
+    writer = PacketWriter(folder)
+    for seq, size in enumerate(sizes):
+        writer.append(bytes([seq]) * size, "raw", seq, 0, 10 + seq, 11 + seq)
+    writer.close()
+    whole = list(read_index(folder, complete=True))
+    assert [packet.bytes for packet in whole] == sizes
+    # the index is written after the packet: a kill cuts the index anywhere, and the packets no earlier than it says
+    keep = data.draw(st.integers(0, (folder / INDEX).stat().st_size))
+    (folder / INDEX).write_bytes((folder / INDEX).read_bytes()[:keep])
+    left = list(read_index(folder, complete=False))
+    assert left == whole[: len(left)] and len(left) == (folder / INDEX).read_bytes().count(b"\n")
+    again = PacketWriter(folder)
+    again.append(b"more", "raw", 99, 1, 1000, 1001)
+    sums = again.checksums()
+    again.close()
+    found = list(read_index(folder, complete=True))
+    assert found[:-1] == left and found[-1].source_seq == 99
+    assert sums == {name: checksum(folder / name) for name in (PACKETS, INDEX)}
+
+
+def test_a_full_disk_leaves_the_frames_before_it(tmp_path: Path) -> None:
+    writer = PacketWriter(tmp_path)
+    writer.append(b"x" * 4000, "raw", 0, 0, 1, 1)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (6000, hard))
+    try:
+        with pytest.raises(OSError):
+            writer.append(b"y" * 4000, "raw", 1, 0, 2, 2)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    writer.append(b"z", "raw", 2, 0, 3, 3)
+    writer.close()
+    assert [(p.source_seq, p.bytes) for p in read_index(tmp_path, complete=True)] == [(0, 4000), (2, 1)]
+
+
+def test_a_cut_keeps_packets_stamps_and_truth_and_is_json_for_every_reader(whole: Path, tmp_path: Path) -> None:
+    sequence = open_sequence(whole)
+    assert edit.cut(sequence, tmp_path / "part", 0.05, float("inf")) == 4
+    part, offset = open_sequence(tmp_path / "part"), FRAMES - 4
+    for packet in part.packets:
+        was = sequence.packets[packet.seq + offset]
+        assert packet.t_sensor_ns == was.t_sensor_ns and part.data(packet.seq) == sequence.data(was.seq)
+    truth, of_whole = read_truth(part.path), read_truth(whole)
+    assert truth is not None and of_whole is not None and np.array_equal(truth.eyes_px, of_whole.eyes_px[offset:])
+    manifest = json.loads((part.path / MANIFEST).read_text(), parse_constant=pytest.fail)
+    assert manifest["cut_from"]["end_s"] == pytest.approx(5 / 30, abs=1e-3)
+
+
+def test_export_and_import_bring_the_same_pictures_back(whole: Path, tmp_path: Path) -> None:
+    sequence = open_sequence(whole)
+    edit.export(sequence, tmp_path / "v.mkv")
+    header, *rows = (tmp_path / "v.csv").read_text().splitlines()
+    assert (
+        len(rows) == FRAMES
+        and header.endswith("filtered_right_y_px")
+        and rows[1].endswith(",1,41.0,20.0,25.0,20.5,41.0,20.0,25.0,20.5")
+    )
+    assert edit.from_video(tmp_path / "v.mkv", tmp_path / "back") == FRAMES
+    back = open_sequence(tmp_path / "back")
+    assert all(np.array_equal(back.frame(k), sequence.frame(k)) for k in range(FRAMES))
+
+
+def test_motion_jpeg_is_imported_unchanged(whole: Path, tmp_path: Path) -> None:
+    sequence = open_sequence(whole)
+    writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.CAP_OPENCV_MJPEG, cv2.VideoWriter.fourcc(*"MJPG"), 30.0, SIZE)
+    for k in range(FRAMES):
+        writer.write(sequence.frame(k))
+    writer.release()
+    assert edit.from_video(tmp_path / "v.avi", tmp_path / "seq") == FRAMES
+    imported, stored = open_sequence(tmp_path / "seq"), (tmp_path / "v.avi").read_bytes()
+    for packet in imported.packets:
+        assert packet.codec == "jpeg" and imported.data(packet.seq).rstrip(b"\0") in stored
+        assert cv2.PSNR(imported.frame(packet.seq), sequence.frame(packet.seq)) > 35
+
+
+@pytest.mark.parametrize("pace", ["recorded", "max", "60"])
+def test_a_sequence_is_a_source_with_its_own_stamps(whole: Path, pace: str) -> None:
+    source = open_source(f"file:{whole}?loop=1&pace={pace}", config.Camera(width_px=64, height_px=48))
+    out = np.empty((48, 64, 3), np.uint8)
+    frames = [frame for frame in (source.read(out) for _ in range(FRAMES + 1)) if frame]
+    source.close()
+    stamps, recorded = [frame.t_sensor_ns for frame in frames], [packet.t_sensor_ns for packet in open_sequence(whole).packets]
+    if pace == "60":
+        assert np.abs(np.diff(stamps) - 16_666_667).max() <= 1
+    else:
+        assert np.array_equal(np.diff(stamps[:FRAMES]), np.diff(recorded))
+    assert stamps[FRAMES] > stamps[FRAMES - 1] and [frame.source_seq for frame in frames] == list(range(FRAMES + 1))
+    assert all(bool(frame.t_read_ns) == (pace == "max") for frame in frames)
+
+
+@given(st.integers(0, 1_000_000_000), st.floats(-50, 50), st.floats(-50, 50))
+def test_truth_lies_on_the_line_between_frames_where_the_eyes_are_visible(t_ns: int, x_px: float, y_px: float) -> None:
+    ends = np.array([[[0.0, 0.0], [10.0, 0.0]], [[x_px, y_px], [10.0 + x_px, y_px]], [[0.0, 0.0], [1.0, 1.0]]])
+    truth = Truth(np.array([0, 1_000_000_000, 1_000_000_010]), ends, np.array([True, True, False]))
+    at = truth.at(t_ns)
+    assert at is not None and np.allclose(at, ends[0] + t_ns / 1e9 * (ends[1] - ends[0]), atol=1e-9)
+    assert truth.error_px(np.add(at, [3.0, 4.0]), t_ns) == pytest.approx(5.0)
+    assert truth.at(-1) is truth.at(1_000_000_005) is truth.at(1_000_000_010) is truth.at(1_000_000_011) is None
