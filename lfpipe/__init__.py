@@ -9,7 +9,6 @@ import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lfpipe.api.replay import replay as replay
     from lfpipe.api.scenes import open_scene as open_scene
     from lfpipe.api.scenes import render_anaglyph as render_anaglyph
     from lfpipe.api.scenes import render_view as render_view
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from lfpipe.api.session import Frame as Frame
     from lfpipe.api.session import Session as Session
     from lfpipe.api.session import attach as attach
+    from lfpipe.api.session import replay as replay
     from lfpipe.api.tracker import Eyes as Eyes
     from lfpipe.api.tracker import Tracker as Tracker
     from lfpipe.errors import UserError as UserError
@@ -38,7 +38,7 @@ _MODULES = {
     "open_scene": "api.scenes",
     "render_anaglyph": "api.scenes",
     "render_view": "api.scenes",
-    "replay": "api.replay",
+    "replay": "api.session",
 }
 
 __all__ = [*_MODULES]

@@ -1,4 +1,5 @@
-"""Sessions as objects: one that a program starts, or one that runs already. Frames and eyes come from shared memory."""
+"""Sessions as objects: one that a program starts, or one that runs already. Frames and eyes come from shared memory. And replays,
+in a process of their own."""
 
 import contextlib
 import json
@@ -7,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -31,12 +32,13 @@ LOOK_S = 0.001  # between two polls of a ring
 START_S = 600.0  # a scene may be packed first
 STOP_S, LOAD_S = 30.0, 900.0
 # Ends with the program that started it: the program holds the other end of this pipe.
-COMMAND = (
-    "import os, runpy, signal, sys, threading\\n"
-    "def watch():\\n    os.read(0, 1); os.kill(os.getpid(), signal.SIGTERM)\\n"
-    "threading.Thread(target=watch, daemon=True).start(); sys.argv[0] = 'lfpipe'\\n"
-    "runpy.run_module('lfpipe', run_name='__main__')"
-).replace("\\n", "\n")
+COMMAND = """
+import os, runpy, signal, sys, threading
+def watch():
+    os.read(0, 1); os.kill(os.getpid(), signal.SIGTERM)
+threading.Thread(target=watch, daemon=True).start(); sys.argv[0] = 'lfpipe'
+runpy.run_module('lfpipe', run_name='__main__')
+"""
 
 
 @attrs.frozen(eq=False)
@@ -73,10 +75,8 @@ class Attachment:
     def stream(self) -> Iterator[Eyes | None]:
         """Yields `eyes` until the session ends."""
         while self._watch.living():
-            try:
+            with contextlib.suppress(UserError):
                 yield self.eyes()
-            except UserError:
-                continue
 
     def _reader(self, ring: str) -> Reader:
         if ring not in self._readers:
@@ -158,19 +158,20 @@ class Session(Attachment):
         trace: str | os.PathLike[str] | None = None,
         **settings: Any,
     ) -> None:
-        config = updated(Config(), settings)
-        path = scene_path(scene, config.scene)
-        self._process: subprocess.Popen[bytes] | None = None
+        path = scene_path(scene, updated(Config(), settings).scene)
         name = name or f"py{os.getpid()}.{time.monotonic_ns() % 1000}"  # short: it is part of a socket's path
-        words = ["up", *([str(path.resolve())] if path is not None else ["--demo"]), "--session", name]
+        words = ["up", *([str(path.resolve())] if path is not None else ["--demo"]), "--session", name, *_set_words(settings)]
         words += ["--camera", camera] if camera is not None else []
         words += ["--display", display or ("window" if has_display() else "none")]
         words += ["--trace", os.fspath(trace)] if trace is not None else []
-        for key, value in settings.items():
-            words += ["--set", f"{key}={json.dumps(value)}"]
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  (open as long as the session)
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": self._errors}
-        self._process = subprocess.Popen([sys.executable, "-P", "-c", COMMAND, *words], start_new_session=True, **pipes)  # type: ignore[call-overload]
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", COMMAND, *words],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=self._errors,
+            start_new_session=True,
+        )
         try:
             self._wait_for_start(name)
         except BaseException:
@@ -179,33 +180,25 @@ class Session(Attachment):
 
     def _wait_for_start(self, name: str) -> None:
         end = time.monotonic() + START_S
-        while True:
-            assert self._process is not None
+        while time.monotonic() < end:
             if self._process.poll() is not None:
                 raise self._failure()
             with contextlib.suppress(UserError, FileNotFoundError):
                 super().__init__(name)
-                if self._has_pictures():
+                rows = self._watch.rows
+                if "render" in rows and int(rows["render"]["seq"]) > 0:
                     return
                 self.close()
-            if time.monotonic() > end:
-                raise UserError(f"session {name!r} did not start within {START_S:g} s", "`lfpipe monitor` says why")
             time.sleep(0.05)
-
-    def _has_pictures(self) -> bool:
-        rows = self._watch.rows
-        return "render" in rows and int(rows["render"]["seq"]) > 0
+        raise UserError(f"session {name!r} did not start within {START_S:g} s", "`lfpipe monitor` says why")
 
     def _failure(self) -> UserError:
         """What the session printed when it ended."""
         self._errors.seek(0)
-        text = self._errors.read().decode(errors="replace")
-        message, _, remedy = text[text.rfind("error: ") :].removeprefix("error: ").strip().partition("\n  remedy: ")
-        return UserError(message or "the session ended at once", remedy or "`lfpipe doctor` checks this machine")
+        return _printed(self._errors.read().decode(errors="replace"), "the session ended at once")
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Waits until the session has ended; False if it still runs after timeout_s. Raises lfpipe.UserError if it failed."""
-        assert self._process is not None
         try:
             code = self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
@@ -216,21 +209,13 @@ class Session(Attachment):
 
     def stop(self) -> None:
         """Ends the session, and returns when it has left nothing behind. May be called again."""
-        process = self._process
-        if process is None:
-            return
-        assert process.stdin is not None
-        process.stdin.close()
+        assert self._process.stdin is not None
+        self._process.stdin.close()
         try:
-            process.wait(STOP_S)
+            self._process.wait(STOP_S)
         except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-    def close(self) -> None:
-        """Detaches."""
-        if hasattr(self, "_watch"):
-            super().close()
+            self._process.kill()
+            self._process.wait()
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.stop()
@@ -240,3 +225,38 @@ class Session(Attachment):
 def attach(session: str = "default") -> Attachment:
     """Attaches to the running session of that name. Raises lfpipe.UserError if there is none."""
     return Attachment(session)
+
+
+def replay(
+    sequence: str | os.PathLike[str],
+    scene: str | os.PathLike[str] | None = None,
+    *,
+    pace: str = "step",
+    out: str | os.PathLike[str] | None = None,
+    settings: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Runs `lfpipe replay` on a recorded sequence and returns its report, the contents of report.json (docs/replay.md).
+
+    scene: None for the demo's. pace: step, max, recorded or a rate in Hz. out: folder for report, trace and pictures.
+    settings: as `--set`; they override the user's file. Raises lfpipe.UserError if the command refuses or fails.
+    """
+    updated(Config(), settings or {})
+    with tempfile.TemporaryDirectory(prefix="lfpipe-replay-") as folder:
+        kept = Path(out) if out is not None else Path(folder) / "out"
+        words = [sys.executable, "-m", "lfpipe", "replay", str(sequence), "--pace", pace, "--out", str(kept)]
+        words += [*(["--scene", str(scene)] if scene is not None else []), *_set_words(settings or {})]
+        done = subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)
+        if done.returncode != 0:
+            raise _printed(done.stderr, "it was killed")
+        report: dict[str, Any] = json.loads((kept / "report.json").read_text())
+        return report
+
+
+def _set_words(settings: Mapping[str, Any]) -> list[str]:
+    return [word for key, value in settings.items() for word in ("--set", f"{key}={json.dumps(value)}")]
+
+
+def _printed(text: str, otherwise: str) -> UserError:
+    """The error that a command printed last."""
+    message, _, remedy = text[text.rfind("error: ") :].removeprefix("error: ").strip().partition("\n  remedy: ")
+    return UserError(message or otherwise, remedy or "`lfpipe doctor` checks this machine")

@@ -61,15 +61,10 @@ class Tracker:
         goes back; by default the monotonic clock's now. Raises lfpipe.UserError for anything but such a picture."""
         if self._closed:
             raise UserError("this Tracker is closed", "make a new one")
-        if (
-            not isinstance(frame, np.ndarray)
-            or frame.dtype != np.uint8
-            or frame.ndim != 3
-            or frame.shape[2] != 3
-            or not frame.size
-        ):
-            got = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
-            raise UserError(f"{got}: not a picture", "uint8 (height, width, 3), blue first; cv2.cvtColor turns grey into colour")
+        known = isinstance(frame, np.ndarray)
+        if not known or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3 or not frame.size:
+            what = f"{frame.dtype} {frame.shape}" if known else type(frame).__name__
+            raise UserError(f"{what}: not a picture", "uint8 (height, width, 3), blue first; cv2.cvtColor turns grey into colour")
         t_ns = time.monotonic_ns() if t_ns is None else t_ns
         tracker = self._tracker
         tracker.update(tracker.engine.detect(frame), t_ns)

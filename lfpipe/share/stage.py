@@ -8,42 +8,26 @@ Emits: notice (a target fails, or works again).
 
 import time
 
+import attrs
 import numpy as np
 
 from lfpipe.eyes import EYES, SHOWN
 from lfpipe.share.head import LOST_NS, HeadEstimator
-from lfpipe.share.lsl import LslOutput
-from lfpipe.share.output import Output, Sample, Shown, UdpOutput
+from lfpipe.share.output import LslOutput, Sample, Shown, UdpOutput
 from lfpipe.share.target import Target, parse_target
 from lfpipe.transport.clock import Ticker, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 
 
-class Channel:
+@attrs.define
+class _Channel:
     """An open target. ticker: due times of predicted eyes; None if every frame is sent."""
 
-    def __init__(self, target: Target, output: Output) -> None:
-        self.target, self._output = target, output
-        self.ticker = Ticker(target.rate_hz, now_ns()) if target.rate_hz else None
-        self._works = True
-
-    def send(self, context: Context, sample: Sample) -> None:
-        """Sends a sample; reports the first failure, and the first success after it."""
-        works = self._output.send(sample)
-        context.row["drops"] += not works
-        if works != self._works:
-            self._works = works
-            state = "works again" if works else "the system does not send it: no route, or no room"
-            context.emit("notice", text=f"sharing with {self.target}: {state}")
-
-    def show(self, shown: Shown) -> None:
-        """Sends the stamp of a picture."""
-        self._output.show(shown)
-
-    def close(self) -> None:
-        """Closes the target."""
-        self._output.close()
+    target: Target
+    output: UdpOutput | LslOutput
+    ticker: Ticker | None
+    works: bool = True
 
 
 class Sharer:
@@ -55,40 +39,51 @@ class Sharer:
         self._record, self._picture = np.zeros((), EYES), np.zeros((), SHOWN)
         self._stamp: Stamp | None = None
         self._estimator = HeadEstimator(context.config)
-        self._channels: dict[str, Channel] = {}
+        self._channels: dict[str, _Channel] = {}
 
     def follow(self) -> None:
         """Opens and closes targets as the session's options require."""
-        wanted = self._context.options.share
+        targets = self._context.options.share
         self._estimator.config = self._context.config
-        if tuple(self._channels) == wanted:
+        if tuple(self._channels) == targets:
             return
-        for text in [text for text in self._channels if text not in wanted]:
-            self._channels.pop(text).close()
-        for text in wanted:
+        for text in self._channels.keys() - targets:
+            self._channels.pop(text).output.close()
+        for text in targets:
             if text not in self._channels:
                 self._open(text)
-        self._channels = {text: self._channels[text] for text in wanted if text in self._channels}
+        self._channels = {text: self._channels[text] for text in targets if text in self._channels}
 
     def _open(self, text: str) -> None:
-        context, target = self._context, parse_target(text)
+        context, target, options = self._context, parse_target(text), self._context.options
         try:
             with context.busy_with(f"opening {target.kind}"):
-                self._channels[text] = Channel(target, self._output(target))
+                output: UdpOutput | LslOutput = (
+                    LslOutput(target, context.spec.session.name, options.source_hz, options.show)
+                    if target.kind == "lsl"
+                    else UdpOutput(target)
+                )
         except (OSError, ImportError, RuntimeError) as error:
             context.emit("notice", text=f"sharing with {target}: cannot be opened: {error}; nothing is sent there")
             context.request("share", stop=[text])
-
-    def _output(self, target: Target) -> Output:
-        if target.kind == "lsl":
-            options = self._context.options
-            return LslOutput(target, self._context.spec.session.name, options.source_hz, options.show)
-        return UdpOutput(target)
+            return
+        self._channels[text] = _Channel(target, output, Ticker(target.rate_hz, now_ns()) if target.rate_hz else None)
 
     def wait(self) -> bool:
         """Waits for a frame, a picture or the next due time; False when the stage must end."""
         due = [channel.ticker.due_ns() for channel in self._channels.values() if channel.ticker]
         return self._context.wait(min(due, default=None))
+
+    def _send(self, channel: _Channel, stamp: Stamp, t_ns: int) -> None:
+        """Sends the eyes at t_ns; reports the first failure, and the first success after it."""
+        head = self._estimator.head(self._record, t_ns - stamp.t_sensor_ns)
+        confidence = float(self._record["confidence"]) if head is not None else 0.0
+        works = channel.output.send(Sample(stamp.source_seq, stamp.t_sensor_ns, t_ns, head, confidence))
+        self._context.row["drops"] += not works
+        if works != channel.works:
+            channel.works = works
+            state = "works again" if works else "the system does not send it: no route, or no room"
+            self._context.emit("notice", text=f"sharing with {channel.target}: {state}")
 
     def send_frames(self) -> None:
         """Sends the eyes of every new frame."""
@@ -96,20 +91,13 @@ class Sharer:
         while (stamp := self._eyes.take(self._record, in_order=True)) is not None:
             t_taken_ns, self._stamp = now_ns(), stamp
             self._estimator.update(self._record, stamp.t_sensor_ns)
-            sample: Sample | None = None
             for channel in self._channels.values():
                 if channel.ticker is None:
-                    sample = sample or self._sample(stamp, stamp.t_sensor_ns)
-                    channel.send(context, sample)
+                    self._send(channel, stamp, stamp.t_sensor_ns)
             t_sent_ns = now_ns()
             context.row.tick(stamp.source_seq)
             context.row.measure(t_taken_ns - stamp.t_publish_ns, t_sent_ns - t_taken_ns, t_sent_ns - stamp.t_sensor_ns)
             context.row["face"] = int(self._record["face"])
-
-    def _sample(self, stamp: Stamp, t_ns: int) -> Sample:
-        head = self._estimator.head(self._record, t_ns - stamp.t_sensor_ns)
-        confidence = float(self._record["confidence"]) if head is not None else 0.0
-        return Sample(stamp.source_seq, stamp.t_sensor_ns, t_ns, head, confidence)
 
     def send_predicted(self) -> None:
         """Sends predicted eyes that are due; none while no frames arrive."""
@@ -119,7 +107,7 @@ class Sharer:
                 continue
             channel.ticker.advance(t_ns)
             if self._stamp is not None and t_ns - self._stamp.t_sensor_ns < LOST_NS:
-                channel.send(self._context, self._sample(self._stamp, t_ns))
+                self._send(channel, self._stamp, t_ns)
 
     def send_pictures(self) -> None:
         """Sends the stamps of shown pictures."""
@@ -128,12 +116,12 @@ class Sharer:
             t_presented_ns = int(self._picture["t_presented_ns"])
             shown = Shown(stamp.source_seq, t_presented_ns, (left_row, left_col), (right_row, right_col))
             for channel in self._channels.values():
-                channel.show(shown)
+                channel.output.show(shown)
 
     def close(self) -> None:
         """Closes all targets."""
         for channel in self._channels.values():
-            channel.close()
+            channel.output.close()
 
 
 def main(context: Context) -> None:

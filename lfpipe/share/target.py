@@ -11,8 +11,7 @@ import attrs
 from lfpipe.errors import UserError, shown
 
 FORMS = "opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME], with ?rate=HZ for predicted eyes at that rate"
-LIBRARIES = {"osc": ("pythonosc", "python-osc"), "lsl": ("pylsl", "pylsl")}
-KINDS = ("opentrack", "osc", "lsl")
+LIBRARIES = {"opentrack": "", "osc": "pythonosc", "lsl": "pylsl"}  # kind -> module that it needs
 MAX_TARGETS = 8
 MAX_RATE_HZ = 1000.0
 MAX_NAME = 64
@@ -21,8 +20,8 @@ NAME = "lfpipe"  # of LSL's streams
 
 @attrs.frozen
 class Target:
-    """kind: one of KINDS. host, port: of UDP; a numeric address once checked. name: of LSL's streams. rate_hz: of predicted eyes;
-    0 sends those of every camera frame."""
+    """kind: a key of LIBRARIES. host, port: of UDP; a numeric address once checked. name: of LSL's streams. rate_hz: of predicted
+    eyes; 0 sends those of every camera frame."""
 
     kind: str
     host: str = ""
@@ -32,16 +31,20 @@ class Target:
 
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
-        where = f":{self.name}" if self.kind == "lsl" else f":{host}:{self.port}"
-        return f"{self.kind}{where}" + (f"?rate={self.rate_hz:g}" if self.rate_hz else "")
+        where = self.name if self.kind == "lsl" else f"{host}:{self.port}"
+        return f"{self.kind}:{where}" + (f"?rate={self.rate_hz:g}" if self.rate_hz else "")
+
+
+def _refusal(text: str, why: str, remedy: str = FORMS) -> UserError:
+    return UserError(f"--share {shown(text)}: {why}", remedy)
 
 
 def parse_target(text: str) -> Target:
     """Parses a target without resolving its host. Raises UserError."""
     body, query, options = text.partition("?")
     kind, colon, rest = body.partition(":")
-    if kind not in KINDS:
-        close = difflib.get_close_matches(kind, KINDS, 1, 0.5)
+    if kind not in LIBRARIES:
+        close = difflib.get_close_matches(kind, LIBRARIES, 1, 0.5)
         raise _refusal(text, "unknown kind" + (f" (did you mean {close[0]!r}?)" if close else ""))
     rate_hz = _rate(text, options) if query else 0.0
     if kind == "lsl":
@@ -58,50 +61,6 @@ def parse_target(text: str) -> Target:
     return Target(kind, host, int(port), rate_hz=rate_hz)
 
 
-def check_liblsl() -> None:
-    """Raises UserError if pylsl finds no liblsl."""
-    try:
-        import pylsl  # noqa: F401
-    except (ImportError, OSError, RuntimeError) as error:
-        raise UserError(
-            f"--share lsl: pylsl does not find its library: {str(error).splitlines()[0] if str(error) else type(error).__name__}",
-            "install liblsl for this system (its releases, or conda-forge), and name it in PYLSL_LIB",
-        ) from None
-
-
-def check_target(text: str) -> Target:
-    """Parses a target and checks that its library is installed and its host resolves and has a route.
-
-    Sends nothing, except to look up a name. Raises UserError.
-    """
-    target = parse_target(text)
-    if target.kind in LIBRARIES:
-        module, package = LIBRARIES[target.kind]
-        if importlib.util.find_spec(module) is None:
-            raise UserError(f"--share {text}: {package} is not installed", "install it: pip install 'lfpipe[share]'")
-    if target.kind == "lsl":
-        check_liblsl()
-        return target
-    return attrs.evolve(target, host=_resolved(text, target))
-
-
-def check_targets(texts: Sequence[str], running: Sequence[str] = ()) -> tuple[str, ...]:
-    """The targets in their exact form, without duplicates. running: the current ones. Raises UserError."""
-    found = list(running)
-    for text in texts:
-        exact = str(check_target(text))
-        if exact.partition("?")[0] in (each.partition("?")[0] for each in found):
-            raise UserError(f"--share {text}: is shared with already", "each target once")
-        found.append(exact)
-    if len(found) > MAX_TARGETS:
-        raise UserError(f"--share: {len(found)} targets, {MAX_TARGETS} at most", "one program can pass them on to others")
-    return tuple(found[len(running) :])
-
-
-def _refusal(text: str, why: str) -> UserError:
-    return UserError(f"--share {shown(text)}: {why}", FORMS)
-
-
 def _rate(text: str, options: str) -> float:
     key, _, value = options.partition("=")
     try:
@@ -113,17 +72,49 @@ def _rate(text: str, options: str) -> float:
     return rate_hz
 
 
+def check_target(text: str) -> Target:
+    """Parses a target and checks that its library is installed and its host resolves and has a route.
+
+    Sends nothing, except to look up a name. Raises UserError.
+    """
+    target = parse_target(text)
+    module = LIBRARIES[target.kind]
+    if module and importlib.util.find_spec(module) is None:
+        raise _refusal(text, f"{module} is not installed", "install it: pip install 'lfpipe[share]'")
+    if target.kind != "lsl":
+        return attrs.evolve(target, host=_resolved(text, target))
+    try:
+        import pylsl  # noqa: F401
+    except (ImportError, OSError, RuntimeError) as error:
+        why = f"pylsl does not find its library: {(str(error) or type(error).__name__).splitlines()[0]}"
+        raise _refusal(text, why, "install liblsl (its releases, or conda-forge), and name it in PYLSL_LIB") from None
+    return target
+
+
+def check_targets(texts: Sequence[str], running: Sequence[str] = ()) -> tuple[str, ...]:
+    """Checks targets to add to those running; returns them in their exact form. Raises UserError."""
+    found = list(running)
+    for text in texts:
+        exact = str(check_target(text))
+        if exact.partition("?")[0] in {each.partition("?")[0] for each in found}:
+            raise UserError(f"--share {text}: already a target", "give each target once")
+        found.append(exact)
+    if len(found) > MAX_TARGETS:
+        raise UserError(f"--share: {len(found)} targets, {MAX_TARGETS} at most", "one program can pass them on to others")
+    return tuple(found[len(running) :])
+
+
 def _resolved(text: str, target: Target) -> str:
     try:
         found = socket.getaddrinfo(target.host, target.port, type=socket.SOCK_DGRAM)
         # most receivers listen on IPv4 only, even if a name (localhost) has both
-        family, kind, _, _, address = min(found, key=lambda each: each[0] != socket.AF_INET)
+        family, kind, _, _, address = min(found, key=lambda entry: entry[0] != socket.AF_INET)
         with socket.socket(family, kind) as probe:
             probe.connect(address)  # looks up a route; a datagram socket sends nothing for this
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else "not a host name"
         remedy = "the name or address of the receiver's machine, 127.0.0.1 for this one"
-        raise UserError(f"--share {shown(text)}: {shown(target.host)}: {why}", remedy) from None
+        raise _refusal(text, f"{shown(target.host)}: {why}", remedy) from None
     host = str(address[0])
     if socket.inet_pton(family, host.partition("%")[0]).strip(b"\0") == b"":
         raise _refusal(text, f"{host} is no address to send to")

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from lfpipe.share.head import Head
-from lfpipe.share.lsl import LslOutput
-from lfpipe.share.output import Sample, osc_datagram
+from lfpipe.share.output import LslOutput, Sample, osc_datagram
 from lfpipe.share.target import Target
 from lfpipe.transport.clock import now_ns
 from tests.share.receivers import free_port, lsl_environment

@@ -144,6 +144,8 @@ def test_recordings_that_follow_each_other_at_once_are_each_whole(world: World, 
         assert control.request(run_dir, {"cmd": "record", "path": str(out)}, 20)["ok"]
         world.wait_for(lambda out=out: frames(out) > 10, "frames")
         assert control.request(run_dir, {"cmd": "record", "path": ""}, 20)["ok"]
+    world.wait_for(lambda: recorder(world)["state"] == "FINISHED", "end of the recorder")
+    assert recorder(world)["count"] == sum(len(open_sequence(out).packets) for out in outs), "the row counts what is recorded"
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "restarting" not in err, err
@@ -215,17 +217,3 @@ def test_a_full_store_wakes_who_waits_for_room_and_nobody_else(tmp_path: Path, m
     assert not store.full
     store.close()
     assert sorted(done.stamp.source_seq for done in store.results()) == list(range(count))
-
-
-def test_the_row_counts_what_is_in_the_recording(world: World, scene: Path) -> None:
-    """The main thread alone writes the row; it hears of every frame."""
-    process = world.up(scene, *SMALL)
-    world.pictures(5)
-    out = world.root / "rec"
-    assert world.run("ctl", "--session", world.name, "record", "start", out).returncode == 0
-    world.wait_for(lambda: frames(out) > 60, "frames")
-    assert world.run("ctl", "--session", world.name, "record", "stop").returncode == 0
-    world.wait_for(lambda: recorder(world)["state"] == "FINISHED", "end of the recorder")
-    assert recorder(world)["count"] == len(open_sequence(out).packets)
-    process.send_signal(signal.SIGINT)
-    assert process.wait(60) == 0

@@ -74,7 +74,7 @@ def lsl(tmp_path: Path) -> Any:
     """An output with pictures, and inlets of its three streams."""
     pylsl = pytest.importorskip("pylsl")
     os.environ |= lsl_environment(tmp_path)
-    from lfpipe.share.lsl import LslOutput, source_id
+    from lfpipe.share.output import LslOutput, source_id
 
     output, inlets = LslOutput(Target("lsl", name=LSL_NAME), "unit", 30.0, True), {}
     for stream in ("eyes", "pictures", "markers"):

@@ -130,7 +130,7 @@ def test_lsl_has_the_sensors_time_on_its_clock(sharing: Sharing, tmp_path: Path)
     pylsl = pytest.importorskip("pylsl")
     import pyxdf
 
-    from lfpipe.share.lsl import source_id
+    from lfpipe.share.output import source_id
 
     inlets = {}
     for stream in ("eyes", "pictures"):
