@@ -1,9 +1,8 @@
 """What the window shows besides the scene, from a running demo under Xvfb: docs/window.png.
 
-    uv run python -m tools.draw_window_states [OUT] [--before TREE]
+    uv run python -m tools.draw_window_states [OUT]
 
-Side by side: thumbnails (key Tab), a change and a pause (keys m, p), the glasses test (key g). --before: keys m and p, and g, in
-an older checkout with an environment of its own. Needs xdotool.
+Side by side: thumbnails (key Tab), a change and a pause (keys m, p), the glasses test (key g). Needs xdotool.
 """
 
 import argparse
@@ -30,8 +29,7 @@ SIDE_PX, COLOURS, STARTED_S = 320, 96, 12.0
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", nargs="?", type=Path, default=ROOT / "docs" / "window.png")
-    parser.add_argument("--before", type=Path)
-    args = parser.parse_args()
+    out = parser.parse_args().out
     seen = []
     with (
         private_world() as world,
@@ -41,22 +39,30 @@ def main() -> None:
         screen = Screen(name, Path(folder) / "Xvfb_screen0")
         env = {key: value for key, value in world.env.items() if key != "XDG_CACHE_HOME"} | {"DISPLAY": name}
         scenes = [str(demo_scene(cache_dir(Scene()), *size)) for size in ((), (5, 256))]
-        python, given = sys.executable, ["up", *scenes, "--camera", "demo"]
-        if args.before:
-            python, given = str(args.before.resolve() / ".venv" / "bin" / "python"), ["up", "--demo"]
-            env["PYTHONPATH"] = str(args.before.resolve())
-        command = [python, "-m", "lfpipe", *given, "--display", "window", "--session", world.name]
+        command = [
+            sys.executable,
+            "-m",
+            "lfpipe",
+            "up",
+            *scenes,
+            "--camera",
+            "demo",
+            "--display",
+            "window",
+            "--session",
+            world.name,
+        ]
         session = subprocess.Popen(command, env=env, cwd=folder)
         time.sleep(STARTED_S)
-        for keys in (["m", "p"], ["p", "m", "g"]) if args.before else (["Tab"], ["Tab", "m", "p"], ["p", "m", "g"]):
+        for keys in (["Tab"], ["Tab", "m", "p"], ["p", "m", "g"]):
             subprocess.run(["xdotool", "key", "--delay", "400", *keys], env=env, check=True)
             time.sleep(1.0)
             seen.append(cv2.resize(screen.shown(), (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA))
         session.terminate()
         session.wait(30)
     whole = cv2.cvtColor(np.hstack(seen), cv2.COLOR_BGR2RGB)
-    Image.fromarray(whole).quantize(COLOURS, dither=Image.Dither.NONE).save(args.out, optimize=True)
-    print(f"{args.out}: {args.out.stat().st_size / 1e3:.0f} kB")
+    Image.fromarray(whole).quantize(COLOURS, dither=Image.Dither.NONE).save(out, optimize=True)
+    print(f"{out}: {out.stat().st_size / 1e3:.0f} kB")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""The pictures of README and docs, taken from a running demo: docs/anaglyph.png, view_grid.png, monitor.png, page.png.
+"""The pictures of README and docs: anaglyph_modes.png of the demo scene; anaglyph.png, view_grid.png, monitor.png and page.png
+of a running demo.
 
     uv run python tools/make_docs_pictures.py [FOLDER]
 
@@ -27,6 +28,7 @@ LARGEST_BYTES = 300_000
 BACK, FORE, DIM = (18, 22, 27), (223, 229, 236), (139, 151, 166)
 INKS = {"green": (139, 226, 139), "yellow": (255, 196, 107), "cyan": (79, 214, 232), "red": (255, 107, 107)}
 COLUMNS, FONT_PX = 80, 17
+TILE_PX, LABEL_PX = 256, 22
 
 
 def save(path: Path, picture: NDArray[np.uint8]) -> None:
@@ -83,6 +85,7 @@ def main() -> None:
     out = parser.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
+        modes(out, folder)
         os.environ["XDG_RUNTIME_DIR"] = folder
         for name in ("DISPLAY", "WAYLAND_DISPLAY"):
             os.environ.pop(name, None)
@@ -92,6 +95,25 @@ def main() -> None:
         finally:
             session.send_signal(signal.SIGTERM)
             session.wait()
+
+
+def modes(out: Path, folder: str) -> None:
+    """The same viewpoint of the demo scene in every anaglyph mode."""
+    from lfpipe.config.tree import choices
+
+    from lfpipe.config import Render, Scene
+    from lfpipe.render.compositor import Compositor
+    from lfpipe.scene.demo import demo_scene
+    from lfpipe.scene.open_scene import open_scene
+
+    field = open_scene(demo_scene(Path(folder), size_px=TILE_PX), Scene(cache_dir=folder))
+    middle, tiles = (field.rows - 1) / 2, []
+    for mode in choices("render.anaglyph"):
+        compositor = Compositor(field, Render(method="warp2", anaglyph=mode))  # type: ignore[arg-type]
+        label = np.full((LABEL_PX, TILE_PX, 3), 255, np.uint8)
+        cv2.putText(label, mode, (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
+        tiles.append(np.vstack([label, compositor.compose((middle, middle - 1.5), (middle, middle + 1.5))]))
+    save(out / "anaglyph_modes.png", np.vstack([np.hstack(tiles[k : k + 5]) for k in range(0, len(tiles), 5)]))
 
 
 async def take(out: Path, folder: Path) -> None:

@@ -1,6 +1,6 @@
 """Writes docs/configuration.md from the tree of keys, and docs/commands.md from the commands. A test keeps both current.
 
-    python tools/make_reference.py
+python tools/make_reference.py
 """
 
 import argparse

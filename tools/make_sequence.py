@@ -14,7 +14,6 @@ truth is the known map from portrait to picture. Without --portrait: the photogr
 """
 
 import csv
-import importlib.util
 import sys
 from pathlib import Path
 
@@ -24,25 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import HEAD
-from lfpipe.bench.motion import HeadPosition, duration_s, position_at, viewer_path
+from lfpipe.bench.motion import EYES_MM, FOCAL_PX, HOME_MM, HeadPosition, duration_s, position_at, viewer_path
+from lfpipe.capture.demo import portrait_path
 from lfpipe.errors import UserError
 from lfpipe.track.litert_engine import LitertEngine
 
 WIDTH_PX, HEIGHT_PX = 640, 480
-FOCAL_PX = 600.0  # 56 degrees across, an ordinary webcam
-EYES_MM = 63.0  # between the eyes of an adult
-HOME_MM = 600.0
 BACKGROUND = np.array([96, 92, 88], np.float32)
-
-
-def sample_portrait() -> Path:
-    """The portrait photograph of matplotlib's sample data, found without importing matplotlib. Raises UserError if absent."""
-    spec = importlib.util.find_spec("matplotlib")
-    for folder in (spec.submodule_search_locations or []) if spec else []:
-        path = Path(folder) / "mpl-data" / "sample_data" / "grace_hopper.jpg"
-        if path.is_file():
-            return path
-    raise UserError("matplotlib's sample portrait is not installed", "give a picture of a face with --portrait")
 
 
 class Puppet:
@@ -105,7 +92,7 @@ def main(out: Path, portrait: Path | None, seconds: float | None, rate: float, n
     """Writes OUT.avi and OUT.csv: a face in known motion and where its eyes are."""
     cv2.setNumThreads(1)
     try:
-        write(out, portrait or sample_portrait(), seconds, rate, noise, seed)
+        write(out, portrait or portrait_path(), seconds, rate, noise, seed)
     except UserError as error:
         click.echo(f"error: {error}", err=True)
         sys.exit(2)

@@ -9,7 +9,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from lfpipe.bench.results import Row, short
 from lfpipe.bench.subjects import Chart, Profile, Subject
@@ -94,6 +94,8 @@ def _logarithmic(axis: Axis, scale: Callable[..., None], values: Sequence[float]
     scale("symlog", linthresh=low, linscale=0.4) if zero else scale("log")
     ticks = LogLocator(subs=(1.0,) if high / low > 60 else (1.0, 2.0, 5.0))
     if zero:
+        (axis.axes.set_xlim if axis.axis_name == "x" else axis.axes.set_ylim)(-0.3 * low)  # type: ignore[attr-defined]
+        axis.set_minor_locator(NullLocator())
         axis.set_ticks([0.0, *(float(tick) for tick in ticks.tick_values(low, high) if low <= tick <= high)])
     else:
         axis.set_major_locator(ticks)
