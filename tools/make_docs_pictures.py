@@ -99,9 +99,8 @@ def main() -> None:
 
 def modes(out: Path, folder: str) -> None:
     """The same viewpoint of the demo scene in every anaglyph mode."""
-    from lfpipe.config.tree import choices
-
     from lfpipe.config import Render, Scene
+    from lfpipe.config.tree import choices
     from lfpipe.render.compositor import Compositor
     from lfpipe.scene.demo import demo_scene
     from lfpipe.scene.open_scene import open_scene
