@@ -213,18 +213,19 @@ class Mixer:
             table = _table(channel.own_gain, channel.cross_gain, recipe.linear, channel.own == pair[0])
             self._steps.append((channel.own, pair, table))
 
-    def mix(self, planes: list[NDArray[np.uint8]], out: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """planes: uint8 (height, width) in the recipe's order. out: uint8 (height, width, 3), filled as BGR."""
+    def mix(self, planes: list[NDArray[np.uint8]], out: NDArray[np.uint8], rows: slice = slice(None)) -> NDArray[np.uint8]:
+        """planes: uint8 (height, width) in the recipe's order. out: uint8 (height, width, 3), filled as BGR. rows: only these;
+        two threads may mix different rows."""
         for (low, high), index in self._pairs.items():
-            cv2.merge([planes[low], planes[high]], index)
+            cv2.merge([planes[low][rows], planes[high][rows]], index[rows])
         channels: list[NDArray[np.uint8]] = []
         for (own, pair, table), scratch in zip(self._steps, self._out, strict=True):
             if pair is None or table is None:
-                channels.append(planes[own])
+                channels.append(planes[own][rows])
             else:
-                wide_lookup(self._pairs[pair].view("<u2")[..., 0], table, scratch)
-                channels.append(scratch)
-        cv2.merge(channels[::-1], out)
+                wide_lookup(self._pairs[pair][rows].view("<u2")[..., 0], table, scratch[rows])
+                channels.append(scratch[rows])
+        cv2.merge(channels[::-1], out[rows])
         return out
 
 

@@ -76,14 +76,14 @@ class Blocks:
         cv2.merge(corners, flat)
         return self._whole[:count, : width + 1]
 
-    def reach(self, y: NDArray[np.float32]) -> Reach:
-        """The rows of `lay` that the places y of a band need, and y counted from the first of them. All rows if y is that of a
-        whole picture. Valid until the next call."""
+    def reach(self, rows: slice, y: NDArray[np.float32], most_px: float) -> Reach:
+        """The rows of `lay` that the places y of rows of blocks need, at most most_px from where they are undisplaced, and y
+        counted from the first of them. Valid until the next call."""
         height = self._size[0]
         if len(y) == self._count[0]:
             return 0, height, y
-        first = min(max(int(y.min()), 0), height)
-        last = min(max(math.ceil(y.max()), first), height)
+        first = min(max(math.floor(2 * rows.start + MARGIN - most_px), 0), height)
+        last = min(max(math.ceil(2 * rows.stop - 2 + MARGIN + most_px), first), height)
         return first, last, np.subtract(y, np.float32(first), out=self._y[: len(y)])
 
     def sample(self, plane: NDArray[np.uint8], x: NDArray[np.float32], reach: Reach, out: NDArray[np.uint8]) -> None:

@@ -1,6 +1,7 @@
 """From two viewpoints to one picture, and from one viewpoint to one camera's view."""
 
 import math
+from concurrent.futures import Executor
 from typing import Any
 
 import attrs
@@ -62,28 +63,40 @@ def _quantum(method: str, disparity_px: float) -> float:
     return max(1 / 1024, 2.0 ** math.floor(math.log2(step)))
 
 
+@attrs.frozen
+class _Eye:
+    """planes: indices of what one eye's view gives. sources, scratch: of each of them."""
+
+    planes: list[int]
+    sources: list[Source]
+    scratch: list[NDArray[np.uint8]]
+    synthesiser: Synthesiser
+
+
 class Compositor:
     """Draws pictures of one light field with one set of render settings; a changed setting is a new Compositor.
 
     method: the method in use: `auto` resolved, and `nearest` for a light field that cannot be warped for want of disparity.
-    Starts with a few small tables; views are built when first shown.
+    Starts with a few small tables; views are built when first shown. helper: a thread that draws the right eye's planes, and
+    mixes half of the picture.
     """
 
-    def __init__(self, field: LightField, render: Render) -> None:
+    def __init__(self, field: LightField, render: Render, helper: Executor | None = None) -> None:
         self.method = method_for(field, render.method)
         render = mixed_as(field, self.method, render)
         self._anaglyph, self._frames, self._frame = render.anaglyph, field.frames, 0
         height, width = field.height_px, field.width_px
         made_of = recipe_for(render)
         self._mixer = Mixer(made_of, height, width)
-        store = PlaneStore(field)
-        self._synthesiser = Synthesiser(field, self.method)
         self._planes: list[NDArray[np.uint8]] = [np.empty((height, width), np.uint8) for _ in made_of.planes]
-        self._eyes: list[tuple[list[int], list[Source], list[NDArray[np.uint8]]]] = []  # of each: planes, sources, scratch
+        self._eyes: list[_Eye] = []
         for eye in (0, 1):
             of_eye = [k for k, plane in enumerate(made_of.planes) if plane.eye == eye]
+            if not eye or helper:
+                store, synthesiser = PlaneStore(field), Synthesiser(field, self.method)
             sources = [self._source(store, made_of.planes[k]) for k in of_eye]
-            self._eyes.append((of_eye, sources, [self._planes[k] for k in of_eye]))
+            self._eyes.append(_Eye(of_eye, sources, [self._planes[k] for k in of_eye], synthesiser))
+        self._helper = helper if all(eye.planes for eye in self._eyes) else None
         self._picture = near_array((height, width, 3))
         self.pair: Pair | None = None  # the views of the last picture, if it consists of two
         if render.anaglyph in TWO_VIEWS:
@@ -137,12 +150,24 @@ class Compositor:
         return self._picture
 
     def _mix(self, left: Position, right: Position, out: NDArray[np.uint8]) -> None:
-        for position, (of_eye, sources, scratch) in zip((left, right), self._eyes, strict=True):
-            if of_eye:
-                drawn = self._synthesiser.render(position, self._frame, self._zero_px, sources, scratch)
-                for k, plane in zip(of_eye, drawn, strict=True):
-                    self._planes[k] = plane
-        self._mixer.mix(self._planes, out)
+        if self._helper is None:
+            self._draw_eye(self._eyes[0], left)
+            self._draw_eye(self._eyes[1], right)
+            self._mixer.mix(self._planes, out)
+            return
+        drawn = self._helper.submit(self._draw_eye, self._eyes[1], right)
+        self._draw_eye(self._eyes[0], left)
+        drawn.result()
+        middle = len(out) // 2
+        mixed = self._helper.submit(self._mixer.mix, self._planes, out, slice(middle, None))
+        self._mixer.mix(self._planes, out, slice(middle))
+        mixed.result()
+
+    def _draw_eye(self, eye: _Eye, position: Position) -> None:
+        if eye.planes:
+            drawn = eye.synthesiser.render(position, self._frame, self._zero_px, eye.sources, eye.scratch)
+            for k, plane in zip(eye.planes, drawn, strict=True):
+                self._planes[k] = plane
 
 
 class ViewRenderer:

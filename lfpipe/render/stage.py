@@ -10,10 +10,12 @@ Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost,
 
 import gc
 import logging
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from lfpipe.config import Config
 from lfpipe.config.quality import lowered
+from lfpipe.host.processes import set_scheduling
 from lfpipe.render.display import open_display
 from lfpipe.render.file_display import save
 from lfpipe.render.key_bindings import KeyBindings
@@ -38,7 +40,7 @@ class RenderStage:
         options = self._options
         with context.setting_up("opening the scene"):
             self._field = open_pack(Path(options.pack), self._config.scene.half_turn)
-            self._viewer = Viewer(self._field, self._config, bool(options.kiosk))
+            self._viewer = Viewer(self._field, self._config, bool(options.kiosk), _helper(context))
         self._keep_choice()
         # without a clock, pictures depend on the frames alone
         self.on_camera = (options.lossless or self._config.render.clock == "camera") and options.tracking
@@ -161,6 +163,12 @@ class RenderStage:
         self._presenter.close()
         self._display.close()
         self._keys.pass_on_notices()
+
+
+def _helper(context: Context) -> ThreadPoolExecutor | None:
+    """A thread on any core of the session, or on this stage's if a person chose them; None if there is only one."""
+    cores = list(context.spec.cpus) if context.config.governor.affinity not in ("auto", "none") else context.cores
+    return ThreadPoolExecutor(1, "half", set_scheduling, (cores, None)) if len(cores or context.cores) > 1 else None
 
 
 def main(context: Context) -> None:

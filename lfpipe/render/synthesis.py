@@ -110,7 +110,7 @@ class Synthesiser:
         views that see the point. outs: to unpack into, after the last view."""
         for band in warper.bands:
             x, y = warper.maps(band)
-            reach = self._blocks.reach(y)
+            reach = self._blocks.reach(band.rows, y, warper.most_px)
             sample = self._sample[: len(x)]
             if self._mean is not None:
                 self._mean.weigh(band.rows, warper.weights(band, view.weight, x, y), view.weight, x, y)

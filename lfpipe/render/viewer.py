@@ -1,6 +1,7 @@
 """The viewer before the screen: from the position of the eyes to the two viewpoints and the picture."""
 
 import math
+from concurrent.futures import Executor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ MOVED = 0.01  # change of the distance after which the views between the eyes ar
 # 1/2 or 1/5 of a refresh (once 1/8, once 1/25): 0.3 keeps a tenth away from all blanks. At a blank, noise would choose the frame.
 VIDEO_LEAD = 0.3
 
+LARGE_PX = 1 << 20  # of a picture: drawing one takes most of a refresh of 60 Hz
+
 
 class Viewpoints(NamedTuple):
     """The viewpoints of a picture. eyes_px: after filter and prediction. left, right: (row, col). frame: of a video."""
@@ -44,8 +47,9 @@ class Viewer:
     screen would take (`CameraPose`). All arithmetic uses plain numbers, which cost a tenth of numpy's small arrays.
     """
 
-    def __init__(self, field: LightField, config: Config, exhibition: bool = False) -> None:
-        """exhibition: the picture moves while nobody is there."""
+    def __init__(self, field: LightField, config: Config, exhibition: bool = False, helper: Executor | None = None) -> None:
+        """exhibition: the picture moves while nobody is there. helper: a thread on another core, for half of a large picture."""
+        self._helper = helper
         self.parallax: Parallax | None = None
         self.solver: ViewSolver | None = None  # the mapping from eyes to views; None until a face was seen
         self.presence = Presence()
@@ -87,7 +91,8 @@ class Viewer:
 
     def redraw_by(self, config: Config) -> None:
         """Sets a configuration that differs only in render.method and render.rate_hz: geometry stays unchanged."""
-        self.config, self.compositor = config, Compositor(self.field, config.render)
+        large = self.field.width_px * self.field.height_px >= LARGE_PX
+        self.config, self.compositor = config, Compositor(self.field, config.render, self._helper if large else None)
         self.method = self.compositor.method
         if self.solver is not None:
             self.solver.draw_with(self.method)

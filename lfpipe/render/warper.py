@@ -79,6 +79,7 @@ class Warper:
         y, x = np.mgrid[0 : low[0], 0 : low[1]].astype(np.float32)
         starts = np.ascontiguousarray(x), np.ascontiguousarray(y), *places(field.height_px, field.width_px)
         self.bands = [Band(rows, self._same, [self._low, *starts], self._bytes[1], coarse, fine) for rows in bands]
+        self.most_px = 0.0
         self._moves = (0.0, 0.0), (0.0, 0.0)  # along x and y: px of a view per stored unit, and in all
         self._move = (0.0, 0.0), (0.0, 0.0)  # the same in px of the disparity
         self._unsure = 0.0  # stored units of disparity that move a pixel by UNSEEN_PX; 0 if everything is seen
@@ -109,6 +110,7 @@ class Warper:
         if not known:
             self._low[stored == UNKNOWN] = 0
         self._moves = (right * self._unit_px, shift_x), (down * self._unit_px, shift_y)
+        self.most_px = 128 * self._unit_px * abs(down) + abs(shift_y)  # by which a pixel is moved down or up at most
         self._reach = math.ceil((self._most_px * max(abs(right), abs(down)) + max(abs(shift_x), abs(shift_y))) / 2) + 1
         per_px = self._unit_px / self._step[1], self._unit_px / self._step[0]
         self._move = (right * per_px[0], shift_x / self._step[1]), (down * per_px[1], shift_y / self._step[0])

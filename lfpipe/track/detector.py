@@ -198,5 +198,5 @@ class FaceSelector:
 
 
 def _between(a: Box, b: Box, share: float) -> Box:
-    x0, y0, x1, y1 = (p + share * (q - p) for p, q in zip(a, b, strict=True))
-    return x0, y0, x1, y1
+    (x0, y0, x1, y1), (to_x0, to_y0, to_x1, to_y1) = a, b
+    return x0 + share * (to_x0 - x0), y0 + share * (to_y0 - y0), x1 + share * (to_x1 - x1), y1 + share * (to_y1 - y1)

@@ -37,7 +37,7 @@ class Face:
         (lx, ly), (rx, ry) = self.eyes_px.tolist()
         x0, y0, x1, y1 = self.box_px
         numbers = (lx, ly, rx, ry, x0, y0, x1, y1, self.apart_px, self.iris_px, self.confidence)
-        if not all(-LIMIT_PX <= value <= LIMIT_PX for value in numbers):  # false for NaN, too
+        if math.isnan(sum(numbers)) or max(map(abs, numbers)) > LIMIT_PX:
             return False
         side_px, apart_px = max(x1 - x0, y1 - y0), math.hypot(lx - rx, ly - ry)
         widest_px = WIDEST * side_px

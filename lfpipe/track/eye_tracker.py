@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
+from lfpipe.eyes import Eyes, EyesRecord
 from lfpipe.track.detector import same_place
 from lfpipe.track.engine import Face, make_engine
 from lfpipe.track.eye_distance import EyeDistance
@@ -19,6 +20,9 @@ log = logging.getLogger(__name__)
 SUREST, FALL, BACK, SURE = 20.0, 10.0, 4.0, 2.0
 USUAL_S = 1.0  # time constant of a face's usual confidence: nothing is held for much longer
 NEAR, SAME = 0.7, 0.1  # in distances between the eyes: by what a hand pulls a face at most; what nobody sees
+
+
+NOWHERE: Eyes = (0.0, 0.0, 0.0, 0.0)
 
 
 class HiddenFace:
@@ -60,7 +64,7 @@ class EyeTracker:
         self.engine = make_engine(settings, portable)
         self._settings, self._loop_s, self._filter = settings, loop_s, make_filter(settings, loop_s)
         self._distance, self._hidden = EyeDistance(), HiddenFace()
-        self._raw_px = self._position_px = self._velocity_px_s = self._sure_position_px = np.zeros((2, 2))
+        self._raw_px = self._position_px = self._velocity_px_s = self._sure_position_px = NOWHERE
         self._face: Face | None = None
         self._box_px, self._seen_ns = (0.0, 0.0, 0.0, 0.0), 0
         self._epoch, self._generation = -1, 0
@@ -86,7 +90,7 @@ class EyeTracker:
             face = None
         self._face = face
         if face is None:
-            self._velocity_px_s = np.zeros((2, 2))  # hold the position: the motion is unknown
+            self._velocity_px_s = NOWHERE  # hold the position: the motion is unknown
             if self._settings.filter == "mean":
                 self._filter.reset()  # the average must not mix positions before and after a loss
         else:
@@ -107,25 +111,27 @@ class EyeTracker:
         else:
             apart_px = face.apart_px or math.dist((lx, ly), (rx, ry))
             anew = self._hidden.update(sure, middle_px, apart_px, max(away_ns, 0) / 1e9)
-        self._raw_px, self._box_px, self._seen_ns = face.eyes_px, face.box_px, t_sensor_ns
+        self._raw_px, self._box_px, self._seen_ns = (lx, ly, rx, ry), face.box_px, t_sensor_ns
         if self._hidden.held and self._settings.filter == "predictive":  # the others are for comparison, as published
-            self._position_px, self._velocity_px_s = self._sure_position_px, np.zeros((2, 2))
+            self._position_px, self._velocity_px_s = self._sure_position_px, NOWHERE
             return
         if anew:
             self._generation += 1
             self._filter.reset()
         if face.iris_px:
             self._distance.update(t_sensor_ns, face)
-        self._position_px, self._velocity_px_s = self._filter.update(t_sensor_ns, face.eyes_px)
+        position, velocity = self._filter.update(t_sensor_ns, face.eyes_px)
+        ((a, b), (c, d)), ((u, v), (p, q)) = position.tolist(), velocity.tolist()
+        self._position_px, self._velocity_px_s = (a, b, c, d), (u, v, p, q)
         if self._hidden.sure:
             self._sure_position_px = self._position_px
 
     def write(self, record: NDArray[np.void], image: NDArray[np.uint8]) -> None:
         """Fills a record of dtype EYES, except t_tracked_ns. image: the frame."""
         face, (height_px, width_px) = self._face, image.shape[:2]
-        apart_px, confidence, head_px = (face.apart_px, face.confidence, face.head_px) if face is not None else (0.0, 0.0, None)
-        record["raw_px"], record["filtered_px"], record["velocity_px_s"] = self._raw_px, self._position_px, self._velocity_px_s
-        record["apart_px"], record["confidence"] = apart_px, confidence
-        record["head_px"] = 0.0 if head_px is None else head_px
-        record["width_px"], record["height_px"] = width_px, height_px
-        record["face"], record["generation"], record["eyes_mm"] = self.seen, self._generation, self._distance.mm
+        apart_px, confidence = (face.apart_px, face.confidence) if face is not None else (0.0, 0.0)
+        EyesRecord(
+            self._raw_px, self._position_px, self._velocity_px_s, apart_px, confidence, width_px, height_px, 0, self.seen,
+            self._generation, self._distance.mm,
+        ).write(record)  # fmt: skip
+        record["head_px"] = 0.0 if face is None or face.head_px is None else face.head_px

@@ -4,8 +4,8 @@ The 468 points, and the 5 + 5 of the iris that follow them when refined, are tho
 """
 
 import math
+from typing import NamedTuple
 
-import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,7 @@ _HEAD = 2 * _LIDS + len(EYE_LINE)  # index of the first of HEAD_POINTS in _KEY
 _RAISE, _SPREAD = 0.036, 0.0067
 
 
-@attrs.frozen
-class EyePoints:
+class EyePoints(NamedTuple):
     """Centres of the eyes and outer corners, (x, y) each. apart: 3-D distance between the centres, in the same unit."""
 
     left: tuple[float, float]
@@ -45,16 +44,18 @@ class EyePoints:
     apart: float
 
 
-def eye_points(points: NDArray[np.floating], depth: NDArray[np.floating]) -> tuple[EyePoints, NDArray[np.float64]]:
+def eye_points(
+    points: NDArray[np.floating], depth: NDArray[np.floating], scale: np.float32
+) -> tuple[EyePoints, NDArray[np.float64]]:
     """(eye centres that a blink does not move, the points of HEAD_POINTS (10, 3)), from points (2, 468), x and y of the mesh, and
-    depth (468,), its z.
+    depth (468,), its z before it is scaled.
 
     A centre is the mean of the eye's corners and lower lid, shifted to the paper's centre: the mean of
     all 16 periocular points of an open eye.
     """
     keys = np.empty((3, len(_KEY)))
     points.take(_KEY, 1, keys[:2])
-    keys[2] = depth.take(_KEY)
+    keys[2] = depth.take(_KEY) * scale
     xs, ys, zs = keys.tolist()  # plain numbers from here: a numpy call after a pause costs 15 us
     lx = ly = lz = rx = ry = rz = 0.0
     for k in range(_LIDS):

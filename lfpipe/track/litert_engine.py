@@ -190,8 +190,7 @@ class LitertEngine:
         (_, _, x), (_, _, y) = matrix.tolist()
         points = matrix[:, :1] * mesh[:, 0] + matrix[:, 1:2] * mesh[:, 1]  # (2, 468) px from (x, y)
         (x0, y0), (x1, y1) = np.minimum.reduce(points, axis=1).tolist(), np.maximum.reduce(points, axis=1).tolist()
-        scale = roi.side_px / SIZE_PX
-        eyes, head_px = eye_points(points, mesh[:, 2] * np.float32(scale))
+        eyes, head_px = eye_points(points, mesh[:, 2], np.float32(roi.side_px / SIZE_PX))
         edges = x0 + x, y0 + y, x1 + x, y1 + y
         region = around(edges, eyes.right_corner, eyes.left_corner)
         if not 1.0 <= region.side_px < math.inf:  # narrower than a pixel, or NaN: no region for the next picture

@@ -8,6 +8,7 @@ import ctypes
 import hashlib
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -134,13 +135,13 @@ class Roi:
         # half of the rotated square's extent, plus the margin for interpolation
         reach = 0.5 * self.side_px * (abs(math.cos(self.angle)) + abs(math.sin(self.angle))) + 2
         height, width = image.shape[:2]
-        x0, x1 = (min(max(int(self.x_px + d), 0), width) for d in (-reach, reach))
-        y0, y1 = (min(max(int(self.y_px + d), 0), height) for d in (-reach, reach))
+        x0, x1 = min(max(int(self.x_px - reach), 0), width), min(max(int(self.x_px + reach), 0), width)
+        y0, y1 = min(max(int(self.y_px - reach), 0), height), min(max(int(self.y_px + reach), 0), height)
         if x1 - x0 < 1 or y1 - y0 < 1:
             x0, y0, x1, y1 = 0, 0, width, height
-        part = cv2.cvtColor(image[y0:y1, x0:x1], cv2.COLOR_BGR2BGRA)
-        matrix[:, 2] -= x0, y0
-        return warp(np.asarray(part, np.uint8), matrix, size_px, border)
+        matrix[0, 2] -= x0
+        matrix[1, 2] -= y0
+        return warp(cv2.cvtColor(image[y0:y1, x0:x1], cv2.COLOR_BGR2BGRA), matrix, size_px, border)  # type: ignore[arg-type]
 
     def to_picture(self, points: NDArray[np.floating], size_px: int) -> NDArray[np.float64]:
         """points (n, 2) in crop px -> picture px."""
@@ -157,6 +158,10 @@ def around(box_px: tuple[float, float, float, float], start: Sequence[float], en
 
 def fill(tensor: NDArray[np.float32], crop: NDArray[np.uint8], low: float, high: float) -> None:
     """uint8 BGRA crop (h, w, 4) -> tensor, float32 (1, h, w, 3) RGB, 0..255 mapped to low..high."""
-    np.multiply(cv2.cvtColor(crop, cv2.COLOR_BGRA2RGB), np.float32((high - low) / 255), out=tensor[0])
-    if low:
-        tensor += np.float32(low)
+    cv2.LUT(cv2.cvtColor(crop, cv2.COLOR_BGRA2RGB), _levels(low, high), tensor[0])
+
+
+@lru_cache
+def _levels(low: float, high: float) -> NDArray[np.float32]:
+    levels = np.arange(256, dtype=np.float32) * np.float32((high - low) / 255)
+    return (levels + np.float32(low) if low else levels).reshape(1, 256)

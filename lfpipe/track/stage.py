@@ -33,20 +33,23 @@ def _track(context: Context) -> None:
     tracker = EyeTracker(context.config.track, context.options.replay is not None, _loop_s(context))
     engine, hinted = tracker.engine, 0
     frames, eyes = context.input("frames"), context.output("eyes")
+    every = 1
     context.emit("engine", name=engine.name, model=engine.model)
     context.ready()
     try:
         while context.wait():
-            tracker.set(context.config.track, _loop_s(context))
-            context.ack_config()
-            if any(word == "recentre" for word, _ in context.commands()):
-                tracker.reset()
+            if context.news:
+                tracker.set(context.config.track, _loop_s(context))
+                every = tracked_every(context.options)
+                context.ack_config()
+                if any(word == "recentre" for word, _ in context.commands()):
+                    tracker.reset()
             peeked = frames.peek()
             if peeked is None:
                 continue
             t_taken_ns = now_ns()
             stamp, image = peeked
-            if stamp.source_seq % tracked_every(context.options):
+            if stamp.source_seq % every:
                 context.row["left_out"] += 1  # at a lowered quality, nothing is measured or published
                 context.row["source_seq"] = stamp.source_seq
                 continue

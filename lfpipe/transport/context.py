@@ -10,6 +10,7 @@ import zmq
 
 from lfpipe import config as config_module
 from lfpipe.config import SessionOptions
+from lfpipe.host.processes import usable_cores
 from lfpipe.host.wake import Wake, readable
 from lfpipe.transport import control, status
 from lfpipe.transport.clock import MS_NS, now_ns
@@ -32,6 +33,7 @@ class Context:
         self.options = spec.options
         self.stopping = False
         self.paused = False
+        self.cores = usable_cores()  # of the session: this is before the stage moves to its own
         self.news = True  # a message arrived since the last call of `commands`: a stage without news need not look
         self._inputs: list[RingInput] = []
         self._open: list[RingInput | RingOutput] = []  # kept until the end: mappings must outlive their views

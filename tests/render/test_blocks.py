@@ -23,10 +23,11 @@ def through(plane: NDArray[np.uint8], dx: NDArray[np.float32], dy: NDArray[np.fl
     x, y = x + dx, y + dy
     drawn, again = (np.empty((*x.shape, 4), np.uint8) for _ in range(2))
     out, banded = (np.full(plane.shape, 99, np.uint8) for _ in range(2))
-    subject.sample(plane, x, subject.reach(y), drawn)
+    most_px = float(np.abs(dy).max())
+    subject.sample(plane, x, subject.reach(slice(0, len(y)), y, most_px), drawn)
     subject.pixels(drawn, out)
     for band in bands_of(len(y), 3, 1):  # of one row each
-        subject.sample(plane, x[band], subject.reach(y[band]), again[band])
+        subject.sample(plane, x[band], subject.reach(band, y[band], most_px), again[band])
         subject.pixels(again[band], banded[2 * band.start : 2 * band.stop])
     np.testing.assert_array_equal(again, drawn)
     np.testing.assert_array_equal(banded, out)

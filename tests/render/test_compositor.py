@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import attrs
@@ -248,6 +249,16 @@ def test_a_viewer_of_whom_the_tracker_says_anything(rows: int, cols: int, alpha_
     look = viewer.viewpoints(EyesRecord.of(record), 10**10, 10**10)  # seen well again, later: nothing of that is left
     if cols > 1 and alpha_px != 1e9:
         assert look.left[1] < look.right[1]
+
+
+@pytest.mark.parametrize("method", ["nearest", "warp2", "best"])
+def test_two_threads_draw_the_same_picture(method: str) -> None:
+    field, how = rendered.field(2, 3, 130, 94), render(method=method, anaglyph="dubois")
+    with ThreadPoolExecutor(1) as helper:
+        one, two = Compositor(field, how), Compositor(field, how, helper)
+        for place in np.random.default_rng(1).uniform(0, 2, (8, 3)).tolist():
+            left, right = (place[0], place[1]), (place[0], place[2])
+            np.testing.assert_array_equal(one.compose(left, right), two.compose(left, right))
 
 
 def test_built_planes_are_bounded() -> None:
