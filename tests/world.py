@@ -15,6 +15,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import zmq
 
 from lfpipe.transport import control, segment
 
@@ -54,13 +55,13 @@ class World:
         self.env = {**clean, **own}
         self.name = f"t{secrets.token_hex(4)}"
         self.trace = root / "trace.jsonl"
-        self._running: list[subprocess.Popen[str]] = []
+        self.running: list[subprocess.Popen[str]] = []
 
     def start(self, *args: str | Path, **more: Any) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", self.module, *map(str, args)]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": self.root, "env": self.env}
         process = subprocess.Popen(command, **{**pipes, **more})
-        self._running.append(process)
+        self.running.append(process)
         return process
 
     def run(self, *args: str | Path, timeout_s: float = 60) -> subprocess.CompletedProcess[str]:
@@ -82,11 +83,33 @@ class World:
             if found := condition():
                 return found
             time.sleep(0.02)
-        dead = [(p.returncode, *p.communicate()) for p in self._running if p.poll() is not None]
+        dead = [(p.returncode, *p.communicate()) for p in self.running if p.poll() is not None]
         raise AssertionError(f"no {what} within {timeout_s} s; ended processes: {dead}")
 
     def pictures(self, more_than: int = 0) -> list[dict[str, Any]]:
         return self.wait_for(lambda: lines if len(lines := self.lines()) > more_than else None, f"picture {more_than + 1}")
+
+    @contextmanager
+    def tap(self) -> Iterator[Callable[[str], list[dict[str, Any]]]]:
+        """What the session publishes from now on, by topic."""
+        run_dir = next(self.run_dir.glob("lfpipe-*"))
+        messages: list[dict[str, Any]] = []
+        with control.context() as ctx, ctx.socket(zmq.SUB) as tap, ctx.socket(zmq.PUSH) as bus:
+            tap.subscribe(b"")
+            control.connect(tap, run_dir, "tap")
+            control.connect(bus, run_dir, "bus")
+
+            def heard(topic: str) -> list[dict[str, Any]]:
+                while tap.poll(0):
+                    messages.append(control.decode(tap.recv()))
+                return [message for message in messages if message["topic"] == topic]
+
+            def echo() -> object:
+                bus.send(control.encode({"topic": "echo"}), zmq.NOBLOCK)
+                return tap.poll(20)
+
+            self.wait_for(echo, "subscription")
+            yield heard
 
     def monitor(self) -> dict[str, Any]:
         """The figures that `lfpipe monitor --once --json` prints, without a process for them."""
@@ -102,7 +125,7 @@ class World:
         return sorted(name for name, owner in segment.owned().items() if owner.is_relative_to(self.root) and f"-{part}" in name)
 
     def end(self) -> None:
-        for process in self._running:
+        for process in self.running:
             if process.poll() is None:
                 process.kill()
             process.communicate()

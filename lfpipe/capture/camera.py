@@ -18,7 +18,7 @@ from lfpipe.capture.pixel_formats import CHEAPEST, DECODED, JPEGS, SMALL_PX, Fra
 from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device
 from lfpipe.capture.v4l2_stream import RawFrame, V4L2Stream
 from lfpipe.errors import UserError
-from lfpipe.transport.stamp_kind import StampKind
+from lfpipe.transport.ring import StampKind
 
 __all__ = ["CameraFinder", "CameraSource", "check_camera", "open_camera", "trouble"]
 

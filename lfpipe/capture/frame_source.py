@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_note
-from lfpipe.transport.stamp_kind import StampKind
+from lfpipe.transport.ring import StampKind
 
 _TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 NO_MEMORY = -4  # cv::Error::StsNoMem

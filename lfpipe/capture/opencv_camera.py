@@ -23,7 +23,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted
 from lfpipe.host.terminal import opencv_logging
 from lfpipe.transport.clock import now_ns
-from lfpipe.transport.stamp_kind import StampKind
+from lfpipe.transport.ring import StampKind
 
 T = TypeVar("T")
 _HELP = "close the program that uses it, and allow cameras in the system's privacy settings"

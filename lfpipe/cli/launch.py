@@ -30,7 +30,7 @@ from lfpipe.scene.recent_scenes import remember_scene
 from lfpipe.share.target import check_targets
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.live_session import Outcome
-from lfpipe.supervisor.supervisor import Supervisor
+from lfpipe.supervisor.supervisor import run_session
 from lfpipe.track import models
 from lfpipe.transport.session import Session, default_name
 
@@ -100,7 +100,7 @@ def _run(session: Session, plan: SessionPlan) -> int:
     with contextlib.ExitStack() as steps:
         if plan.packing is not None:
             steps.callback(plan.packing.close)
-        outcome = Supervisor(session, plan.config, plan.options, say, plan.packing).run(plan.duration_s)
+        outcome = run_session(session, plan.config, plan.options, say, plan.duration_s, plan.packing)
     print_state(outcome.final)
     for path in filter(exists, plan.files):
         click.echo(f"{path.stat().st_size / 1e6:8.2f} MB  {path}")

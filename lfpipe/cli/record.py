@@ -24,7 +24,7 @@ def record(
     from lfpipe.cli.launch import exit_code, say
     from lfpipe.config.user_files import with_measured_focal
     from lfpipe.sequence.folder import check_out
-    from lfpipe.supervisor.supervisor import Supervisor
+    from lfpipe.supervisor.supervisor import run_session
     from lfpipe.transport.session import Session
 
     config = config_module.load(config_file, sets)
@@ -32,5 +32,5 @@ def record(
     config = with_measured_focal(config, camera_name(source.text))
     check_out(out)
     options = attrs.evolve(source.options, tracking=with_eyes, show=False, record=str(out.resolve()), record_eyes=with_eyes)
-    outcome = Supervisor(Session(f"record.{os.getpid()}"), config, options, say).run(duration_s)
+    outcome = run_session(Session(f"record.{os.getpid()}"), config, options, say, duration_s)
     return exit_code(outcome)

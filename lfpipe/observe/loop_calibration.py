@@ -19,7 +19,7 @@ from lfpipe.render.monitors import Monitor
 from lfpipe.render.overlay import Overlay
 from lfpipe.render.refresh import ScreenClock
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns, sleep_until
-from lfpipe.transport.stamp_kind import StampKind
+from lfpipe.transport.ring import StampKind
 
 WINDOW_PX = (1600, 900)  # limited by the screen
 HOLDS = (3, 6)  # of a level, in refreshes at about STEP_HZ, inclusive

@@ -25,8 +25,7 @@ from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, Waitin
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer
 from lfpipe.transport.clock import MS_NS, now_ns, sleep_until
 from lfpipe.transport.context import Context
-from lfpipe.transport.ring import Stamp
-from lfpipe.transport.stamp_kind import StampKind
+from lfpipe.transport.ring import Stamp, StampKind
 
 if TYPE_CHECKING:
     from lfpipe.render.replay_writer import ReplayWriter

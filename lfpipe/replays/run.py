@@ -130,7 +130,7 @@ def replay(
     ReplayFailed if a stage fails.
     """
     from lfpipe.supervisor.live_session import SOURCE_ENDED
-    from lfpipe.supervisor.supervisor import Supervisor
+    from lfpipe.supervisor.supervisor import run_session
     from lfpipe.transport.session import Session
 
     steady = pace in STEADY
@@ -147,7 +147,7 @@ def replay(
         replay=output if steady else None,
         eyes=str(sequence.path.resolve()) if sequence.holds_eyes else "",
     )
-    outcome = Supervisor(Session(f"replay.{os.getpid()}"), config, options, tell).run()
+    outcome = run_session(Session(f"replay.{os.getpid()}"), config, options, tell)
     if outcome.user_error:
         raise UserError(outcome.failure or outcome.reason, outcome.remedy)
     if outcome.failure or outcome.reason != SOURCE_ENDED:

@@ -3,13 +3,15 @@
 No request or message can end the session: an unexpected exception is answered as an internal error, and its stack is logged.
 """
 
+from __future__ import annotations
+
 import contextlib
 import logging
 import traceback
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import zmq
@@ -18,17 +20,18 @@ from lfpipe.config import SceneSummary
 from lfpipe.errors import UserError
 from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import Packing
-from lfpipe.supervisor.connection_limit import ConnectionLimit
-from lfpipe.supervisor.file_check import FileCheck
-from lfpipe.supervisor.file_requests import FileRequest, FileRequests
+from lfpipe.supervisor.file_requests import FileCheck, FileRequest, FileRequests
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY
 from lfpipe.supervisor.requests import Reply, respond, respond_checked
+from lfpipe.supervisor.server_limits import ConnectionLimit, ThrottledSocket
 from lfpipe.supervisor.session_store import SessionStore
-from lfpipe.supervisor.throttled_socket import ThrottledSocket
 from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.control import BadMessage
 from lfpipe.transport.session import Session
+
+if TYPE_CHECKING:
+    from lfpipe.supervisor.live_session import LiveSession
 
 logger = logging.getLogger(__name__)
 APPLY_NS = SECOND_NS  # time limit for the stages to apply a change before the answer
@@ -50,29 +53,15 @@ class _Waiting:
 
 
 class ControlServer:
-    """ctl, bus and tap of a session, bound in its run directory.
+    """ctl, bus and tap of a session, bound in its run directory. live: the session itself. Raises UserError if a socket cannot be
+    bound."""
 
-    applied: whether every stage has applied a revision. stages: returns the figures of the stages. stop: ends the session.
-    hear: receives telemetry. log: receives lines for people. Raises UserError if a socket cannot be bound.
-    """
-
-    def __init__(
-        self,
-        ctx: zmq.Context[zmq.Socket[bytes]],
-        session: Session,
-        store: SessionStore,
-        applied: Callable[[int], bool],
-        stages: Callable[[], dict[str, Any]],
-        stop: Callable[[], None],
-        hear: Callable[[dict[str, Any]], None],
-        log: Callable[[str], None],
-    ) -> None:
-        self._store, self._applied, self._stages = store, applied, stages
-        self._stop, self._hear, self._log = stop, hear, log
+    def __init__(self, ctx: zmq.Context[zmq.Socket[bytes]], session: Session, store: SessionStore, live: LiveSession) -> None:
+        self._store, self._live = store, live
         self._ctl, self._bus, self._tap = (ctx.socket(kind) for kind in (zmq.ROUTER, zmq.PULL, zmq.XPUB))
         self._ctl.setsockopt(zmq.ROUTER_HANDOVER, 1)  # a restarted stage reconnects under its old name
         named = {"ctl": self._ctl, "bus": self._bus, "tap": self._tap}
-        self._connections = ConnectionLimit(named.values(), log)
+        self._connections = ConnectionLimit(named.values(), live.log)
         for name, socket in named.items():
             control.limit(socket)
             control.bind(socket, session.run_dir, name)
@@ -183,14 +172,14 @@ class ControlServer:
         except UserError as error:
             answer = {"ok": False, "error": error.message, "remedy": error.remedy}
         except Exception:
-            self._log(f"internal error while handling a message; the session continues\n{traceback.format_exc()}")
+            self._live.log(f"internal error while handling a message; the session continues\n{traceback.format_exc()}")
             answer = INTERNAL
         else:
             return
         logger.info("refused: %s", answer["error"])
         if client is not None:
             if client.decode(errors="replace") in NAMES:  # a stage does not read answers: log it for the user
-                self._log(f"{answer['error']}{' (' + str(answer['remedy']) + ')' if answer.get('remedy') else ''}")
+                self._live.log(f"{answer['error']}{' (' + str(answer['remedy']) + ')' if answer.get('remedy') else ''}")
             self._answer(client, answer)
 
     def _take(self, client: bytes, parts: list[bytes], connection: int) -> None:
@@ -220,7 +209,7 @@ class ControlServer:
         if reply.check is not None:
             self._begin(client, message, reply.check, connection)
             return
-        answer = {"ok": True, **reply.answer, **(self._stages() if reply.with_stages else {})}
+        answer = {"ok": True, **reply.answer, **(self._live.snapshot() if reply.with_stages else {})}
         if reply.broadcast is not None:
             self.broadcast(control.encode(reply.broadcast))
         rev = self._store.state.rev
@@ -231,13 +220,13 @@ class ControlServer:
                 return
         self._answer(client, answer)
         if reply.stop:
-            self._stop()
+            self._live.stop()
 
     def _answer_applied(self) -> None:
         """Answers the clients whose change has been applied, or has taken too long."""
         while self._waiting:
             waiting = self._waiting[0]
-            done = self._applied(waiting.rev)
+            done = self._live.applied(waiting.rev)
             if not done and now_ns() <= waiting.until_ns:
                 return
             self._waiting.popleft()
@@ -258,7 +247,7 @@ class ControlServer:
         with contextlib.suppress(BadMessage):
             message = control.decode(parts[0])
             self._tap.send(parts[0], zmq.NOBLOCK)
-            self._hear(message)
+            self._live.report(message)
 
 
 def _shortened(value: object) -> object:

@@ -6,18 +6,9 @@
 from pathlib import Path
 from typing import Any
 
-from lfpipe.errors import UserError
-from lfpipe.host.worker import Report, Worker, serve
+from lfpipe.host.worker import Report, serve
 
 MEMORY_BYTES = 1 << 30  # the libraries of a recording reserve 300 MB when they are imported
-LIMIT_S = 10.0
-
-
-class FileCheck(Worker):
-    """The child at work on a request."""
-
-    def __init__(self, request: dict[str, Any]) -> None:
-        super().__init__("lfpipe.supervisor.file_check", request, request["path"], LIMIT_S)
 
 
 def check(request: dict[str, Any], _report: Report) -> dict[str, Any]:
@@ -34,11 +25,9 @@ def check(request: dict[str, Any], _report: Report) -> dict[str, Any]:
 
         check_out(Path(request["path"]))
         return {}
-    if request["check"] == "share":
-        from lfpipe.share.target import check_targets
+    from lfpipe.share.target import check_targets
 
-        return {"targets": list(check_targets(request["targets"], request["running"]))}
-    raise UserError(f"no check {request['check']!r}")
+    return {"targets": list(check_targets(request["targets"], request["running"]))}
 
 
 if __name__ == "__main__":

@@ -14,6 +14,14 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 logger = logging.getLogger(__name__)
 STEP_NS = SECOND_NS // 5  # between two reports of progress
 MAX_NAME_CHARS = 200
+CHECK_S = 10.0  # time limit of a check
+
+
+class FileCheck(Worker):
+    """A child that checks paths and hosts; a dead network drive or name server blocks only that."""
+
+    def __init__(self, request: dict[str, Any]) -> None:
+        super().__init__("lfpipe.supervisor.file_check", request, request["path"], CHECK_S)
 
 
 @attrs.define(eq=False)
@@ -29,22 +37,21 @@ class FileRequest:
     _report_ns: int = 0
     _step: str = ""
 
-    def news(self) -> dict[str, Any] | None:
-        """The packer's progress for those who look at the session, a few times a second; None if there is none to report."""
+    def progress(self) -> dict[str, Any] | None:
+        """The packer's step for those who look at the session, a few times a second; None if there is nothing to report."""
         worker, t_ns = self.worker, now_ns()
         if not isinstance(worker, Packing) or worker.step == self._step or t_ns < self._report_ns:
             return None
         self._step, self._report_ns = worker.step, t_ns + STEP_NS
-        return {"scene": self._name, "step": worker.step, "share": worker.share, "shown": self.shown}
+        return self._message(worker.step, worker.share)
 
     def end(self) -> dict[str, Any] | None:
         """Ends the child; returns the last progress, if there was any."""
         self.worker.close()
-        return {"scene": self._name, "step": "", "share": 1.0, "shown": self.shown} if self._step else None
+        return self._message("", 1.0) if self._step else None
 
-    @property
-    def _name(self) -> str:
-        return Path(self.worker.subject).name[:MAX_NAME_CHARS]
+    def _message(self, step: str, share: float) -> dict[str, Any]:
+        return {"scene": Path(self.worker.subject).name[:MAX_NAME_CHARS], "step": step, "share": share, "shown": self.shown}
 
 
 class FileRequests:
@@ -78,8 +85,8 @@ class FileRequests:
         for request in list(self._running):
             worker = request.worker
             worker.read()
-            if (news := request.news()) is not None:
-                self._report(news)
+            if (progress := request.progress()) is not None:
+                self._report(progress)
             if worker.done or (isinstance(worker, Packing) and worker.views is not None and not request.shown):
                 yield request
 

@@ -1,13 +1,21 @@
-"""Decides when to lower and raise the quality, from measured load alone. Uses no process, clock or file.
+"""Decides when to lower and raise the quality, from the load of the stages alone. Uses no process, clock or file.
 
 A stage lags if it misses more than a tenth of what was due, or works nearly all the time. It has room if it misses nothing and
 works little. Half a second of lag lowers the quality by one level; five seconds of room raise it. A level that is restored and
 lost again at once is tried less and less often.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import QualityLevel
+from lfpipe.supervisor.process_table import CORE, DOES, SHOWN_BY
+from lfpipe.supervisor.session_state import SessionState
+from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.status import State
 
 LAG_S, ROOM_S = 0.5, 5.0
 LONGEST_S = 300.0  # longest wait before a higher level is tried
@@ -18,6 +26,10 @@ HICCUP_S = 0.25  # limit of one sample: a process that was stopped or starved on
 SPOILT = 5.0  # s of room that one second without room cancels
 SILENT_S = 1.0  # after this time without output, it is unknown whether a stage has room
 GAP_S = 1.0  # between two samples: the machine or the supervisor was suspended
+SAMPLE_NS = SECOND_NS // 10
+SETTLE_NS = SECOND_NS  # after a start: caches are cold, and the first pictures are late
+
+Rows = Mapping[str, NDArray[np.void]]
 
 
 @attrs.frozen
@@ -37,6 +49,16 @@ class Step:
     stage: str = ""
     load: Load = Load(0, 0, 0)
     span_s: float = 0.0
+
+    @property
+    def reason(self) -> str:
+        """Why the level changed, for people."""
+        if not self.stage:
+            return "CPU is free again"
+        load = self.load
+        if load.missed:
+            return f"{self.stage} missed {load.missed} of {load.done + load.missed} in {self.span_s:.1f} s"
+        return f"{self.stage} is busy {100 * load.busy_ns / 1e9 / max(self.span_s, 1e-9):.0f} % of its time"
 
 
 @attrs.define
@@ -73,17 +95,12 @@ class _Stage:
 
 
 class Governor:
-    """The level of a session. relieves: for each level from 1 on, the stages that it relieves.
+    """The level of a session. relieves: for each level from 1 on, the stages that it relieves."""
 
-    The other parameters default to the module's constants; tests use shorter ones.
-    """
-
-    def __init__(
-        self, relieves: Sequence[frozenset[str]], lag_s: float = LAG_S, room_s: float = ROOM_S, longest_s: float = LONGEST_S
-    ) -> None:
+    def __init__(self, relieves: Sequence[frozenset[str]]) -> None:
         self.level = 0
-        self._relieves, self._lag_s, self._least_s, self._longest_s = tuple(relieves), lag_s, room_s, longest_s
-        self._hold_s = room_s  # room required to raise the level
+        self._relieves = tuple(relieves)
+        self._hold_s = ROOM_S  # room required to raise the level
         self._raised_ns: int | None = None
         self._t_ns: int | None = None
         self._room_s = 0.0
@@ -110,7 +127,7 @@ class Governor:
         if self.level < len(self._relieves):
             lagging = [name for name in self._relieves[self.level] if name in self._stages]
             worst = max(lagging, key=lambda name: self._stages[name].lag_s, default="")
-            if worst and self._stages[worst].lag_s >= self._lag_s:
+            if worst and self._stages[worst].lag_s >= LAG_S:
                 return self._down(t_ns, worst)
         if self.level and self._room_s >= self._hold_s:
             return self._up(t_ns)
@@ -119,7 +136,7 @@ class Governor:
     def _down(self, t_ns: int, name: str) -> Step:
         stage = self._stages[name]
         failed = self._raised_ns is not None and (t_ns - self._raised_ns) / 1e9 < 2 * self._hold_s
-        self._hold_s = min(2 * self._hold_s, self._longest_s) if failed else self._least_s
+        self._hold_s = min(2 * self._hold_s, LONGEST_S) if failed else ROOM_S
         self._raised_ns = None
         self.level += 1
         step = Step(self.level, name, Load(stage.done, stage.missed, stage.spent_ns), stage.span_s)
@@ -133,3 +150,52 @@ class Governor:
         self._stages.clear()
         self._room_s = 0.0
         return Step(self.level)
+
+
+class QualityControl:
+    """Decides the level. cores: stage -> cores it may run on, empty for all."""
+
+    def __init__(self, cores: Callable[[str], tuple[int, ...]]) -> None:
+        self._cores = cores
+        self._levels: tuple[QualityLevel, ...] = ()
+        self._before: dict[str, tuple[int, int, int]] = {}
+        self._due_ns = self._settled_ns = 0
+
+    def sample(self, state: SessionState, rows: Rows, t_ns: int) -> Step | None:
+        """Reads the table, at most every SAMPLE_NS; returns the resulting change of level, if any."""
+        if state.levels != self._levels:
+            self._begin(state.levels)
+        if len(self._levels) == 1 or t_ns < self._due_ns:
+            return None
+        self._due_ns = t_ns + SAMPLE_NS
+        used = {name: rows[name] for name in CORE if rows[name]["state"] not in (State.NONE, State.FINISHED)}
+        if any(row["state"] != State.RUNNING for row in used.values()):
+            self._settled_ns = t_ns + SETTLE_NS
+        if t_ns < self._settled_ns:
+            self._governor.forget()
+            self._before.clear()
+            return None
+        on_camera = state.config.render.clock == "camera" and state.options.tracking
+        counts = {name: _counts(row, name == SHOWN_BY and not on_camera) for name, row in used.items()}
+        before, self._before = self._before, counts
+        loads = {name: Load(*np.subtract(now, before.get(name, now)).tolist()) for name, now in counts.items()}
+        return self._governor.update(t_ns, loads)
+
+    def _begin(self, levels: tuple[QualityLevel, ...]) -> None:
+        """Replaces the levels, and starts at full quality."""
+        self._levels = levels
+        helped = [self._relieved(DOES[level.work]) for level in levels[1:]]
+        # Levels are lowered in order: a stage that only a later level relieves needs the earlier ones too.
+        self._governor = Governor([frozenset[str]().union(*helped[number:]) for number in range(len(helped))])
+
+    def _relieved(self, stage: str) -> frozenset[str]:
+        """The stages that run faster if `stage` has less work: those that may share a core with it."""
+        cores = {name: set(self._cores(name)) for name in CORE}
+        alone = [name for name, of in cores.items() if of and cores[stage] and not of & cores[stage]]
+        return frozenset(CORE).difference(alone)
+
+
+def _counts(row: NDArray[np.void], on_display: bool) -> tuple[int, int, int]:
+    """Completed outputs, missed outputs, ns of work, so far. For a display's clock, only refreshes count as missed, not the eyes
+    skipped between two refreshes."""
+    return int(row["seq"]), int(row["missed" if on_display else "drops"]), int(row["busy_ns"])

@@ -8,31 +8,27 @@ import json
 import logging
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
-from types import TracebackType
-from typing import Any, Self
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import attrs
 import zmq
 
 from lfpipe import __version__
-from lfpipe.host.processes import sentinels
+from lfpipe.host.processes import sentinels, usable_cores
 from lfpipe.scene.open_scene import Packing
-from lfpipe.supervisor import child
-from lfpipe.supervisor.config_rollback import ConfigRollback
+from lfpipe.supervisor import child, process_table
 from lfpipe.supervisor.control_server import ControlServer
-from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage, consumers
-from lfpipe.supervisor.quality_control import QualityControl, reason
-from lfpipe.supervisor.session_memory import SessionMemory
-from lfpipe.supervisor.session_state import SessionState
-from lfpipe.supervisor.session_store import SessionStore
-from lfpipe.supervisor.snapshot import snapshot
-from lfpipe.supervisor.stage_process import MAX_FAILURES, MAX_RESTARTS_WINDOW_S
-from lfpipe.supervisor.stage_processes import Ended, StageProcesses
+from lfpipe.supervisor.governor import QualityControl
+from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
+from lfpipe.supervisor.session_state import ConfigRollback, SessionState
+from lfpipe.supervisor.session_store import SessionMemory, SessionStore
+from lfpipe.supervisor.snapshot import snapshot as take_snapshot
+from lfpipe.supervisor.stage_process import MAX_FAILURES, MAX_RESTARTS_WINDOW_S, StageProcess, StageProcesses
 from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
+from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
-from lfpipe.transport.stage_spec import StageSpec
 
 TICK_MS = 100
 SOURCE_ENDED = "the source has ended"
@@ -51,30 +47,8 @@ class Outcome:
     final: dict[str, Any] = attrs.field(factory=dict)
 
 
-class Reports:
-    """What stages report to people, without what they have just said. log: receives lines."""
-
-    def __init__(self, log: Callable[[str], None]) -> None:
-        self._log = log
-        self._parallax: list[str] = []  # last reported
-
-    def hear(self, message: dict[str, Any]) -> None:
-        """Logs a message of telemetry, if it is for people."""
-        if message.get("topic") in ("source", "notice", "parallax"):
-            notes = message.get("notes")
-            for text in notes if isinstance(notes, list) and notes else [message.get("text")]:
-                if isinstance(text, str) and (text := self._new_lines(text) if message["topic"] == "parallax" else text):
-                    self._log(text)
-
-    def _new_lines(self, parallax: str) -> str:
-        """The changed lines only: a key that changes alpha changes one line of six."""
-        lines, before = parallax.splitlines(), self._parallax
-        self._parallax = lines
-        return "\n".join(line for line in lines if line not in before)
-
-
 class LiveSession:
-    """A context; its end stops the stages and removes the memory. stages: its processes.
+    """One session. stages: its processes.
 
     Raises UserError, OSError, zmq.ZMQError if it cannot begin; then nothing is left behind.
     """
@@ -84,40 +58,37 @@ class LiveSession:
         ctx: zmq.Context[zmq.Socket[bytes]],
         session: Session,
         state: SessionState,
-        cpus: Mapping[str, tuple[int, ...]],
-        nice: Mapping[str, int],
         tell: Callable[[str], None],
         packing: Packing | None = None,
     ) -> None:
-        self._session, self._cpus, self._nice, self._tell = session, cpus, nice, tell
+        governor = state.config.governor
+        where = "none" if state.options.lossless and governor.affinity == "auto" else governor.affinity
+        self._cpus, self._nice = process_table.cores(where, usable_cores()), process_table.niceness(governor.nice)
+        self._session, self._tell = session, tell
         self._outcome: Outcome | None = None
         self._rollback = ConfigRollback()
-        self._told_busy = False
-        self._quality = QualityControl(lambda name: cpus.get(name, ()))
+        self._busy_told = False
+        self._parallax: list[str] = []  # last reported
+        self._quality = QualityControl(lambda name: self._cpus.get(name, ()))
         with contextlib.ExitStack() as steps:  # each step runs, even if another one raises
             self._memory = SessionMemory(session, state.config)
             steps.callback(self._memory.remove)
             self._store = SessionStore(session, state)
             steps.callback(self._store.close)
-            self._store.begin()
             self._show_level()
             self._started_ns = now_ns()
             self._write_about()
             self.stages = StageProcesses(session, self._memory.table, self._spec, self._ask_to_stop)
-            self._server = ControlServer(
-                ctx, session, self._store, self._applied, self._snapshot, self._stop, Reports(self._log).hear, self._log
-            )
+            self._server = ControlServer(ctx, session, self._store, self)
             steps.callback(self._server.close)
             if packing is not None:
                 self._server.follow(packing)
             steps.callback(self.stages.close)
-            steps.callback(self.stages.stop, self._log)  # returns at once if they have ended
+            steps.callback(self.stages.stop, self.log)  # returns at once if they have ended
             self._end_steps = steps.pop_all()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def close(self) -> None:
+        """Stops the stages and removes the memory."""
         self._end_steps.close()
 
     def loop(self, duration_s: float | None, signals: Sequence[int], lost: Callable[[], str]) -> Outcome:
@@ -125,15 +96,15 @@ class LiveSession:
         end_ns: int | None = None
         while self._outcome is None:
             end_ns = self._step(duration_s, end_ns)
-            if what := lost():
+            if why := lost():
                 remedy = "set XDG_RUNTIME_DIR to a directory that no program cleans"
-                self._end(Outcome("its run directory was removed", what, remedy))
+                self._end(Outcome("its run directory was removed", why, remedy))
             if signals:
                 self._end(Outcome("interrupted"))
             elif end_ns is not None and now_ns() >= end_ns:
                 self._end(Outcome("finished (--duration reached)"))
-        self._outcome.final = self._snapshot()
-        self.stages.stop(self._log)
+        self._outcome.final = self.snapshot()
+        self.stages.stop(self.log)
         outcome = self._checked(self._outcome)
         self._server.serve()  # final messages of the stages
         return outcome
@@ -152,8 +123,8 @@ class LiveSession:
         tick_ms = server.wait_ms(TICK_MS)
         poller.poll(tick_ms if end_ns is None else max(0, min(tick_ms, (end_ns - now_ns()) // MS_NS + 1)))
         server.serve()
-        for ended in stages.judge(self._log):
-            self._failed(ended)
+        for process, code in stages.judge(self.log):
+            self._failed(process, code)
         self._follow_up()
         server.flush()
         self._show_level()
@@ -164,24 +135,13 @@ class LiveSession:
             self._end(Outcome(why, why, "see the messages above"))
         return end_ns
 
-    def _log(self, text: str) -> None:
-        """For people, and for the log."""
-        logger.info(text)
-        self._tell(text)
-
     def _write_about(self) -> None:
         options = self._state.options.to_dict()
-        about = {
-            "session": self._session.name,
-            "segments": self._session.segment(""),
-            "started_ns": self._started_ns,
-            "started": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-            "pid": os.getpid(),
-            "options": options,
-        }
+        names = {"session": self._session.name, "segments": self._session.segment(""), "pid": os.getpid()}
+        times = {"started_ns": self._started_ns, "started": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
         logger.info("session %s begins: lfpipe %s, pid %d", self._session.name, __version__, os.getpid())
         logger.info("options: %s", {key: value for key, value in options.items() if value and key != "kiosk"})
-        (self._session.run_dir / "session.json").write_text(json.dumps(about))
+        (self._session.run_dir / "session.json").write_text(json.dumps({**names, **times, "options": options}))
 
     @property
     def _state(self) -> SessionState:
@@ -196,7 +156,7 @@ class LiveSession:
             config=state.config,
             rev=state.rev,
             options=state.options,
-            consumers=consumers(),
+            consumers=process_table.consumers(),
             others=tuple(other.name for other in STAGES if other is not stage and other.needed(state.options)),
             source=SOURCE,
             cpus=self._cpus.get(stage.name, ()),
@@ -206,7 +166,7 @@ class LiveSession:
     def _follow_up(self) -> None:
         """Changes of state without a request: a change has proved good, a lease has expired, the load requires another level."""
         state, t_ns = self._state, now_ns()
-        state = self._rollback.watch(state, self._applied(state.rev), self.stages.outputs(state.options), t_ns)
+        state = self._rollback.watch(state, self.applied(state.rev), self.stages.outputs(state.options), t_ns)
         if state.options.pictures and t_ns > state.pictures_until_ns:
             state = state.without_pictures()
         step = self._quality.sample(state, self._memory.table.rows, t_ns)
@@ -215,24 +175,21 @@ class LiveSession:
         if state is not self._state:
             self._store.apply(state)
         if step is not None:
-            level, lowest, why = state.level, len(state.levels) - 1, reason(step)
+            level, lowest, why = state.level, len(state.levels) - 1, step.reason
             self._server.publish("level", level=level.number, lowest=lowest, words=level.words, stage=step.stage, why=why)
             way = f"{'lowered' if step.stage else 'raised'} to {level.words} (level {level.number} of {lowest})"
             logger.info("quality %s: %s", way if level.number else "restored", why)
-            if level.number and not self._told_busy:
-                self._told_busy = True
-                self._log("busy computer: simpler picture for now (`lfpipe monitor` shows how and why)")
+            if level.number and not self._busy_told:
+                self._busy_told = True
+                self.log("busy computer: simpler picture for now (`lfpipe monitor` shows how and why)")
 
     def _end(self, outcome: Outcome) -> None:
         """Records the outcome; only the first one counts."""
         self._outcome = self._outcome or outcome
 
-    def _stop(self) -> None:
-        self._end(Outcome("stopped by command"))
-
-    def _failed(self, ended: Ended) -> None:
+    def _failed(self, process: StageProcess, code: int) -> None:
         """Rolls back, ends the session, or leaves the stage to be restarted."""
-        process, code, state = ended.process, ended.code, self._state
+        state = self._state
         name, row = process.stage.name, process.row
         died_of = process.died_of() if code == child.EXIT_USER else None
         if self._rollback.to_blame(state, code, int(row["config_rev"]) >= state.rev):
@@ -244,29 +201,24 @@ class LiveSession:
             return
         phase = "RUNNING" if row["ready_ns"] else "STARTING"
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        said = f": {died_of[0]}" if died_of else ""
+        why = f": {died_of[0]}" if died_of else ""
         last = int(row["source_seq"])
         self._server.publish("failed", stage=name, code=code, phase=phase, source_seq=last)
         if not process.failed():
-            self._log(f"{name} ended with {how} in {phase}{said}; restarting")
+            self.log(f"{name} ended with {how} in {phase}{why}; restarting")
             return
         stack = process.last_stack()
         many = f"{name} failed {MAX_FAILURES} times in {MAX_RESTARTS_WINDOW_S:.0f} s"
-        self._end(
-            Outcome(
-                many,
-                f"{many}, last in {phase} with {how}{said}, "
-                f"after source_seq {last}" + (f"; its last stack:\n{stack}" if stack else "; it left no stack"),
-                "see the messages above; `lfpipe doctor` checks the machine",
-            )
-        )
+        failure = f"{many}, last in {phase} with {how}{why}, after source_seq {last}; "
+        failure += f"its last stack:\n{stack}" if stack else "it left no stack"
+        self._end(Outcome(many, failure, "see the messages above; `lfpipe doctor` checks the machine"))
 
     def _roll_back(self, name: str, why: str) -> None:
         """Undoes the newest change. This does not count as a failure of the stage: `ctl set` must not end a session."""
         self._store.apply(self._state.rolled_back())
         self._server.refuse_waiting(why)
         self._server.publish("refused", stage=name, why=why)
-        self._log(f"the last change is rolled back: {why}")
+        self.log(f"the last change is rolled back: {why}")
 
     def _checked(self, outcome: Outcome) -> Outcome:
         """An output that ended early is a failure; in a lossless session also one that a stage could not write at its end."""
@@ -280,16 +232,42 @@ class LiveSession:
             outcome.remedy = "see the messages above; make room on the disk, or name files on another one"
         return outcome
 
-    def _snapshot(self) -> dict[str, Any]:
-        return snapshot(self._session.name, self._memory.table, self._started_ns)
+    # What the control server asks of the session.
 
-    def _applied(self, rev: int) -> bool:
+    def snapshot(self) -> dict[str, Any]:
+        """The figures of the stages."""
+        return take_snapshot(self._session.name, self._memory.table, self._started_ns)
+
+    def applied(self, rev: int) -> bool:
+        """Whether every stage has applied revision rev."""
         return self.stages.applied(rev, self._state.options)
+
+    def stop(self) -> None:
+        """Ends the session."""
+        self._end(Outcome("stopped by command"))
+
+    def log(self, text: str) -> None:
+        """For people, and for the log."""
+        logger.info(text)
+        self._tell(text)
+
+    def report(self, message: dict[str, Any]) -> None:
+        """Logs telemetry that is for people. Of parallax only the changed lines: a key that changes alpha changes one line of
+        six."""
+        if message.get("topic") not in ("source", "notice", "parallax"):
+            return
+        notes = message.get("notes")
+        for text in notes if isinstance(notes, list) and notes else [message.get("text")]:
+            if isinstance(text, str) and message["topic"] == "parallax":
+                before, self._parallax = self._parallax, text.splitlines()
+                text = "\n".join(line for line in self._parallax if line not in before)
+            if isinstance(text, str) and text:
+                self.log(text)
 
     def _ask_to_stop(self, name: str) -> None:
         self._server.send(name, control.encode({"cmd": "stop"}))
 
     def _show_level(self) -> None:
         """For monitors, which read the table."""
-        level, shown = self._state.level, self._memory.table.session
-        shown["level"], shown["lowest"], shown["words"] = level.number, len(self._state.levels) - 1, level.words.encode()
+        level, row = self._state.level, self._memory.table.session
+        row["level"], row["lowest"], row["words"] = level.number, len(self._state.levels) - 1, level.words.encode()

@@ -12,7 +12,8 @@ import attrs
 
 from lfpipe import config as config_module
 from lfpipe.config import SceneSummary
-from lfpipe.errors import UserError, shown
+from lfpipe.errors import UserError
+from lfpipe.errors import shown as printable
 from lfpipe.render.geometry import check_geometry
 from lfpipe.share.target import FORMS, MAX_TARGETS
 from lfpipe.supervisor.session_state import SessionState
@@ -49,14 +50,6 @@ def respond(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
     return _HANDLERS[command](state, message, t_ns)
 
 
-def _hello(state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
-    return Reply(state.message())
-
-
-def _status(state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
-    return Reply({"paused": state.paused, "config": config_module.to_dict(state.config)}, with_stages=True)
-
-
 def _set(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     sets = message.get("set")
     if not isinstance(sets, dict) or not sets:
@@ -65,22 +58,6 @@ def _set(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     if state.options.scene:
         check_geometry(config, state.options.scene)
     return Reply({"set": sets}, state.changed(config))
-
-
-def _pause(state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
-    return Reply({"paused": True}, state.changed(paused=True))
-
-
-def _resume(state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
-    return Reply({"paused": False}, state.changed(paused=False))
-
-
-def _recentre(_state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
-    return Reply(broadcast={"cmd": "recentre"})
-
-
-def _stop(_state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
-    return Reply(stop=True)
 
 
 def _pictures(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
@@ -125,34 +102,36 @@ def _place(state: SessionState, message: dict[str, Any]) -> int | None:
     return number
 
 
+def _output(message: dict[str, Any], running: str, what: str, command: str) -> str:
+    """The file or folder to begin, "" to end what is `running`. what: in words. Raises unless exactly one of both is possible."""
+    path = message.get("path")
+    if not isinstance(path, str) or not (_absolute(path) or not path):
+        raise BadMessage(f"{message['cmd']} needs an absolute path, or an empty one to stop")
+    if path and running:
+        raise UserError(f"a {what} to {running} is already running", f"`{command} stop` ends it")
+    if not path and not running:
+        raise UserError(f"no {what} is running", f"`{command} start OUT` starts one")
+    return path
+
+
 def _trace(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     """Starts a timeline to the file `path`; ends the running one if path is empty."""
-    path, running = message.get("path"), state.options.timeline
-    if not isinstance(path, str) or not (_absolute(path) or not path):
-        raise BadMessage("trace needs an absolute path, or an empty one to stop")
-    if path and running:
-        raise UserError(f"a timeline is already being recorded to {running}", "`lfpipe trace stop` ends it")
-    if not path and not running:
-        raise UserError("no timeline is being recorded", "`lfpipe trace start OUT.json` starts one")
-    if path:
+    running = state.options.timeline
+    if path := _output(message, running, "timeline", "lfpipe trace"):
         return Reply(check={"check": "trace", "path": path, "source": state.options.source, "record": state.options.record})
     return Reply({"path": running}, state.changed(timeline=""))
 
 
 def _record(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     """Starts recording the camera to the folder `path`; ends the running recording if path is empty."""
-    path, eyes, running = message.get("path"), message.get("eyes", False), state.options.record
-    if not isinstance(path, str) or not (_absolute(path) or not path) or not isinstance(eyes, bool):
-        raise BadMessage("record needs an absolute path, or an empty one to stop")
-    if path and running:
-        raise UserError(f"a recording to {running} is already running", "`lfpipe ctl record stop` ends it")
-    if not path and not running:
-        raise UserError("no recording is running", "`lfpipe ctl record start OUT` starts one")
-    if path and not state.options.tracking and not state.options.mouse:
+    running = state.options.record
+    if not isinstance(message.get("eyes", False), bool):
+        raise BadMessage("record: eyes is neither true nor false")
+    if not (path := _output(message, running, "recording", "lfpipe ctl record")):
+        return Reply({"path": running}, state.changed(record=""))
+    if not state.options.tracking and not state.options.mouse:
         raise UserError("no camera is in use: the scene is a single view", "`lfpipe record OUT` records without a scene")
-    if path:
-        return Reply(check={"check": "record", "path": path})
-    return Reply({"path": running}, state.changed(record=""))
+    return Reply(check={"check": "record", "path": path})
 
 
 def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
@@ -169,13 +148,13 @@ def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
         if not state.options.tracking and not state.options.mouse:
             raise UserError("no eyes are tracked: the scene is a single view", "use `lfpipe up --no-picture --share TARGET`")
         return Reply(check={"check": "share", "path": ", ".join(start)[:200], "targets": start, "running": list(running)})
-    named = {text: [each for each in running if text in (each, each.partition("?")[0])] for text in texts}
-    if missing := [text for text, found in named.items() if not found]:
-        raise UserError(f"{shown(missing[0])}: not a current target", f"current targets: {', '.join(running) or 'none'}")
+    named = {text: [target for target in running if text in (target, target.partition("?")[0])] for text in texts}
+    if missing := [text for text, targets in named.items() if not targets]:
+        raise UserError(f"{printable(missing[0])}: not a current target", f"current targets: {', '.join(running) or 'none'}")
     if not running:
         raise UserError("nothing is shared", "`lfpipe ctl share start TARGET` starts it")
-    ended = [each for found in named.values() for each in found] or list(running)
-    left = tuple(each for each in running if each not in ended)
+    ended = [target for targets in named.values() for target in targets] or list(running)
+    left = tuple(target for target in running if target not in ended)
     return Reply({"share": list(left)}, state.changed(share=left))
 
 
@@ -204,16 +183,18 @@ def _absolute(path: str) -> bool:
 
 
 _HANDLERS: dict[str, Handler] = {
-    "hello": _hello,
-    "status": _status,
+    "hello": lambda state, _message, _t_ns: Reply(state.message()),
+    "status": lambda state, _message, _t_ns: Reply(
+        {"paused": state.paused, "config": config_module.to_dict(state.config)}, with_stages=True
+    ),
     "set": _set,
-    "pause": _pause,
-    "resume": _resume,
-    "recentre": _recentre,
+    "pause": lambda state, _message, _t_ns: Reply({"paused": True}, state.changed(paused=True)),
+    "resume": lambda state, _message, _t_ns: Reply({"paused": False}, state.changed(paused=False)),
+    "recentre": lambda _state, _message, _t_ns: Reply(broadcast={"cmd": "recentre"}),
     "load": _load,
     "pictures": _pictures,
     "trace": _trace,
     "record": _record,
     "share": _share,
-    "stop": _stop,
+    "stop": lambda _state, _message, _t_ns: Reply(stop=True),
 }

@@ -1,10 +1,12 @@
 """The run directory: one session owns and locks it while it lives. Any process of the user may sweep one without an owner.
 
-A sweep unlinks shared memory only if it belongs to this user and its session is dead (`transport.segment`).
+A lock ends with its process. A sweep unlinks shared memory only if it belongs to this user and its session is dead
+(`transport.segment`).
 """
 
 import contextlib
 import errno
+import os
 import shutil
 import stat
 import time
@@ -16,12 +18,56 @@ import zmq
 from lfpipe.errors import UserError
 from lfpipe.host import file_lock, processes, shared_memory
 from lfpipe.host.file_lock import Lock
-from lfpipe.host.files import is_missing
-from lfpipe.supervisor import run_lock
+from lfpipe.host.files import is_dir, is_missing, user_id
 from lfpipe.transport import control, segment, status
 from lfpipe.transport.session import PREFIX, Session, base_dir
 
+ATTEMPTS, PAUSE_S = 30, 0.01  # to take a lock: a process that sweeps or lists sessions holds one briefly
 ENDING_S = 3.0  # time limit for a session that lost its run directory to end
+
+
+def _is_own_directory(path: Path) -> bool:
+    """Whether path is a directory of this user and not a link: in /tmp, anybody may create one with our name. Raises OSError."""
+    entry = path.lstat()
+    return stat.S_ISDIR(entry.st_mode) and entry.st_uid == user_id()
+
+
+def _make_directory(path: Path) -> None:
+    """Creates path with mode 0700, or sets that mode if it exists. Raises UserError if it is not this user's directory."""
+    while True:
+        try:
+            path.mkdir(mode=0o700)
+            return
+        except FileExistsError:
+            with contextlib.suppress(FileNotFoundError):  # another process has just removed it: create it
+                if not _is_own_directory(path):
+                    raise UserError(f"{path} is not a directory of yours", "remove it, or use another --session name") from None
+                path.chmod(0o700)
+                return
+        except OSError as error:
+            raise UserError(f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory that you may write to") from None
+
+
+def take_lock(path: Path, make: bool = False) -> Lock | None:
+    """Locks the file at path, created if missing; None if another process holds it.
+
+    make: also creates its directory. Otherwise None if that is missing. Raises OSError, and UserError for a directory of another
+    user. A sweep treats an unlocked directory as a dead session's, so a lock is valid only if the file still exists.
+    """
+    while True:
+        if make:
+            _make_directory(path.parent)
+        try:
+            if is_dir(path):
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+            lock = file_lock.take(path)
+        except FileNotFoundError:
+            if make:
+                continue
+            return None
+        if lock is None or lock.in_place():
+            return lock
+        lock.release()
 
 
 def _sessions() -> Iterator[Session]:
@@ -34,7 +80,7 @@ def _sessions() -> Iterator[Session]:
     for name in names:
         with contextlib.suppress(OSError, UserError):  # it has just ended, or it is not the name of a session
             session = Session(name.removeprefix(PREFIX))
-            if run_lock.is_own_directory(base / name):
+            if _is_own_directory(base / name):
                 yield session
 
 
@@ -57,8 +103,11 @@ def acquire(session: Session) -> Lock:
     directory cannot be removed.
     """
     control.check_place(session.run_dir, "ctl")
-    lock = run_lock.take_patiently(session.lock)
-    if lock is None:
+    for _ in range(ATTEMPTS):
+        if (lock := take_lock(session.lock, make=True)) is not None:
+            break
+        time.sleep(PAUSE_S)
+    else:
         option = "" if session.name == "default" else f" --session {session.name}"
         remedy = f"use another --session NAME, or end it: `lfpipe ctl{option} stop`"
         raise UserError(f"session {session.name!r} is already running", remedy)
@@ -90,7 +139,7 @@ def _free_names(session: Session) -> None:
         if time.monotonic() > end_s:
             remedy = "try again in a few seconds, or use another --session NAME"
             raise UserError(f"session {session.name!r} lost its run directory and has not ended yet", remedy)
-        time.sleep(run_lock.PAUSE_S)
+        time.sleep(PAUSE_S)
 
 
 def _unlink_abandoned(session: Session) -> None:
@@ -112,17 +161,17 @@ def release(session: Session, lock: Lock) -> None:
     """
     try:
         if lock.in_place():
-            for _ in range(run_lock.ATTEMPTS):  # another process that sweeps may be looking at one: then that counts as in use
+            for _ in range(ATTEMPTS):  # another process that sweeps may be looking at one: then that counts as in use
                 _unlink_abandoned(session)
                 if not segment.owned(session.segment("")):
                     break
-                time.sleep(run_lock.PAUSE_S)
+                time.sleep(PAUSE_S)
             lock.remove_folder()
             return
     finally:
         lock.release()
     with contextlib.suppress(OSError):  # if only the lock is missing, the rest is removed like a dead session's
-        if (again := run_lock.take(session.lock)) is not None:
+        if (again := take_lock(session.lock)) is not None:
             release(session, again)
 
 
@@ -148,7 +197,7 @@ def sweep() -> list[str]:
     swept = []
     for session in _sessions():
         with contextlib.suppress(OSError):
-            lock = run_lock.take(session.lock)
+            lock = take_lock(session.lock)
             if lock is not None:
                 _resume_stages(session.segment("status"))
                 release(session, lock)
@@ -177,8 +226,5 @@ def find(name: str) -> Session:
     living = running()
     if name not in living:
         others = ", ".join(living)
-        raise UserError(
-            f"no session {name!r} is running",
-            f"running: {others}" if others else "start one: `lfpipe up --demo`",
-        )
+        raise UserError(f"no session {name!r} is running", f"running: {others}" if others else "start one: `lfpipe up --demo`")
     return session

@@ -1,4 +1,7 @@
-"""The state of a session: one frozen value. Every change is a pure function from one state to the next."""
+"""The state of a session: one frozen value. Every change is a pure function from one state to the next.
+
+Rollback: if a stage fails on a change of configuration or scene, the change is undone, and the session continues.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,12 @@ import attrs
 from lfpipe import config as config_module
 from lfpipe.config import Config, QualityLevel, Render, SceneSummary, SessionOptions
 from lfpipe.config.quality import ladder
+from lfpipe.supervisor.child import EXIT_TERMINATED
 from lfpipe.supervisor.process_table import packet_ring, picture_ring
+from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.ring import RingSpec
+
+TRIAL_NS = 2 * SECOND_NS  # counted after all stages have applied a change; a stage that cannot use it fails sooner
 
 
 @attrs.frozen
@@ -75,12 +82,12 @@ class SessionState:
 
     def rings(self) -> dict[str, RingSpec]:
         """The on-demand rings that this state needs, by name."""
-        found: dict[str, RingSpec] = {}
+        rings: dict[str, RingSpec] = {}
         if self.options.pictures:
-            found[self.options.pictures] = picture_ring(*self.pictures_px)
+            rings[self.options.pictures] = picture_ring(*self.pictures_px)
         if self.options.packets and self.options.jpeg_px:
-            found[self.options.packets] = packet_ring(self.config, self.options.jpeg_px)
-        return found
+            rings[self.options.packets] = packet_ring(self.config, self.options.jpeg_px)
+        return rings
 
     # Changes. Each returns a new state with a new revision.
 
@@ -148,3 +155,37 @@ class SessionState:
         number = self.rings_made + wanted
         name = f"packets.{number}" if wanted else ""
         return attrs.evolve(self, options=attrs.evolve(self.options, packets=name), rings_made=number)
+
+
+class ConfigRollback:
+    """Watches whether the stages can use the newest change."""
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+        self._outputs: dict[str, int] = {}
+
+    def watch(self, state: SessionState, applied: bool, outputs: Mapping[str, int], t_ns: int) -> SessionState:
+        """Call often. A change is settled, and the state marked so, when every stage has used it and produced outputs for
+        TRIAL_NS.
+
+        outputs: number of outputs of each stage so far.
+        """
+        if state.basis == state.known_good or not applied:
+            self._since_ns = None
+        elif self._since_ns is None:
+            self._since_ns, self._outputs = t_ns, dict(outputs)
+        elif t_ns - self._since_ns >= TRIAL_NS and all(n > self._outputs.get(name, 0) for name, n in outputs.items()):
+            self._since_ns = None
+            return state.settled()
+        return state
+
+    def to_blame(self, state: SessionState, code: int, applied: bool) -> bool:
+        """Whether a stage that ended with code most likely failed because of the newest change.
+
+        applied: the stage had acknowledged the change; after that, only its own error counts.
+        """
+        own_error = code > 0 and code != EXIT_TERMINATED
+        if state.basis == state.known_good or (applied and not own_error):
+            return False
+        self._since_ns = None
+        return True

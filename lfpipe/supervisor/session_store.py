@@ -1,57 +1,59 @@
-"""The only place that stores the state of a session and creates its rings."""
+"""The memory of a session, and the only place that stores its state. Only the supervisor creates and removes them."""
 
 import contextlib
+import gc
 from collections.abc import Mapping
 
+from lfpipe.config import Config
+from lfpipe.host import wake
+from lfpipe.supervisor.process_table import STAGES, consumers, rings
 from lfpipe.supervisor.session_state import SessionState
-from lfpipe.transport import control, ring
+from lfpipe.transport import control, ring, status
 from lfpipe.transport.ring import RingSpec
 from lfpipe.transport.segment import Segment
 from lfpipe.transport.session import Session
 
 
-class OnDemandRings:
-    """The rings that exist only while a client needs them, as the state of the session says."""
+def _remove(memory: Segment) -> None:
+    with contextlib.suppress(FileNotFoundError):
+        memory.unlink()
+    memory.close()
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
-        self._segments: dict[str, Segment] = {}
 
-    def make(self, wanted: Mapping[str, RingSpec]) -> None:
-        """Creates wanted rings that do not exist yet: all, or none and a UserError if memory is short."""
-        made: list[str] = []
-        try:
-            for name in wanted.keys() - self._segments.keys():
-                self._segments[name] = ring.create(self._session.segment(name), wanted[name], self._session.run_dir)
-                made.append(name)
-        except Exception:
-            for name in made:
-                self._remove(name)
-            raise
+class SessionMemory:
+    """The segments and FIFOs that every session with this configuration has. table: the status table; drop all references to its
+    rows before `remove`.
 
-    def keep(self, wanted: Mapping[str, RingSpec]) -> None:
-        """Removes the rings that are not wanted; existing mappings stay valid."""
-        for name in self._segments.keys() - wanted.keys():
-            self._remove(name)
+    Raises UserError if memory is short, OSError if no FIFO can be created; then nothing is left behind.
+    """
 
-    def _remove(self, name: str) -> None:
-        memory = self._segments.pop(name)
-        with contextlib.suppress(FileNotFoundError):
-            memory.unlink()
-        memory.close()
+    def __init__(self, session: Session, config: Config) -> None:
+        with contextlib.ExitStack() as undo:
+            undo.callback(_remove, status.create(session.segment("status"), [stage.name for stage in STAGES], session.run_dir))
+            for name, spec in rings(config).items():
+                undo.callback(_remove, ring.create(session.segment(name), spec, session.run_dir))
+            for name, readers in consumers().items():
+                for reader in readers:
+                    wake.make(session.wake(name, reader))
+                    wake.make(session.credit(name, reader))
+            self.table = status.Table(session.segment("status"), writable=True)
+            self._segments = undo.pop_all()
+
+    def remove(self) -> None:
+        """Unlinks every segment; the FIFOs are removed with the run directory."""
+        gc.collect()  # frames of an exception may still reference rows of the table
+        self.table.close()
+        self._segments.close()
 
 
 class SessionStore:
-    """state: the current state."""
+    """state: the current state; its rings on demand exist. Raises UserError if memory is short."""
 
     def __init__(self, session: Session, state: SessionState) -> None:
-        self.state = state
+        self.state, self._session = state, session
         self._unsent: bytes | None = None
-        self._rings = OnDemandRings(session)
-
-    def begin(self) -> None:
-        """Creates the rings of the first state. Raises UserError if memory is short."""
-        self._rings.make(self.state.rings())
+        self._rings: dict[str, Segment] = {}
+        self._make(state.rings())
 
     def apply(self, state: SessionState) -> None:
         """Stores a state; `take_message` returns a new revision for the stages.
@@ -60,9 +62,24 @@ class SessionStore:
         """
         message = control.encode(state.message()) if state.rev != self.state.rev else self._unsent
         rings = state.rings()
-        self._rings.make(rings)
+        self._make(rings)
         self.state, self._unsent = state, message
-        self._rings.keep(rings)
+        self._keep(rings)
+
+    def _make(self, rings: Mapping[str, RingSpec]) -> None:
+        """Creates rings that do not exist yet: all, or none and a UserError if memory is short."""
+        with contextlib.ExitStack() as undo:
+            new: dict[str, Segment] = {}
+            for name in rings.keys() - self._rings.keys():
+                new[name] = ring.create(self._session.segment(name), rings[name], self._session.run_dir)
+                undo.callback(_remove, new[name])
+            undo.pop_all()
+        self._rings |= new
+
+    def _keep(self, rings: Mapping[str, RingSpec]) -> None:
+        """Removes the other rings; existing mappings stay valid."""
+        for name in self._rings.keys() - rings.keys():
+            _remove(self._rings.pop(name))
 
     def take_message(self) -> bytes | None:
         """The newest state as a message for every stage, once; None if already sent. Of several changes, only the last is
@@ -72,4 +89,4 @@ class SessionStore:
 
     def close(self) -> None:
         """Removes the rings."""
-        self._rings.keep({})
+        self._keep({})

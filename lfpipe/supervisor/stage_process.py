@@ -1,29 +1,37 @@
-"""A row of the process table at run time: its process, failures and restart policy."""
+"""The processes of the stages: started when needed, judged by their beat, restarted, and ended in two passes."""
 
 import logging
 import multiprocessing
 import os
 import time
 from collections import deque
+from collections.abc import Callable, Collection, Iterator
 from multiprocessing.process import BaseProcess
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import SessionOptions
 from lfpipe.host import processes, signals
 from lfpipe.host.files import exists
+from lfpipe.host.processes import activity
 from lfpipe.supervisor import child
-from lfpipe.supervisor.health_check import HealthCheck
-from lfpipe.supervisor.process_table import Stage
-from lfpipe.transport.clock import now_ns
+from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
+from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
-from lfpipe.transport.stage_spec import StageSpec
-from lfpipe.transport.status import State, busy_words
+from lfpipe.transport.status import ENDED, State, Table, busy_words
 
 logger = logging.getLogger(__name__)
 MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5
 FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0
 MAX_STACK = 4000  # characters reported
+BUSY_S = 60.0  # without a beat: time for a disk to spin up, or for a network to return
+COMPUTING, COMPUTING_SHARE = 5, 0.1  # times these limits while it uses a CPU: emulated, one search for a face takes seconds
+ASLEEP_S = 1.0  # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
+DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended
+STOP_S, TERM_S, KILL_S = 0.9, 3.0, 5.0  # time limits after "stop", after SIGTERM (on a busy machine), after SIGKILL
+PASSES = ((STOP_S, signals.END), (TERM_S, signals.KILL), (KILL_S, None))
 
 
 class StageProcess:
@@ -36,7 +44,7 @@ class StageProcess:
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
         self.wanted = False
         self._killed = False  # killed for a hang, but not ended yet
-        self._health: HealthCheck | None = None
+        self._checked_ns = self._awake_ns = 0
 
     @property
     def alive(self) -> bool:
@@ -48,8 +56,9 @@ class StageProcess:
             path(self._session.run_dir, self.stage.name).unlink(missing_ok=True)
         if self.row["pid"] and self.row["state"] != State.FINISHED:
             self.row["restarts"] += 1
-        self.row["state"], self.row["ready_ns"], self.row["started_ns"] = State.STARTING, 0, now_ns()
-        self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
+        self._checked_ns = self._awake_ns = now_ns()
+        self.row["state"], self.row["ready_ns"], self.row["started_ns"] = State.STARTING, 0, self._checked_ns
+        self.row["busy_with"], self.row["busy_since_ns"], self.row["cpu_ns"] = b"", 0, 0
         self._killed = False
         self.process = multiprocessing.get_context("spawn").Process(
             target=child.run,
@@ -63,7 +72,6 @@ class StageProcess:
             processes.close_handed_over()  # the child has them: the camera must close with it
         self.row["pid"] = self.process.pid
         logger.info("%s starts as process %d, restart %d", self.stage.name, self.process.pid, self.row["restarts"])
-        self._health = HealthCheck(self.stage, self.row, int(self.row["pid"]))
 
     def reap(self) -> int | None:
         """Exit code when the process has ended since the last call, else None."""
@@ -83,20 +91,35 @@ class StageProcess:
         return int(code)
 
     def overdue(self) -> str:
-        """Why the process counts as hung, or ""; see `health_check`. Call often."""
-        return "" if self.process is None or self._health is None or self._killed else self._health.problem()
+        """Why the process counts as hung, or "": it gave no beat for longer than its phase allows. Call often.
+
+        Running: the stage's hang_timeout_s. Starting, or within `Context.setting_up`: startup_timeout_s. Within `busy_with` and
+        `saving`, or in the kernel's wait for a disk: BUSY_S. COMPUTING times that while it computes. Stopping otherwise:
+        `wait_for_end` decides.
+        """
+        if self.process is None or self._killed:
+            return ""
+        row, stage, t_ns = self.row, self.stage, now_ns()
+        if t_ns - self._checked_ns > ASLEEP_S * 1e9:
+            self._awake_ns = t_ns  # the machine was suspended, or starved all processes alike
+        self._checked_ns = t_ns
+        words, sets_up = busy_words(row), row["state"] == State.STARTING or not row["ready_ns"]
+        if row["state"] == State.STOPPING and not words:
+            return ""
+        silent_s = (t_ns - max(int(row["beat_ns"]), int(row["started_ns"]), self._awake_ns)) / 1e9
+        limit_s = stage.startup_timeout_s if sets_up else BUSY_S if words else stage.hang_timeout_s
+        if silent_s <= limit_s:
+            return ""
+        cpu_ns, on_disk = activity(int(row["pid"]))
+        computes = cpu_ns - int(row["cpu_ns"]) > COMPUTING_SHARE * silent_s * 1e9  # since its last output
+        if silent_s <= max(COMPUTING * limit_s * computes, BUSY_S * on_disk):
+            return ""
+        return f"{words + ': ' if words else ''}{'not ready after' if sets_up else 'no beat for'} {silent_s:.1f} s"
 
     @property
     def saves(self) -> str:
         """The results that the process is writing at its end, in words, while it makes progress; else ""."""
-        if self.row["state"] != State.STOPPING or self.overdue():
-            return ""
-        return busy_words(self.row)
-
-    def join(self, timeout_s: float) -> None:
-        """Waits for the process to end."""
-        if self.process is not None:
-            self.process.join(timeout_s)
+        return busy_words(self.row) if self.row["state"] == State.STOPPING and not self.overdue() else ""
 
     def kill_hung(self) -> str:
         """Kills a hung process, once, and returns its stack. On a stalled machine its end may take long."""
@@ -134,3 +157,108 @@ class StageProcess:
         """Sends END or KILL of `host.signals` if there is a process to take it."""
         if self.process is not None and self.process.pid is not None:
             os.kill(self.process.pid, signum)
+
+
+class StageProcesses:
+    """All of them. table: the status table. spec: what a stage receives at its start. ask_to_stop: sends the stop to a stage."""
+
+    def __init__(
+        self, session: Session, table: Table, spec: Callable[[Stage], StageSpec], ask_to_stop: Callable[[str], None]
+    ) -> None:
+        self._table, self._spec, self._ask_to_stop = table, spec, ask_to_stop
+        self._all = {stage.name: StageProcess(stage, session, table.rows[stage.name]) for stage in STAGES}
+        self._drain_since_ns = 0
+
+    def __iter__(self) -> Iterator[StageProcess]:
+        return iter(self._all.values())
+
+    def ensure_running(self, options: SessionOptions) -> None:
+        """Starts stages that are needed, and asks stages that are no longer needed to stop."""
+        for process in self:
+            needed = process.stage.needed(options)
+            process.wanted = needed and not self._drain_since_ns
+            if process.wanted and not process.alive and now_ns() >= process.next_start_ns:
+                process.start(self._spec(process.stage))
+            elif process.alive and not needed:
+                self._ask_to_stop(process.stage.name)
+
+    def judge(self, log: Callable[[str], None]) -> list[tuple[StageProcess, int]]:
+        """Kills hung stages, and returns stages that ended unexpectedly, with their exit codes."""
+        ended = []
+        for process in self:
+            name = process.stage.name
+            if why := process.overdue():
+                log(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
+            code = process.reap()
+            if code is None or (code == 0 and (process.stage.optional or not process.wanted)):
+                continue
+            if code == 0 and name == SOURCE:
+                self._drain_since_ns = now_ns()
+                continue
+            ended.append((process, code))
+        return ended
+
+    def finished(self, every: int) -> bool:
+        """Whether the source has ended and every stage has processed its last frame. every: n, one frame in n is tracked."""
+        if not self._drain_since_ns:
+            return False
+        last = int(self._table.rows[SOURCE]["source_seq"]) - every + 1
+        rows = [process.row for process in self if process.alive]
+        done = all(int(row["source_seq"]) >= last or row["state"] in ENDED for row in rows)
+        return done or now_ns() - self._drain_since_ns > DRAIN_NS
+
+    def idle(self, options: SessionOptions) -> bool:
+        """Whether nothing runs and nothing is needed."""
+        return not any(process.alive or process.stage.needed(options) for process in self)
+
+    def ready(self, options: SessionOptions) -> bool:
+        """Whether every stage that is needed has been ready."""
+        return all(int(process.row["ready_ns"]) > 0 for process in self if process.stage.needed(options))
+
+    def applied(self, rev: int, options: SessionOptions) -> bool:
+        """Whether every needed stage has applied revision rev, and no other stage runs."""
+        return all(int(p.row["config_rev"]) >= rev for p in self if p.alive or p.stage.needed(options))
+
+    def outputs(self, options: SessionOptions) -> dict[str, int]:
+        """The number of outputs so far of every stage that is needed."""
+        return {process.stage.name: int(process.row["seq"]) for process in self if process.stage.needed(options)}
+
+    def kill(self) -> None:
+        """Ends all at once: the user asked twice."""
+        for process in self:
+            process.signal(signals.KILL)
+
+    def stop(self, log: Callable[[str], None]) -> None:
+        """Asks all stages to stop, then waits for all."""
+        for process in self:
+            process.wanted = False
+            self._ask_to_stop(process.stage.name)
+        wait_for_end(self._all.values(), log)
+
+    def close(self) -> None:
+        """Releases the status table."""
+        self._all.clear()
+
+
+def wait_for_end(stages: Collection[StageProcess], log: Callable[[str], None]) -> None:
+    """Waits until all processes have ended; the caller has asked them to stop. Late ones get SIGTERM, then SIGKILL, unless one
+    saves results and makes progress. log: reports to people what the session waits for.
+    """
+    reported: set[str] = set()
+    for limit_s, signum in PASSES:
+        due_ns = now_ns() + int(limit_s * 1e9)
+        while living := [process for process in stages if process.alive]:
+            if now_ns() >= due_ns:
+                saving = {process.stage.name: process.saves for process in living if process.saves}
+                if not saving:
+                    break
+                for name in saving.keys() - reported:
+                    log(f"{name}: {saving[name]}; press Ctrl-C again to end it at once")
+                reported |= saving.keys()
+                due_ns = now_ns() + int(limit_s * 1e9)
+            time.sleep(0.005)
+            for process in living:
+                process.reap()
+        for process in living:
+            if signum is not None:
+                process.signal(signum)

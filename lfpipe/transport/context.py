@@ -15,7 +15,7 @@ from lfpipe.host.wake import Wake, readable
 from lfpipe.transport import control, status
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.ring_ends import RingInput, RingOutput
-from lfpipe.transport.stage_spec import StageSpec
+from lfpipe.transport.ring_ends import StageSpec as StageSpec
 from lfpipe.transport.status import State
 
 logger = logging.getLogger(__name__)
@@ -77,7 +77,7 @@ class Context:
     def busy_with(self, words: str) -> Iterator[None]:
         """Wraps calls that may wait for a disk: the stage is then judged by its progress, not by its beat.
 
-        words: a description for monitors, at most 32 bytes. See `lfpipe.supervisor.health_check`.
+        words: a description for monitors, at most 32 bytes. See `StageProcess.overdue`.
         """
         self.row.set_busy(words)
         try:

@@ -28,6 +28,7 @@ A killed writer has published only whole slots, and the next writer continues fr
 Slots that a slow reader missed are counted.
 """
 
+import enum
 import json
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,20 @@ class RingSpec:
     @property
     def size_bytes(self) -> int:
         return PAGE + self.slots * self.stride
+
+
+class StampKind(enum.IntEnum):
+    """The source of a frame's sensor stamp, as in a ring's slot; `word` is its name in the trace."""
+
+    SCHEDULED = 0  # a recording's or the demo's scheduled time
+    READ = 1  # no usable stamp: the time when the frame was read
+    END_OF_FRAME = 2
+    START_OF_EXPOSURE = 3
+    START_OF_TRANSFER = 4  # uvcvideo: the first packet of the frame, which follows the exposure of the first row
+
+    @property
+    def word(self) -> str:
+        return self.name.lower().replace("_", " ")
 
 
 @attrs.frozen

@@ -1,4 +1,4 @@
-"""The ends of rings in a stage: wake-ups, the count of missed slots, and credit in lossless sessions.
+"""What a stage receives at its start, and its ends of rings: wake-ups, the count of missed slots, credit in lossless sessions.
 
 Credit: with `lossless`, a reader reports in its status row how far it has read a ring, and the writer waits for that.
 """
@@ -6,12 +6,39 @@ Credit: with `lossless`, a reader reports in its status row how far it has read 
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import attrs
 from numpy.typing import NDArray
 
+from lfpipe.config import Config, SessionOptions
 from lfpipe.host.wake import Wake
 from lfpipe.transport import ring, status
-from lfpipe.transport.stage_spec import StageSpec
+from lfpipe.transport.session import Session
 from lfpipe.transport.status import ENDED
+
+
+@attrs.frozen
+class StageSpec:
+    """Everything that a stage's process receives at its start, pickled.
+
+    consumers: ring -> stages that read it. others: the other stages of the session. source: the stage that makes frames. cpus:
+    cores to run on, none for all. nice: niceness, None for the supervisor's.
+    """
+
+    name: str
+    module: str
+    session: Session
+    config: Config
+    rev: int
+    options: SessionOptions
+    consumers: dict[str, list[str]]
+    others: tuple[str, ...]
+    source: str
+    cpus: tuple[int, ...] = ()
+    nice: int | None = None
+
+    def ring_index(self, name: str) -> int:
+        """The index of a ring's credit in a status row."""
+        return list(self.consumers).index(name)
 
 
 class RingInput:

@@ -13,7 +13,7 @@ from lfpipe.capture.camera import CameraSource, check_camera, open_camera
 from lfpipe.capture.camera_list import asking, cameras
 from lfpipe.capture.frame_source import Frame
 from lfpipe.capture.pixel_formats import DECODED
-from lfpipe.transport.stamp_kind import StampKind
+from lfpipe.transport.ring import StampKind
 from tests.camera_vm import driver
 
 pytestmark = pytest.mark.camera_vm

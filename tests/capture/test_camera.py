@@ -21,7 +21,7 @@ from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device, has
 from lfpipe.errors import UserError
 from lfpipe.host import processes
-from lfpipe.transport.stamp_kind import StampKind
+from lfpipe.transport.ring import StampKind
 from tests.capture.fake_camera import PATH, FakeCamera, source
 
 PERIOD_NS = 100_000_000

@@ -11,7 +11,7 @@ from lfpipe import config
 from lfpipe.capture import camera_list, opencv_camera
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.errors import UserError
-from lfpipe.transport.stamp_kind import StampKind
+from lfpipe.transport.ring import StampKind
 
 
 class Made:

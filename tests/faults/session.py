@@ -6,9 +6,7 @@ import signal
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from lfpipe.transport import control
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
@@ -50,13 +48,13 @@ class WatchedSession:
         camera = f"file:{frames}?loop=1&pace={rate_hz:g}"
         self.supervisor = world.up(shown, *options, camera=camera, stdout=self._log, stderr=self._log)
         world.wait_for(lambda: len(world.lines()) > 20 or self.supervisor.poll() is not None, "pictures", 60)
-        assert self.supervisor.poll() is None, self.said()
+        assert self.supervisor.poll() is None, self.output()
         self.session = Session(world.name)
         self.run_dir = next(world.run_dir.glob(f"lfpipe-*-{world.name}"))
         self.watcher = Watcher(self.session, self.run_dir, world.trace, plain=scene is None)
         self.watcher.start()
 
-    def said(self) -> str:
+    def output(self) -> str:
         """The session's last output."""
         return (self.world.root / "session.log").read_text()[-3000:]
 
@@ -80,8 +78,8 @@ class WatchedSession:
             alive = all(row["state"] == State.RUNNING and Path(f"/proc/{row['pid']}").exists() for row in rows)
             if line and line["t_read_ns"] > begin_ns and alive:
                 return max(0.0, (line["t_presented_ns"] - begin_ns) / 1e9)
-            assert self.supervisor.poll() is None, f"the session ended: {self.said()}"
-            assert now_ns() - begin_ns < PATIENCE_S * 1e9, f"no picture for {PATIENCE_S:g} s: {self.said()}"
+            assert self.supervisor.poll() is None, f"the session ended: {self.output()}"
+            assert now_ns() - begin_ns < PATIENCE_S * 1e9, f"no picture for {PATIENCE_S:g} s: {self.output()}"
             time.sleep(0.005)
 
     def books(self) -> Account:
@@ -103,12 +101,6 @@ class WatchedSession:
                 break
         return found
 
-    def told(self) -> dict[str, Any]:
-        """The session's settings from commands, without its own decisions."""
-        answer = control.request(self.run_dir, {"cmd": "hello"}, 30)
-        options = {key: value for key, value in answer["options"].items() if key not in ("level", "pictures")}
-        return {"config": answer["config"], "paused": answer["paused"], "options": options}
-
     def figures(self) -> Figures:
         """The session's current resources."""
         return figures(self.supervisor.pid, self.session, self.run_dir)
@@ -119,19 +111,3 @@ class WatchedSession:
         self.supervisor.send_signal(signal.SIGINT)
         self.supervisor.wait(60)
         self._log.close()
-
-    def killed(self) -> float:
-        """Instead of `end`: kills the supervisor; returns how long its last process outlived it, in s.
-
-        Raises AssertionError if one survives, or if leftovers remain.
-        """
-        pids = [self.pid(name) for name in STAGES]
-        self.watcher.end()
-        self.supervisor.kill()
-        begin = time.monotonic()
-        self.supervisor.wait()
-        self.world.wait_for(lambda: not any(runs(pid) for pid in pids), "end of the stages", PATIENCE_S)
-        gone_s = time.monotonic() - begin
-        self.world.wait_for(lambda: not self.world.left(), "sweeping by the last of them", PATIENCE_S)
-        self._log.close()
-        return gone_s

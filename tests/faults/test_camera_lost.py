@@ -1,5 +1,6 @@
 """A camera that stalls, hangs in its driver, is unplugged and comes back: the session survives and reports it."""
 
+import contextlib
 import os
 import signal
 import time
@@ -8,42 +9,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-import zmq
 
 from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.reconnecting_camera import BACKOFF_S, CameraLost, ReconnectingCamera
 from lfpipe.errors import UserError
-from lfpipe.transport import control
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State, Table
 from tests.faults.scripted_camera import open_scripted
 from tests.world import World
 from tests.xvfb_screen import Screen
 
-pytestmark = pytest.mark.live
-
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
-
-
-class Told:
-    """Messages on the tap."""
-
-    def __init__(self, world: World) -> None:
-        self._ctx = control.context()
-        self._tap = self._ctx.socket(zmq.SUB)
-        self._tap.setsockopt(zmq.SUBSCRIBE, b"")
-        control.connect(self._tap, next(world.run_dir.glob("lfpipe-*")), "tap")
-        self.messages: list[dict[str, Any]] = []
-
-    def of(self, topic: str) -> list[dict[str, Any]]:
-        while self._tap.poll(0):
-            self.messages.append(control.decode(self._tap.recv()))
-        return [message for message in self.messages if message["topic"] == topic]
-
-    def close(self) -> None:
-        self._tap.close()
-        self._ctx.term()
 
 
 Row = tuple[str, int, int]  # state, pid, restarts
@@ -52,12 +29,12 @@ Row = tuple[str, int, int]  # state, pid, restarts
 def _rows(world: World) -> dict[str, Row]:
     table = Table(Session(world.name).segment("status"))
     try:
-        found = {name: (State(int(r["state"])).name, int(r["pid"]), int(r["restarts"])) for name, r in table.rows.items()}
+        return {name: (State(int(r["state"])).name, int(r["pid"]), int(r["restarts"])) for name, r in table.rows.items()}
     finally:
         table.close()
-    return found
 
 
+@pytest.mark.live
 @pytest.mark.native("Video4Linux")
 def test_one_session_outlives_all_that_happens_to_its_camera(world: World, scene: Path, tmp_path: Path) -> None:
     node = tmp_path / "video0"
@@ -66,8 +43,9 @@ def test_one_session_outlives_all_that_happens_to_its_camera(world: World, scene
     process = world.up(scene, *CAMERA, camera=f"camera:{node}")
     world.pictures(10)
     before = _rows(world)
-    told = Told(world)
     pid = before["capture"][1]
+    steps = contextlib.ExitStack()
+    heard = steps.enter_context(world.tap())
     for outage, word in enumerate(("stall", "hang", ""), 1):
         if word:
             node.write_text(word)
@@ -79,13 +57,13 @@ def test_one_session_outlives_all_that_happens_to_its_camera(world: World, scene
         count = len(world.lines())
         node.write_text("frames")
         assert world.pictures(count + 3)[-1]["epoch"] == outage, "downstream must forget what was before"
-        world.wait_for(lambda n=outage: len(told.of("camera")) == 2 * n, "word on the tap")
+        world.wait_for(lambda n=outage: len(heard("camera")) == 2 * n, "word on the tap")
         assert _rows(world)["capture"] == ("RUNNING", pid, 0)
-    lost, back = told.of("camera")[-2:]
+    lost, back = heard("camera")[-2:]
     assert lost["lost"] and not back["lost"] and back["away_s"] > 0.4
-    world.wait_for(lambda: "is back after" in told.of("notice")[-1]["text"], "last notice")
-    said = [message["text"] for message in told.of("notice")]
-    assert sum("camera lost, trying again" in text for text in said) == sum("is back after" in text for text in said) == 3
+    world.wait_for(lambda: "is back after" in heard("notice")[-1]["text"], "last notice")
+    texts = [message["text"] for message in heard("notice")]
+    assert sum("camera lost, trying again" in text for text in texts) == sum("is back after" in text for text in texts) == 3
     seqs = [line["source_seq"] for line in world.lines()]
     assert seqs == sorted(set(seqs)), "the camera's count goes on"
 
@@ -98,7 +76,7 @@ def test_one_session_outlives_all_that_happens_to_its_camera(world: World, scene
     assert all(_rows(world)[name] == before[name] for name in ("track", "render"))
     node.write_text("stall")
     world.wait_for(lambda: _rows(world)["capture"][0] == "READY", "stall")
-    told.close()
+    steps.close()
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "Traceback" not in err and "camera lost, trying again" in err, err
@@ -127,14 +105,6 @@ def test_the_last_picture_stays_on_the_screen_with_a_notice(world: World, scene:
     assert (shown == wanted).all(), "the last picture stays"
     node.write_text("frames")
     world.wait_for(lambda: not letters(), "window without the notice")
-
-
-@pytest.mark.native("Video4Linux")
-def test_a_camera_that_is_not_there_at_the_start_is_a_mistake(world: World, scene: Path, tmp_path: Path) -> None:
-    world.module = "tests.faults.scripted_camera"
-    process = world.up(scene, camera=f"camera:{tmp_path / 'video0'}")
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 2 and "no such device" in err and "Traceback" not in err
 
 
 class Made:

@@ -43,8 +43,7 @@ def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(world:
         ({"render.swap_eyes": True, "render.alpha_px": "true"}, "baseline and focus distance"),  # of this very scene
     ):
         assert why in _ask(world, cmd="set", set=sets)["error"]
-    for path in (tmp_path / "nowhere", Path(__file__)):
-        assert path.name in _ask(world, cmd="load", scene=str(path))["error"]
+    assert "nowhere" in _ask(world, cmd="load", scene=str(tmp_path / "nowhere"))["error"]
     assert _ask(world, cmd="status")["config"] == before
     for loop_ms in (7, 8):  # acknowledged, and then it failed
         for _ in range(3):  # more failures in total than end an unattended session

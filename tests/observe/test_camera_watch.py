@@ -8,7 +8,7 @@ from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo, as_read, orient
 from lfpipe.errors import UserError
 from lfpipe.observe.loop_calibration import CameraWatch
-from lfpipe.transport.stamp_kind import StampKind
+from lfpipe.transport.ring import StampKind
 
 
 class Stamped:

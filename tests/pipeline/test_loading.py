@@ -1,6 +1,9 @@
-"""Loads of a running session: cancelled, replaced, shown before they are complete, and left without a trace in memory."""
+"""Loads of a running session: cancelled, replaced, shown before they are complete, left without a trace in memory; and packs in
+use are kept."""
 
 import contextlib
+import os
+import signal
 import threading
 from pathlib import Path
 from typing import Any
@@ -38,13 +41,13 @@ def scene_of(world: World) -> dict[str, Any]:
     return dict(ask(world, cmd="hello")["options"]["scene"])
 
 
-def packers(world: World) -> list[psutil.Process]:
-    found = []
+def packing(world: World) -> bool:
+    """Whether a packer of this world runs."""
     for process in psutil.process_iter(["cmdline", "environ"]):
         with contextlib.suppress(psutil.Error, KeyError, TypeError):
             if "lfpipe.scene.packer" in process.info["cmdline"] and str(world.root) in str(process.info["environ"]):
-                found.append(process)
-    return found
+                return True
+    return False
 
 
 def slow_scene(folder: Path, views: int = 7) -> Path:
@@ -57,10 +60,10 @@ def test_a_load_ends_with_its_client(session: World) -> None:
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
         control.connect(socket, run_dir(session), "ctl")
         socket.send(control.encode({"cmd": "load", "scene": str(scene)}))
-        session.wait_for(lambda: packers(session), "a packer")
+        session.wait_for(lambda: packing(session), "a packer")
         shown = scene_of(session)["name"]
     if shown == "first":  # else the views were there before the client left
-        session.wait_for(lambda: not packers(session), "the packer's end", 10)
+        session.wait_for(lambda: not packing(session), "the packer's end")
         assert scene_of(session)["name"] == "first"
 
 
@@ -76,7 +79,7 @@ def test_a_second_load_replaces_the_first(session: World) -> None:
 
     client = threading.Thread(target=load_first)
     client.start()
-    session.wait_for(lambda: packers(session), "a packer")
+    session.wait_for(lambda: packing(session), "a packer")
     answer = ask(session, cmd="load", scene=str(second))
     client.join()
     assert answer["ok"] and scene_of(session)["name"] == "quick"
@@ -105,8 +108,20 @@ def test_packs_that_are_left_are_unmapped(session: World) -> None:
         assert ask(session, cmd="load", scene=str(scene))["ok"]
     render = psutil.Process(ask(session, cmd="status")["stages"]["render"]["pid"])
     files = []
-    for n in range(30):
+    for n in range(12):
         assert ask(session, cmd="load", scene=str(scenes[n % 3]))["ok"]
-        session.wait_for(lambda: len(mapped(render.pid)) <= 1, f"the end of the maps of packs left by load {n}", 10)
+        session.wait_for(lambda: len(mapped(render.pid)) <= 1, f"the end of the maps of packs left by load {n}")
         files.append(render.num_fds())
     assert max(files[3:]) - min(files[3:]) <= 2, files
+
+
+def test_packs_in_use_are_kept_also_while_no_render_stage_has_them_open(world: World, scene: Path) -> None:
+    world.up(scene, "--set", "render.clock=camera")
+    world.pictures(5)
+    os.kill(world.monitor()["stages"]["render"]["pid"], signal.SIGKILL)
+    cleaned = world.run("scene", "clean", "--all")
+    assert cleaned.returncode == 0 and "in use, kept" in cleaned.stdout and "removed 0 packs" in cleaned.stdout
+    world.pictures(len(world.lines()) + 5)
+    assert world.run("ctl", "--session", world.name, "stop").returncode == 0
+    world.wait_for(lambda: not world.left(), "end of the session")
+    assert "removed 1 packs" in world.run("scene", "clean", "--all").stdout

@@ -1,6 +1,8 @@
 """A runtime directory and the name of a session for one test."""
 
 import secrets
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,9 +14,10 @@ def name() -> str:
 
 
 @pytest.fixture
-def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The runtime directory of this process."""
-    made = tmp_path / "run"
-    made.mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(made))
-    return made
+def base(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The runtime directory of this process; its path is short enough for sockets whatever TMPDIR says."""
+    with tempfile.TemporaryDirectory(prefix="lf", dir="/tmp", ignore_cleanup_errors=True) as folder:
+        base = Path(folder) / "run"
+        base.mkdir(mode=0o700)
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(base))
+        yield base

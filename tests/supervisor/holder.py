@@ -80,7 +80,7 @@ def main() -> int:
     from lfpipe import config
     from lfpipe.errors import UserError
     from lfpipe.supervisor import rundir
-    from lfpipe.supervisor.session_memory import SessionMemory
+    from lfpipe.supervisor.session_store import SessionMemory
     from lfpipe.transport.session import Session
 
     try:

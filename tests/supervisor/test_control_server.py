@@ -1,6 +1,7 @@
 """The control sockets of a real session: it survives any message."""
 
 import os
+import random
 import resource
 import socket
 import subprocess
@@ -16,10 +17,11 @@ import pytest
 import zmq
 from hypothesis import HealthCheck, given, settings
 
-from lfpipe.supervisor import connection_limit
-from lfpipe.supervisor.connection_limit import ConnectionLimit
+from lfpipe.supervisor import server_limits
+from lfpipe.supervisor.server_limits import ConnectionLimit
 from lfpipe.transport import control
 from lfpipe.transport.session import PREFIX
+from tests.faults.hostile import hostile
 from tests.supervisor.holder import ROOT
 from tests.supervisor.states import messages
 from tests.world import World, raw_address
@@ -69,11 +71,43 @@ def test_every_shape_of_request_is_answered_and_the_session_goes_on(client: zmq.
     attack()
     for sets in ({"render": {}}, {"render": {"method": {}}}, {f"x{i}": 1 for i in range(3626)}):
         assert ask(client, {"v": 1, "cmd": "set", "set": sets})["ok"] is False
+    rng = random.Random(7)
+    for count in range(2000):
+        client.send(hostile(rng))
+        if count % 20 == 19:
+            for _ in range(20):
+                assert client.poll(20_000) and control.decode(client.recv())["ok"] is False
+    client.send_multipart([b"stop", b"stop"])
+    assert client.poll(20_000) and control.decode(client.recv())["ok"] is False
+    assert ask(client, {"v": 1, "cmd": "status", "why": "x" * (control.MAX_BYTES + 1)})["ok"] is False
     for path in ("/\udcff", "/tmp/\x1b[2J", f"{tmp_path}/{'x' * 300}", "/dev/zero", "/proc/self/mem"):
         assert ask(client, {"v": 1, "cmd": "load", "scene": path})["ok"] is False
     assert ask(client, {"v": 1, "cmd": "resume"})["ok"]
     after = ask(client, {"v": 1, "cmd": "hello"})
     assert {**after["config"], "render": 0} == {**before["config"], "render": 0}
+
+
+def test_a_flood_keeps_neither_frames_nor_other_clients_waiting(client: zmq.Socket[bytes], world: World) -> None:
+    """Only a limited part of a flood is read per unit of time, from each client in turn."""
+    with control.context() as ctx, ctx.socket(zmq.DEALER) as flood, ctx.socket(zmq.DEALER) as stranger:
+        for socket in (flood, stranger):
+            control.connect(socket, run_dir(world), "ctl")
+        stranger.send(msgpack.packb({"v": 1, "cmd": "stop", "why": "x" * (3 * control.MAX_BYTES)}))  # is not even read
+        flood.set_hwm(100_000)
+        message = control.encode({"cmd": "set", "set": {"render.alpha_px": 12.0}})
+        for _ in range(20_000):
+            flood.send(message)
+        begin, count = time.monotonic(), len(world.lines())
+        for _ in range(10):
+            assert ask(client, {"v": 1, "cmd": "status"})["ok"], "a flood shuts others out"
+        took_s, answered = time.monotonic() - begin, 0
+        while flood.poll(0):
+            flood.recv()
+            answered += 1
+        assert answered < 20_000, "the flood was over before it was looked at: this test shows nothing"
+        assert answered < 2000 * took_s + 200, "no more is read than in the server's slices"
+        world.pictures(count + 10)
+        assert not any(stage["restarts"] for stage in world.monitor()["stages"].values())
 
 
 def test_telemetry_of_any_shape_ends_nothing(client: zmq.Socket[bytes], world: World) -> None:
@@ -126,7 +160,7 @@ def test_idle_connections_end_no_session_and_the_next_client_is_served_when_they
     client: zmq.Socket[bytes], world: World
 ) -> None:
     holder = hold_connections(run_dir(world), 1200)
-    assert holder.stdout is not None and int(holder.stdout.readline()) > connection_limit.MOST_CONNECTIONS
+    assert holder.stdout is not None and int(holder.stdout.readline()) > server_limits.MOST_CONNECTIONS
     assert ask(client, {"v": 1, "cmd": "status"})["ok"], "who is connected is served"
     holder.kill()
     holder.wait()
@@ -136,7 +170,7 @@ def test_idle_connections_end_no_session_and_the_next_client_is_served_when_they
 def test_connections_beyond_the_limit_are_closed_and_those_before_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connection_limit, "MOST_CONNECTIONS", 8)
+    monkeypatch.setattr(server_limits, "MOST_CONNECTIONS", 8)
     said: list[str] = []
     with control.context() as ctx, ctx.socket(zmq.ROUTER) as ctl:
         limit = ConnectionLimit([ctl], said.append)

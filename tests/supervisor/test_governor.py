@@ -14,9 +14,8 @@ from lfpipe.config import Config, Render, SceneSummary, SessionOptions
 from lfpipe.config import Governor as GovernorConfig
 from lfpipe.config.quality import METHODS, drawn_with, ladder, level_number, lowered, tracked_every
 from lfpipe.errors import UserError
-from lfpipe.supervisor import placement
-from lfpipe.supervisor.governor import GAP_S, Governor, Load, Step
-from lfpipe.supervisor.quality_control import QualityControl, reason
+from lfpipe.supervisor import process_table
+from lfpipe.supervisor.governor import GAP_S, Governor, Load, QualityControl, Step
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import ROW, State
@@ -35,8 +34,8 @@ LAGS = (LATE, FULL, LOST)
 class Run:
     """A governor fed every DT_NS; steps: (time in s, step)."""
 
-    def __init__(self, levels: int = 5, **times_s: float) -> None:
-        self.governor = Governor([ALL] * levels, **times_s)
+    def __init__(self, levels: int = 5) -> None:
+        self.governor = Governor([ALL] * levels)
         self.t_ns = 0
         self.steps: list[tuple[float, Step]] = []
         self.governor.update(0, EASY)
@@ -167,9 +166,9 @@ def test_what_a_stage_did_while_it_lagged_is_told() -> None:
 
 
 def test_the_reason_of_a_step_is_told() -> None:
-    assert reason(Step(1, "render", Load(15, 5, 300_000_000), 0.5)) == "render missed 5 of 20 in 0.5 s"
-    assert reason(Step(1, "track", Load(15, 0, 450_000_000), 0.5)) == "track is busy 90 % of its time"
-    assert reason(Step(0)) == "CPU is free again"
+    assert Step(1, "render", Load(15, 5, 300_000_000), 0.5).reason == "render missed 5 of 20 in 0.5 s"
+    assert Step(1, "track", Load(15, 0, 450_000_000), 0.5).reason == "track is busy 90 % of its time"
+    assert Step(0).reason == "CPU is free again"
 
 
 @pytest.mark.parametrize(
@@ -343,30 +342,21 @@ def test_levels_are_taken_in_order_on_the_way_to_the_one_that_helps() -> None:
     assert session.state.level == session.state.levels[-1] and session.state.level.every == 2
 
 
-STAGES = {"capture": False, "track": True, "render": False, "record": True}
-
-
 def test_two_cores_give_tracking_one_of_its_own_and_more_or_fewer_leave_it_to_the_system() -> None:
-    assert placement.cores("auto", STAGES, {4, 6}) == {"capture": (4,), "track": (6,), "render": (4,), "record": (6,)}
-    assert placement.cores("auto", STAGES, {0}) == placement.cores("auto", STAGES, range(8)) == {}
-    assert placement.cores("none", STAGES, {0, 1}) == {}
-    assert placement.cores("track=1, render=2+0", STAGES, range(4)) == {"track": (1,), "render": (0, 2)}
-    assert placement.niceness("track=5,render=-3", STAGES) == {"track": 5, "render": -3}
-    assert placement.niceness(GovernorConfig().nice, STAGES) == {}
+    own = {"capture": (4,), "track": (6,), "render": (4,), "record": (6,), "share": (6,)}
+    assert process_table.cores("auto", {4, 6}) == own
+    assert process_table.cores("auto", {0}) == process_table.cores("auto", range(8)) == process_table.cores("none", {0, 1}) == {}
+    assert process_table.cores("track=1, render=2+0", range(4)) == {"track": (1,), "render": (0, 2)}
+    assert process_table.niceness("track=5,render=-3") == {"track": 5, "render": -3}
+    assert process_table.niceness(GovernorConfig().nice) == {}
 
 
-@pytest.mark.parametrize("text", ["track", "trakc=1", "track=x", "track=", "track=1+", "track=7", "track=-1", "track=1;render=0"])
-def test_wrong_cores_are_named_with_a_remedy(text: str) -> None:
-    with pytest.raises(UserError, match="affinity") as error:
-        placement.cores(text, STAGES, {0, 1})
-    assert error.value.remedy
-
-
-@pytest.mark.parametrize("text", ["track", "track=x", "track=20", "track=-21", "me=1", "track=1.5"])
-def test_wrong_niceness_is_named_with_a_remedy(text: str) -> None:
-    with pytest.raises(UserError, match="nice") as error:
-        placement.niceness(text, STAGES)
-    assert error.value.remedy
+@pytest.mark.parametrize("text", ["track", "track=", "track=1+", "track=--1", "track=1;render=0", "track=1.5"])
+def test_cores_and_niceness_that_cannot_be_are_named(text: str) -> None:
+    with pytest.raises(UserError, match="affinity"):
+        process_table.cores(text, {0, 1})
+    with pytest.raises(UserError, match="nice"):
+        process_table.niceness(text)
 
 
 EDGES: dict[str, tuple[Load, bool]] = {  # in 0.1 s -> whether it is lag

@@ -21,8 +21,8 @@ from tests.supervisor.holder import Holder, gone, holding, inodes
 NOBODY = 65534
 
 
-def test_a_session_of_the_same_name_elsewhere_leaves_a_living_one_alone(base: Path, tmp_path: Path, name: str) -> None:
-    other = tmp_path / "other"
+def test_a_session_of_the_same_name_elsewhere_leaves_a_living_one_alone(base: Path, name: str) -> None:
+    other = base.parent / "other"
     other.mkdir()
     with holding(base, name) as first:
         before = inodes(first)
@@ -32,8 +32,8 @@ def test_a_session_of_the_same_name_elsewhere_leaves_a_living_one_alone(base: Pa
     assert gone(first)
 
 
-def test_the_same_directory_by_another_path_is_the_same_session(base: Path, tmp_path: Path, name: str) -> None:
-    link = tmp_path / "link"
+def test_the_same_directory_by_another_path_is_the_same_session(base: Path, name: str) -> None:
+    link = base.parent / "link"
     link.symlink_to(base)
     with holding(link, name) as segments:
         assert [Session(name).segment(part) for part in ("status", "frames", "eyes")] == segments
@@ -41,10 +41,8 @@ def test_the_same_directory_by_another_path_is_the_same_session(base: Path, tmp_
         assert "is already running" in Holder(base, name).failed()
 
 
-def test_a_reader_with_another_runtime_directory_finds_the_one_session_of_that_name(
-    base: Path, tmp_path: Path, name: str
-) -> None:
-    others = [tmp_path / "b", tmp_path / "c"]
+def test_a_reader_with_another_runtime_directory_finds_the_one_session_of_that_name(base: Path, name: str) -> None:
+    others = [base.parent / "b", base.parent / "c"]
     for other in others:
         other.mkdir()
     with holding(others[0], name) as first:
@@ -157,16 +155,14 @@ def test_a_killed_session_is_swept_and_a_living_one_is_not(base: Path, name: str
 
 
 @pytest.mark.parametrize("how", ["removed", "base removed", "moved"])
-def test_memory_whose_run_directory_is_gone_is_removed_once_its_session_is_dead(
-    base: Path, tmp_path: Path, name: str, how: str
-) -> None:
+def test_memory_whose_run_directory_is_gone_is_removed_once_its_session_is_dead(base: Path, name: str, how: str) -> None:
     """By whichever session of this user begins next, wherever its run directory is."""
-    other = tmp_path / "other"
+    other = base.parent / "other"
     other.mkdir()
     holder = Holder(base, name)
     left = holder.ready()
     if how == "moved":
-        (base / f"{PREFIX}{name}").rename(tmp_path / "moved")
+        (base / f"{PREFIX}{name}").rename(base.parent / "moved")
     else:
         shutil.rmtree(base if how == "base removed" else base / f"{PREFIX}{name}")
     with holding(other, "another"):

@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Config, Governor, Render, SceneSummary, SessionOptions
-from lfpipe.supervisor.config_rollback import TRIAL_NS, ConfigRollback
-from lfpipe.supervisor.session_state import SessionState
+from lfpipe.supervisor.session_state import TRIAL_NS, ConfigRollback, SessionState
 from tests.supervisor.states import SCENE, made_state
 
 OTHER = attrs.evolve(SCENE, pack="/packs/two", height_px=96)

@@ -9,11 +9,10 @@ import pytest
 from lfpipe.config import Config, SessionOptions
 from lfpipe.host.wake import Wake
 from lfpipe.supervisor.process_table import SOURCE, consumers
-from lfpipe.supervisor.session_memory import SessionMemory
+from lfpipe.supervisor.session_store import SessionMemory
 from lfpipe.transport.clock import now_ns
-from lfpipe.transport.context import Context
+from lfpipe.transport.context import Context, StageSpec
 from lfpipe.transport.session import Session
-from lfpipe.transport.stage_spec import StageSpec
 from lfpipe.transport.status import State
 
 

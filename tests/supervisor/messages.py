@@ -1,0 +1,58 @@
+"""What the supervisor refuses, and how it says so."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from lfpipe.supervisor import process_table, rundir
+from lfpipe.supervisor.requests import respond
+from lfpipe.transport.session import Session
+from tests.supervisor.states import made_state
+
+MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
+    "a stage that does not exist": (
+        lambda here: process_table.cores("trakc=1", {0, 1}),
+        "governor.affinity: 'trakc=1' is not STAGE=VALUE with a stage of capture, track, render, record, share\n"
+        "  remedy: for example: track=1,render=0, or 0+1 for either; auto; none",
+    ),
+    "a core that is no number": (
+        lambda here: process_table.cores("track=x", {0, 1}),
+        "governor.affinity: track=x: expected cores joined by +\n"
+        "  remedy: for example: track=1,render=0, or 0+1 for either; auto; none",
+    ),
+    "a core that is missing": (
+        lambda here: process_table.cores("track=7", {0, 1}),
+        "governor.affinity: track=7: core 7 does not exist on this machine\n  remedy: use one of 0, 1",
+    ),
+    "a niceness out of range": (
+        lambda here: process_table.niceness("track=-21"),
+        "governor.nice: track=-21: not a whole number from -20 to 19\n  remedy: for example: render=0,track=5",
+    ),
+    "a session that does not run": (
+        lambda here: rundir.find("elsewhere.nobody"),
+        "no session 'elsewhere.nobody' is running\n  remedy: start one: `lfpipe up --demo`",
+    ),
+    "a name that is no session's": (
+        lambda here: Session("../x"),
+        "--session '../x' is not a valid name\n  remedy: use 1 to 32 letters, digits, _ and ., beginning with a letter or digit",
+    ),
+    "a second recording": (
+        lambda here: respond(made_state(record="/theirs"), {"cmd": "record", "path": "/mine"}, 0),
+        "a recording to /theirs is already running\n  remedy: `lfpipe ctl record stop` ends it",
+    ),
+    "no timeline to stop": (
+        lambda here: respond(made_state(), {"cmd": "trace", "path": ""}, 0),
+        "no timeline is running\n  remedy: `lfpipe trace start OUT` starts one",
+    ),
+    "a recording of a single view": (
+        lambda here: respond(made_state(tracking=False), {"cmd": "record", "path": "/x"}, 0),
+        "no camera is in use: the scene is a single view\n  remedy: `lfpipe record OUT` records without a scene",
+    ),
+    "nothing to share": (
+        lambda here: respond(made_state(tracking=False), {"cmd": "share", "start": ["lsl"]}, 0),
+        "no eyes are tracked: the scene is a single view\n  remedy: use `lfpipe up --no-picture --share TARGET`",
+    ),
+    "a scene beyond the playlist": (
+        lambda here: respond(made_state(playlist=("/a", "/b")), {"cmd": "load", "at": 2}, 0),
+        "no scene 2 in the playlist\n  remedy: choose 0 to 1",
+    ),
+}
