@@ -87,7 +87,7 @@ def test_a_second_load_replaces_the_first(session: World) -> None:
 
 
 def test_views_are_shown_before_the_disparity_and_then_warped(session: World) -> None:
-    assert ask(session, cmd="load", scene=str(slow_scene(session.root / "both", 8)))["ok"]
+    assert ask(session, cmd="load", scene=str(slow_scene(session.root / "both", 5)))["ok"]
     early = scene_of(session)
     session.wait_for(lambda: scene_of(session)["complete"], "the disparity")
     late = scene_of(session)
