@@ -21,10 +21,11 @@ from lfpipe.host import processes
 from tests.camera_vm import driver
 from tests.camera_vm.usb_camera import AE_PRIORITY, Frames, UsbCamera
 
-pytestmark = [pytest.mark.camera_vm, pytest.mark.timeout(420)]
+pytestmark = [pytest.mark.camera_vm, pytest.mark.timeout(480)]
 SIZE = (320, 240)
 MODES = (Frames("YUYV", *SIZE, (5.0,)), Frames("MJPG", *SIZE, (10.0, 5.0)))
 CAMERA = config.Camera(width_px=SIZE[0], height_px=SIZE[1], rate_hz=10.0)
+MOVED_VIEWS = 0.03  # of the grid: ten times the noise of landmarks on one frame again and again
 Plug = Callable[..., UsbCamera]
 
 
@@ -123,27 +124,25 @@ def test_a_camera_returns_whatever_its_number_and_a_twin_stays_out(plug: Plug) -
 
 
 def test_a_face_seen_through_it_moves_the_picture(plug: Plug, tmp_path: Path) -> None:
-    plug(0, UsbCamera([Frames("MJPG", *SIZE, (2.0,))], face))  # as fast as an emulated machine tracks
-    scene = tmp_path / "scene"
+    """However slowly the machine is emulated: waits until the view has moved, and frames are as few as a loaded one tracks."""
+    plug(0, UsbCamera([Frames("MJPG", *SIZE, (1.0,))], lambda _, number: face(MODES[1], 4 * number)))  # a brisk head
+    scene, trace = tmp_path / "scene", tmp_path / "t.jsonl"
     scene.mkdir()
     rng = np.random.default_rng(1)
-    base = cv2.GaussianBlur(rng.integers(0, 256, (96, 140, 3), dtype=np.uint8), (0, 0), 2)
-    for row in range(2):
-        for col in range(2):
-            cv2.imwrite(str(scene / f"view_{row:02}_{col:02}.png"), base[:, 4 * (1 - col) : 128 + 4 * (1 - col)])
-    trace = tmp_path / "t.jsonl"
-    sets = ("camera.width_px=320", "camera.height_px=240", "camera.rate_hz=2", "render.method=blend", "render.clock=camera")
+    base = cv2.GaussianBlur(rng.integers(0, 256, (48, 76, 3), dtype=np.uint8), (0, 0), 2)
+    for name, left in (("view_00_00", 4), ("view_00_01", 0), ("view_01_00", 4), ("view_01_01", 0)):
+        cv2.imwrite(str(scene / f"{name}.png"), base[:, left : left + 72])
+    sets = ("camera.width_px=320", "camera.height_px=240", "camera.rate_hz=1", "render.method=blend", "render.clock=camera")
     words = [sys.executable, "-m", "lfpipe", "up", str(scene), "--display", "none", "--trace", str(trace)]
-    words += ["--camera", "camera:/dev/video0", *(word for text in sets for word in ("--set", text))]
+    words += ["--camera", "camera:/dev/video0", *(word for text in (*sets, "governor.quality=fixed") for word in ("--set", text))]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={"HOME": "/root"})
-    faces: list[dict[str, object]] = []
-    until = time.monotonic() + 300
-    while len(faces) < 20 and process.poll() is None and time.monotonic() < until:
-        time.sleep(2)
+    columns: list[float] = []
+    until = time.monotonic() + 380
+    while np.ptp(columns or [0.0]) <= MOVED_VIEWS and process.poll() is None and time.monotonic() < until:
+        time.sleep(1)
         lines = trace.read_text().splitlines() if trace.exists() else []
-        faces = [row for row in (json.loads(line) for line in lines if line.endswith("}")) if row["face"]]
+        rows = [json.loads(line) for line in lines if line.endswith("}")]
+        columns = [row["view"]["left"][1] for row in rows if row["face"]]
     process.terminate()
-    said, _ = process.communicate(timeout=60)
-    assert len(faces) >= 4, said  # a loaded host emulates so slowly that most eyes are older than half a second, and dropped
-    columns = [row["view"]["left"][1] for row in faces]  # type: ignore[index]
-    assert np.ptp(columns) > 0.03, (np.ptp(columns), said)
+    output, _ = process.communicate(timeout=60)
+    assert np.ptp(columns or [0.0]) > MOVED_VIEWS, (columns, output)

@@ -2,6 +2,7 @@
 
 import os
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ def no_user_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 def usable(made: Config) -> None:
     """Accepted settings can be sent to a stage, stored and printed, and come back unchanged."""
     assert config.trusted(msgpack.unpackb(msgpack.packb(config.to_dict(made)))) == made
-    commented(made).encode()
+    assert config.from_dict(tomllib.loads(commented(made).encode().decode())) == made
 
 
 @settings(max_examples=120)
@@ -47,6 +48,7 @@ def usable(made: Config) -> None:
 @example(sets={"screen.monitor": 2**64}, live=False)
 @example(sets={"camera.source": "\udcff"}, live=False)
 @example(sets={"render.alpha_px": 10**400}, live=True)
+@example(sets={"camera.source": "\U0001f600 a\"b\\c 日本"}, live=False)
 @given(sets=st.dictionaries(NAMES | st.integers(), SHAPES, max_size=4), live=st.booleans())
 def test_a_change_is_taken_whole_or_refused(sets: dict[str, Any], live: bool) -> None:
     before = Config()
@@ -87,17 +89,6 @@ def test_any_text_on_the_command_line_is_taken_or_refused(text: str) -> None:
             usable(config.load(None, [f"{key}={text}"]))
         except UserError as error:
             assert len(str(error)) <= 2000
-
-
-@settings(max_examples=100)
-@given(text=st.text() | st.text(alphabet=st.characters(), max_size=30).map(lambda text: f"camera.source={text}"))
-def test_any_word_is_taken_or_refused(text: str) -> None:
-    try:
-        name, value = config.parse_set(text)
-        msgpack.packb({name: value})
-        usable(config.load(None, [text]))
-    except UserError as error:
-        assert len(str(error)) <= 2000
 
 
 @pytest.mark.parametrize("text", TOML_TEXTS, ids=range(len(TOML_TEXTS)))
@@ -166,13 +157,6 @@ def test_thousands_of_unknown_keys_make_a_short_message(tmp_path: Path) -> None:
     with pytest.raises(UserError) as caught:
         config.updated(Config(), everything)
     assert len(str(caught.value)) <= 2000
-
-
-def test_the_text_of_every_configuration_reads_back(tmp_path: Path) -> None:
-    for source in ("\U0001f600", "ü", 'a"b\\c', "file:/x y?loop=1", "日本"):
-        made = config.updated(Config(), {"camera.source": source})
-        (tmp_path / "c.toml").write_text(commented(made), "utf-8")
-        assert config.load(tmp_path / "c.toml") == made
 
 
 def nasty() -> dict[str, bytes]:

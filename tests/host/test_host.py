@@ -1,6 +1,7 @@
 """What `host` does on every system: imports without what Windows lacks, the second form of wake-ups, locks that end with their
-process."""
+process, descriptors that pass to the next one."""
 
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 import zmq
 
-from lfpipe.host import file_lock, wake
+from lfpipe.host import file_lock, processes, wake
 
 WITHOUT = """
 import importlib, os, pkgutil, sys, types
@@ -96,3 +97,34 @@ def test_another_host_is_refused() -> None:
     env = {**os.environ, "LFPIPE_HOST": "linux"}
     done = subprocess.run([sys.executable, "-m", "lfpipe", "ctl", "status"], capture_output=True, text=True, env=env)
     assert done.returncode == 2 and "LFPIPE_HOST='linux'" in done.stderr
+
+
+def read_on(kept: processes.HandedOver, out: str) -> None:
+    """In a child: goes on reading where the parent stopped."""
+    kept.adopt()
+    fd = processes.receive("file")
+    assert fd is not None and not os.get_inheritable(fd)
+    Path(out).write_bytes(os.read(fd, 100))
+
+
+def test_a_child_reads_on(tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("first second")
+    fd = os.open(tmp_path / "a", os.O_RDONLY)
+    os.read(fd, 6)
+    processes.hand_over("file", fd)
+    child = multiprocessing.get_context("spawn").Process(target=read_on, args=(processes.HandedOver(), str(tmp_path / "out")))
+    child.start()
+    processes.close_handed_over()
+    assert processes.receive("file") is None
+    child.join()
+    assert child.exitcode == 0 and (tmp_path / "out").read_text() == "second"
+
+
+def test_what_is_kept_is_closed_when_another_takes_its_name() -> None:
+    first, second = os.pipe()
+    processes.hand_over("x", first)
+    processes.hand_over("x", second)
+    assert processes.receive("x") == second
+    os.close(second)
+    with pytest.raises(OSError):
+        os.fstat(first)
