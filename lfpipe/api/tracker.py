@@ -56,7 +56,7 @@ class Tracker:
         self._record = np.zeros((), EYES)
         self._closed = False
 
-    def update(self, frame: NDArray[np.uint8], t_ns: int | None = None) -> Eyes | None:
+    def update(self, frame: NDArray[Any], t_ns: int | None = None) -> Eyes | None:
         """The eyes in the next frame, uint8 (height, width, 3) BGR; None without a face. t_ns: its time on any clock that never
         goes back; by default the monotonic clock's now. Raises lfpipe.UserError for anything but such a picture."""
         if self._closed:

@@ -86,3 +86,23 @@ def test_a_session_writes_its_trace(home: World, tmp_path: Path) -> None:
     with lfpipe.Session(tmp_path / "png", camera="demo", trace=trace, **QUICK) as session:  # type: ignore[arg-type]
         home.wait_for(lambda: trace.exists() and trace.stat().st_size, "line of the trace")
         session.stop()
+
+
+def test_a_notebook_starts_changes_and_stops_a_session_in_three_cells(
+    home: World, scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
+    pytest.importorskip("ipykernel")
+    monkeypatch.setenv("JUPYTER_DATA_DIR", str(home.root / "jupyter"))
+    cells = (
+        f"import lfpipe\nsession = lfpipe.Session({str(scene)!r}, camera='demo', **{QUICK!r})\nsession.frame().picture.shape",
+        "session.set(**{'render.method': 'blend'})\nsession.ask({'cmd': 'hello'})['config']['render']['method']",
+        "session.stop()\nsession.wait(30)",
+    )
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
+    nbclient.NotebookClient(
+        notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": str(home.root)}}
+    ).execute()
+    shown = [cell["outputs"][-1]["data"]["text/plain"] for cell in notebook["cells"]]
+    assert shown == ["(480, 640, 3)", "'blend'", "True"]
+    assert home.segments() == []

@@ -1,16 +1,29 @@
-"""Every program of examples/ runs as its first line says."""
+"""The programs of examples/ and docs/python.md run in an environment made without uv, as their first line or the page says."""
 
 import os
-import stat
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from lfpipe.sequence.edit import from_video
 from tests.world import World
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+BLOCKS = re.findall(r"^```python\n(.*?)^```", (ROOT / "docs" / "python.md").read_text(), re.M | re.S)
+PROGRAMS = [block for block in BLOCKS if block.count("\n") > 2]
+
+
+def run(world: World, python: Path, *words: str | Path) -> str:
+    """What a program prints. The package comes from the environment of python, not from the checkout."""
+    env = {key: value for key, value in world.env.items() if key != "PYTHONPATH"} | {"MPLBACKEND": "agg"}
+    env["PATH"] = f"{python.parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(words, capture_output=True, text=True, cwd=world.root, env=env)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
 @pytest.mark.parametrize(
@@ -24,24 +37,47 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ("record_and_replay.sh SCENE demo", "matches reference"),
     ],
 )
-def test_a_program_runs(world: World, scene: Path, clip: Path, words: str, printed: str) -> None:
-    places = {"SCENE": str(scene), "VIDEO": str(clip), "SEQ": str(world.root / "walk")}
+def test_a_program_runs(world: World, fresh: Path, scene: Path, clip: Path, words: str, printed: str) -> None:
+    places = {"SCENE": scene, "VIDEO": clip, "SEQ": world.root / "walk"}
     if "SEQ" in words:
-        from lfpipe.sequence.edit import from_video
-
         from_video(clip, world.root / "walk")
-    command = world.root / "bin" / "lfpipe"
-    command.parent.mkdir()
-    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m lfpipe "$@"\n')
-    command.chmod(command.stat().st_mode | stat.S_IXUSR)
-    env = world.env | {"PATH": f"{command.parent}{os.pathsep}{os.environ['PATH']}"}
     program, *arguments = words.split()
-    start = [sys.executable] if program.endswith(".py") else []
-    given = [places.get(word, word) for word in arguments]
-    done = subprocess.run([*start, EXAMPLES / program, *given], capture_output=True, text=True, cwd=world.root, env=env)
-    assert done.returncode == 0 and printed in done.stdout, done.stdout + done.stderr
+    start = [fresh] if program.endswith(".py") else []
+    assert printed in run(world, fresh, *start, EXAMPLES / program, *(places.get(word, word) for word in arguments))
 
 
 def test_every_program_is_run() -> None:
-    run = {row[0].split()[0] for row in test_a_program_runs.pytestmark[0].args[1]}  # type: ignore[attr-defined]
-    assert run == {path.name for path in EXAMPLES.iterdir() if path.is_file()}
+    programs = {row[0].split()[0] for row in test_a_program_runs.pytestmark[0].args[1]}  # type: ignore[attr-defined]
+    assert programs == {path.name for path in EXAMPLES.iterdir() if path.is_file()}
+
+
+@pytest.mark.parametrize("number", range(len(PROGRAMS)))
+def test_the_examples_for_python_run(
+    number: int, world: World, fresh: Path, scene: Path, clip: Path, request: pytest.FixtureRequest
+) -> None:
+    """With a small scene in place of the demo's, which takes long to pack."""
+    example = PROGRAMS[number].replace("open_scene()", "open_scene('boxes')").replace('"walk",', '"walk", "boxes",')
+    example = example.replace("Session(camera", "Session('boxes', camera")
+    (world.root / "boxes").symlink_to(scene)
+    (world.root / "face.avi").symlink_to(clip)
+    if "replay(" in example:
+        from_video(clip, world.root / "walk")
+    if "attach(" in example:
+        live: World = request.getfixturevalue("live")
+        world.env = live.env
+        example = example.replace('"default"', f'"{live.name}"')
+    where = "import lfpipe; assert 'env' in lfpipe.__file__.split('/'), lfpipe.__file__\n"
+    assert run(world, fresh, fresh, "-c", where + example)
+
+
+@pytest.mark.live
+def test_the_programs_are_typed(fresh: Path, tmp_path: Path) -> None:
+    """As their readers would check them: against the installed package, strictly."""
+    files = [*EXAMPLES.glob("*.py"), EXAMPLES / "lfpipe-example" / "lfpipe_example"]
+    for number, program in enumerate(PROGRAMS):
+        path = tmp_path / f"block_{number}.py"
+        path.write_text(program)
+        files.append(path)
+    words = [sys.executable, "-m", "mypy", "--strict", "--python-executable", fresh, "--cache-dir", tmp_path / "cache", *files]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -140,29 +140,3 @@ def _count(world: World) -> int:
     done = world.run("monitor", "--once", "--json", "--session", world.name)
     stages = json.loads(done.stdout)["stages"] if done.returncode == 0 else {}
     return int(stages.get("away", {}).get("count", 0))
-
-
-def python_examples() -> list[str]:
-    """The blocks of docs/python.md that do something."""
-    return [block for block in blocks(ROOT / "docs" / "python.md", "python") if block.count("\n") > 2]
-
-
-@pytest.mark.parametrize("number", range(len(python_examples())))
-def test_the_examples_for_python_run(number: int, world: World, scene: Path, clip: Path, request: pytest.FixtureRequest) -> None:
-    """With a small scene in place of the demo's, which takes long to pack."""
-    example = python_examples()[number].replace("open_scene()", "open_scene('boxes')").replace('"walk",', '"walk", "boxes",')
-    example = example.replace("Session(camera", "Session('boxes', camera")
-    (world.root / "boxes").symlink_to(scene)
-    if "replay(" in example:
-        from lfpipe.sequence.edit import from_video
-
-        from_video(clip, world.root / "walk")
-    if "face.avi" in example:
-        (world.root / "face.avi").symlink_to(clip)
-    env = {**world.env, "MPLBACKEND": "agg"}
-    if "attach(" in example:
-        live: World = request.getfixturevalue("live")
-        env = live.env | {"MPLBACKEND": "agg"}
-        example = example.replace('"default"', f'"{live.name}"')
-    done = subprocess.run([sys.executable, "-c", example], capture_output=True, text=True, cwd=world.root, env=env)
-    assert done.returncode == 0 and done.stdout, done.stderr

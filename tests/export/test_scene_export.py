@@ -1,5 +1,8 @@
 """Exports of a scene, read by independent programs: FFmpeg's libraries through PyAV, Pillow."""
 
+import json
+import shutil
+import subprocess
 from pathlib import Path
 
 import av
@@ -33,6 +36,16 @@ def decoded(path: Path) -> list[np.ndarray]:
     """The frames of a video, RGB, as FFmpeg decodes them by what the file says of its colours."""
     with av.open(str(path)) as container:
         return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+
+
+def probed(path: Path) -> dict[str, object]:
+    """What ffprobe says of a video's stream."""
+    if shutil.which("ffprobe") is None:
+        pytest.skip("ffprobe is not installed (apt-get install ffmpeg)")
+    entries = "stream=codec_name,pix_fmt,width,height,nb_frames"
+    words = ["ffprobe", "-v", "error", "-show_entries", entries, "-of", "json", path]
+    streams = json.loads(subprocess.run(words, capture_output=True, check=True).stdout)["streams"]
+    return dict(streams[0])
 
 
 def export(*words: object, cache: str) -> Path:
@@ -102,6 +115,7 @@ def test_a_pair_in_motion_is_an_mp4_whose_index_comes_first(scene: Path, cache: 
     assert data.index(b"moov") < data.index(b"mdat")
     frames = decoded(path)
     assert len(frames) == 30 and frames[0].shape == (48, 128, 3)
+    assert probed(path) == {"codec_name": "h264", "pix_fmt": "yuv420p", "width": 128, "height": 48, "nb_frames": "30"}
     assert all(float(frame[5, 100, 1]) - float(frame[5, 5, 1]) == pytest.approx(8, abs=4) for frame in frames)
 
 

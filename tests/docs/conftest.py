@@ -1,0 +1,34 @@
+"""An environment as a person has it who never heard of uv."""
+
+import subprocess
+import sys
+import sysconfig
+import tarfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+BUILD = "import sys; from hatchling import build; getattr(build, 'build_' + sys.argv[1])(sys.argv[2])"
+
+
+@pytest.fixture(scope="session")
+def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The Python of a new environment, made by `python -m venv`, into which pip installed a wheel built from the source
+    distribution. Its dependencies are those of the present environment, by a .pth file, so that no index is needed."""
+    folder = tmp_path_factory.mktemp("fresh")
+
+    def run(*words: str | Path, cwd: Path = folder) -> None:
+        done = subprocess.run(words, cwd=cwd, capture_output=True, text=True, env={"PATH": "/usr/bin:/bin", "HOME": str(folder)})
+        assert done.returncode == 0, done.stderr
+
+    run(sys.executable, "-c", BUILD, "sdist", folder, cwd=ROOT)
+    with tarfile.open(next(folder.glob("*.tar.gz"))) as archive:
+        archive.extractall(folder, filter="data")
+    run(sys.executable, "-c", BUILD, "wheel", folder, cwd=next(path for path in folder.iterdir() if path.is_dir()))
+    run(sys.executable, "-m", "venv", folder / "env")
+    python = folder / "env" / "bin" / "python"
+    run(python, "-m", "pip", "install", "-q", "--no-deps", "--no-index", next(folder.glob("*.whl")))
+    site = next((folder / "env" / "lib").glob("python*/site-packages"))
+    (site / "dependencies.pth").write_text(sysconfig.get_paths()["purelib"] + "\n")
+    return python
