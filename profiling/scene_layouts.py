@@ -22,7 +22,7 @@ from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.packing import examine_scene
+from lfpipe.scene.examination import examine_scene
 from profiling.arguments import parser_of
 from tests.scene import made, test_pictures, test_plausibility
 

@@ -38,12 +38,12 @@ def _span(low: float, high: float, limit: int) -> slice:
 
 def _blend(target: Picture, picture: Picture) -> None:
     """target = picture over target, in place; picture is BGRA, pre-multiplied."""
-    below = target * (255 - picture[..., 3:].astype(np.uint16))
-    below += 127
-    below //= 255
-    below += picture[..., :3]
-    np.minimum(below, 255, out=below)
-    target[:] = below
+    alpha = cv2.extractChannel(picture, 3)
+    cv2.copyTo(cv2.cvtColor(picture, cv2.COLOR_BGRA2BGR), cv2.inRange(alpha, 255, 255), target)
+    if (rim := cv2.findNonZero(cv2.inRange(alpha, 1, 254))) is not None:
+        x, y = rim.reshape(-1, 2).T
+        above, below = picture[y, x], target[y, x].astype(np.uint16)
+        target[y, x] = np.minimum((below * (255 - above[:, 3:].astype(np.uint16)) + 127) // 255 + above[:, :3], 255)
 
 
 @attrs.frozen(eq=False)

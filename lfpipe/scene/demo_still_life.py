@@ -44,8 +44,9 @@ def _noise(rng: np.random.Generator, height: int, width: int, grain: tuple[float
 
 def _coloured(value: Floats, dark: Colour, light: Colour) -> Floats:
     """value 0..1 between two colours given as (red, green, blue); float32 BGR."""
-    mix = np.clip(value, 0, 1)[..., None]
-    return np.asarray(np.array(dark[::-1], np.float32) * (1 - mix) + np.array(light[::-1], np.float32) * mix, np.float32)
+    mix = np.clip(value, 0, 1)
+    planes = [np.float32(low) * (1 - mix) + np.float32(high) * mix for low, high in zip(dark[::-1], light[::-1], strict=True)]
+    return np.asarray(cv2.merge(planes), np.float32)
 
 
 def _opaque(colour: Floats) -> Picture:
@@ -75,21 +76,27 @@ def _text(picture: Floats, text: str, centre: tuple[float, float], height: float
 
 
 def _wall(rng: np.random.Generator, height: int, width: int) -> Floats:
-    y, x = np.mgrid[0:height, 0:width].astype(np.float32) / TEXELS
+    y, x = (np.arange(count, dtype=np.float32) / TEXELS for count in (height, width))
     paper = _coloured(0.5 + 0.1 * _noise(rng, height, width, (90, 90)), (96, 122, 112), (168, 188, 170))
-    pitch = 34.0
-    odd = np.floor(x / pitch) % 2
-    px, py = (x % pitch) - pitch / 2, ((y + odd * pitch / 2) % pitch) - pitch / 2
+    pitch = 34  # px between motifs; in the next column they stand half as much lower
+    tile_y, tile_x = y[: pitch * TEXELS, None], x[None, : 2 * pitch * TEXELS]
+    px, py = (tile_x % pitch) - pitch / 2, ((tile_y + np.floor(tile_x / pitch) % 2 * pitch / 2) % pitch) - pitch / 2
     for tilt in (-0.6, 0.6):  # two leaves to a motif
         cos, sin = np.cos(tilt), np.sin(tilt)
         along, across = cos * py + sin * px, -sin * py + cos * px
         leaf = np.clip(3.2 - np.hypot(across * 2.6, along - 3) * 0.36, 0, 1)
         vein = np.clip(1.2 - np.abs(across) * 1.6, 0, 1) * leaf
-        paper += (leaf * 0.85)[..., None] * (np.array([92, 132, 96], np.float32) - paper) + (vein * 26)[..., None]
+        leaf, vein = (_tiled(part, height, width)[..., None] for part in (leaf * 0.85, vein * 26))
+        paper += leaf * (np.array([92, 132, 96], np.float32) - paper) + vein
     stripe = np.clip(1.1 - np.abs((x % (2 * pitch)) - pitch) * 1.2, 0, 1)
-    paper += (stripe * 30)[..., None] * np.array([0.7, 0.9, 1.0], np.float32)
-    light = 1.1 - 0.0013 * np.hypot(x - width / TEXELS * 0.32, (y - height / TEXELS * 0.22) * 1.2)
+    paper += (stripe * 30)[:, None] * np.array([0.7, 0.9, 1.0], np.float32)
+    light = 1.1 - 0.0013 * np.hypot(x - width / TEXELS * 0.32, (y[:, None] - height / TEXELS * 0.22) * 1.2)
     return np.asarray(paper * light[..., None], np.float32)
+
+
+def _tiled(tile: Floats, height: int, width: int) -> Floats:
+    """tile, repeated over height and width."""
+    return np.tile(tile, (-(-height // tile.shape[0]), -(-width // tile.shape[1])))[:height, :width]
 
 
 LETTERS = (("E", 0.20), ("F P", 0.125), ("T O Z", 0.09), ("L P E D", 0.066), ("P E C F D", 0.05), ("E D F C Z P", 0.038))
@@ -161,10 +168,11 @@ def _grass(rng: np.random.Generator, height: int, width: int, blades: int) -> Pi
 
 def _shade(picture: Floats, at: tuple[float, float], reach: tuple[float, float], strength: float) -> None:
     """Darkens picture about `at` (x, y) as a soft shadow, in px of the texture."""
-    height, width = picture.shape[:2]
-    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
-    fall = np.exp(-0.5 * (((x - at[0]) / reach[0]) ** 2 + ((y - at[1]) / reach[1]) ** 2))
-    picture *= (1 - strength * fall)[..., None]
+    cols, rows = (slice(max(0, round(middle - 6 * far)), round(middle + 6 * far)) for middle, far in zip(at, reach, strict=True))
+    window = picture[rows, cols]  # beyond, a float32 does not get darker
+    y, x = (np.arange(n, dtype=np.float32)[span] for n, span in zip(picture.shape[:2], (rows, cols), strict=True))
+    fall = np.exp(-0.5 * (((x - at[0]) / reach[0]) ** 2 + ((y[:, None] - at[1]) / reach[1]) ** 2))
+    window *= (1 - strength * fall)[..., None]
 
 
 def _box(front: Floats, side: Floats, x: float, width: float, height: float, d: float, d_back: float) -> list[Solid]:

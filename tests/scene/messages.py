@@ -11,9 +11,9 @@ import numpy as np
 import scipy.io
 
 from lfpipe import config
+from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.files import MAX_FILES
 from lfpipe.scene.layouts._grid import parse_grid
-from lfpipe.scene.packing import examine_scene
 from tests.hostile_files import png_of
 from tests.scene import made
 

@@ -28,11 +28,12 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.host.limits import limit_memory
 from lfpipe.scene import layouts
+from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.files import list_scene, read_pfm
 from lfpipe.scene.layouts.arrays import axis_order
 from lfpipe.scene.layouts.named import hci_attributes
 from lfpipe.scene.packer import MEMORY_BYTES
-from lfpipe.scene.packing import examine_scene, pack_scene
+from lfpipe.scene.packing import pack_scene
 from tests.hostile_files import NO_FILES, PEAK_MB, damaged_bytes, ended, jpeg_claiming, png_of
 from tests.scene import made
 

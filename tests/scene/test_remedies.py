@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.scene.packing import examine_scene
+from lfpipe.scene.examination import examine_scene
 from tests.scene.messages import REFUSALS
 
 
