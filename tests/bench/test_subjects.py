@@ -118,11 +118,10 @@ def test_a_video_on_a_screen_is_planned_and_each_blank_off_the_plan_counts() -> 
     assert judder.video_judder(on_every_blank(60.0, {11: 1}), 60.0, 30)[0] == pytest.approx(0), "the same frame stays"
 
 
-@pytest.mark.parametrize("rate_hz", [60.0, 75.0, 144.0])
-def test_a_clock_that_is_a_little_off_does_not_choose_the_frames(rate_hz: float) -> None:
-    shown = judder.simulate(rate_hz, 3.0, 2000, whole_ms=True)
-    videos_hz = (24, 30) if rate_hz == 144 else (24, 25, 30)  # 25 Hz on 144 leave 0.1 ms
-    assert max(judder.video_judder(shown, rate_hz, video_hz)[0] for video_hz in videos_hz) <= judder.GOAL
+def test_a_clock_that_is_a_little_off_does_not_choose_the_frames() -> None:
+    for rate_hz, videos_hz in ((60.0, (24, 25, 30)), (75.0, (24, 25, 30)), (144.0, (24, 30))):  # 25 Hz on 144 leave 0.1 ms
+        shown = judder.simulate(rate_hz, 3.0, 2000, whole_ms=True)
+        assert max(judder.video_judder(shown, rate_hz, video_hz)[0] for video_hz in videos_hz) <= judder.GOAL
 
 
 def test_synthesis_of_a_wall(tmp_path: Path) -> None:

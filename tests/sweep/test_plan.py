@@ -31,12 +31,7 @@ def test_every_combination_is_a_cell_with_a_key_of_its_own(tmp_path: Path, corpu
     plan = read_plan(write_plan(tmp_path, corpus, FULL))
     found = list(cells(plan, "v1"))
     assert len(found) == 2 * 4 * 2 + 2 * 4 + 2 * 4 * 2
-    assert (
-        len({cell.key for cell in found})
-        == len({cell.name for cell in found})
-        == len({cell.folder for cell in found})
-        == len(found)
-    )
+    assert all(len({getattr(cell, name) for cell in found}) == len(found) for name in ("key", "name", "folder"))
     assert {cell.why_not != "" for cell in found if "nowhere" in cell.scene} == {True}
     assert all("track.filter=mean" in cell.sets for cell in found)
     assert {cell.sequence != "" for cell in found if cell.subject == "truth"} == {True}
