@@ -85,16 +85,16 @@ def main(context: Context | None = None) -> None:
             time.sleep(0.2)
         process.terminate()
         process.wait()
-        total = 0
+        every: set[str] = set()
         for name in STAGES:
             calls = json.loads(Path(folder, name).read_text())
             own = {key: n for key, n in calls.items() if "/lfpipe/" in key and n >= 0.5}
-            total += len(own)
+            every |= own.keys()
             print(f"{name:8} {len(own):4} functions, {sum(own.values()):6.1f} calls a frame,", end=" ")
             print(f"{sum(calls.values()) - sum(own.values()):5.1f} of libraries")
             for key, n in sorted(calls.items(), key=lambda item: -item[1]) if args.list else ():
                 print(f"  {n:6.2f} {key.rpartition('/lfpipe/')[2]}")
-        print(f"{'together':8} {total:4} functions")
+        print(f"{'together':8} {len(every):4} functions, those of several stages once")
 
 
 if __name__ == "__main__":

@@ -24,12 +24,12 @@ VIEWPOINTS_NS = 100 * MS_NS  # between two messages "look"
 
 
 class Outputs:
-    """Call `follow` whenever options may have changed; without a request the other calls cost next to nothing."""
+    """Call `follow` whenever options may have changed. ring: for requested pictures; None: neither these nor viewpoints."""
 
     def __init__(self, context: Context, viewer: Viewer) -> None:
         self._context, self._viewer = context, viewer
         self._options = SessionOptions()  # those followed last
-        self._ring: ring.Writer | None = None
+        self.ring: ring.Writer | None = None
         # a timeline that runs when this process starts was begun by the one before it
         self._began: Path | None = context.spec.session.run_dir / "session.json"
         self._timeline = TraceFile(None, context.report_lost)
@@ -46,11 +46,11 @@ class Outputs:
             self._timeline = TraceFile(path, self._context.report_lost, self._began)
         self._began = None
         if options.pictures != before.pictures:
-            if self._ring is not None:
-                self._ring.close()
-            self._ring = None
+            if self.ring is not None:
+                self.ring.close()
+            self.ring = None
             with contextlib.suppress(FileNotFoundError):  # released before it was used
-                self._ring = ring.Writer(self._context.spec.session.segment(options.pictures)) if options.pictures else None
+                self.ring = ring.Writer(self._context.spec.session.segment(options.pictures)) if options.pictures else None
             self.picture(picture, None)
 
     @property
@@ -64,18 +64,16 @@ class Outputs:
 
     def picture(self, picture: NDArray[np.uint8] | None, stamp: Stamp | None) -> None:
         """Writes a picture just shown to the ring. A picture of another size, right after a change of scene, is left out."""
-        if self._ring is None or picture is None or picture.shape != self._ring.shape:
+        if self.ring is None or picture is None or picture.shape != self.ring.shape:
             return
-        np.copyto(self._ring.begin(), picture)
+        np.copyto(self.ring.begin(), picture)
         if stamp is None:
-            self._ring.publish(-1, 0, 0)
+            self.ring.publish(-1, 0, 0)
         else:
-            self._ring.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
+            self.ring.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
 
     def shown(self, viewpoints: Viewpoints, stamp: Stamp, face: bool, composed: bool, t_presented_ns: int) -> None:
         """Writes stamp and views of a picture for the share stage."""
-        if not self._context.options.shares_pictures:
-            return
         self._shown = self._shown or self._context.output("shown")
         record = self._shown.begin()
         record["t_presented_ns"], record["view"] = t_presented_ns, (viewpoints.left, viewpoints.right)
@@ -84,7 +82,7 @@ class Outputs:
 
     def emit_viewpoints(self, viewpoints: Viewpoints, face: bool) -> None:
         """Reports positions and views of the eyes to the tap, at most every VIEWPOINTS_NS."""
-        if self._ring is None or now_ns() < self._viewpoints_due_ns:
+        if now_ns() < self._viewpoints_due_ns:
             return
         self._viewpoints_due_ns = now_ns() + VIEWPOINTS_NS
         field, solver = self._viewer.field, self._viewer.solver

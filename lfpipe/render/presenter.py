@@ -20,6 +20,7 @@ from lfpipe.render.glasses import glasses_test
 from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.outputs import Outputs
+from lfpipe.render.presence import ViewerState
 from lfpipe.render.refresh import Refresh, ScreenRefresh
 from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, WaitingPictures
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer
@@ -60,6 +61,8 @@ class Presenter:
 
             self._replay = replay_writer.ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
         self._waiting = WaitingPictures()
+        self._state: ViewerState | None = None  # reported
+        self._parallax: Parallax | None = None
         self._latency: MotionLatency | None = None  # where pictures become light after a known delay
         self._loop_ns = 0
         self._number = 0
@@ -84,6 +87,8 @@ class Presenter:
         """Takes over changed options and configuration."""
         options = self._context.options
         self._outputs.follow(options, self.picture)
+        self._traced = self._trace.wanted or self._outputs.traced
+        self._shares = options.shares_pictures
         # a file has no light, and without a clock replay.latency_ms is the whole delay
         lit = not options.lossless and not options.display.startswith("file:")
         self._loop_ns = int(self._viewer.config.render.loop_ms * 1e6) * lit
@@ -161,25 +166,30 @@ class Presenter:
     def _account(self, showing: Showing) -> None:
         """Counts and reports after the hand-over, and what is known of the display without its reports."""
         row, stamp, refresh, composed = self._context.row, showing.stamp, self.refresh, bool(showing.number)
+        face, viewer = showing.face, self._viewer
         if self._fresh:
             self._fresh = False
             if self._latency is not None and showing.record is not None:
-                self._latency.measured(showing.t_sensor_ns, showing.record.raw_px if showing.record.face else None)
+                self._latency.measured(showing.t_sensor_ns, showing.record.raw_px if face else None)
         if composed:
-            self._outputs.picture(self.picture, stamp)
+            if self._outputs.ring is not None:
+                self._outputs.picture(self.picture, stamp)
             self.cost_ns += int(Refresh.COST_SHARE * (showing.cost_ns - self.cost_ns))
             if refresh is not None:
                 refresh.took(showing.cost_ns, showing.t_started_ns, showing.target_ns, self.cost_ns)
         row.tick(stamp.source_seq if stamp else -1)
         row["cpu_ns"] = time.process_time_ns()
         if stamp is not None:
-            row["face"] = showing.face
-            if showing.face:
+            row["face"] = face
+            if face:
                 row["t_face_ns"] = showing.t_started_ns
                 row.horizon.add_ns(min(showing.seen_ns - showing.t_sensor_ns, HORIZON_NS))
-            self._outputs.report_viewer()
-            self._outputs.emit_viewpoints(showing.viewpoints, bool(showing.face))
-            if self._trace.wanted or self._outputs.traced:
+            if viewer.presence.state is not self._state:
+                self._state = viewer.presence.state
+                self._outputs.report_viewer()
+            if self._outputs.ring is not None:
+                self._outputs.emit_viewpoints(showing.viewpoints, bool(face))
+            if self._traced:
                 self._eyes.done()
         if not self._display.blanks_by:
             showing.t_presented_ns = showing.t_handed_ns
@@ -189,7 +199,9 @@ class Presenter:
             if not composed:
                 showing.t_presented_ns, showing.by = showing.target_ns or showing.t_handed_ns, self._display.blanks_by
             self._waiting.add(showing)
-        self._outputs.report_parallax()
+        if viewer.parallax is not self._parallax:
+            self._parallax = viewer.parallax
+            self._outputs.report_parallax()
 
     def _report(self, showing: Showing) -> None:
         """Counts and traces a picture whose time of display is known."""
@@ -201,13 +213,13 @@ class Presenter:
             return
         if composed:
             row.measure(showing.waited_ns, showing.cost_ns, t_ns - showing.t_sensor_ns if seen else None)
-        if seen:
+        if seen and self._shares:
             self._outputs.shown(showing.viewpoints, stamp, bool(showing.face), composed, t_ns)
-            if showing.face and composed and self._latency is not None:
-                after_ns = showing.seen_ns - (showing.target_ns or showing.t_handed_ns)
-                self._latency.pictured(t_ns, after_ns, showing.loop_ns, showing.viewpoints.eyes_px)
-                row["onset_ns"], row["steady_ns"] = self._latency.onset_ns, self._latency.steady_ns
-        if self._trace.wanted or self._outputs.traced:
+        if self._latency is not None and seen and composed and showing.face:
+            after_ns = showing.seen_ns - (showing.target_ns or showing.t_handed_ns)
+            self._latency.pictured(t_ns, after_ns, showing.loop_ns, showing.viewpoints.eyes_px)
+            row["onset_ns"], row["steady_ns"] = self._latency.onset_ns, self._latency.steady_ns
+        if self._traced:
             line = self._line(showing, stamp)
             self._trace.write(line)
             self._outputs.line(line)
@@ -222,8 +234,6 @@ class Presenter:
 
     def follow_screen(self) -> None:
         """Processes the window system's reports of pictures and blanks."""
-        if not self._display.blanks_by:
-            return
         answers = self._display.presented()
         if answers and self.refresh is not None:
             self.refresh.blanks(answers, self._display.nominal_hz())

@@ -151,7 +151,8 @@ class RenderStage:
         if self._interactive or now_ns() >= self._serve_ns:
             self._serve_ns = now_ns() + SERVE_NS
             self._keys.serve()
-        self._presenter.follow_screen()
+        if self._display.blanks_by:
+            self._presenter.follow_screen()
 
     def close(self) -> None:
         """Writes what is left to write."""

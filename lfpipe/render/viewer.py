@@ -92,6 +92,7 @@ class Viewer:
     def redraw_by(self, config: Config) -> None:
         """Sets a configuration that differs only in render.method and render.rate_hz: geometry stays unchanged."""
         large = self.field.width_px * self.field.height_px >= LARGE_PX
+        self._is_video = self.field.frames > 1
         self.config, self.compositor = config, Compositor(self.field, config.render, self._helper if large else None)
         self.method = self.compositor.method
         if self.solver is not None:
@@ -113,7 +114,7 @@ class Viewer:
 
     def viewpoints(self, record: EyesRecord | None, t_sensor_ns: int, t_shown_ns: int) -> Viewpoints:
         """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None if nobody was seen yet."""
-        frame = 0 if self.field.frames == 1 else self._frame(t_shown_ns)
+        frame = self._frame(t_shown_ns) if self._is_video else 0
         camera_px = None if record is None or not record.face else _predicted(record, t_shown_ns - t_sensor_ns)
         if record is None or (camera_px is None and not self._seen):
             middle = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
