@@ -16,6 +16,7 @@ from lfpipe.eyes import EYES, MAX_HORIZON_S, EyesRecord
 from lfpipe.files.trace import TraceFile
 from lfpipe.render.compositor import Key
 from lfpipe.render.display import Display
+from lfpipe.render.geometry import Parallax
 from lfpipe.render.glasses import glasses_test
 from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.mouse_look import MouseLook
