@@ -1,12 +1,10 @@
 """The guest's drivers: vivid with its injected faults, and what a fault costs."""
 
-import json
 import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
 
-import attrs
 import numpy as np
 
 from lfpipe.capture.frame_source import Frame
@@ -14,7 +12,7 @@ from lfpipe.capture.reconnecting_camera import CameraLost, ReconnectingCamera
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.errors import UserError
 
-MODULES, COSTS = Path("/run/modules"), Path("/guest/costs.jsonl")
+MODULES = Path("/run/modules")
 VIVID = "vivid-000-vid-cap"
 OWN = ("vivid", "vhci-hcd", "uvcvideo")  # loaded by the tests that need them
 # drivers/media/test-drivers/vivid/vivid-ctrls.c
@@ -66,15 +64,6 @@ def inject(path: Path, control: int, value: int = 1) -> None:
         device.close()
 
 
-@attrs.define
-class Cost:
-    """Cost of a fault. frames: missing ones. seconds: the longest time without a picture. lost: a session would report it."""
-
-    frames: int
-    seconds: float
-    lost: bool
-
-
 def read(camera: ReconnectingCamera, out: np.ndarray, limit_s: float = 30.0) -> tuple[Frame, bool]:
     """The next frame, and whether the camera was lost before it."""
     until, lost = time.monotonic() + limit_s, False
@@ -91,28 +80,18 @@ def read(camera: ReconnectingCamera, out: np.ndarray, limit_s: float = 30.0) -> 
     raise AssertionError(f"no frame for {limit_s} s")
 
 
-def cost_of(fault: str, camera: ReconnectingCamera, rate_hz: float, act: Callable[[], None], frames: int = 10) -> Cost:
-    """Injects a fault between frames, reads some more, and records its cost."""
+def after(act: Callable[[], None], camera: ReconnectingCamera, rate_hz: float, frames: int = 10) -> tuple[int, bool]:
+    """What a fault between frames costs: (frames that are missing among the next ones, whether the camera counts as lost)."""
     out = np.empty((180, 320, 3), np.uint8)
     for _ in range(5):
         last, _ = read(camera, out)
     act()
-    lost, missing, longest_ns = False, 0, 0
+    lost, missing = False, 0
     for _ in range(frames):
         frame, lost_now = read(camera, out)
-        longest_ns = max(longest_ns, frame.t_read_ns - last.t_read_ns)
         lost |= lost_now
         gap = round((frame.t_sensor_ns - last.t_sensor_ns) / 1e9 * rate_hz) - 1
         if gap > 0 and (lost_now or frame.source_seq > last.source_seq + 1):
             missing += gap
         last = frame
-    found = Cost(missing, longest_ns / 1e9, lost)
-    if fault:
-        record(fault, found)
-    return found
-
-
-def record(fault: str, cost: Cost) -> None:
-    """For the table in profiling/results/camera.md."""
-    with COSTS.open("a") as file:
-        file.write(json.dumps({"fault": fault, **attrs.asdict(cost)}) + "\n")
+    return missing, lost

@@ -6,7 +6,6 @@ import re
 import struct
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -35,9 +34,9 @@ class Opens:
         return sum(bool(mask & IN_OPEN) for _, mask, _, length in HEADER.iter_unpack(data) if length == 0)
 
 
-def up(*words: str) -> subprocess.CompletedProcess[str]:
+def up() -> subprocess.CompletedProcess[str]:
     sets = [word for setting in SETTINGS for word in ("--set", setting)]
-    command = (sys.executable, "-m", "lfpipe", "up", "--no-picture", "--duration", "12", *sets, *words)
+    command = (sys.executable, "-m", "lfpipe", "up", "--no-picture", "--duration", "12", *sets)
     return subprocess.run(command, capture_output=True, text=True, env={"COLUMNS": "80", "HOME": "/root"}, check=False)
 
 
@@ -51,17 +50,3 @@ def test_a_session_runs_and_opens_the_camera_once(vivid: Path) -> None:
     restarts = [line.split()[-1] for line in told.splitlines() if re.match(r"(capture|track) ", line)]
     assert restarts == ["0", "0"], told
     assert opens.count() == 1, told
-
-
-def test_a_camera_in_use_is_refused_before_anything_starts(vivid: Path) -> None:
-    other = subprocess.Popen(
-        ("v4l2-ctl", "-d", str(vivid), "--stream-mmap", "--stream-count=0"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-    try:
-        time.sleep(2)
-        done = up("--camera", f"camera:{vivid}")
-    finally:
-        other.kill()
-        other.wait()
-    assert done.returncode == 2 and "busy" in done.stderr and "fuser" in done.stderr, done.stdout + done.stderr
-    assert "Traceback" not in done.stderr

@@ -1,4 +1,4 @@
-"""Recordings as sources, with real encoders and decoders."""
+"""Recordings as sources, with real encoders and decoders: in order, on time, JPEGs passed on unchanged."""
 
 import shutil
 import time
@@ -10,59 +10,35 @@ import pytest
 
 from lfpipe import config
 from lfpipe.capture.file_source import FileSource
-from lfpipe.capture.open_source import check_source, open_source
+from lfpipe.capture.open_source import open_source
 from lfpipe.capture.recordings import natural_key
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
-
-SIZE = (64, 48)
-CAMERA = config.Camera(width_px=SIZE[0], height_px=SIZE[1], rate_hz=50.0)
+from tests.capture.made_files import CAMERA, SHAPE, SIZE, flat, jpeg, noise, seen, video
 
 
-def picture(index: int) -> np.ndarray:
-    """A frame that encodes its number: its grey is 10 * index + 5."""
-    return np.full((SIZE[1], SIZE[0], 3), 10 * index + 5, np.uint8)
-
-
-@pytest.fixture
-def video(tmp_path: Path) -> Path:
-    path = tmp_path / "six.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"HFYU"), 25.0, SIZE)
-    for index in range(6):
-        writer.write(picture(index))
-    writer.release()
-    return path
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
+@pytest.fixture(params=["video", "folder"])
+def recording(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Six frames."""
+    if request.param == "video":
+        return video(tmp_path / "six.avi", "HFYU", [flat(index) for index in range(6)])
     path = tmp_path / "pictures"
     path.mkdir()
-    for index in range(12):
-        cv2.imwrite(str(path / f"frame{index}.png"), picture(index))
+    for index in range(6):
+        cv2.imwrite(str(path / f"frame{7 + index}.png"), flat(index))  # from 7 to 12: numbers, not text
     (path / "notes.txt").write_text("no picture")
     return path
 
 
-def numbers(source: FileSource, out: np.ndarray) -> list[int]:
-    seen = []
-    while source.read(out) is not None:
-        seen.append(int(out.mean()) // 10)
-    return seen
-
-
-def test_a_video_once(video: Path) -> None:
-    source = FileSource(FileSpec(video, loop=False), CAMERA)
-    assert (source.info.width_px, source.info.height_px, source.info.rate_hz, source.info.live) == (*SIZE, 25.0, False)
-    assert source.info.notes == ()
-    assert numbers(source, np.zeros((SIZE[1], SIZE[0], 3), np.uint8)) == list(range(6))
-
-
-def test_a_folder_in_natural_order(folder: Path) -> None:
-    source = FileSource(FileSpec(folder, loop=False), CAMERA)
-    assert source.info.rate_hz == 50.0
-    assert any("50 Hz" in note for note in source.info.notes)
-    assert numbers(source, np.zeros((SIZE[1], SIZE[0], 3), np.uint8)) == list(range(12))
+def test_frames_come_in_order_into_a_slot_of_foreign_memory(recording: Path) -> None:
+    source, memory = FileSource(FileSpec(recording, loop=False), CAMERA), np.full((3, *SHAPE), 77, np.uint8)
+    assert (source.info.width_px, source.info.height_px, source.info.live) == (*SIZE, False)
+    own_rate = recording.suffix == ".avi"
+    assert source.info.rate_hz == (25.0 if own_rate else 50.0) and any("50 Hz" in note for note in source.info.notes) != own_rate
+    numbers = []
+    while source.read(memory[1]) is not None:
+        numbers.append(int(memory[1].mean()) // 10)
+    assert numbers == list(range(6)) and (memory[[0, 2]] == 77).all()
 
 
 def test_natural_order() -> None:
@@ -71,86 +47,90 @@ def test_natural_order() -> None:
 
 
 @pytest.mark.parametrize(("pace", "rate"), [("recorded", 25.0), (30.0, 30.0), (0.5, 0.5)])
-def test_looped_frames_keep_counting_and_never_drift(video: Path, pace: float | str, rate: float) -> None:
-    source = FileSource(FileSpec(video, loop=True, pace=pace), CAMERA)
-    out = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
-    frames, shown = [], []
+def test_looped_frames_keep_counting_and_never_drift(tmp_path: Path, pace: float | str, rate: float) -> None:
+    path = video(tmp_path / "six.avi", "HFYU", [flat(index) for index in range(6)])
+    source, out = FileSource(FileSpec(path, loop=True, pace=pace), CAMERA), np.zeros(SHAPE, np.uint8)
+    frames, numbers = [], []
     for _ in range(20):
         frames.append(source.read(out))
-        shown.append(int(out.mean()) // 10)
-    assert shown == [k % 6 for k in range(20)]
-    assert [frame.source_seq for frame in frames] == list(range(20))
+        numbers.append(int(out.mean()) // 10)
+    assert numbers == [k % 6 for k in range(20)] and [frame.source_seq for frame in frames] == list(range(20))
     assert all(frame.t_read_ns == 0 for frame in frames)
     for k, frame in enumerate(frames):
         assert abs(frame.t_sensor_ns - frames[0].t_sensor_ns - k * 1e9 / rate) <= 4
 
 
-def test_max_pace_is_due_now(video: Path) -> None:
-    source = FileSource(FileSpec(video, pace="max"), CAMERA)
-    out = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+def test_max_pace_is_due_now(recording: Path) -> None:
+    source, out = FileSource(FileSpec(recording, pace="max"), CAMERA), np.zeros(SHAPE, np.uint8)
     for _ in range(8):
         before = time.monotonic_ns()
         frame = source.read(out)
         assert before <= frame.t_sensor_ns <= time.monotonic_ns()
 
 
-@pytest.mark.parametrize("kind", ["video", "folder"])
-def test_other_sizes_are_scaled_and_said(kind: str, request: pytest.FixtureRequest) -> None:
-    path = request.getfixturevalue(kind)
-    source = FileSource(FileSpec(path, loop=False), config.Camera(width_px=100, height_px=90))
+def test_other_sizes_are_scaled_and_said(recording: Path) -> None:
+    source = FileSource(FileSpec(recording, loop=False), config.Camera(width_px=100, height_px=90))
     assert any("64x48 are scaled to 100x75, with black bars above and below" in note for note in source.info.notes)
     out = np.zeros((90, 100, 3), np.uint8)
     source.read(out)
     assert (out[8:82] == 5).all() and not out[:7].any() and not out[83:].any()
 
 
-def test_frames_go_straight_into_a_slot(video: Path, folder: Path) -> None:
-    """A slot is a view of foreign memory; its neighbours stay unchanged."""
-    for path in (video, folder):
-        memory = np.full((3, SIZE[1], SIZE[0], 3), 77, np.uint8)
-        FileSource(FileSpec(path), CAMERA).read(memory[1])
-        assert (memory[1] == 5).all() and (memory[[0, 2]] == 77).all()
-
-
-def test_what_is_wrong_with_a_file(tmp_path: Path, folder: Path) -> None:
-    text = tmp_path / "text.mp4"
-    text.write_text("not a readable video")
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    broken = tmp_path / "broken.png"
-    broken.write_bytes(b"\x89PNG and nothing more")
-    for path, says in (
-        (tmp_path / "gone.mp4", "no such file"),
-        (text, "not a readable video"),
-        (empty, "without pictures"),
-        (broken, "not a readable picture"),
-    ):
-        with pytest.raises(UserError, match=says) as told:
-            check_source(f"file:{path}", CAMERA)
-        assert str(path) in told.value.message and told.value.remedy
-
-
-def test_a_looped_file_that_goes_away_says_so(folder: Path) -> None:
-    source = FileSource(FileSpec(folder), CAMERA)
-    shutil.rmtree(folder)
+def test_a_looped_file_that_goes_away_says_so(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "frame0.png"), flat(0))
+    source = FileSource(FileSpec(tmp_path), CAMERA)
+    shutil.rmtree(tmp_path)
     with pytest.raises(UserError, match=r"frame0\.png"):
-        source.read(np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
+        source.read(np.zeros(SHAPE, np.uint8))
 
 
 @pytest.mark.parametrize(("kind", "size"), [("video", (270, 480)), ("pictures", (640, 360))])
 def test_a_circle_stays_a_circle(kind: str, size: tuple[int, int], tmp_path: Path) -> None:
     frame = np.full((size[1], size[0], 3), 60, np.uint8)
     cv2.circle(frame, (size[0] // 2, size[1] // 2), 100, (255, 255, 255), -1)
-    path = tmp_path / "round.avi"
-    if kind == "pictures":
-        path = tmp_path / "round.png"
-        cv2.imwrite(str(path), frame)
+    path = tmp_path / "round.png"
+    if kind == "video":
+        path = video(tmp_path / "round.avi", "HFYU", [frame])
     else:
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"HFYU"), 25.0, size)
-        writer.write(frame)
-        writer.release()
+        cv2.imwrite(str(path), frame)
     out = np.zeros((480, 640, 3), np.uint8)
     open_source(f"file:{path}?loop=0", config.Camera()).read(out)
     rows, cols = np.nonzero((out > 150).all(axis=2))
     assert abs(np.ptp(rows) - np.ptp(cols)) <= 1
     assert abs(rows.mean() - 239.5) < 1 and abs(cols.mean() - 319.5) < 1
+
+
+def test_motion_jpeg_in_a_file(tmp_path: Path) -> None:
+    path = video(tmp_path / "v.avi", "MJPG", [seen(jpeg(index)) for index in range(5)])
+    stored, source, out = path.read_bytes(), FileSource(FileSpec(path), CAMERA), np.zeros(SHAPE, np.uint8)
+    assert source.info.jpeg and source.info.rate_hz == 25.0
+    packets, stamps = [], []
+    for _ in range(12):  # it starts over twice
+        frame = source.read(out)
+        assert frame is not None and frame.packet is not None and frame.packet.tobytes() in stored
+        assert np.array_equal(out, seen(frame.packet.tobytes()))
+        packets.append(frame.packet.tobytes())
+        stamps.append(frame.t_sensor_ns)
+    assert len(set(packets[:5])) == 5 and packets[5:10] == packets[:5] and set(np.diff(stamps)) == {40_000_000}
+
+
+def test_a_folder_of_jpegs(tmp_path: Path) -> None:
+    for index in range(3):
+        (tmp_path / f"{index}.jpg").write_bytes(jpeg(index))
+    (tmp_path / "3.jpg").write_bytes(jpeg(3, (48, 32)))
+    source, out = FileSource(FileSpec(tmp_path, loop=False), CAMERA), np.zeros(SHAPE, np.uint8)
+    assert source.info.jpeg
+    for index in range(3):
+        frame = source.read(out)
+        assert frame is not None and frame.packet is not None and frame.packet.tobytes() == jpeg(index)
+        assert np.array_equal(out, seen(jpeg(index)))
+    frame = source.read(out)
+    assert frame is not None and frame.packet is None, "another size than the others cannot be stored beside them"
+
+
+def test_other_sources_have_no_packets(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "p.png"), noise(0))
+    for path in (video(tmp_path / "v.avi", "HFYU", [noise(0)]), tmp_path / "p.png"):
+        source = FileSource(FileSpec(path), CAMERA)
+        frame = source.read(np.zeros(SHAPE, np.uint8))
+        assert not source.info.jpeg and frame is not None and frame.packet is None

@@ -6,7 +6,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe import config
 from lfpipe.capture import camera_list
 from lfpipe.capture import open_source as open_source_module
 from lfpipe.capture.camera_list import with_time_limit
@@ -23,23 +21,14 @@ from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
+from tests.capture.made_files import CAMERA, SHAPE, noise, video
 
-SIZE = (64, 48)
-CAMERA = config.Camera(width_px=SIZE[0], height_px=SIZE[1], rate_hz=50.0)
-OUT = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+OUT = np.zeros(SHAPE, np.uint8)
 COUNT = 6
 
 
-def picture(index: int, size: tuple[int, int] = SIZE) -> np.ndarray:
-    return np.random.default_rng(index).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
-
-
-def video(path: Path, fourcc: str, size: tuple[int, int] = SIZE, count: int = COUNT) -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*fourcc), 25.0, size)
-    for index in range(count):
-        writer.write(picture(index, size))
-    writer.release()
-    return path
+def six(path: Path, fourcc: str = "HFYU") -> Path:
+    return video(path, fourcc, [noise(index) for index in range(COUNT)])
 
 
 def refused(path: Path) -> UserError:
@@ -67,9 +56,7 @@ print(int(most.split()[1]) // 1024)
 @pytest.mark.parametrize("kind", ["MJPG", pytest.param("png ", marks=pytest.mark.live)])
 def test_a_video_of_too_large_frames_is_refused_without_decoding_them(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "large.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*kind), 25.0, (10_000, 10_000))
-    writer.write(np.full((10_000, 10_000, 3), 90, np.uint8))
-    writer.release()
+    video(path, kind, [np.full((10_000, 10_000, 3), 90, np.uint8)])
     assert path.stat().st_size < 3_000_000
     done = subprocess.run([sys.executable, "-c", MEMORY, str(path)], capture_output=True, text=True, timeout=100)
     said, used_mb = done.stdout.splitlines()[0], int(done.stdout.splitlines()[-1])
@@ -78,7 +65,7 @@ def test_a_video_of_too_large_frames_is_refused_without_decoding_them(tmp_path: 
 
 
 def test_a_stream_that_grows_half_way_loses_that_frame_and_goes_on(tmp_path: Path) -> None:
-    small = cv2.imencode(".jpg", picture(0))[1].tobytes()
+    small = cv2.imencode(".jpg", noise(0))[1].tobytes()
     large = cv2.imencode(".jpg", np.full((10_000, 10_000, 3), 90, np.uint8))[1].tobytes()
     path = tmp_path / "grows.mjpeg"
     path.write_bytes(small * 3 + large + small * 3)
@@ -107,7 +94,7 @@ def played(source: FileSource) -> tuple[list[int], int]:
 
 def test_the_limit_on_memory_holds_for_decoding_alone(tmp_path: Path) -> None:
     before = resource.getrlimit(resource.RLIMIT_DATA)
-    source = FileSource(FileSpec(video(tmp_path / "v.avi", "HFYU")), CAMERA)
+    source = FileSource(FileSpec(six(tmp_path / "v.avi")), CAMERA)
     source.read(OUT)
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
     source.close()
@@ -118,7 +105,7 @@ def test_the_limit_on_memory_holds_for_decoding_alone(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["MJPG", "png "])
 def test_a_damaged_frame_is_reported_and_counted_and_the_rest_is_played(tmp_path: Path, kind: str) -> None:
-    path = video(tmp_path / "v.avi", kind)
+    path = six(tmp_path / "v.avi", kind)
     data = bytearray(path.read_bytes())
     places = [at for at in range(data.index(b"movi"), len(data)) if data[at : at + 4] in (b"00dc", b"00db")]
     third = places[2]
@@ -132,7 +119,7 @@ def test_a_damaged_frame_is_reported_and_counted_and_the_rest_is_played(tmp_path
 
 
 def test_a_truncated_video_says_what_is_missing(tmp_path: Path) -> None:
-    path = video(tmp_path / "v.avi", "HFYU")
+    path = six(tmp_path / "v.avi")
     data = path.read_bytes()
     at = [at for at in range(data.index(b"movi"), len(data)) if data[at : at + 4] in (b"00dc", b"00db")][4]
     path.write_bytes(data[:at])
@@ -146,7 +133,7 @@ def test_a_truncated_video_says_what_is_missing(tmp_path: Path) -> None:
 
 def test_a_broken_picture_in_a_folder_is_one_frame(tmp_path: Path) -> None:
     for index in range(5):
-        cv2.imwrite(str(tmp_path / f"{index}.png"), picture(index))
+        cv2.imwrite(str(tmp_path / f"{index}.png"), noise(index))
     (tmp_path / "2.png").write_bytes(b"nothing")
     source = FileSource(FileSpec(tmp_path, loop=False), CAMERA)
     assert played(source) == ([0, 1, 3, 4], 1)
@@ -154,7 +141,7 @@ def test_a_broken_picture_in_a_folder_is_one_frame(tmp_path: Path) -> None:
 
 def test_a_source_of_broken_frames_only_gives_up(tmp_path: Path) -> None:
     for index in range(5):
-        cv2.imwrite(str(tmp_path / f"{index}.png"), picture(index))
+        cv2.imwrite(str(tmp_path / f"{index}.png"), noise(index))
     source = FileSource(FileSpec(tmp_path), CAMERA)
     source.read(OUT)
     for path in tmp_path.iterdir():
@@ -174,7 +161,7 @@ def test_errors_of_libraries_reach_nobody(tmp_path: Path, monkeypatch: pytest.Mo
     def fails(*_: Any) -> None:
         raise error
 
-    source = FileSource(FileSpec(video(tmp_path / "v.avi", "HFYU")), CAMERA)
+    source = FileSource(FileSpec(six(tmp_path / "v.avi")), CAMERA)
     monkeypatch.setattr(source._recording, "next", fails)
     with pytest.raises(BrokenFrame) as told:
         source.read(OUT)
@@ -185,53 +172,42 @@ def test_errors_of_libraries_reach_nobody(tmp_path: Path, monkeypatch: pytest.Mo
         check_source("demo", CAMERA)
 
 
-def _fifo(path: Path) -> None:
-    os.mkfifo(path)
-
-
-def _socket(path: Path) -> None:
-    with socket.socket(socket.AF_UNIX) as made:
-        made.bind(str(path))
-
-
-def _device(path: Path) -> None:
-    path.symlink_to("/dev/zero")
-
-
-@pytest.mark.parametrize("make", [_fifo, _socket, _device])
-@pytest.mark.parametrize("name", ["v.avi", "p.png"])
-def test_what_is_no_file_is_refused_at_once(tmp_path: Path, make: Callable[[Path], None], name: str) -> None:
+@pytest.mark.parametrize("kind", ["empty", "fifo", "socket", "device", "text", "list", "playlist", "SDP", "missing"])
+def test_what_is_no_recording_is_refused_at_once_by_name(tmp_path: Path, kind: str) -> None:
+    """FFmpeg would follow lists of other files and addresses."""
+    texts = {"text": "not a video", "SDP": "v=0\no=- 0 0\n", "list": "ffconcat version 1.0\nfile /etc/passwd\n"}
+    texts["playlist"] = "#EXTM3U\n#EXTINF:1,\nhttp://localhost/x\n"
     folder = tmp_path / "f"
     folder.mkdir()
-    make(folder / name)
-    assert "not a file" in refused(folder / name).message or "cannot be read" in refused(folder / name).message
-    if name == "p.png":
-        assert "p.png" in refused(folder).message
+    for path in (folder / "v.avi", folder / "p.png"):
+        if kind == "fifo":
+            os.mkfifo(path)
+        elif kind == "socket":
+            with socket.socket(socket.AF_UNIX) as made:
+                made.bind(str(path))
+        elif kind == "device":
+            path.symlink_to("/dev/zero")
+        elif kind == "empty":
+            path.touch()
+        elif kind in texts:
+            path.write_text(texts[kind])
+        assert str(path) in refused(path).message
+    assert str(folder) in refused(folder).message
 
 
 @pytest.mark.parametrize("name", ["a%d.avi", "concat:a|b.avi", "http:x.avi", "-v.avi", "ä ö.avi", "weiß?.avi", "a\nb.avi"])
 def test_odd_names_are_opened_as_they_stand(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    video(tmp_path / "plain.avi", "HFYU").rename(tmp_path / name)
+    six(tmp_path / "plain.avi").rename(tmp_path / name)
     monkeypatch.chdir(tmp_path)
     assert check_source(f"file:{name}?loop=1", CAMERA).rate_hz == 25.0
 
 
 def test_a_name_that_is_not_utf8_plays_like_any_other(tmp_path: Path) -> None:
-    path = os.fsencode(video(tmp_path / "v.avi", "HFYU"))[:-5] + b"\xff\xfe.avi"
+    path = os.fsencode(six(tmp_path / "v.avi"))[:-5] + b"\xff\xfe.avi"
     (tmp_path / "v.avi").rename(os.fsdecode(path))
     source = open_source(f"file:{os.fsdecode(path)}?loop=0", CAMERA)
     assert played(source) == (list(range(COUNT)), 0)  # type: ignore[arg-type]
     source.close()
-
-
-LISTS = ("ffconcat version 1.0\nfile /etc/passwd\n", "#EXTM3U\n#EXTINF:1,\nhttp://localhost/x\n", "v=0\no=- 0 0\n")
-
-
-@pytest.mark.parametrize("text", LISTS)
-def test_lists_of_other_files_are_no_videos(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "v.avi"
-    path.write_text(text)
-    assert "not a readable video" in refused(path).message
 
 
 def test_nobody_waits_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
