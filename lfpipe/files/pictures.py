@@ -4,7 +4,6 @@ import contextlib
 import io
 import os
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageFile
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import open_regular, reason
+from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import path_of
 
 MAX_DECODING_BYTES = 240_000_000  # 8192x8192 px of 8-bit colour, 7574x5264 px (lenslets of a Lytro Illum) of 16-bit colour
@@ -85,15 +84,6 @@ def _full_value(image: ImageFile.ImageFile) -> int:
     return 65535 if ";16" in str(args) or image.mode.startswith("I") else 255
 
 
-@contextlib.contextmanager
-def _opened(path: Path) -> Iterator[IO[bytes]]:
-    try:
-        with open_regular(path) as file:
-            yield file
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {reason(error)}", "check the file and its permissions") from None
-
-
 def _unreadable(path: Path, why: str) -> UserError:
     return UserError(f"{path}: not a readable picture ({why})", "download or export it again")
 
@@ -119,7 +109,7 @@ def _checked(path: Path, file: IO[bytes]) -> Header:
 
 def open_header(path: Path) -> Header:
     """The header of a picture. Raises UserError if it is no picture, too large to decode or certainly truncated."""
-    with _opened(path) as file:
+    with open_file(path) as file:
         return _checked(path, file)
 
 
@@ -161,7 +151,7 @@ def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], 
     animation, gives the first frame. like: the result of `open_header` for the path. Raises UserError if the file is truncated,
     no picture, too large, or has changed since.
     """
-    with _opened(path) as file:
+    with open_file(path) as file:
         header = _checked(path, file)
         if like is not None and header != like:
             raise UserError(f"{path}: changed while it was read", "try again once the files are complete")
@@ -175,7 +165,7 @@ def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], 
 
 def read_frames(path: Path, most_bytes: int = MAX_DECODING_BYTES) -> list[NDArray[np.uint8]]:
     """All frames of an animation or all pictures of one file (GIF, WebP, MPO), uint8 (h, w, 3) RGB, upright. Raises UserError."""
-    with _opened(path) as file:
+    with open_file(path) as file:
         header = _checked(path, file)
         if header.frames * header.decoded_bytes > most_bytes:
             size = f"{header.frames} frames of {header.width_px}x{header.height_px} px"
@@ -203,7 +193,7 @@ def small_grey(path: Path, like: Header, most_px: float) -> NDArray[np.uint8]:
         grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
         return np.asarray(grey if full == 255 else cv2.convertScaleAbs(grey, alpha=255 / full), np.uint8)
     flags = getattr(cv2, f"IMREAD_REDUCED_GRAYSCALE_{reduced[-1]}")
-    with _opened(path) as file:
+    with open_file(path) as file:
         if _checked(path, file) != like:
             raise UserError(f"{path}: changed while it was read", "try again once the files are complete")
         found = cv2.imread(path_of(file), flags | cv2.IMREAD_IGNORE_ORIENTATION)

@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import IO
 
 from lfpipe.errors import UserError
-from lfpipe.host.files import CAREFUL, longest_name
+from lfpipe.host.files import CAREFUL, read_at
 
 PRIVATE = 0o600  # of a file that records a face or its movements; its folder has PRIVATE_FOLDER
 PRIVATE_FOLDER = 0o700
+MAX_FILE_BYTES = 1 << 36  # an hour of lossless light-field video is smaller
+LONGEST_LINE = 1 << 16  # bytes of a `LineFile`; limit of the search for the end of the last line
 _KINDS = {
     stat.S_IFDIR: "a directory",
     stat.S_IFIFO: "a FIFO",
@@ -42,12 +44,12 @@ def check_regular(path: Path) -> None:
 
 
 def check_links(folder: Path, names: Iterable[str]) -> None:
-    """Raises UserError if a file of a folder is a link out of it: an unpacked archive could expose any readable file."""
+    """Raises UserError if a file of a folder is a link out of it: an unpacked archive could expose any readable file. A name may
+    begin with that of a subfolder."""
     for path in (folder / name for name in names):
-        link = os.path.islink(path)  # noqa: PTH114  (of a folder that may not be searched: the reader of the file says so)
-        if link and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
-            there = os.path.realpath(path)
-            raise UserError(f"{path}: a link to {there}, outside of the folder", "copy the file into the folder")
+        linked = os.path.islink(path) or os.path.islink(path.parent)  # noqa: PTH114  (raises nothing where nobody may search)
+        if linked and not Path(there := os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+            raise UserError(f"{path}: a link to {there}, outside of the folder", "copy the files (`cp -rL` follows links)")
 
 
 def open_regular(path: Path) -> BufferedReader:
@@ -62,6 +64,19 @@ def open_regular(path: Path) -> BufferedReader:
 
 def _open_carefully(path: str, flags: int) -> int:
     return os.open(path, flags | CAREFUL)
+
+
+def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BufferedReader:
+    """As `open_regular`. Raises UserError, also if the file has more than most_bytes."""
+    try:
+        file = open_regular(path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {reason(error)}", "check the file and its permissions") from None
+    size = os.fstat(file.fileno()).st_size
+    if size > most_bytes:
+        file.close()
+        raise UserError(f"{path}: has {size} bytes; at most {most_bytes} are allowed", "check that its name is right")
+    return file
 
 
 def read_bytes(path: Path, most_bytes: int) -> bytes:
@@ -112,17 +127,6 @@ def replaced(path: Path, mode: int = PRIVATE) -> Iterator[IO[bytes]]:
         raise
 
 
-def check_place(path: Path) -> None:
-    """Raises OSError if `replaced` could not write path."""
-    check_regular(path)
-    probe = path.with_name(f".{path.name[:200]}.probe")
-    probe.unlink(missing_ok=True)
-    create_private(probe).close()
-    probe.unlink()
-    if len(os.fsencode(path.name)) > longest_name(path.parent):
-        raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG), str(path))
-
-
 def read_text(path: Path, most_bytes: int, what: str, remedy: str) -> str:
     """Reads a whole file as UTF-8. what: for the message. Raises UserError if it is not UTF-8."""
     try:
@@ -132,3 +136,30 @@ def read_text(path: Path, most_bytes: int, what: str, remedy: str) -> str:
         raise UserError(f"{what}: {why}", remedy) from None
     except OSError as error:
         raise UserError(f"{what}: cannot be read: {reason(error)}", remedy) from None
+
+
+class LineFile:
+    """Appends lines with one write each. A partial line left by a killed writer is cut off."""
+
+    def __init__(self, path: Path) -> None:
+        """Creates the file, private to its owner, if it does not exist. Raises OSError, also if path is not a file."""
+        check_regular(path)
+        self._fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | CAREFUL, PRIVATE)
+        size = os.fstat(self._fd).st_size
+        tail = read_at(self._fd, min(size, LONGEST_LINE), max(0, size - LONGEST_LINE)) if size else b""
+        if tail and not tail.endswith(b"\n"):
+            os.ftruncate(self._fd, size - len(tail) + tail.rfind(b"\n") + 1)
+
+    def append(self, line: bytes) -> None:
+        """Appends line, which ends with a newline. Raises OSError if it does not fit; the file then ends with the last line."""
+        written = 0
+        try:
+            while written < len(line):  # after a short write, a second one raises the reason
+                written += os.write(self._fd, line[written:])
+        except OSError:
+            if written:
+                os.ftruncate(self._fd, os.fstat(self._fd).st_size - written)
+            raise
+
+    def close(self) -> None:
+        os.close(self._fd)

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.files.line_file import LONGEST_LINE, LineFile
 from lfpipe.files.output import OutputFile
-from lfpipe.files.safe_files import lines, reason
+from lfpipe.files.safe_files import LONGEST_LINE, LineFile, lines, reason
 from lfpipe.files.untrusted import Fields, json_fields
 
 TIMES = ("t_sensor_ns", "t_read_ns", "t_tracked_ns", "t_composed_ns", "t_presented_ns")

@@ -8,8 +8,8 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Mapping
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import attrs
 
@@ -19,9 +19,6 @@ MAX_DEPTH = 32
 MAX_INTEGER = (1 << 63) - 1  # what NumPy, msgpack and every other reader can hold
 _MAX_DIGITS = 19
 _MAX_TOML_LINE = 4096  # tomllib's time for dotted keys grows with the square of their number
-
-T = TypeVar("T")
-
 
 def parse_json(data: bytes | str, where: str, remedy: str) -> Any:
     """The JSON value in data, UTF-8. Unlike json.loads: no NaN or infinity, no integer beyond 64 bits, no deep nesting."""
@@ -86,58 +83,45 @@ class Fields:
 
     def number(self, key: str, low: float, high: float) -> float:
         """A finite number."""
-        value = self._present(key)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise self._wrong(key, f"a number from {low:g} to {high:g}")
-        return float(value)
+        return float(self._read(key, lambda v: _is_number(v) and low <= v <= high, f"a number from {low:g} to {high:g}"))
 
     def integer(self, key: str, low: int, high: int) -> int:
         """A whole number; 3.0 is refused."""
-        value = self._present(key)
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise self._wrong(key, f"a whole number from {low} to {high}")
-        return value
+        expected = f"a whole number from {low} to {high}"
+        return int(self._read(key, lambda v: _is_number(v) and isinstance(v, int) and low <= v <= high, expected))
 
     def flag(self, key: str) -> bool:
         """true or false."""
-        return self._typed(key, bool, "true or false")
+        return bool(self._read(key, lambda v: isinstance(v, bool), "true or false"))
 
     def text(self, key: str, most_chars: int = 10_000) -> str:
         """A string."""
-        value = self._typed(key, str, "a string")
-        if len(value) > most_chars:
-            raise self._wrong(key, f"a string of at most {most_chars} characters")
-        return value
+        expected = f"a string of at most {most_chars} characters"
+        return str(self._read(key, lambda v: isinstance(v, str) and len(v) <= most_chars, expected))
 
     def items(self, key: str, most: int) -> list[Any]:
         """A list of at most `most` items, which are not checked."""
-        value: list[Any] = self._typed(key, list, "a list")
-        if len(value) > most:
-            raise UserError(f"{self.where}: {key} has {len(value)} items, expected at most {most}", self.remedy)
-        return value
+        return list(self._read(key, lambda v: isinstance(v, list) and len(v) <= most, f"a list of at most {most} items"))
 
     def numbers(self, key: str, count: int, low: float, high: float) -> list[float]:
         """A list of finite numbers of the given length."""
-        each = Fields({f"{key}[{k}]": value for k, value in enumerate(self.items(key, count))}, self.where, self.remedy)
-        return [each.number(f"{key}[{k}]", low, high) for k in range(count)]
+        values = Fields({f"{key}[{k}]": value for k, value in enumerate(self.items(key, count))}, self.where, self.remedy)
+        return [values.number(f"{key}[{k}]", low, high) for k in range(count)]
 
     def table(self, key: str) -> Fields:
         """A mapping within this one."""
-        return Fields(self._typed(key, dict, "an object"), f"{self.where}: {key}", self.remedy)
+        return Fields(self._read(key, lambda v: isinstance(v, dict), "an object"), f"{self.where}: {key}", self.remedy)
 
-    def _present(self, key: str) -> Any:
+    def _read(self, key: str, fits: Callable[[Any], bool], expected: str) -> Any:
         if key not in self.values:
             raise UserError(f"{self.where}: {key} is missing", self.remedy)
+        if not fits(self.values[key]):
+            raise UserError(f"{self.where}: {key} is {shown(self.values[key])}, expected {expected}", self.remedy)
         return self.values[key]
 
-    def _typed(self, key: str, kind: type[T], expected: str) -> T:
-        value = self._present(key)
-        if not isinstance(value, kind):
-            raise self._wrong(key, expected)
-        return value
 
-    def _wrong(self, key: str, expected: str) -> UserError:
-        return UserError(f"{self.where}: {key} is {shown(self.values[key])}, expected {expected}", self.remedy)
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _integer(text: str) -> int:

@@ -11,7 +11,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.files.line_file import LineFile
+from lfpipe.files.safe_files import LineFile
 from lfpipe.host.processes import yield_to_others
 from lfpipe.sequence.eyes import EYES
 from lfpipe.sequence.packets import PacketWriter, encoded

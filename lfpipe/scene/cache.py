@@ -20,9 +20,9 @@ import platformdirs
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import read_bytes, reason
+from lfpipe.files.safe_files import open_file, read_bytes, reason
 from lfpipe.host import file_lock
-from lfpipe.scene.files import Listing, list_scene, open_file
+from lfpipe.scene.files import Listing, list_scene
 from lfpipe.scene.pack import VERSION, VIEWS, DamagedPackError, read_manifest
 from lfpipe.scene.source import SceneSource
 

@@ -6,7 +6,6 @@ import re
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
 
 import attrs
 import cv2
@@ -14,16 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, shown
-from lfpipe.files.safe_files import open_regular, reason
-from lfpipe.host.files import path_of
+from lfpipe.files.safe_files import check_links, open_file, reason
 from lfpipe.host.terminal import opencv_logging
 
 MAX_FILES = 20_000  # a light field of 100x100 views has half of this; a larger folder is something else
-MAX_FILE_BYTES = 1 << 36  # of any file of a scene; an hour of lossless light-field video is smaller
 PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".pnm", ".bmp", ".tif", ".tiff", ".webp", ".avif", ".gif")
 MAX_MAP_BYTES = 80_000_000  # of a float32 map, which is in memory twice while it is read
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
-_CHECK = "check the file and its permissions"
 
 
 @attrs.frozen
@@ -43,19 +39,9 @@ class Listing:
 
     def file(self, name: str) -> Path:
         """The path of one of the folder's files. Raises UserError if it is a link that leads out of the folder."""
-        path = self.folder / name
-        if self.folder != self.path:  # the user named this file
-            return path
-        try:
-            linked = path.is_symlink() or (path.parent != self.folder and path.parent.is_symlink())
-            if linked and not path.resolve().is_relative_to(self.folder.resolve()):
-                raise UserError(
-                    f"{path}: a link to {path.resolve()}, outside of the folder", "copy the files (`cp -rL` follows links)"
-                )
-        except (OSError, RuntimeError) as error:  # Python 3.11, 3.12: RuntimeError for a loop of links
-            why = reason(error) if isinstance(error, OSError) else "links that lead in a circle"
-            raise UserError(f"{path}: cannot be read: {why}", _CHECK) from None
-        return path
+        if self.folder == self.path:  # else the user named this file
+            check_links(self.folder, [name])
+        return self.folder / name
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:
@@ -93,7 +79,10 @@ def _entries(folder: Path) -> tuple[list[str], list[str]]:
             if entry.name.startswith("."):
                 continue
             if not names and not folders:
-                _require_entry(folder, entry)
+                try:
+                    entry.stat(follow_symlinks=False)
+                except PermissionError:  # it can be listed (r) but not searched (x)
+                    raise UserError(f"{folder}: search permission is missing", f"chmod u+x {folder}") from None
             inner = False
             with contextlib.suppress(OSError):  # a circular link matters only if it is needed
                 inner = entry.is_dir()
@@ -104,15 +93,6 @@ def _entries(folder: Path) -> tuple[list[str], list[str]]:
                     "give the folder that holds the views of one scene only",
                 )
     return names, folders
-
-
-def _require_entry(folder: Path, entry: os.DirEntry[str]) -> None:
-    """Raises UserError if the folder can be listed (r) but not searched (x)."""
-    try:
-        entry.stat(follow_symlinks=False)
-    except PermissionError:
-        remedy = f"chmod u+x {folder}"
-        raise UserError(f"{folder}: search permission is missing", remedy) from None
 
 
 @contextlib.contextmanager
@@ -128,34 +108,13 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
         why = (error.err or str(error)).strip().splitlines()[0]
         raise UserError(f"{path}: OpenCV cannot read it: {why}", "check its pictures with another program") from None
     except OSError as error:
-        raise UserError(f"{path}: cannot be read: {reason(error)}", _CHECK) from None
-
-
-def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BinaryIO:
-    """Opens a regular file for reading. Raises UserError if it is something else, unreadable or too large."""
-    try:
-        file = open_regular(path)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {reason(error)}", _CHECK) from None
-    size = os.fstat(file.fileno()).st_size
-    if size > most_bytes:
-        file.close()
-        raise UserError(f"{path}: has {size} bytes; at most {most_bytes} are allowed", "check that its name is right")
-    return file
+        raise UserError(f"{path}: cannot be read: {reason(error)}", "check the file and its permissions") from None
 
 
 def read_bytes(path: Path, most_bytes: int = 1 << 20) -> bytes:
     """The bytes of a file. Raises UserError as `open_file` does."""
     with open_file(path, most_bytes) as file:
-        try:
-            return file.read()
-        except OSError as error:
-            raise UserError(f"{path}: cannot be read: {reason(error)}", _CHECK) from None
-
-
-def descriptor_path(file: BinaryIO) -> str:
-    """A path to an open file for libraries that open files by name: the file that was checked, under a plain ASCII name."""
-    return path_of(file)
+        return file.read()
 
 
 _PFM = re.compile(rb"Pf\s+(\d{1,6})\s+(\d{1,6})\s+(-?[\d.eE+-]{1,20})\s")

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import is_video
-from lfpipe.scene.files import descriptor_path, open_file
+from lfpipe.files.safe_files import open_file
+from lfpipe.host.files import path_of
 
 OPENING_BYTES = 200_000_000  # memory limit of a decoder before the frame size is known
 FRAME_BYTES_PX = 20  # memory limit per pixel afterwards; measured: 6 to 15 with FFV1, MPEG-4, VP9
@@ -44,7 +45,7 @@ def examine(path: Path) -> About:
     with open_file(path) as file:
         if not is_video(file.read(12)):
             raise UserError(f"{path}: not a readable video (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY)
-        capture = open_video(descriptor_path(file), MAX_FRAME_PX)
+        capture = open_video(path_of(file), MAX_FRAME_PX)
         width, height = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
         if width * height > MAX_FRAME_PX:
             raise UserError(f"{path}: a video of {width}x{height} px; at most {MAX_FRAME_PX} px are decoded", _REMEDY)
@@ -69,7 +70,7 @@ class Video:
         self._reopen()
 
     def _reopen(self) -> None:
-        self._capture = open_video(descriptor_path(self._file), self.about.width_px * self.about.height_px)
+        self._capture = open_video(path_of(self._file), self.about.width_px * self.about.height_px)
         self._next = 0
 
     def read(self, frame: int) -> NDArray[Any]:

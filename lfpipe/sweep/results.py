@@ -14,9 +14,8 @@ import attrs
 
 from lfpipe.bench.style import document, html_table
 from lfpipe.errors import UserError, plain
-from lfpipe.files.line_file import LineFile
 from lfpipe.files.output import check_output
-from lfpipe.files.safe_files import reason, replaced
+from lfpipe.files.safe_files import LineFile, reason, replaced
 from lfpipe.host.files import is_dir, is_file
 from lfpipe.sweep.plan import QUALITY, REPLAY, Cell
 

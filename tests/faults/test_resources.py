@@ -17,7 +17,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from lfpipe.files.line_file import LineFile
+from lfpipe.files.safe_files import LineFile
 from lfpipe.sequence.folder import open_sequence
 from tests.world import World
 

@@ -23,7 +23,7 @@ from lfpipe import config
 from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.cli import cli
 from lfpipe.errors import UserError
-from lfpipe.files.line_file import LineFile
+from lfpipe.files.safe_files import LineFile
 from lfpipe.files.trace import TraceFile
 from lfpipe.replays.report import about_sequence
 from lfpipe.replays.run import replay_config

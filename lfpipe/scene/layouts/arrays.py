@@ -23,8 +23,10 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.files.safe_files import open_file
 from lfpipe.files.untrusted import in_range
-from lfpipe.scene.files import Listing, descriptor_path, open_file
+from lfpipe.host.files import path_of
+from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import require_grid, require_view, true_max
 from lfpipe.scene.layouts.plenoptic import lit
 from lfpipe.scene.source import Layout, SceneSource, Turn
@@ -154,7 +156,7 @@ def _hdf5(path: Path) -> Any:
     import h5py  # 0.1 s, and only two layouts need it
 
     with open_file(path) as file, _damage(path, "not a readable HDF5 file"):
-        return h5py.File(descriptor_path(file), "r")
+        return h5py.File(path_of(file), "r")
 
 
 def _hdf5_array(path: Path, file: Any, *keys: str) -> _Array | None:
@@ -241,7 +243,7 @@ def _matlab_array(path: Path) -> tuple[_Array | None, list[str]]:
     import h5py
 
     with open_file(path) as file:
-        if h5py.is_hdf5(descriptor_path(file)):  # v7.3, after MATLAB's own header
+        if h5py.is_hdf5(path_of(file)):  # v7.3, after MATLAB's own header
             data = _hdf5(path)
             return _hdf5_array(path, data, *_KEYS), [*data]
         try:
