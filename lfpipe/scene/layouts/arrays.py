@@ -33,25 +33,9 @@ from lfpipe.scene.source import Layout, SceneSource, Turn
 
 VIEWS, DISPARITY, POSITIONS = "views", "disparity", "positions"
 AXES = "(rows, cols, height, width, 1 or 3), or (frames, rows, cols, height, width, 1 or 3)"
-MEMBER_BYTES = 2 << 30  # of an .npz, which must be read as a whole; .npy is mapped
 _KEYS = ("LF", "lf", "LightField", "lightfield")
 _PLANES = (1, 3, 4, 5)  # grey, colour, and colour with weights behind it
-_WHOLE_BYTES = 1 << 30  # a compressed data set up to this size is unpacked in one go
-_USED, _MOST = ("dH", "focalLength", "shift"), 1e9
-
-
-def _only_file(listing: Listing, ends: tuple[str, ...]) -> Path | None:
-    """The file of a scene with such an ending, if it is the only one."""
-    names = [name for name in listing.names if name.lower().endswith(ends)]
-    names = ["lf.h5"] if "lf.h5" in names and ".h5" in ends else names
-    return listing.file(names[0]) if len(names) == 1 else None
-
-
-def _require_file(listing: Listing, ends: tuple[str, ...]) -> Path:
-    path = _only_file(listing, ends)
-    if path is None:
-        raise UserError(f"{listing.path}: not exactly one {ends[0]} file", "give the file itself by its own path")
-    return path
+_USED = ("dH", "focalLength", "shift")
 
 
 def require_views(views: NDArray[Any], what: str) -> NDArray[Any]:
@@ -75,8 +59,7 @@ def _unsigned(values: NDArray[Any], path: Path, full: float = 1.0) -> NDArray[An
         return values
     if not np.isfinite(values).all():
         raise UserError(f"{path}: contains NaN or infinite values", "export it again")
-    with np.errstate(over="ignore"):
-        share = np.clip(values.astype(np.float32) / np.float32(full), 0, 1)
+    share = np.clip(values, 0, full).astype(np.float32) / np.float32(full)  # clipped first: float32 holds less than float64
     return np.asarray(np.rint(share * np.float32(65535)), np.uint16)
 
 
@@ -87,7 +70,7 @@ def _numpy_arrays(path: Path) -> Mapping[str, NDArray[Any]]:
             return {VIEWS: np.load(path, mmap_mode="r", allow_pickle=False)}
         with zipfile.ZipFile(path) as archive:
             largest = max((entry.file_size for entry in archive.infolist()), default=0)
-        if largest > MEMBER_BYTES:
+        if largest > 2 << 30:  # it must be read as a whole; .npy is mapped
             raise UserError(f"{path}: an array of {largest / 1e6:.0f} MB", "save the views with numpy.save, as .npy")
         with np.load(path, allow_pickle=False) as held:
             names = [name for name in (VIEWS, DISPARITY, POSITIONS) if name in held.files]
@@ -95,37 +78,30 @@ def _numpy_arrays(path: Path) -> Mapping[str, NDArray[Any]]:
             return {VIEWS: held[held.files[0]]} if alone else {name: held[name] for name in names}
 
 
-def _describe_numpy(listing: Listing, scene: config.Scene) -> SceneSource:
-    path = _require_file(listing, (".npy", ".npz"))
+def _numpy_source(listing: Listing, path: Path) -> SceneSource:
     arrays = _numpy_arrays(path)
     if VIEWS not in arrays:
         raise UserError(f"{path}: no array {VIEWS!r}", f"numpy.savez(FILE, {VIEWS}=...) with axes {AXES}")
     views = require_views(arrays[VIEWS], str(path))
     frames, rows, cols, height, width, planes = views.shape
     disparity, positions = arrays.get(DISPARITY), arrays.get(POSITIONS)
-    for name, values, shape in (
-        (DISPARITY, disparity, (rows, cols, height, width)),
-        (POSITIONS, positions, (rows, cols, 2)),
-    ):
+    for name, values, shape in ((DISPARITY, disparity, views.shape[1:5]), (POSITIONS, positions, (rows, cols, 2))):
         if values is not None and (values.shape != shape or values.dtype.kind not in "fiu"):
             raise UserError(f"{path}: {name} has sizes {values.shape}", f"expected {shape}, of numbers")
     if positions is not None and not np.isfinite(positions).all():
         raise UserError(f"{path}: {POSITIONS} contains NaN or infinite values", "expected finite numbers")
 
-    def true_map(row: int, col: int) -> NDArray[np.float32]:
-        return np.asarray(disparity[row, col], np.float32)  # type: ignore[index]
-
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
         pixels = _unsigned(np.asarray(views[frame, row, col]), path)
         return np.ascontiguousarray(pixels if planes == 3 else pixels[..., 0])
 
-    places = [] if disparity is None else [(row, col) for row in range(rows) for col in range(cols)]
+    places = () if disparity is None else np.ndindex(rows, cols)
     return SceneSource(
         layout="array", path=listing.path, files=(path,), rows=rows, cols=cols, read=read, height_px=height, width_px=width,
         max_value=255 if views.dtype == np.uint8 else 65535, frames=frames, frame_rate_hz=30.0 if frames > 1 else 0.0,
         turn=Turn(), turn_by="rows of the array are counted from the top, columns from the left", turn_firm=False,
         coordinates=None if positions is None else np.asarray(positions, np.float64),
-        truth={place: partial(true_map, *place) for place in places},
+        truth={place: partial(np.asarray, disparity[place], np.float32) for place in places},  # type: ignore[index]
     )  # fmt: skip
 
 
@@ -189,17 +165,15 @@ def _hdf5_reader(path: Path, key: str, data: Any) -> Callable[[Any], NDArray[Any
                 if stored > whole * data.dtype.itemsize * 1.1 + 1024:  # it would unpack to more than it says
                     raise UserError(f"{path}: {key}: {stored} bytes are stored for {whole} values", "fetch the file again")
                 # a view may cross every compressed chunk: unpacking all of them once beats unpacking for each view
-                values.append(data[()] if data.chunks and data.nbytes <= _WHOLE_BYTES else data)
+                values.append(data[()] if data.chunks and data.nbytes <= 1 << 30 else data)
             return np.asarray(values[0][index])
 
     return part
 
 
 def axis_order(shape: tuple[int, ...]) -> tuple[int, ...] | None:
-    """Which axes of the array are (rows, cols, y, x[, planes]), by size: planes are few and views larger than the grid.
-
-    Both v7.3 order (planes first) and MATLAB's own (planes last) occur. None if the shape cannot be a light field.
-    """
+    """Which axes are (rows, cols, y, x[, planes]), by size: planes are few and views larger than the grid; None if none are.
+    Both v7.3 order (planes first) and MATLAB's own (planes last) occur."""
     natural: tuple[int, ...] = tuple(range(len(shape)))
     if len(shape) not in (4, 5) or 0 in shape:
         return None
@@ -216,8 +190,8 @@ def _source(layout: str, listing: Listing, path: Path, array: _Array | None, nam
         raise UserError(f"{path}: no array LF (it contains: {', '.join(names[:8])})", "save the light field as LF")
     what, kind, order = f"{path}: {array.key}", array.type, axis_order(array.shape)
     if order is None:
-        wrong = f"{what} has {len(array.shape)} axes of sizes {array.shape}; expected (rows, columns, y, x, planes)"
-        raise UserError(wrong, "save it with these axes")
+        wrong = f"{len(array.shape)} axes of sizes {array.shape}; expected (rows, columns, y, x, planes)"
+        raise UserError(f"{what} has {wrong}", "save it with these axes")
     if kind not in (np.uint8, np.uint16) and kind.kind != "f":
         raise UserError(f"{what} has values of type {kind}", "save it as uint8, uint16 or float")
     rows, cols, height, width = (array.shape[axis] for axis in order[:4])
@@ -262,8 +236,7 @@ def _matlab_array(path: Path) -> tuple[_Array | None, list[str]]:
     return (_Array(key, shapes[key], np.dtype(np.uint8), np.zeros) if key else None), [*shapes]
 
 
-def _describe_matlab(listing: Listing, scene: config.Scene) -> SceneSource:
-    path = _require_file(listing, (".mat",))
+def _matlab_source(listing: Listing, path: Path) -> SceneSource:
     array, names = _matlab_array(path)
     source = lit(_source("mat", listing, path, array, names))
     toolbox = {"LFMetadata", "DecodeOptions", "RectOptions", "WhiteImageMetadata"} & set(names)
@@ -277,7 +250,7 @@ def _describe_matlab(listing: Listing, scene: config.Scene) -> SceneSource:
 def require_plausible(known: Mapping[str, float], path: Path) -> None:
     """Raises UserError where one of the attributes that are used here is not finite or out of range."""
     for name in _USED:
-        in_range(known.get(name, 0.0), -_MOST, _MOST, f"{path}: {name}", "fetch the scene again, or correct the value")
+        in_range(known.get(name, 0.0), -1e9, 1e9, f"{path}: {name}", "fetch the scene again, or correct the value")
 
 
 def disparity_of_depth(depth: NDArray[np.float32], known: Mapping[str, float]) -> NDArray[np.float32]:
@@ -287,8 +260,7 @@ def disparity_of_depth(depth: NDArray[np.float32], known: Mapping[str, float]) -
         return np.asarray(unit / depth - np.float32(known.get("shift", 0.0)), np.float32)
 
 
-def _describe_hci_old(listing: Listing, scene: config.Scene) -> SceneSource:
-    path = _require_file(listing, (".h5", ".hdf5"))
+def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
     file = _hdf5(path)
     source = _source("hci-old", listing, path, _hdf5_array(path, file, *_KEYS), [*file])
     with _damage(path, "the attributes cannot be read"):
@@ -299,21 +271,31 @@ def _describe_hci_old(listing: Listing, scene: config.Scene) -> SceneSource:
     depth, truth = _hdf5_array(path, file, "GT_DEPTH"), {}
     shape = source.rows, source.cols, source.height_px, source.width_px
     if depth is not None and depth.shape == shape and known.get("dH") and known.get("focalLength"):
-
-        def true_map(row: int, col: int) -> NDArray[np.float32]:
-            return disparity_of_depth(depth.part((row, col)).astype(np.float32), known)
-
-        truth = {place: partial(true_map, *place) for place in np.ndindex(source.rows, source.cols)}
+        part = depth.part
+        places = np.ndindex(source.rows, source.cols)
+        truth = {place: lambda at=place: disparity_of_depth(part(at).astype(np.float32), known) for place in places}
     by = "the columns of lf.h5 run from right to left"
     return attrs.evolve(source, truth=truth, turn=Turn(cols=True), turn_by=by)
 
 
-def _detects(ends: tuple[str, ...]) -> Callable[[Listing], int | None]:
-    return lambda listing: 90 if _only_file(listing, ends) is not None else None
+def _layout(name: str, ends: tuple[str, ...], source: Callable[[Listing, Path], SceneSource]) -> Layout:
+    """The layout of a scene whose only file with such an ending holds it."""
+
+    def only(listing: Listing) -> Path | None:
+        names = [file for file in listing.names if file.lower().endswith(ends) and (listing.is_file or ends[0] != ".npy")]
+        names = ["lf.h5"] if "lf.h5" in names else names
+        return listing.file(names[0]) if len(names) == 1 else None
+
+    def describe(listing: Listing, scene: config.Scene) -> SceneSource:
+        if (path := only(listing)) is None:
+            raise UserError(f"{listing.path}: not exactly one {ends[0]} file", "give the file itself by its own path")
+        return source(listing, path)
+
+    return Layout(name, lambda listing: None if only(listing) is None else 90, describe)
 
 
 LAYOUTS = (
-    Layout("array", lambda listing: 90 if listing.is_file and _only_file(listing, (".npy", ".npz")) else None, _describe_numpy),
-    Layout("mat", _detects((".mat",)), _describe_matlab),
-    Layout("hci-old", _detects((".h5", ".hdf5")), _describe_hci_old),
+    _layout("array", (".npy", ".npz"), _numpy_source),
+    _layout("mat", (".mat",), _matlab_source),
+    _layout("hci-old", (".h5", ".hdf5"), _hci_old_source),
 )
