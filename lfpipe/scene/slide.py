@@ -101,17 +101,11 @@ def _followed(glances: list[Grey]) -> _Track:
         before, alive, last = start, np.ones(len(start), bool), middle
         for k in order:
             there, ok = track(glances[last], glances[k], before, before)
-            back, ok_back = track(glances[k], glances[last], there, before)
-            alive = alive & ok & ok_back & (np.linalg.norm(back - before, axis=2).ravel() < 0.5)
+            alive = alive & ok
             at[k, alive] = there.reshape(-1, 2)[alive]
             before, last = there, k
-    share = np.isfinite(at[..., 0]).mean(axis=1)
-    good = share > _SHARED
-    first, last = middle, middle
-    while first > 0 and good[first - 1]:
-        first -= 1
-    while last + 1 < count and good[last + 1]:
-        last += 1
+    bad = np.flatnonzero(np.isfinite(at[..., 0]).mean(axis=1) <= _SHARED)
+    first, last = int(max(bad[bad < middle], default=-1)) + 1, int(min(bad[bad > middle], default=count)) - 1
     kept = np.isfinite(at[first : last + 1, :, 0]).all(axis=0)
     if kept.sum() < 20 or last - first + 1 < _FEWEST:
         raise UserError(*_NO_DETAIL)

@@ -42,11 +42,17 @@ def corners(view: Grey, most: int) -> Corners:
 
 
 def track(a: Grey, b: Grey, start: Corners, guess: Corners) -> tuple[Corners, NDArray[np.bool_]]:
-    """Positions in b of corners of a, and whether they were found. guess: initial positions."""
+    """Positions in b of corners of a, and whether they lead back from there. guess: initial positions."""
     ends = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.003)
-    flags = cv2.OPTFLOW_USE_INITIAL_FLOW
-    there, ok, _ = cv2.calcOpticalFlowPyrLK(a, b, start, guess.copy(), winSize=(21, 21), maxLevel=4, criteria=ends, flags=flags)
-    return np.asarray(there, np.float32), np.asarray(ok).ravel() == 1
+
+    def there(a: Grey, b: Grey, start: Corners, guess: Corners) -> tuple[Corners, NDArray[np.bool_]]:
+        flags = cv2.OPTFLOW_USE_INITIAL_FLOW
+        to, ok, _ = cv2.calcOpticalFlowPyrLK(a, b, start, guess.copy(), winSize=(21, 21), maxLevel=4, criteria=ends, flags=flags)
+        return np.asarray(to, np.float32), np.asarray(ok).ravel() == 1
+
+    to, ok = there(a, b, start, guess)
+    back, ok_back = there(b, a, to, start)
+    return to, ok & ok_back & (np.linalg.norm((back - start).reshape(-1, 2), axis=1) < _RETURN_PX)
 
 
 def follow(views: list[Grey]) -> tuple[Points, list[Points]]:
@@ -61,11 +67,8 @@ def follow(views: list[Grey]) -> tuple[Points, list[Points]]:
         before = start
         for k in order:
             # always from the middle view, so that errors do not add up; starting at the last view's position, so that it is found
-            there, ok = track(views[middle], views[k], start, before)
-            back, ok_back = track(views[k], views[middle], there, start)
-            off = np.linalg.norm((back - start).reshape(-1, 2), axis=1)
-            good &= ok & ok_back & (off < _RETURN_PX)
-            at[k] = before = there
+            at[k], ok = track(views[middle], views[k], start, before)
+            good, before = good & ok, at[k]
     if good.sum() < _FEWEST:
         raise UserError(
             f"only {int(good.sum())} details are in all of the pictures, {_FEWEST} are needed",
@@ -89,57 +92,42 @@ def rectify(views: list[Grey]) -> Rectified:
     """The maps that rectify a row of views, in order of the slide. Raises UserError if the slide is unsuitable."""
     height, width = views[0].shape
     unit, centre = width / 2, np.array([width / 2, height / 2])
-    start, found = follow(views)
+    start, at_px = follow(views)
     x, y = ((start - centre) / unit).T
-    middle, count = len(views) // 2, len(views)
-    fits = np.zeros((count, 6))  # pitch, roll, scale, yaw (x y and y y), and the slope of the slide
-    aside = np.zeros((count, len(x)))  # sideways motion not explained by the rotation
-    sideways = np.zeros(count)
-    for k in range(count):
-        if k == middle:
-            continue
-        x_k, y_k = ((found[k] - centre) / unit).T
-        sideways[k] = np.median(x_k - x)
+    at = [((points - centre) / unit).T for points in at_px]
+    basis = np.stack([np.ones_like(x), x, y, x * y, y * y], axis=1)
+    others = [k for k in range(len(views)) if k != len(views) // 2]
+    fits = np.zeros((len(views), 6))  # pitch, roll, scale, yaw (x y and y y), and the slope of the slide
+    aside = np.zeros((len(views), len(x)))  # sideways motion not explained by the rotation
+
+    def moved(k: int) -> NDArray[np.float64]:
+        _, roll, scale, yaw, pitch, _ = fits[k]
+        return np.asarray(at[k][0] - (x * (1 + scale) - y * roll + yaw * x * x + pitch * x * y))
+
+    for k in others:
         for _ in range(3):
-            _, roll, scale, *_ = fits[k]
-            moved = x_k - (x * (1 + scale) - y * roll + fits[k, 3] * x * x + fits[k, 4] * x * y)
-            aside[k] = moved - np.median(moved)
-            matrix = np.stack([np.ones_like(x), x, y, x * y, y * y, aside[k]], axis=1)
-            fits[k] = _fit(matrix, y_k - y, unit)
-    reach = aside.std(axis=1)
-    slope = float(np.average(np.delete(fits[:, 5], middle), weights=np.delete(reach, middle) + 1e-9))
-    spread = float(np.ptp(np.percentile(aside[-1] - aside[0], (5, 95)))) * unit
+            aside[k] = moved(k) - np.median(moved(k))
+            fits[k] = _fit(np.column_stack([basis, aside[k]]), at[k][1] - y, unit)
+    slope = float(np.average(fits[others, 5], weights=aside[others].std(axis=1) + 1e-9))
+    pattern = aside[-1] - aside[0]
+    spread = float(np.ptp(np.percentile(pattern, (5, 95)))) * unit
     if spread < _TURNED_PX:
         raise UserError(
             f"nothing moves against anything else (by {spread:.1f} px): the camera was turned, not slid, or all is far away",
             "slide the camera sideways without turning it, past something near",
         )
-    shift = np.zeros(count)
-    for k in range(count):
-        if k != middle:  # once more, with one slope for all
-            x_k, y_k = ((found[k] - centre) / unit).T
-            matrix = np.stack([np.ones_like(x), x, y, x * y, y * y], axis=1)
-            fits[k, :5] = _fit(matrix, y_k - y - slope * aside[k], unit)
-            fit = fits[k]
-            shift[k] = np.median(x_k - (x * (1 + fit[2]) - y * fit[1] + fit[3] * x * x + fit[4] * x * y))
-    pattern = aside[-1] - aside[0]
+    shift, left = np.zeros(len(views)), []
+    for k in others:  # once more, with one slope for all
+        vertical = at[k][1] - y - slope * aside[k]
+        fits[k, :5] = _fit(basis, vertical, unit)
+        shift[k] = np.median(moved(k))
+        left.append(np.abs(vertical - basis @ fits[k, :5]))
+    residual = float(np.percentile(np.concatenate(left), 95)) / float(np.hypot(1, slope)) * unit
     position = aside @ pattern / float(pattern @ pattern)
-    residual = _residual(fits, slope, aside, (x, y), [(p - centre) / unit for p in found]) * unit
-    if sideways[-1] > sideways[0]:  # the picture moves to the right: the camera moved to the left
+    if np.median(at[-1][0] - at[0][0]) > 0:  # the picture moves to the right: the camera moved to the left
         position = -position
-    maps = [_maps(fits[k], shift[k], slope, (height, width)) for k in range(count)]
+    maps = [_maps(fit, shift[k], slope, (height, width)) for k, fit in enumerate(fits)]
     return Rectified(maps, position, residual, spread)
-
-
-def _residual(
-    fits: NDArray[np.float64], slope: float, aside: NDArray[np.float64], at: tuple[NDArray[np.float64], NDArray[np.float64]],
-    found: list[Points],
-) -> float:  # fmt: skip
-    """95th percentile of the remaining vertical disparities."""
-    x, y = at
-    terms = np.stack([np.ones_like(x), x, y, x * y, y * y], axis=1)
-    left = [np.abs(found[k][:, 1] - y - terms @ fits[k, :5] - slope * aside[k]) for k in range(len(fits)) if fits[k].any()]
-    return float(np.percentile(np.concatenate(left), 95)) / float(np.hypot(1, slope))
 
 
 def _maps(

@@ -23,12 +23,6 @@ def as_source(grid: np.ndarray) -> SceneSource:
     return SceneSource("test", Path(), (), rows, cols, lambda f, r, c: np.ascontiguousarray(grid[r, c]), height, width)
 
 
-def reason(source: SceneSource) -> str:
-    evidence = examine(source)
-    assert evidence is not None
-    return evidence.reason
-
-
 def turntable(count: int, degrees: float) -> np.ndarray:
     """A lumpy ball of dots that turns before a white wall."""
     rng = np.random.default_rng(1)
@@ -58,9 +52,9 @@ def focal_stack(count: int) -> np.ndarray:
     return out
 
 
-def zoomed(view: np.ndarray, by: float) -> np.ndarray:
+def zoomed(view: np.ndarray, by: float, degrees: float = 0) -> np.ndarray:
     height, width = view.shape[:2]
-    turn = cv2.getRotationMatrix2D((width / 2, height / 2), 0, by)
+    turn = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, by)
     return np.asarray(cv2.warpAffine(view, turn, (width, height), borderMode=cv2.BORDER_REFLECT))
 
 
@@ -76,10 +70,6 @@ def refocused(slopes: np.ndarray) -> np.ndarray:
         sum(np.roll(grid[r, c], (round(s * (r - 4)), round(s * (c - 4))), (0, 1)) for r, c in np.ndindex(9, 9)) for s in slopes
     ]
     return np.stack([np.asarray(total / 81, np.uint8) for total in out])[None]
-
-
-def turned(view: np.ndarray, degrees: float) -> np.ndarray:
-    return np.asarray(cv2.warpAffine(view, cv2.getRotationMatrix2D((80, 60), degrees, 1), (160, 120)))
 
 
 def quilt_row(seed: int) -> np.ndarray:
@@ -102,7 +92,7 @@ NO_LIGHT_FIELDS = {
     "focal stack that breathes": breathing(9, 0.01),
     "focal stack that hardly breathes": breathing(9, 0.004),
     "zoom": np.stack([zoomed(UNRELATED[0], 1.05**k) for k in range(8)])[None],
-    "turned": np.stack([turned(UNRELATED[0], 15 * k) for k in range(8)])[None],
+    "turned": np.stack([zoomed(UNRELATED[0], 1, 15 * k) for k in range(8)])[None],
     "refocused": refocused(np.linspace(-3, 3, 7)),
     "refocused, breathing": np.stack([zoomed(v, 1 + 0.01 * k) for k, v in enumerate(refocused(np.linspace(-3, 3, 7))[0])])[None],
     "one picture cut up": made.texture(480, 640, 3)[..., 1].reshape(4, 120, 4, 160).swapaxes(1, 2),
@@ -112,17 +102,12 @@ NO_LIGHT_FIELDS = {
 
 @pytest.mark.parametrize("kind", NO_LIGHT_FIELDS)
 def test_what_is_no_light_field_is_refused(kind: str) -> None:
-    assert reason(as_source(NO_LIGHT_FIELDS[kind]))
+    evidence = examine(as_source(NO_LIGHT_FIELDS[kind]))
+    assert evidence is not None and evidence.reason
 
 
-def reflecting(rows: int, cols: int) -> np.ndarray:
-    """Two layers that shine through each other, as in a window."""
-    front, behind = made.views(rows, cols, 96, 128), made.views(rows, cols, 96, 128, -3.0, -5.0)
-    return (0.6 * front + 0.4 * behind).astype(np.uint8)
-
-
-def noisy(grid: np.ndarray, sigma: float) -> np.ndarray:
-    return np.clip(grid + np.random.default_rng(0).normal(0, sigma, grid.shape), 0, 255).astype(np.uint8)
+NOISE = np.random.default_rng(0).normal(0, 20, made.views(5, 5).shape)
+BEHIND = made.views(5, 5, 96, 128, -3.0, -5.0)  # shines through, as in a window
 
 
 def held_by_hand(grid: np.ndarray) -> np.ndarray:
@@ -145,44 +130,41 @@ LIGHT_FIELDS = {
     "line of smaller steps": made.views(1, 45, 150, 200, 0.25, -0.15),
     "wide baseline": made.views(3, 5, 96, 128, 16.0, -8.0),
     "converging": made.views(5, 5, 96, 128, -2.0, -6.0),
-    "reflection": reflecting(5, 5),
+    "reflection": (0.6 * made.views(5, 5) + 0.4 * BEHIND).astype(np.uint8),
     "2x2": made.views(2, 2, 96, 128, 8.0, -4.0),
-    "noise": noisy(made.views(5, 5), 20),
+    "noise": np.clip(made.views(5, 5) + NOISE, 0, 255).astype(np.uint8),
+    "one colour": np.full((3, 3, 96, 128, 3), 40, np.uint8),
     "little texture": np.stack([[cv2.GaussianBlur(view, (0, 0), 6) for view in row] for row in made.views(5, 5)]),
     "rows reversed": made.views(5, 5)[::-1],
     "no parallax": np.broadcast_to(made.texture(96, 128, 7), (3, 3, 96, 128, 3)),
 }
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", LIGHT_FIELDS)
 def test_no_light_field_is_refused(kind: str) -> None:
-    assert not reason(as_source(LIGHT_FIELDS[kind]))
+    evidence = examine(as_source(LIGHT_FIELDS[kind]))
+    assert evidence is not None and not evidence.reason
+    assert "hand" not in kind or evidence.explained > 0.4
 
 
-@pytest.mark.parametrize("shift_px", [0, 1, 2])
-def test_a_line_that_ends_where_it_began_is_no_circle(shift_px: int) -> None:
-    grid = np.array(made.views(1, 9, 144, 192, 0.3, -0.2))
-    grid[0, 0], grid[0, -1] = np.roll(grid[0, 0], -shift_px, 1), np.roll(grid[0, 0], -2 * shift_px, 1)
-    evidence = examine(as_source(grid))
-    assert evidence is not None and not evidence.circle
+def test_a_line_that_ends_where_it_began_is_no_circle() -> None:
+    for shift_px in range(3):
+        grid = np.array(made.views(1, 9, 144, 192, 0.3, -0.2))
+        grid[0, 0], grid[0, -1] = np.roll(grid[0, 0], -shift_px, 1), np.roll(grid[0, 0], -2 * shift_px, 1)
+        evidence = examine(as_source(grid))
+        assert evidence is not None and not evidence.circle
 
 
-@pytest.mark.parametrize("grid", [(3, 5), (1, 9)], ids=str)
-def test_motion_of_the_hand_is_explained(grid: tuple[int, int]) -> None:
-    evidence = examine(as_source(held_by_hand(made.views(*grid, 144, 192))))
-    assert evidence is not None
-    assert evidence.explained > 0.4
-
-
-@pytest.mark.parametrize("stride", [1, 4])
 @pytest.mark.parametrize("name", sorted(path.name for path in made.SAMPLES.glob("*")) or ["none"])
-def test_no_sample_scene_is_refused(name: str, stride: int) -> None:
+def test_no_sample_scene_is_refused(name: str) -> None:
     if not (made.SAMPLES / name).is_dir():
         pytest.skip(f"sample scene {name} is not here")
     source = layouts.describe(made.SAMPLES / name, AUTO)
-    rows, cols = len(range(0, source.rows, stride)), len(range(0, source.cols, stride))
-    evidence = examine(attrs.evolve(source, rows=rows, cols=cols, read=lambda f, r, c: source.read(f, r * stride, c * stride)))
-    assert evidence is None or not evidence.reason
+    rows, cols = (source.rows + 3) // 4, (source.cols + 3) // 4
+    for views in (source, attrs.evolve(source, rows=rows, cols=cols, read=lambda f, r, c: source.read(f, 4 * r, 4 * c))):
+        evidence = examine(views)
+        assert evidence is None or not evidence.reason
 
 
 def test_force_opens_what_was_refused(tmp_path: Path) -> None:
@@ -196,8 +178,3 @@ def test_force_opens_what_was_refused(tmp_path: Path) -> None:
     assert (forced.rows, forced.cols) == (3, 3)
     assert forced.manifest["orientation"]["undecided"]
     assert pack_scene(tmp_path / "s", scene).rows == 3  # packed once, it opens
-
-
-@pytest.mark.filterwarnings("error")
-def test_views_of_one_colour_are_opened_without_a_word() -> None:
-    assert not reason(as_source(np.full((3, 3, 96, 128, 3), 40, np.uint8)))
