@@ -9,7 +9,6 @@ portraits, clips, zooms, turns, exposures), of which 37 are refused.
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
 
 import attrs
 import cv2
@@ -141,17 +140,13 @@ def _change(views: list[Grey], every: list[Grey]) -> str:
     return ""
 
 
-def _pair(a: Grey, b: Grey) -> tuple[float, float, float]:
+def _pair(a: Grey, b: Grey) -> tuple[float, float]:
     """As `_triple`, for two views: one predicted from the other, and the share of its detail found there."""
     there, xx_yy = flow(a, b), grid_xy(*a.shape)
     seen = cv2.remap(b, xx_yy[0] + there[..., 0], xx_yy[1] + there[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     found, detail = confirmed(there, flow(b, a)), textured(a)
     explained = float(found[detail].mean()) if detail.any() else 1.0
-    return _psnr(seen.astype(np.float32), a.astype(np.float32)), explained, float(np.abs(there).max())
-
-
-def _psnr(a: NDArray[Any], b: NDArray[Any]) -> float:
-    return float(10 * np.log10(255**2 / max(0.01, float(np.mean(np.square(a - b))))))
+    return cv2.PSNR(np.asarray(seen), a), explained
 
 
 def _unsteady(x: NDArray[np.intp], y: NDArray[np.intp], motion_px: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -160,8 +155,8 @@ def _unsteady(x: NDArray[np.intp], y: NDArray[np.intp], motion_px: NDArray[np.fl
     return np.asarray(motion_px - places @ np.linalg.lstsq(places, motion_px, rcond=None)[0], np.float32)
 
 
-def _triple(before: Grey, middle: Grey, after: Grey) -> tuple[float, float, float]:
-    """(PSNR of the middle view predicted from the others, share of its detail that one disparity explains, motion in px)."""
+def _triple(before: Grey, middle: Grey, after: Grey) -> tuple[float, float]:
+    """PSNR of the middle view predicted from the others, and the share of its detail that one disparity explains."""
     height, width = middle.shape
     xx, yy = grid_xy(height, width)
     across = flow(before, after)
@@ -175,17 +170,17 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> tuple[float, float, floa
         predicted += seen.astype(np.float32) / 2
     edge = max(1, min(height, width) // 20)
     inner = slice(edge, -edge), slice(edge, -edge)
+    held_out = cv2.PSNR(predicted[inner], middle[inner].astype(np.float32))
     detail = textured(middle)
     if not detail.any():
-        return _psnr(predicted[inner], middle[inner].astype(np.float32)), 1.0, 0.0
+        return held_out, 1.0
     to_before, to_after = (flow(middle, other)[detail] for other in (before, after))
     y, x = np.nonzero(detail)
     along, beside = (to_after[:, k] for k in ((0, 1) if sideways else (1, 0)))
     off = np.hypot(*(_unsteady(x, y, (to_before + to_after)[:, k]) for k in (0, 1)))
     loose = _LOOSE_PX + _LOOSE_SHARE * np.abs(along)
     explained = float(((off < loose) & (np.abs(_unsteady(x, y, beside)) < loose)).mean())
-    motion = float(np.median(np.abs(along)))
-    return _psnr(predicted[inner], middle[inner].astype(np.float32)), explained, motion
+    return held_out, explained
 
 
 def _refocused(views: list[Grey]) -> float:
@@ -225,14 +220,14 @@ def examine(source: SceneSource) -> Evidence | None:
     lines = [line for line in present_lines(source) if len(line) >= 3]
     if not lines:
         pairs = [_pair(grey(*line[0]), grey(*line[1])) for line in present_lines(source) if len(line) == 2]
-        held_out, explained, _ = (float(np.median(values)) for values in zip(*pairs or [(0.0, 0.0, 0.0)], strict=True))
+        held_out, explained = (float(np.median(values)) for values in zip(*pairs or [(0.0, 0.0)], strict=True))
         return Evidence(held_out, explained) if pairs else None
     found = [_triple(*(grey(*line[k + len(line) // 2]) for k in (-1, 0, 1))) for line in lines]
-    if any(held_out < _FINE_DB or explained < _FINE_SHARE for held_out, explained, _ in found):
+    if any(held_out < _FINE_DB or explained < _FINE_SHARE for held_out, explained in found):
         for line in lines:
             for middle in {max(1, len(line) // 5), min(len(line) - 2, len(line) - 1 - len(line) // 5)} - {len(line) // 2}:
                 found.append(_triple(*(grey(*line[middle + k]) for k in (-1, 0, 1))))
-    held_out, explained, _ = (float(np.median(values)) for values in zip(*found, strict=True))
+    held_out, explained = (float(np.median(values)) for values in zip(*found, strict=True))
     places = [(r, c) for r in range(source.rows) for c in range(source.cols) if (r, c) not in source.missing]
     every = [grey(*places[k]) for k in sorted({round(p) for p in np.linspace(0, len(places) - 1, 9)})]
     changes = [_change([grey(*line[k]) for k in _spread(len(line))], every) for line in lines]
