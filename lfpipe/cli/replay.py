@@ -16,7 +16,6 @@ from click.shell_completion import CompletionItem
 
 from lfpipe.cli.options import with_config
 from lfpipe.errors import UserError
-from lfpipe.host.files import is_dir
 
 PATH = click.Path(path_type=Path)
 PACES = ("step", "max", "recorded")
@@ -66,7 +65,7 @@ def _junit_of(words: list[str]) -> Path | None:
 
 
 def _write(junit: Path | None, name: str, error: str, seconds: float = 0.0) -> None:
-    from lfpipe.replays.junit import write_junit
+    from lfpipe.replays.report import write_junit
 
     if junit is not None:
         write_junit(junit, name, [], error, seconds)
@@ -96,9 +95,8 @@ def replay(
     """Run SEQ through the pipeline; exit code 0: as expected, 1: it differs, 2: bad input."""
     from lfpipe.cli.scene import opened
     from lfpipe.replays import run
-    from lfpipe.replays.compare import Comparison, check_reference, compare
-    from lfpipe.replays.junit import cases_of, write_junit
-    from lfpipe.replays.report import about_scene, about_sequence, read_report
+    from lfpipe.replays.compare import Comparison, cases_of, check_reference, compare
+    from lfpipe.replays.report import about_scene, about_sequence, read_report, write_junit
     from lfpipe.sequence.folder import open_sequence
 
     began = time.monotonic()
@@ -125,7 +123,7 @@ def replay(
         elif expect is not None:
             compared = compare(expect, folder)
             if compared.differences and out is None:
-                _keep_difference(folder)
+                say("--out DIR keeps the pictures that show a difference")
     for note in compared.notes:
         click.echo(note)
     for difference in compared.differences:
@@ -171,21 +169,6 @@ def _folder(out: Path | None) -> Iterator[Path]:
         raise UserError(f"{tempfile.gettempdir()}: {error.strerror}", "name a folder for the results: --out DIR") from None
     with made as folder:
         yield Path(folder)
-
-
-def _keep_difference(folder: Path) -> None:
-    """Without --out, saves the pictures that show a difference in the current directory."""
-    from lfpipe.files.output import check_output, write_output
-
-    if is_dir(folder / "difference"):
-        try:
-            Path("difference").mkdir(exist_ok=True)
-            for picture in sorted((folder / "difference").iterdir()):
-                check_output(Path("difference") / picture.name)
-                write_output(Path("difference") / picture.name, picture.read_bytes())
-            say("pictures of the difference are in difference/")
-        except (OSError, UserError) as error:
-            say(f"pictures of the difference cannot be saved in difference/: {error}; use --out DIR")
 
 
 def _summary(report: dict[str, Any]) -> None:

@@ -15,8 +15,18 @@ from lfpipe.cli.progress import filled, progress
 from lfpipe.config import Config, load, parse_set, updated
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
-from lfpipe.export.clip import check_clip, write_clip
-from lfpipe.export.scene_pictures import RATE_HZ, SWEEP_S, WIGGLE_S, SceneExport, pair_name, parse_tiles, quilt_name, stereo_file
+from lfpipe.export.pictures import (
+    RATE_HZ,
+    SWEEP_S,
+    WIGGLE_S,
+    SceneExport,
+    check_clip,
+    pair_name,
+    parse_tiles,
+    quilt_name,
+    stereo_file,
+    write_clip,
+)
 from lfpipe.files.output import check_output, marked_picture, write_output
 from lfpipe.host.files import is_dir
 from lfpipe.render.compositor import render_view

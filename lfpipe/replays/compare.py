@@ -70,6 +70,11 @@ PARTS = ("config", "plan", "scene", "counts", "eyes", "views", "pictures")
 _PART_OF = {"face": "eyes", "view": "views", "method": "views", "picture": "pictures"}
 
 
+def cases_of(compared: bool, differences: list[Difference]) -> list[tuple[str, list[str]]]:
+    """(test case, its failures) of a finished replay; none without a comparison."""
+    return [(part, [str(each) for each in differences if each.part == part]) for part in PARTS] if compared else []
+
+
 def check_reference(reference: Path, report: dict[str, Any]) -> None:
     """Raises UserError if reference has another sequence or scene than report: a comparison would be meaningless."""
     was = read_report(reference)

@@ -1,19 +1,21 @@
-"""The results of a replay as plain data: `report.json`."""
+"""The results of a replay: `report.json` as plain data, and JUnit XML for CI systems, a test case per part of the comparison."""
 
 import hashlib
 import json
 import struct
 import sys
 import zlib
+from collections.abc import Sequence as Several
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import attrs
 import numpy as np
 
 from lfpipe.config import Config, to_dict
-from lfpipe.errors import UserError
-from lfpipe.files.output import write_output
+from lfpipe.errors import UserError, plain
+from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import check_links, read_text
 from lfpipe.files.trace import check_sides, trace_lines
 from lfpipe.files.untrusted import json_fields
@@ -30,6 +32,7 @@ FILES = (REPORT, TRACE, PICTURES, f"{PICTURES}/{INDEX}", f"{PICTURES}/{PACKETS}"
 STEADY = ("step", "max")  # paces whose results do not depend on any clock
 REPORT_BYTES = 1 << 20
 WRITTEN = "use a folder that `lfpipe replay --out` wrote; --update rewrites the reference"
+JUNIT_CHARS = 20_000  # of one test case
 Line = dict[str, Any]
 
 
@@ -184,3 +187,21 @@ def make_report(
         },
         "cpu": {name: stage["cpu_s"] for name, stage in stages.items()},
     }
+
+
+def write_junit(path: Path, name: str, cases: Several[tuple[str, list[str]]], error: str, seconds: float) -> None:
+    """name: of the sequence. error: why there is no outcome; "" if cases holds the outcome.
+
+    Raises UserError if path must not be written; it is then unchanged.
+    """
+    name = plain(name, 200)
+    failed = sum(bool(said) for _, said in cases)
+    counts = {"tests": str(1 + len(cases)), "failures": str(failed), "errors": str(int(bool(error)))}
+    suite = ElementTree.Element("testsuite", {"name": f"lfpipe replay {name}", **counts, "time": f"{seconds:.3f}"})
+    for case, said, kind in [("replay", [error] if error else [], "error"), *((*case, "failure") for case in cases)]:
+        entry = ElementTree.SubElement(suite, "testcase", {"classname": f"lfpipe.replay.{name}", "name": case})
+        if said:
+            ElementTree.SubElement(entry, kind, {"message": plain(said[0], 1000)}).text = plain("\n".join(said), JUNIT_CHARS)
+    text = ElementTree.tostring(suite, "utf-8", xml_declaration=True)
+    check_output(path, label="--junit")
+    write_output(path, text, label="--junit")

@@ -90,12 +90,6 @@ def turn(points: NDArray[np.float64]) -> float:
     return float(2 * np.dot(nose - (left + right) / 2, along) / max(float(np.dot(along, along)), 1e-9))
 
 
-def box(points: NDArray[np.floating]) -> tuple[float, float, float, float]:
-    """Upright box around points (n, 2 or 3): (x0, y0, x1, y1)."""
-    (x0, y0), (x1, y1) = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-    return float(x0), float(y0), float(x1), float(y1)
-
-
 class Irises:
     """Raises UserError if the network is missing or has another version."""
 

@@ -12,19 +12,7 @@ from lfpipe.errors import UserError
 from lfpipe.eyes import HEAD_POINTS
 from lfpipe.host.terminal import quiet_stderr
 from lfpipe.track.engine import Face
-from lfpipe.track.landmarks import (
-    EDGES,
-    EYE_LINE,
-    FRONTAL,
-    LEFT_EYE,
-    LEFT_IRIS,
-    RIGHT_EYE,
-    RIGHT_IRIS,
-    TURN,
-    box,
-    iris_diameter,
-    turn,
-)
+from lfpipe.track.landmarks import EDGES, EYE_LINE, FRONTAL, LEFT_EYE, LEFT_IRIS, RIGHT_EYE, RIGHT_IRIS, TURN, iris_diameter, turn
 
 _BLANK = np.zeros((64, 64, 3), np.uint8)
 
@@ -67,23 +55,22 @@ class MediapipeEngine:
         if not found:
             return None
         self._noisy = False
-        height_px, width_px = image.shape[:2]
-        marks = found[0].landmark  # each access calls protobuf: reading all 468 would take 0.4 ms
-        eyes, edges = (
-            np.array([[(marks[j].x, marks[j].y) for j in part] for part in parts]) * (width_px, height_px)
-            for parts in (self._eyes, (EDGES,))
-        )
-        right, left = (np.array((marks[j].x, marks[j].y * height_px / width_px, marks[j].z)) for j in EYE_LINE)
-        centres = eyes.mean(axis=1)
-        flat = float(np.hypot(*(left - right)[:2]))
-        apart_px = float(np.hypot(*(centres[0] - centres[1]))) * float(np.linalg.norm(left - right)) / max(flat, 1e-9)
-        head_px = np.array([(marks[j].x * width_px, marks[j].y * height_px, marks[j].z * width_px) for j in HEAD_POINTS])
-        if not self._refine:
-            return Face(centres, 1.0, box(edges[0]), apart_px=apart_px, head_px=head_px)
-        ahead = np.array([(marks[j].x * width_px, marks[j].y * height_px) for j in TURN])
-        frontal = abs(turn(ahead)) <= FRONTAL
-        iris_px = iris_diameter(eyes) if frontal else 0.0
-        return Face(np.ascontiguousarray(eyes[:, 0]), 1.0, box(edges[0]), iris_px, apart_px, head_px=head_px)
+        size_px = np.array([image.shape[1], image.shape[0], image.shape[1]])
+        marks = found[0].landmark
+
+        def points(*numbers: int) -> NDArray[np.float64]:
+            """(n, 3) px. Each access calls protobuf: reading all 468 would take 0.4 ms."""
+            return np.asarray(np.array([(marks[j].x, marks[j].y, marks[j].z) for j in numbers]) * size_px, np.float64)
+
+        eyes = np.stack([points(*numbers)[:, :2] for numbers in self._eyes])
+        centres, edges, head_px = eyes.mean(axis=1), points(*EDGES), points(*HEAD_POINTS)
+        right, left = (np.array((marks[j].x, marks[j].y * size_px[1] / size_px[0], marks[j].z)) for j in EYE_LINE)
+        flat = max(float(np.hypot(*(left - right)[:2])), 1e-9)
+        apart_px = float(np.hypot(*(centres[0] - centres[1]))) * float(np.linalg.norm(left - right)) / flat
+        (x0, y0), (x1, y1) = edges[:, :2].min(axis=0).tolist(), edges[:, :2].max(axis=0).tolist()
+        iris_px = iris_diameter(eyes) if self._refine and abs(turn(points(*TURN)[:, :2])) <= FRONTAL else 0.0
+        centres = np.ascontiguousarray(eyes[:, 0]) if self._refine else centres
+        return Face(centres, 1.0, (x0, y0, x1, y1), iris_px, apart_px, head_px=head_px)
 
     def examine(self, image: NDArray[np.uint8]) -> None:
         """Does nothing: the graph keeps following its face."""

@@ -17,8 +17,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import check_regular, reason, replaced
-from lfpipe.host.files import exists, is_dir, is_file
+from lfpipe.files.safe_files import check_regular, read_bytes, reason, replaced
+from lfpipe.host.files import is_dir, is_file
 
 VERSION = "0.10.21"  # the last version with these files
 PACKAGE = f"mediapipe=={VERSION}"
@@ -84,9 +84,8 @@ def install_models(wheel: Path) -> Path:
     """
     contents = {relative: _read(wheel, f"mediapipe/{relative}") for relative in SHA256}
     for relative, content in contents.items():
-        found = hashlib.sha256(content).hexdigest()
-        if found != SHA256[relative]:
-            raise UserError(f"{wheel}: {relative}: SHA-256 {found}, expected {SHA256[relative]}", f"use a wheel of {PACKAGE}")
+        if (sha256 := hashlib.sha256(content).hexdigest()) != SHA256[relative]:
+            raise UserError(f"{wheel}: {relative}: SHA-256 {sha256}, expected {SHA256[relative]}", f"use a wheel of {PACKAGE}")
     folder = data_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -99,33 +98,28 @@ def install_models(wheel: Path) -> Path:
 
 
 def _read(wheel: Path, name: str) -> bytes:
-    """One file of a wheel. Raises UserError."""
-    wanted = f"use a wheel of {PACKAGE}, for any platform"
+    """One file of a wheel, or of a folder with its contents. Raises UserError."""
     try:
         if is_dir(wheel):
-            with (wheel / name).open("rb") as file:
-                return file.read(MOST_BYTES)
+            return read_bytes(wheel / name, MOST_BYTES)
         check_regular(wheel)
         with zipfile.ZipFile(wheel) as archive, archive.open(name) as file:
             return file.read(MOST_BYTES)
-    except (KeyError, FileNotFoundError):
-        if not exists(wheel):
-            raise UserError(f"{wheel}: no such file", wanted) from None
-        raise UserError(f"{wheel}: has no {name}", wanted) from None
+    except KeyError:
+        why = f"has no {name}"
     except OSError as error:
-        raise UserError(f"{wheel}: {reason(error)}", wanted) from None
+        why = reason(error)
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
-        # zipfile raises NotImplementedError for unknown compression, RuntimeError for encryption
-        raise UserError(f"{wheel}: not a wheel: {error}", wanted) from None
+        why = f"not a wheel: {error}"  # zipfile raises NotImplementedError for unknown compression, RuntimeError for encryption
+    raise UserError(f"{wheel}: {why}", f"use a wheel of {PACKAGE}, for any platform")
 
 
 def installers(folder: Path) -> list[list[str]]:
     """Commands that put the wheel, or its contents, into folder: one per installer of this machine, the most reliable first."""
-    uv = os.environ.get("UV") or shutil.which("uv")
-    alone = shutil.which("pip") or shutil.which("pip3")
-    pip = [sys.executable, "-m", "pip"] if importlib.util.find_spec("pip") else [alone] if alone else []
+    uv, pip = os.environ.get("UV") or shutil.which("uv"), shutil.which("pip") or shutil.which("pip3")
+    pips = [sys.executable, "-m", "pip"] if importlib.util.find_spec("pip") else [pip] if pip else []
     found = [[uv, "pip", "install", "--python", sys.executable, "--target", str(folder), *_UV, *_ONLY, PACKAGE]] if uv else []
-    return found + ([[*pip, "download", "--dest", str(folder), *_PIP, *_ONLY, PACKAGE]] if pip else [])
+    return found + ([[*pips, "download", "--dest", str(folder), *_PIP, *_ONLY, PACKAGE]] if pips else [])
 
 
 def fetch_models(say: Callable[[str], None]) -> Path:
@@ -134,22 +128,22 @@ def fetch_models(say: Callable[[str], None]) -> Path:
     Raises UserError if there is no installer, or if none of them gets the wheel. An installer shows its own progress if stderr is
     a terminal.
     """
-    shown = sys.stderr is not None and sys.stderr.isatty()
+    own_progress = sys.stderr is not None and sys.stderr.isatty()
     why = "neither uv nor pip is installed here"
     with tempfile.TemporaryDirectory(prefix="lfpipe-models-") as name:
         folder = Path(name)
         for command in installers(folder):
             say(f"models  fetching the face networks with {Path(command[0]).stem}: the wheel of {PACKAGE}, 36 MB, once")
             try:
-                done = subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=None if shown else subprocess.PIPE)
+                stderr = None if own_progress else subprocess.PIPE
+                subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=stderr, check=True)
             except OSError as error:
                 why = f"{command[0]}: {reason(error)}"
-                continue
-            if done.returncode == 0:
-                wheel = next(folder.glob("*.whl"), folder)
-                kept = install_models(wheel)
+            except subprocess.CalledProcessError as error:
+                printed = (error.stderr or b"").decode(errors="replace").strip()[-300:]
+                why = f"`{Path(command[0]).name}` ended with code {error.returncode}{': ' if printed else ''}{printed}"
+            else:
+                kept = install_models(next(folder.glob("*.whl"), folder))
                 say(f"models  stored in {kept}")
                 return kept
-            last = (done.stderr or b"").decode(errors="replace").strip()[-300:]
-            why = f"`{Path(command[0]).name}` ended with code {done.returncode}{': ' if last else ''}{last}"
     raise UserError(f"the face networks could not be fetched: {why}", REMEDY)

@@ -15,8 +15,7 @@ from PIL import Image
 from lfpipe.cli.scene import scene as command
 from lfpipe.config import Config, Scene
 from lfpipe.errors import UserError
-from lfpipe.export.clip import check_clip, write_clip
-from lfpipe.export.scene_pictures import SceneExport, parse_tiles, quilt_name
+from lfpipe.export.pictures import SceneExport, check_clip, parse_tiles, quilt_name, write_clip
 from lfpipe.files import video_writer
 from lfpipe.scene.packing import pack_scene
 from tests.world import write_scene

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lfpipe.config import Render, Scene
-from lfpipe.export.clip import write_clip
+from lfpipe.export.pictures import write_clip
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.viewpoint import ViewSolver
 from lfpipe.scene import layouts

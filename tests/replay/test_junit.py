@@ -12,8 +12,8 @@ import pytest
 from lfpipe import cli
 from lfpipe.errors import UserError
 from lfpipe.replays import run
-from lfpipe.replays.compare import Difference
-from lfpipe.replays.junit import cases_of, write_junit
+from lfpipe.replays.compare import Difference, cases_of
+from lfpipe.replays.report import write_junit
 from tests import hostile_sequences
 from tests.world import World
 

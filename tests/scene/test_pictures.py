@@ -11,7 +11,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.export.clip import write_clip
+from lfpipe.export.pictures import write_clip
 from lfpipe.scene import layouts
 from lfpipe.scene.layouts.plenoptic import is_honeycomb
 from lfpipe.scene.missing_views import warped_disparity, warped_view

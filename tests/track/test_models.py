@@ -2,13 +2,14 @@
 
 import hashlib
 import stat
-import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from lfpipe.cli import cli
 from lfpipe.cli.launch import with_engine
 from lfpipe.config import Config, Track
 from lfpipe.errors import UserError
@@ -124,8 +125,6 @@ def test_up_falls_back_to_litert_and_fetches_its_networks(
 
 def test_the_command_names_each_network(wheel: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    command = [sys.executable, "-m", "lfpipe", "models", "get"]
-    done = subprocess.run([*command, "--from", str(wheel)], capture_output=True, text=True, check=True)
+    done = CliRunner().invoke(cli, ["models", "get", "--from", str(wheel)])
     assert [line.split()[0] for line in done.stdout.splitlines()] == [each[:8] for each in models.SHA256.values()]
-    done = subprocess.run([*command, "--from", str(tmp_path / "none.whl")], capture_output=True, text=True)
-    assert done.returncode == 2 and "no such file" in done.stderr and "Traceback" not in done.stderr
+    assert isinstance(CliRunner().invoke(cli, ["models", "get", "--from", str(tmp_path / "none.whl")]).exception, UserError)

@@ -1,4 +1,5 @@
-"""Exports of a light field. The method that suits the scene draws every view; light-field videos play on.
+"""Exports of a light field: pictures, and short videos as MP4 or GIF. The method that suits the scene draws every view;
+light-field videos play on.
 
 quilt    views from left to right as tiles of one picture, the leftmost at the bottom left: Looking Glass displays
          (https://docs.lookingglassfactory.com/keyconcepts/quilts)
@@ -10,22 +11,26 @@ sweep    along the middle row from the first column to the last and back
 import io
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import IO
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.files.output import MARK, marked_picture
+from lfpipe.files.output import MARK, finished_output, marked_picture
+from lfpipe.files.video_writer import VideoWriter, encoder_name, write_error
 from lfpipe.render.compositor import ViewRenderer
 from lfpipe.render.geometry import parallax, zero_plane_px
 from lfpipe.scene.lightfield import LightField
 
 Picture = NDArray[np.uint8]
 
+GIF_PICTURES = 300  # a GIF is held in memory
 QUILT_PX = 8192  # of a side: the largest that they accept
 MOST_TILES = 20  # a side
 RATE_HZ = 30.0
@@ -124,8 +129,6 @@ def pair_name(path: Path) -> Path:
 def stereo_file(left: Picture, right: Picture, suffix: str) -> bytes:
     """The pair as .mpo (two pictures, left first; CIPA DC-007), or side by side: .jps (right eye first), .jpg, .png (left)."""
     if suffix == ".mpo":
-        from PIL import Image
-
         first, second = (Image.fromarray(np.ascontiguousarray(eye[..., ::-1])) for eye in (left, right))
         buffer = io.BytesIO()
         first.save(buffer, "MPO", save_all=True, append_images=[second], quality=JPEG_QUALITY, comment=MARK)
@@ -143,3 +146,46 @@ def parse_tiles(text: str) -> tuple[int, int]:
     if not found or not all(0 < int(side) <= MOST_TILES for side in found.groups()):
         raise UserError(f"--tiles {text}: not COLSxROWS", f"for example 8x6; 1 to {MOST_TILES} a side")
     return int(found[1]), int(found[2])
+
+
+def check_clip(path: Path, count: int) -> None:
+    """Raises UserError if path names no kind of clip of this many pictures that can be written here."""
+    if path.suffix.lower() not in (".mp4", ".gif"):
+        raise UserError(f"{path}: not .mp4 or .gif", "for example boxes.mp4")
+    if path.suffix.lower() == ".gif" and count > GIF_PICTURES:
+        raise UserError(f"{path}: {count} pictures, a GIF may have {GIF_PICTURES}", "a shorter one, or .mp4")
+    if path.suffix.lower() == ".mp4":
+        encoder_name()
+
+
+def write_clip(path: Path, pictures: Iterable[Picture], rate_hz: float) -> int:
+    """Writes pictures, uint8 (height, width, 3) BGR of one size, to a path that `check_clip` allows; returns how many.
+
+    Raises UserError if the disk is full; path is then unchanged.
+    """
+    count, writer = 0, None
+    try:
+        with finished_output(path, 0o644) as output:
+            if path.suffix.lower() == ".gif":
+                return _write_gif(output.file, list(pictures), rate_hz)
+            for picture in pictures:
+                writer = writer or VideoWriter(output.beside, (picture.shape[1], picture.shape[0]), rate_hz)
+                writer.write(picture)
+                count += 1
+            if writer is not None:
+                writer.release(output.beside)
+    except OSError as error:
+        raise write_error(path, error) from None
+    return count
+
+
+def _write_gif(file: IO[bytes], pictures: list[Picture], rate_hz: float) -> int:
+    images = [Image.fromarray(np.ascontiguousarray(picture[..., ::-1])) for picture in pictures]
+    # one palette for all: a palette per picture makes static parts flicker
+    sample = Image.fromarray(np.vstack([np.asarray(image)[::4, ::4] for image in images]))
+    palette = sample.quantize(256, dither=Image.Dither.NONE)
+    indexed = [image.quantize(palette=palette) for image in images]
+    hundredths = max(2, round(100 / rate_hz))  # unit of a GIF's delays; players slow down shorter ones
+    more = {"append_images": indexed[1:], "duration": 10 * hundredths, "loop": 0, "comment": MARK}
+    indexed[0].save(file, "GIF", save_all=True, **more)
+    return len(images)
