@@ -72,6 +72,17 @@ def _no_recent_scenes(tmp_path_factory: pytest.TempPathFactory) -> None:
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
 
 
+@pytest.fixture(scope="session")
+def as_nobody() -> list[str]:
+    """What a command begins with, so that permissions count for it as they do for everybody."""
+    if os.getuid():
+        return []
+    if shutil.which("setpriv") is None:
+        pytest.skip("setpriv is not installed (apt-get install util-linux), and permissions do not apply to root")
+    # Another user's id could not reach most of a suite that runs as root: its interpreter is in root's own folder.
+    return ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
+
+
 @pytest.fixture
 def world(tmp_path: Path) -> Iterator[World]:
     made = World(tmp_path)

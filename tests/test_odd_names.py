@@ -50,11 +50,3 @@ def test_a_video_under_such_a_name_is_imported_but_not_made(tmp_path: Path, clip
     assert lfpipe(tmp_path, "sequence", "import", ODD, "out").returncode == 0
     done = lfpipe(tmp_path, "sequence", "export", "out", f"new-{ODD}")
     assert (done.returncode, b"must be UTF-8" in done.stderr) == (2, True)
-
-
-def test_what_does_not_begin_as_a_video_is_not_searched_for_one(tmp_path: Path) -> None:
-    (tmp_path / "a.avi").write_bytes(b"\x89PNG\r\n\x1a\n")
-    os.truncate(tmp_path / "a.avi", 1 << 41)
-    done = lfpipe(tmp_path, "sequence", "import", "a.avi", "out")
-    assert done.returncode == 2
-    assert not (tmp_path / "out").exists()

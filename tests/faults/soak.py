@@ -1,6 +1,5 @@
-"""Random faults in one session, one after another: time until pictures return, lost frames, leftovers.
-
-`profiling/faults_soak.py` runs hundreds of them, the tests twenty.
+"""Random faults in one session, one after another: time until pictures return, lost frames, leftovers. `pytest -m soak` runs
+hundreds of them, `-m live` one of each kind.
 """
 
 import contextlib
@@ -74,33 +73,12 @@ class Outcome:
         return late + wrong + books + leaks
 
     def table(self) -> str:
-        """Markdown: kinds of faults, the account of frames, resources before and after."""
-        lines = ["| fault | times | pictures again, median s | longest s |", "|---|---|---|---|"]
+        """Kinds of faults with the times until pictures returned, restarts, and the account of frames."""
+        lines = [f"{self.seconds / 60:.1f} min, restarts {self.restarts}, {self.watcher.lapped} frames lapped while looked at"]
         for kind in (*LETHAL, *HARMLESS):
-            found = [fault.recovery_s for fault in self.faults if fault.kind == kind]
-            if found:
-                lines.append(f"| {kind} | {len(found)} | {statistics.median(found):.2f} | {max(found):.2f} |")
-        every = [fault.recovery_s for fault in self.faults]
-        spread = f"{statistics.median(every):.2f} | {max(every):.2f}"
-        lines.append(f"| all, in {self.seconds / 60:.1f} min | {len(every)} | {spread} |")
-        watcher, last = self.watcher, self.accounts[-1]
-        lines += ["", "| what | figure |", "|---|---|"]
-        lines.append(f"| restarts | {', '.join(f'{name} {count}' for name, count in self.restarts.items())} |")
-        lines.append(f"| frames checked, torn | {watcher.seen}, {watcher.torn} |")
-        lines.append(f"| frames lapped while looked at, and known to be | {watcher.lapped} |")
-        lines.append(f"| pictures checked, torn | {watcher.pictures}, {watcher.torn_pictures} |")
-        lines.append(f"| frames out of order | {watcher.out_of_order} |")
-        lines.append(f"| frames published, eyes, pictures | {last.frames}, {last.eyes}, {last.lines} |")
-        lines.append(f"| drops of capture, track, render | {last.capture_drops}, {last.track_drops}, {last.render_drops} |")
-        lines.append(f"| of capture's, counted just before it died | {last.unseen} |")
-        lines.append(f"| the rest less what is missing | {', '.join(map(str, last.errors().values()))} |")
-        lines += ["", "| held | before | after |", "|---|---|---|"]
-        for name in sorted({*self.before.processes, *self.after.processes}):
-            then, now = self.before.processes.get(name, (0.0, 0)), self.after.processes.get(name, (0.0, 0))
-            lines.append(f"| {name}: own memory MB, descriptors | {then[0]:.1f}, {then[1]} | {now[0]:.1f}, {now[1]} |")
-        for what in ("segments", "files"):
-            lines.append(f"| {what} | {len(getattr(self.before, what))} | {len(getattr(self.after, what))} |")
-        return "\n".join(lines)
+            if times_s := [fault.recovery_s for fault in self.faults if fault.kind == kind]:
+                lines.append(f"{kind}: {len(times_s)}, median {statistics.median(times_s):.2f} s, longest {max(times_s):.2f} s")
+        return "\n".join([*lines, str(self.accounts[-1]), str(self.before), str(self.after)])
 
 
 class Soak:

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.reconnecting_camera import BACKOFF_S, CameraLost, ReconnectingCamera
 from lfpipe.errors import UserError
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State, Table
-from tests.faults.scripted_camera import open_scripted
 from tests.world import World
 from tests.xvfb_screen import Screen
 
@@ -173,19 +171,3 @@ def test_what_is_no_fault_of_the_camera_is_not_hidden() -> None:
     camera = ReconnectingCamera(SourceInfo("?", 1, 1, 1.0, live=True), open_)
     with pytest.raises(ZeroDivisionError):
         _read(camera, np.zeros((4, 4), np.uint8))
-
-
-def test_a_slow_frame_keeps_nobody_waiting(tmp_path: Path) -> None:
-    node = tmp_path / "video0"
-    node.write_text("frames")
-    camera = ReconnectingCamera(SourceInfo("?", 1, 1, 1.0, live=True), lambda: open_scripted(node, config.Camera()))
-    out = np.zeros((480, 640, 3), np.uint8)
-    _read(camera, out)
-    node.write_text("hang")
-    for _ in range(5):
-        with pytest.raises(TimeoutError):  # again and again: a stage that reads must be able to beat
-            while True:
-                camera.read(out)
-    node.write_text("frames")
-    assert _read(camera, out)[0].source_seq > 0
-    camera.close()

@@ -134,18 +134,3 @@ def test_frames_left_out_by_tracking_are_not_counted_as_lost_and_no_eyes_are_mad
     lowered = [line for line in world.lines() if line["level"] == 1]
     assert all(line["source_seq"] % 2 == 0 for line in lowered[5:-1]) and all(line["face"] for line in lowered[5:-1])
     world.wait_for(lambda: _level(world) == 0, "full quality again")
-
-
-def test_a_session_on_two_cores_has_tracking_on_one_and_the_rest_on_the_other(world: World, scene: Path) -> None:
-    before = os.sched_getaffinity(0)
-    cores = sorted(before)[:2]
-    if len(cores) < 2:
-        pytest.skip("one core")
-    os.sched_setaffinity(0, cores)
-    try:
-        world.up(scene)
-    finally:
-        os.sched_setaffinity(0, before)
-    world.pictures(5)
-    cpus = {name: stage["cpus"] for name, stage in world.monitor()["stages"].items()}
-    assert cpus == {"capture": [cores[0]], "track": [cores[1]], "render": [cores[0]]}

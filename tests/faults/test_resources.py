@@ -44,17 +44,6 @@ def in_mounts(world: World, command: Iterable[object], *mounts: tuple[Path, str]
     )
 
 
-def unprivileged(world: World, *command: object, **env: str) -> Done:
-    """Runs `lfpipe ...` as a user to whom permissions apply."""
-    drop: list[str] = []
-    if os.getuid() == 0:
-        if shutil.which("setpriv") is None:
-            pytest.skip("setpriv is not installed, and permissions do not apply to root")
-        drop = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
-    words = [*drop, sys.executable, "-m", "lfpipe", *map(str, command)]
-    return subprocess.run(words, capture_output=True, text=True, cwd=world.root, env={**world.env, **env}, timeout=60)
-
-
 def assert_said(done: Done, world: World, *parts: str) -> None:
     """One message with a remedy, and no leftovers."""
     assert done.returncode == 2, done.stderr
@@ -122,7 +111,11 @@ def test_a_cache_without_room(world: World, scene: Path) -> None:
     assert_said(done, world, str(place), "free")
 
 
-def test_directories_without_permission(world: World, packed: Path) -> None:
+def test_directories_without_permission(world: World, packed: Path, as_nobody: list[str]) -> None:
+    def unprivileged(world: World, *command: object, **env: str) -> Done:
+        words = [*as_nobody, sys.executable, "-m", "lfpipe", *map(str, command)]
+        return subprocess.run(words, capture_output=True, text=True, cwd=world.root, env={**world.env, **env}, timeout=60)
+
     closed = world.root / "closed"
     closed.mkdir(mode=0o500)
     up = ("up", packed, *PLAIN, "--session", world.name)

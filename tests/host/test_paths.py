@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from lfpipe.host import files
-from tests.as_nobody import as_nobody as as_nobody
 from tests.world import World
 
 LONG = "x" * 300  # longer than any file system allows

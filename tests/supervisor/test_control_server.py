@@ -2,7 +2,6 @@
 
 import os
 import random
-import resource
 import socket
 import subprocess
 import sys
@@ -204,14 +203,3 @@ def test_connections_beyond_the_limit_are_closed_and_those_before_are_kept(
         while closed(late := connect()):
             assert time.monotonic() < end, "there is room again"
         limit.close()
-
-
-def test_a_session_may_open_as_many_files_as_the_system_allows() -> None:
-    program = "from lfpipe.host.limits import allow_files, allowed_files\nallow_files()\nprint(allowed_files())"
-    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
-
-    def lower() -> None:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (200, min(hard, 3000)))
-
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, preexec_fn=lower)
-    assert int(done.stdout) == min(hard, 3000)

@@ -183,10 +183,12 @@ def test_what_needs_eyes_takes_those_of_a_camera_or_a_mouse() -> None:
             assert respond(made_state(**eyes), message, 0).check is not None
     with pytest.raises(UserError, match="no camera"):
         respond(made_state(tracking=False), record, 0)
-    for message in ({"cmd": "record", "path": "r"}, {"cmd": "record", "path": 5}, {"cmd": "record", "path": "/r", "eyes": 1},
+    for message in ({"cmd": "record", "path": "r"}, {"cmd": "record", "path": 5},
                     {"cmd": "trace", "path": "t"}, {"cmd": "trace"}):  # fmt: skip
         with pytest.raises(BadMessage, match="absolute path"):
             respond(made_state(), message, 0)
+    with pytest.raises(BadMessage, match="eyes"):
+        respond(made_state(), {"cmd": "record", "path": "/r", "eyes": 1}, 0)
     for message in (
         {"cmd": "share"},
         {"cmd": "share", "start": ["lsl"], "stop": []},

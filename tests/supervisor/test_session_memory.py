@@ -55,25 +55,14 @@ def test_a_reader_with_another_runtime_directory_finds_the_one_session_of_that_n
     assert rundir.running() == []
 
 
-def test_names_are_short_enough_for_every_system(base: Path) -> None:
-    names = {
-        Session(session).segment(part)
-        for session in ("a", "a" * 32)
-        for part in ("status", "frames", "eyes", "packets.1", "pictures.9999", "pictures.10000", "pictures.123456789")
-    }
-    assert len(names) == 14 and max(len(f"/{each}") for each in names) <= 31
-
-
 def squat(path: Path, kind: str) -> None:
     """Something at path that is not a segment of ours."""
     if kind == "directory":
         path.mkdir()
     elif kind == "link":
         path.symlink_to("/dev/shm/target")
-    elif kind == "pipe":
-        os.mkfifo(path)
     else:
-        path.write_bytes(b"" if kind == "empty file" else bytes(8192) if kind == "zeros" else b"not a segment " * 1000)
+        path.write_bytes(bytes(8192))
     if kind == "file of another":
         os.chown(path, NOBODY, NOBODY)
 
@@ -90,7 +79,7 @@ def remove(path: Path) -> None:
         path.unlink()
 
 
-KINDS = ["directory", "link", "pipe", "file", "empty file", "zeros"] + (["file of another"] if os.getuid() == 0 else [])
+KINDS = ["directory", "link", "zeros"] + (["file of another"] if os.getuid() == 0 else [])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -191,11 +180,9 @@ def test_a_monitor_says_that_a_session_is_of_another_version(base: Path, name: s
     (session.run_dir / "session.json").write_text("{}")
     memory = segment.create(session.segment("status"), 1 << 16, session.run_dir)
     segment.buffer(memory)[:8] = b"LFSTAT0\0"
-    for words in (["--once"], ["--json"]):
-        done = subprocess.run(
-            [sys.executable, "-m", "lfpipe", "monitor", "--session", name, *words], capture_output=True, text=True
-        )
-        assert done.returncode == 2 and "LFSTAT0" in done.stderr and "remedy" in done.stderr, done.stderr
+    command = [sys.executable, "-m", "lfpipe", "monitor", "--session", name, "--once"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2 and "LFSTAT0" in done.stderr and "remedy" in done.stderr, done.stderr
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
     with pytest.raises(segment.WrongSegment, match="LFSTAT0"):
