@@ -71,7 +71,7 @@ def start() -> int:
     from lfpipe.cli.launch import UpArguments, launch, say
     from lfpipe.errors import UserError
     from lfpipe.scene.cache import cache_dir
-    from lfpipe.scene.demo import demo_scene
+    from lfpipe.scene.demo import NAMES, demo_scene
     from lfpipe.scene.recent_scenes import recent_scenes
 
     config = config_module.load(None, ())
@@ -81,6 +81,7 @@ def start() -> int:
     except UserError as error:
         say(f"using the demo's face instead of a camera: {error.message}")
         camera = "demo"
-    demo = demo_scene(cache_dir(config.scene))
-    scenes = (demo, *(scene for scene in recent_scenes() if scene != demo.resolve()))
+    demos = [demo_scene(cache_dir(config.scene), name=name) for name in NAMES]
+    own = {demo.resolve() for demo in demos}
+    scenes = (*demos, *(scene for scene in recent_scenes() if scene not in own))
     return launch(UpArguments(camera=camera, scenes=scenes, start=True))

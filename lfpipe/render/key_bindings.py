@@ -89,6 +89,7 @@ class KeyBindings:
             self._asks = True
         else:
             self._go_on()
+        self._show_overlay(now_ns())  # keys that are pressed now are for the menu
 
     def serve(self) -> None:
         """Handles the keys since the last call and refreshes what lies over the picture."""
@@ -110,6 +111,9 @@ class KeyBindings:
             self._status_due_ns = t_ns + STATUS_NS
             self._status = Overlay(status_lines(self._context, self._viewer), views_map(self._viewer))
             self._presenter.redraw()
+        self._show_overlay(t_ns)
+
+    def _show_overlay(self, t_ns: int) -> None:
         menu = glasses_menu(self._context.config.render.anaglyph) if self._asks else self._page.menu
         lines, inset, notices = self._status.lines, self._status.inset, self._notices.lines(t_ns)
         self._display.overlay(Overlay(lines, inset, notices, self.scenes.share, menu, self._bar()))

@@ -118,9 +118,15 @@ def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Pan
     font = pygame.font.Font(None, max(LEAST_TEXT_PX, min(round(1.2 * text_px), width // 26)))
     line = font.get_linesize()
     count = len(menu.items)
-    cols = max(1, min(MENU_COLS, width // (CELL_LINES * line), count))
     hint = font.render(menu.hint, True, GREY, None, width - line)
     head_px = hint.get_height() + 3 * line
+
+    def picture_px(cols: int) -> float:
+        return min(width // cols, ((height - head_px) // -(-count // cols) - 2 * line) / CELL_SHAPE)
+
+    cols = max(range(1, min(MENU_COLS, count) + 1), key=picture_px)
+    if picture_px(cols) < CELL_LINES * line:  # then it has several pages
+        cols = max(1, min(MENU_COLS, width // (CELL_LINES * line)))
     rows = max(1, min((height - head_px) // (CELL_LINES * line), -(-count // cols)))
     high = min((height - head_px) // rows, round(CELL_SHAPE * width / cols) + 2 * line)
     page, first = rows * cols, selected // (rows * cols) * rows * cols

@@ -18,8 +18,9 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.render.notices import Notices
 from lfpipe.render.overlay import Item, Menu
+from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.contact_sheet import stored_view
-from lfpipe.scene.open_scene import packed
+from lfpipe.scene.open_scene import Packing, packed, preview
 from lfpipe.scene.recent_scenes import forget_scene
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
@@ -113,6 +114,7 @@ class ScenePage:
         self.menu: Menu | None = None
         self._scenes: list[str] = list(context.options.playlist)
         self._pictures: dict[str, NDArray[np.uint8] | None] = {}
+        self._packing: Packing | None = None  # reads a picture of a scene that is not packed
         self._camera: Reader | None = None
         self._camera_item: Item | None = None
         self._camera_due_ns = 0
@@ -128,9 +130,10 @@ class ScenePage:
 
     def close(self) -> None:
         """Closes the menu."""
-        if self._camera is not None:
-            self._camera.close()
-        self.menu = self._camera = None
+        for source in (self._camera, self._packing):
+            if source is not None:
+                source.close()
+        self.menu = self._camera = self._packing = None
 
     def _make_menu(self, at: int = 0) -> None:
         items = [
@@ -139,15 +142,22 @@ class ScenePage:
                 f"load {scene}",
                 "",
                 self._pictures.get(scene),
-                "not opened yet" if scene in self._pictures else "",
+                "no picture" if scene in self._pictures else "",
             )
             for scene in self._scenes
         ]
         self.menu = Menu("Choose a scene", HINT, (*items, *([self._camera_item] if self._camera_item else [])), at)
 
+    def _is_own(self, scene: str) -> bool:
+        """Whether a scene is of our own making: it is always there, and its views take a while to render."""
+        return Path(scene).is_relative_to(cache_dir(self._context.config.scene))
+
     def forget(self, scene: str) -> None:
-        """Takes a scene off the start page; the demo stays, and so do all files."""
-        if self._context.options.start and scene in self._scenes[1:]:
+        """Takes a scene off the start page; the demos stay, and so do all files."""
+        if self._context.options.start and scene in self._scenes and not self._is_own(scene):
+            if self._packing is not None:
+                self._packing.close()
+            self._packing = None
             self._scenes.remove(scene)
             forget_scene(Path(scene))
             self._make_menu()
@@ -156,23 +166,31 @@ class ScenePage:
         """Reads one more thumbnail and, now and then, the camera's picture."""
         if self.menu is None:
             return
-        scene = next((scene for scene in self._scenes if scene not in self._pictures), None)
-        if scene is not None:
-            with self._context.busy_with("reading thumbnails"):
-                self._pictures[scene] = self._thumbnail(scene)
+        unread = sorted((scene for scene in self._scenes if scene not in self._pictures), key=self._is_own)
+        scene = unread[0] if unread else None
+        read = scene is not None and self._read_picture(scene)
         seen = self._see_camera() if self._camera is not None and t_ns >= self._camera_due_ns else None
         if seen is not None:
             self._camera_item, self._camera_due_ns = seen, t_ns + CAMERA_NS
-        if scene is not None or seen is not None:
+        if read or seen is not None:
             self._make_menu()
 
-    def _thumbnail(self, scene: str) -> NDArray[np.uint8] | None:
-        """The middle view of a packed scene, uint8 (height, width, 3) RGB of at most KEPT_PX; None without a pack."""
-        try:
-            field = packed(scene, self._context.config.scene)
-        except UserError:
-            return None
-        return None if field is None else _small(stored_view(field, field.rows // 2, field.cols // 2))
+    def _read_picture(self, scene: str) -> bool:
+        """Reads the middle view from the scene's pack, or has the packer read it; returns whether that is done."""
+        with self._context.busy_with("reading thumbnails"):
+            if self._packing is None:
+                try:
+                    field = packed(scene, self._context.config.scene)
+                except UserError:
+                    field = None
+                if field is not None:
+                    self._pictures[scene] = _small(stored_view(field, field.rows // 2, field.cols // 2))
+                    return True
+                self._packing = Packing([scene], self._context.config.scene, do="preview")
+            self._packing.read()
+            if self._packing.done:
+                self._pictures[scene], self._packing = preview(self._packing), None
+        return scene in self._pictures
 
     def _see_camera(self) -> Item | None:
         """What the camera sees, mirrored."""

@@ -205,8 +205,8 @@ def _crate(rng: np.random.Generator, width: int, height: int) -> Floats:
     return picture
 
 
-def still_life(size_px: int) -> list[Solid]:
-    """The solids of the scene, back to front, for views of size_px x size_px; always the same picture."""
+def still_life(size_px: int, name: str = "still-life-1") -> list[Solid]:
+    """The solids of a scene of `demo.NAMES`, back to front, for views of size_px x size_px; always the same picture."""
     rng = np.random.default_rng(9)
     reach = 48.0  # margin around the centre view that the outermost cameras see
     seam = table_y(WALL_D)
@@ -219,6 +219,9 @@ def still_life(size_px: int) -> list[Solid]:
         Quad(_opaque(_chart(232, 308)), np.array([[x, y, WALL_D + 0.06] for x, y in _corners(336, 62, 452, 216)])),
     ]
     solids.append(_table(rng))
+    if not name.startswith("still-life"):
+        solids += _marbles(rng) if name.startswith("marbles") else _meadow(rng)
+        return [_scaled(solid, size_px / 512) for solid in solids]
     planks = _wood(rng, 120, 300, (140, 90, 44), (214, 166, 104))
     solids += _box(_crate(rng, 300, 300), planks, 66, 152, 150, -1.15, -1.75)
     solids.append(_ball(_marble(rng, 500, 1000), 372, -1.1, 44, 0.5))
@@ -237,6 +240,36 @@ def still_life(size_px: int) -> list[Solid]:
         foot = 530.0
         solids.append(Quad(blades, np.array([[a, b, d] for a, b in _corners(x - 75, foot - 215, x + 75, foot + 35)])))
     return [_scaled(solid, size_px / 512) for solid in solids]
+
+
+def _marbles(rng: np.random.Generator) -> list[Solid]:
+    """Balls of four kinds in a spiral from the wall to the viewer."""
+    kinds = (
+        _planet(rng, 400, 800),
+        _checked(400, 800, 8, (240, 196, 40), (30, 84, 150)),
+        _marble(rng, 400, 800),
+        _checked(300, 600, 6, (236, 232, 220), (176, 30, 44)),
+    )
+    far_to_near = np.linspace(-1.6, 1.7, 14)
+    turns = np.linspace(0.4, 3.6 * np.pi, 14)
+    return [
+        _ball(kinds[k % 4], 256 + (90 + 6 * k) * float(np.sin(turns[k])), float(d), 16 + 1.6 * k, 0.5)
+        for k, d in enumerate(far_to_near)
+    ]
+
+
+def _meadow(rng: np.random.Generator) -> list[Solid]:
+    """Tufts of grass at many depths, with balls between them: much hides much."""
+    solids: list[Solid] = []
+    for k, d in enumerate(np.linspace(-1.5, 1.9, 12)):
+        x, foot = 60 + 392 * (k * 5 % 12) / 11, table_y(float(d))
+        half, tall = 55 + 4 * k, 110 + 8 * k
+        blades = _grass(rng, round(tall * TEXELS), round(2 * half * TEXELS), 12)
+        solids.append(Quad(blades, np.array([[a, b, d] for a, b in _corners(x - half, foot - tall, x + half, foot)])))
+        if k % 3 == 1:
+            ball = _checked(300, 600, 6, (236, 232, 220), (200, 60, 30)) if k % 2 else _planet(rng, 300, 600)
+            solids.append(_ball(ball, 452 - 30 * k, float(d) + 0.02, 18 + k, 0.5))
+    return solids
 
 
 def _corners(left: float, top: float, right: float, bottom: float) -> list[tuple[float, float]]:

@@ -1,5 +1,6 @@
 """One way to open a scene: its pack from the cache, or the packer's work, whoever asks."""
 
+import base64
 import contextlib
 import os
 from collections.abc import Callable, Sequence
@@ -7,13 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import attrs
+import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.config import SceneSummary
+from lfpipe.errors import UserError
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Worker
 from lfpipe.scene.cache import cache_dir, find_pack
-from lfpipe.scene.demo import demo_scene
+from lfpipe.scene.demo import demo_scene, named_scene
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import DamagedPackError, open_pack
 
@@ -79,7 +83,7 @@ def open_scenes(
     An empty sequence stands for the demo. progress: called from this thread. complete: with its disparity, for pictures that are
     kept. expand: a folder of light fields stands for those in it. Raises UserError.
     """
-    paths = list(paths) or [demo_scene(cache_dir(settings))]
+    paths = [named_scene(path, cache_dir(settings)) for path in paths] or [demo_scene(cache_dir(settings))]
     known = packed(paths[0], settings)
     expand = expand and any(is_dir(path) and find_pack(path, settings) is None for path in paths)
     if known is not None and known.complete and not expand:
@@ -117,3 +121,12 @@ def ask_packer(path: Path, settings: config.Scene, progress: Progress | None = N
     with contextlib.closing(Packing([path], settings, progress, **request)) as packing:
         packing.wait()
         return packing.result()
+
+
+def preview(packing: Packing) -> NDArray[np.uint8] | None:
+    """The view that a packer with do="preview" has found, uint8 (height, width, 3) RGB; None where there is none."""
+    try:
+        view = packing.result()
+        return np.frombuffer(base64.b64decode(view["rgb"]), np.uint8).reshape(view["height"], view["width"], 3)
+    except (UserError, ValueError, TypeError, KeyError):
+        return None

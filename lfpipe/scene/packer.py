@@ -1,25 +1,30 @@
 """The packer: the only program that reads a person's pictures, as a child with limits on memory, time and output.
 
-`python -m lfpipe.scene.packer`, by `open_scene.Packing`. Request: {"do": "pack", "info" or "make", "scenes": [path, ...],
-"config": the table [scene]}; with "pack", "expand": whether folders of light fields stand for what is in them, and "remember":
-whether to note the scene as recent; with "make", "out": the folder for a light field made of a video. Steps, each a JSON object:
+`python -m lfpipe.scene.packer`, by `open_scene.Packing`. Request: {"do": "pack", "info", "preview" or "make", "scenes":
+[path, ...], "config": the table [scene]}; with "pack", "expand": whether folders of light fields stand for what is in them, and
+"remember": whether to note the scene as recent; with "make", "out": the folder for a light field made of a video. Steps, each a
+JSON object:
 
     {"scenes": [path, ...]}                     expand: the light fields; the first of them is opened
     {"step": "views", "done": 7, "total": 81}   progress
     {"summary": {...}}                          the pack can be shown, still without disparity
 
-Result: the summary of the pack; the facts of the scene; or those of the `Slide`.
+Result: the summary of the pack; the facts of the scene; one view of it; or those of the `Slide`.
 """
 
+import base64
 import contextlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import attrs
+import cv2
+import numpy as np
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.files.decoding import fit_area
 from lfpipe.host.processes import set_scheduling
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
@@ -30,8 +35,10 @@ from lfpipe.scene.pack import open_pack, summarize
 from lfpipe.scene.packing import pack_scene
 from lfpipe.scene.recent_scenes import remember_scene
 from lfpipe.scene.slide import make_slide
+from lfpipe.scene.source import SceneSource
 
 NICE = 15
+PREVIEW_PX = (320, 240)  # at most; an answer may have 1 MB
 MEMORY_BYTES = 1 << 30  # mapped files do not count
 MAX_ENTRIES = 1000  # entries of a folder to examine
 
@@ -52,6 +59,8 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     if request["do"] == "make":
         slide = make_slide(paths[0], Path(request["out"]), progress)
         return {**attrs.asdict(slide), "folder": str(slide.folder)}
+    if request["do"] == "preview":
+        return _preview(layouts.describe(paths[0], settings))
     if request["do"] == "info":
         return describe_examined(examine_scene(paths[0], settings))
     if request.get("expand"):
@@ -89,6 +98,18 @@ def _views(path: Path, settings: config.Scene) -> int:
         source = layouts.describe(path, settings)
         return source.rows * source.cols
     return 0
+
+
+def _preview(source: SceneSource) -> dict[str, Any]:
+    """The view in the middle of a scene, or the first that it has: width and height of at most PREVIEW_PX, and RGB in base 64."""
+    middle = source.rows // 2, source.cols // 2
+    places = (middle, *np.ndindex(source.rows, source.cols))
+    view = source.read(0, *next(place for place in places if place not in source.missing))
+    _, _, width, height = fit_area((view.shape[1], view.shape[0]), PREVIEW_PX)
+    small = cv2.resize(view, (width, height), interpolation=cv2.INTER_AREA) / source.max_value
+    values = np.uint8(np.rint(255 * np.clip(small, 0, 1) ** (1 / 2.2 if source.linear else 1.0)))
+    rgb = np.broadcast_to(values.reshape(height, width, -1), (height, width, 3))
+    return {"width": width, "height": height, "rgb": base64.b64encode(rgb.tobytes()).decode()}
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ def test_without_a_screen_it_is_the_help(world: World) -> None:
 def test_scenes_shown_before_are_there_to_choose_from(world: World, screen: Screen) -> None:
     world.env |= {"DISPLAY": screen.name, "LFPIPE_SESSION": world.name}
     write_scene(world.root / "cache" / "lfpipe" / "demo" / NAME, 2, 2)  # the real one takes half a minute to make
-    recent = [write_scene(world.root / f"shown before {k}", 2, 2 + k) for k in (1, 2)]
+    recent = [write_scene(world.root / f"shown before {k}", 1, 2 + k) for k in (1, 2)]
     kept = world.root / "state" / "lfpipe" / "recent_scenes.json"
     kept.parent.mkdir(parents=True)
     kept.write_text(json.dumps([*map(str, recent), str(world.root / "gone")]))
@@ -32,7 +32,9 @@ def test_scenes_shown_before_are_there_to_choose_from(world: World, screen: Scre
     world.wait_for(lambda: settings.exists() and "mono" in settings.read_text(), "an answer")
     face = world.wait_for(lambda: _skin(screen), "what the camera sees")
     assert face > 200
-    subprocess.run(["xdotool", "key", "Right", "Right", "Return"], check=True, env=world.env)
+    for colour in ([5, 13, 13], [5, 21, 21]):  # BGR of their middle views
+        world.wait_for(lambda colour=colour: (screen.picture() == colour).all(axis=-1).sum() > 1000, "a scene that is not packed")
+    subprocess.run(["xdotool", "key", *["Right"] * 4, "Return"], check=True, env=world.env)
     world.wait_for(lambda: outline("lfpipe: shown before 2", screen.name), "the scene that was chosen")
     newest_first = [str(recent[1]), str(recent[0])]
     world.wait_for(lambda: json.loads(kept.read_text())[:2] == newest_first, "the list of recent scenes")

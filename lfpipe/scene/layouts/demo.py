@@ -28,7 +28,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     path = listing.file(MARKER)
     fields = json_fields(read_bytes(path), str(path), "remove the folder; lfpipe makes it again")
     grid, size_px = fields.integer("grid", 1, 33), fields.integer("size_px", 32, 4096)
-    middle, solids = grid // 2, still_life(size_px)
+    middle, solids = grid // 2, still_life(size_px, fields.text("scene"))
 
     @lru_cache(grid * grid)
     def view(row: int, col: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
