@@ -145,7 +145,7 @@ def test_the_death_of_a_scheduler_is_a_clear_end(
 def test_a_cluster_runs_timed_cells_one_at_a_time_after_all_others(
     world: World, corpus: Path, scheduler: tuple[subprocess.Popen[bytes], str]
 ) -> None:
-    text = PLAN.replace('["quality"]', '["quality", "table"]').replace('["warp", "warp2"]', '"warp"')
+    text = PLAN.replace('["quality"]', '["quality", "table"]').replace('["warp", "warp2"]', '"warp"').replace("[4, 6]", "[4]")
     plan = write_plan(world.root, corpus, text)
     done = world.run("sweep", plan, "--out", "out", "--on", scheduler[1], "--insecure", timeout_s=110)
     assert done.returncode == 0, done.stderr
@@ -153,7 +153,7 @@ def test_a_cluster_runs_timed_cells_one_at_a_time_after_all_others(
     for line in lines(world):
         by_subject[line["subject"]].append(line)
     timed = sorted((one["began_s"], one["began_s"] + one["seconds"]) for one in by_subject["table"])
-    assert len(timed) == 4 and all(a[1] <= b[0] for a, b in itertools.pairwise(timed)), "one at a time on a host"
+    assert len(timed) == 2 and all(a[1] <= b[0] for a, b in itertools.pairwise(timed)), "one at a time on a host"
     assert timed[0][0] >= max(one["began_s"] + one["seconds"] for one in by_subject["quality"]), "nothing else beside them"
     for one, other in zip(by_subject["quality"], by_subject["table"], strict=True):
         figures = {name: value for name, value in other["figures"].items() if "psnr" in name or "ssim" in name}
