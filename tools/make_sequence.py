@@ -13,8 +13,8 @@ The path is lfpipe.bench.motion.viewer_path. The landmarks are found once, on a 
 truth is the known map from portrait to picture. Without --portrait: the photograph in matplotlib's sample data.
 """
 
-import csv
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -22,13 +22,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.inputs import HEAD
+from lfpipe.bench.inputs import SIZE_PX, write_video
 from lfpipe.bench.motion import EYES_MM, FOCAL_PX, HOME_MM, HeadPosition, duration_s, position_at, viewer_path
 from lfpipe.capture.demo import portrait_path
 from lfpipe.errors import UserError
 from lfpipe.track.litert_engine import LitertEngine
 
-WIDTH_PX, HEIGHT_PX = 640, 480
+WIDTH_PX, HEIGHT_PX = SIZE_PX
 BACKGROUND = np.array([96, 92, 88], np.float32)
 
 
@@ -105,26 +105,20 @@ def write(out: Path, portrait: Path, seconds: float | None, rate_hz: float, nois
         raise UserError(f"{portrait}: not a picture that can be read", "give a JPEG or PNG file")
     puppet = Puppet(np.asarray(picture, np.uint8))
     path = viewer_path(HOME_MM, WIDTH_PX / 2 * HOME_MM / FOCAL_PX)
-    frames = round((min(seconds, duration_s(path)) if seconds else duration_s(path)) * rate_hz)
-    video, truth = out.with_suffix(".avi"), out.with_suffix(".csv")
-    codec = cv2.VideoWriter.fourcc(*"MJPG")
-    size, quality = (WIDTH_PX, HEIGHT_PX), [cv2.VIDEOWRITER_PROP_QUALITY, 95]
-    writer = cv2.VideoWriter(str(video), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, size, quality)
-    if not writer.isOpened():
-        raise UserError(f"{video}: cannot be written", "give a file in a folder that exists and is writable")
+    count = round((min(seconds, duration_s(path)) if seconds else duration_s(path)) * rate_hz)
     rng = np.random.default_rng(seed)
-    with truth.open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(HEAD)
-        for seq in range(frames):
+
+    def frames() -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]:
+        for seq in range(count):
             place, phase = position_at(path, seq / rate_hz)
             image = puppet.draw(place) + rng.standard_normal((HEIGHT_PX, WIDTH_PX, 3), np.float32) * np.float32(noise_dn)
-            writer.write(np.clip(np.rint(image), 0, 255).astype(np.uint8))
             eyes = puppet.eyes_px(place)
-            inside = bool(np.all(eyes >= 0) and np.all(eyes < (WIDTH_PX, HEIGHT_PX)))
-            rows.writerow([seq, round(seq / rate_hz * 1e9), *(f"{value:.4f}" for value in eyes.ravel()), int(inside), phase])
-    writer.release()
-    click.echo(f"{video}: {frames} frames at {rate_hz:g} Hz, noise {noise_dn:g} DN; truth in {truth}")
+            inside = bool(np.all(eyes >= 0) and np.all(eyes < SIZE_PX))
+            yield np.clip(np.rint(image), 0, 255).astype(np.uint8), eyes, inside, phase
+
+    video = out.with_suffix(".avi")
+    write_video(video, rate_hz, frames())
+    click.echo(f"{video}: {count} frames at {rate_hz:g} Hz, noise {noise_dn:g} DN; truth in {video.with_suffix('.csv')}")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import itertools
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 
@@ -145,6 +145,28 @@ def _as_video(folder: Path, frames: int, work: Path) -> Path:
     return video
 
 
+def write_video(path: Path, rate_hz: float, frames: Iterable[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]) -> int:
+    """Writes a video, every frame a JPEG, and the true eyes beside it. frames: (BGR of SIZE_PX, eyes (2, 2) px, whether they are
+    visible, phase). Returns their number. Raises UserError."""
+    part, count = path.with_name(f".{os.getpid()}-{path.name}"), 0
+    codec, quality = cv2.VideoWriter.fourcc(*"MJPG"), [cv2.VIDEOWRITER_PROP_QUALITY, 95]
+    writer = cv2.VideoWriter(str(part), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, SIZE_PX, quality)
+    if not writer.isOpened():
+        raise UserError(f"{path}: cannot be written", "name a file in a folder that is writable, on a disk with room")
+    with path.with_suffix(".csv").open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(HEAD)
+        for frame, eyes, visible, phase in frames:
+            writer.write(frame)
+            table.writerow(
+                (count, round(count / rate_hz * 1e9), *(f"{value:.4f}" for value in eyes.ravel()), int(visible), phase)
+            )
+            count += 1
+    writer.release()
+    part.replace(path)
+    return count
+
+
 def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
     """The demo's viewer as a video with its truth, generated if missing: still for STILL_S, then on the demo's path.
 
@@ -157,26 +179,19 @@ def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
 
     folder.mkdir(parents=True, exist_ok=True)
     source = DemoSource(config.Camera(width_px=SIZE_PX[0], height_px=SIZE_PX[1], rate_hz=rate_hz))
-    part = path.with_name(f".{os.getpid()}-{path.name}")
-    codec, quality = cv2.VideoWriter.fourcc(*"MJPG"), [cv2.VIDEOWRITER_PROP_QUALITY, 95]
-    writer = cv2.VideoWriter(str(part), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, SIZE_PX, quality)
-    if not writer.isOpened():
-        raise UserError(f"{part}: cannot be written", ROOM)
-    frame, noise = np.empty((*SIZE_PX[::-1], 3), np.uint8), np.empty((*SIZE_PX[::-1], 3), np.int16)
     still, moving = round(STILL_S * rate_hz), round(moving_s * rate_hz)
-    cv2.setRNGSeed(1)
-    with path.with_suffix(".csv").open("w", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(HEAD)
+
+    def frames() -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]:
+        frame, noise = np.empty((*SIZE_PX[::-1], 3), np.uint8), np.empty((*SIZE_PX[::-1], 3), np.int16)
+        cv2.setRNGSeed(1)
         for seq in range(still + moving):
             if seq == 0 or seq > still:
                 source.read(frame)
             cv2.randn(noise, np.zeros(3), np.full(3, NOISE_DN))
-            writer.write(cv2.add(frame, noise, dtype=cv2.CV_8U))
-            eyes = [f"{value:.4f}" for value in demo_eyes_px(max(seq - still, 0) / rate_hz, *SIZE_PX).ravel()]
-            table.writerow((seq, round(seq / rate_hz * 1e9), *eyes, 1, "still" if seq <= still else "move"))
-    writer.release()
-    part.replace(path)
+            eyes_px = demo_eyes_px(max(seq - still, 0) / rate_hz, *SIZE_PX)
+            yield np.asarray(cv2.add(frame, noise, dtype=cv2.CV_8U), np.uint8), eyes_px, True, "still" if seq <= still else "move"
+
+    write_video(path, rate_hz, frames())
     return path
 
 

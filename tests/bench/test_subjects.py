@@ -14,7 +14,6 @@ from lfpipe.bench.motion import known_motion
 from lfpipe.bench.results import Results
 from lfpipe.bench.runner import Candidate
 from lfpipe.bench.subjects import NOISE_PX, SUBJECTS
-from lfpipe.bench.trace_error import AlignedTrace
 from lfpipe.sequence.eyes import Truth
 from lfpipe.track.models import package_folder
 from lfpipe.track.smoothing import Mean
@@ -184,13 +183,13 @@ def test_displayed_error_of_a_known_trace() -> None:
         pairs = {name: dict(zip(("left", "right"), np.asarray(pair).tolist(), strict=True)) for name, pair in
                  (("eyes_used", used), ("view", views))}  # fmt: skip
         rows.append({"t_presented_ns": ms * 1_000_000, "t_sensor_ns": 0, "source_seq": 0, "composed": True, **pairs})
-    trace = AlignedTrace(truth, rows)
+    trace = pipeline.AlignedTrace(truth, rows)
     assert trace.figures()["error"] == pytest.approx(1.0, rel=0.05) and math.isnan(trace.figures()["jitter"])
     assert trace.view_error(100.0, (400.0, 240.0), (9, 9)) == pytest.approx(0.01, rel=0.05)
     leap_ms, wrong = 3300, {"left": [0.0, 0.0], "right": [0.0, 0.0]}  # the file starts over, and the filter has yet to follow
     again = [row | {"source_seq": 120, "t_sensor_ns": leap_ms * 1_000_000, "eyes_used": wrong} for row in rows if
              row["t_presented_ns"] > leap_ms * 1_000_000]  # fmt: skip
-    looped = AlignedTrace(truth, [row for row in rows if row["t_presented_ns"] <= leap_ms * 1_000_000] + again)
+    looped = pipeline.AlignedTrace(truth, [row for row in rows if row["t_presented_ns"] <= leap_ms * 1_000_000] + again)
     assert looped.figures()["error"] == pytest.approx(1.0, rel=0.05)
 
 
