@@ -4,6 +4,7 @@ from itertools import product
 from pathlib import Path
 
 import attrs
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,6 +20,7 @@ from lfpipe.scene.view_writer import nearest_present
 from tests.scene import made
 
 AUTO = config.Scene()
+TURNS = [Turn(*flags) for flags in product((False, True), repeat=3)]
 
 
 def as_source(grid: np.ndarray) -> SceneSource:
@@ -36,7 +38,7 @@ def turned(grid: np.ndarray, turn: Turn) -> np.ndarray:
     return grid.swapaxes(0, 1) if turn.transpose else grid
 
 
-@pytest.mark.parametrize("turn", [Turn(*flags) for flags in product((False, True), repeat=3)], ids=str)
+@pytest.mark.parametrize("turn", TURNS, ids=str)
 def test_flow_finds_every_turn(turn: Turn) -> None:
     found = orient(as_source(turned(made.views(5, 7), turn)), AUTO)
     assert (found.turn, found.by, found.undecided) == (turn, "flow", "")
@@ -172,3 +174,67 @@ def test_views_too_small_for_flow_are_said_to_be(size: tuple[int, int]) -> None:
     grid = np.random.default_rng(0).integers(0, 256, (3, 3, *size, 3), np.uint8)
     found = orient(as_source(grid), AUTO)
     assert (found.turn, found.by) == (Turn(), "nothing") and "too small" in found.said and found.undecided
+
+
+def disturbed(grid: np.ndarray, kind: int) -> np.ndarray:
+    """Cameras that converge elsewhere, noise, blur, or a part of the picture; grid: uint8 (rows, cols, h, w)."""
+    rng = np.random.default_rng(kind)
+    rows, cols, height, width = grid.shape
+    shift, sigma, blur = int(rng.integers(-5, 6)), float(rng.choice([0, 0, 4, 12])), float(rng.choice([0, 0, 3]))
+    out = np.empty_like(grid)
+    for r, c in product(range(rows), range(cols)):
+        move = np.array([[1, 0, shift * (c - cols // 2)], [0, 1, shift * (r - rows // 2)]], np.float32)
+        view = cv2.warpAffine(grid[r, c], move, (width, height), borderMode=cv2.BORDER_REPLICATE)
+        view = cv2.GaussianBlur(view, (0, 0), blur) if blur else view
+        out[r, c] = np.clip(view + rng.normal(0, sigma, view.shape), 0, 255)
+    return out
+
+
+def sample(path: Path) -> np.ndarray:
+    """Up to 5x5 views of a sample scene in canonical order, grey, at most 400 px wide."""
+    source = layouts.describe(path, AUTO)
+    turn = source.turn or Turn()
+    picked = [np.linspace(0, count - 1, min(5, count)).round().astype(int) for count in (source.rows, source.cols)]
+    out = []
+    for row, col in product(*picked):
+        view = source.read(0, *turn.file_index(int(row), int(col), source.rows, source.cols))
+        grey = np.asarray(view if view.ndim == 2 else view[..., 1], np.float32) / source.max_value
+        grey = np.rint(255 * np.sqrt(grey) if grey.mean() < 0.2 else 255 * grey).astype(np.uint8)
+        scale = min(1.0, 400 / grey.shape[1])
+        out.append(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+    return np.array(out).reshape(len(picked[0]), len(picked[1]), *out[0].shape)
+
+
+def sure_and_right(scenes: list[np.ndarray], kinds: range) -> list[tuple[bool, bool]]:
+    """(sure, right) for disturbed and turned copies of the scenes."""
+    judged = []
+    for number, scene in enumerate(scenes):
+        for kind in kinds:
+            turn = TURNS[(3 * number + 5 * kind) % 8]
+            source = as_source(turned(disturbed(scene, 100 * number + kind), turn))
+            order = orient(source, AUTO)
+            rows, cols = order.turn.grid(source.rows, source.cols)
+            places = list(product(range(rows), range(cols)))
+            right = [order.turn.file_index(*p, rows, cols) for p in places] == [
+                turn.file_index(*p, *scene.shape[:2]) for p in places
+            ]
+            judged.append((order.sure, right))
+    return judged
+
+
+def test_certainty_on_made_scenes() -> None:
+    depths = [(2.0, -1.0), (3.0, 0.5), (-0.5, -2.5), (1.0, -3.0)]
+    scenes = [made.views(5, 5, 144, 192, 1.5 * near, 1.5 * far)[..., 1] for near, far in depths] + [
+        made.views(1, 7, 144, 192, 4.5, 0.75)[..., 1]
+    ]
+    found = sure_and_right(scenes, range(3))
+    assert all(right for sure, right in found if sure)
+    assert sum(sure for sure, _ in found) >= 0.4 * len(found)
+
+
+def test_certainty_on_sample_scenes() -> None:
+    paths = sorted(made.SAMPLES.glob("*"))
+    if not paths:
+        pytest.skip("the sample scenes are not here")
+    found = sure_and_right([sample(path) for path in paths], range(4, 5))
+    assert all(right for sure, right in found if sure)
