@@ -4,8 +4,8 @@
 
 Each SCENE, the demo, and sets that are drawn: 2, 25, 101 and 289 views, and a photograph with depth of 12 megapixels. CPU and
 memory are those of all processes together and of the largest one; the first picture is that of `lfpipe up`, from its start to the
-refresh that shows the scene. Goals: first picture in 2 s (9x9 views of 512x512, the demo) and 4 s (101 views), `info` in 2 s of CPU,
-the photograph packed in 15 s. Last, the time of a picture from 3x3 and from 27x27 views, which must be equal within 10 %.
+refresh that shows the scene. Goals: first picture in 2 s (9x9 views of 512x512, the demo) and 4 s (101 views), `info` in 2 s of
+CPU, the photograph packed in 15 s. Last, the time of a picture from 3x3 and from 27x27 views, which must be equal within 10 %.
 """
 
 import json
