@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lfpipe.render.anaglyph import LEAKS, MATRICES, SHARED_TOLERANCE, decoded, encode, encoded, recipe
@@ -67,18 +65,6 @@ def test_recipe_multiplied_out_is_the_published_matrix(name: str) -> None:
         np.testing.assert_allclose(found, rows, atol=SHARED_TOLERANCE + 0.0025)
 
 
-@given(st.integers(0, 1000))
-@settings(max_examples=20)
-def test_left_never_reaches_the_cyan_channels_beyond_the_matrix(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    left, other, right = rng.integers(0, 256, (3, 8, 8, 3), dtype=np.uint8)
-    for name in ("colour", "grey", "half-colour", "wimmer"):
-        one, two = encode(left, right, recipe(name)), encode(other, right, recipe(name))
-        np.testing.assert_array_equal(one[..., :2], two[..., :2])
-        one, two = encode(right, left, recipe(name)), encode(right, other, recipe(name))
-        np.testing.assert_array_equal(one[..., 2], two[..., 2])
-
-
 @pytest.mark.parametrize(("name", "sign"), [("dubois", -1), ("colour", 0)])
 def test_what_crosses_over_only_takes_away(name: str, sign: int) -> None:
     """Dubois subtracts in the other eye's channels; nothing is ever added there."""
@@ -109,20 +95,6 @@ def test_compensation_cancels_the_leak_through_the_red_glass() -> None:
 
 def test_glasses_of_unknown_spectra_know_no_compensation() -> None:
     assert recipe("dubois-amber-blue", "linear", 100.0) == recipe("dubois-amber-blue", "linear", 0.0)
-
-
-@pytest.mark.parametrize("name", GLASSES)
-def test_planes_needed(name: str) -> None:
-    """Each plane is a warp: red/cyan glasses of any method need three."""
-    planes = len(recipe(name, "linear", 100.0).planes)
-    assert planes == (2 if name == "grey" else 3) if not name.startswith("dubois-") else planes <= 6
-
-
-def test_light_makes_a_difference_only_where_eyes_are_summed() -> None:
-    left, right = smooth_pictures(1)
-    for name in GLASSES:
-        same = np.array_equal(encode(left, right, recipe(name, "linear")), encode(left, right, recipe(name, "gamma")))
-        assert same == (name not in CROSSED)
 
 
 def test_wide_tables_are_read_alike_with_any_opencv(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -68,16 +68,6 @@ def test_a_viewer_who_moves_sees_from_there(method: str) -> None:
     assert down[0] == pytest.approx(here[0], abs=0.3)
 
 
-def test_swapped_eyes_turn_the_parallax_round() -> None:
-    picture = seen(SEATED, "warp", swap_eyes=True)
-    assert centre_of_light(picture[..., 2])[0] < centre_of_light(picture[..., 1])[0]
-
-
-def test_the_zero_plane_moves_the_square_into_the_screen() -> None:
-    picture = seen(SEATED, "warp", zero_plane_px=rendered.NEAR)
-    assert centre_of_light(picture[..., 2])[0] == pytest.approx(centre_of_light(picture[..., 1])[0], abs=0.5)
-
-
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("anaglyph", sorted(MATRICES))
 def test_at_stored_views_a_picture_is_their_anaglyph_bit_for_bit(method: str, anaglyph: str) -> None:
@@ -103,28 +93,6 @@ def test_outputs_without_glasses() -> None:
     for half, whole in ((side[:, :32], left), (side[:, 32:], right)):
         narrow = whole.reshape(64, 32, 2, 3).mean(axis=2)
         assert np.abs(half - narrow).max() <= 1
-
-
-def test_auto_is_the_scenes_method_and_without_depth_nothing_is_warped() -> None:
-    assert Compositor(rendered.field(3, 3, method="warp"), render(method="auto")).method == "warp"
-    assert Compositor(rendered.field(3, 3, depth=False), render(method="auto")).method == "blend"
-    assert Compositor(rendered.field(3, 3, depth=False), render(method="warp2")).method == "nearest"
-
-
-@pytest.mark.parametrize(
-    ("scene", "asked", "drawn"),
-    [
-        ("blend", "warp", "blend"),  # below the scene's own method, which is no warp
-        ("blend", "warp2", "warp2"),  # dearer, but no worse
-        ("warp2", "warp", "warp"),  # a warp is better here, but a cheaper method that was requested stays
-        ("nearest", "warp", "warp"),
-        ("blend", "nearest", "nearest"),
-    ],
-)
-def test_a_warp_that_left_out_views_have_shown_to_be_worse_is_not_drawn(scene: str, asked: str, drawn: str) -> None:
-    scores = {"nearest": 33.3, "blend": 37.5, "warp": 35.6, "warp2": 37.6}
-    field = attrs.evolve(rendered.field(3, 3, method=scene), manifest={"scores": scores})
-    assert Compositor(field, render(method=asked)).method == drawn
 
 
 @pytest.mark.parametrize("anaglyph", OUTPUTS)
@@ -207,18 +175,6 @@ def test_nonsense_gives_a_picture(
     assert picture.dtype == np.uint8
     if light is not None:
         assert (picture == light).all(), "all black stays black, all white stays white"
-
-
-def test_extreme_eyes_and_alphas_from_end_to_end() -> None:
-    field = rendered.field(3, 3, 16, 16)
-    inf, nan = math.inf, math.nan
-    strange = ((inf, inf, -inf, inf), (nan, 0, 0, nan), (5, 5, 5, 5), (0, 0, 600, 0), (1e308, 0, -1e308, 0))
-    for alpha_px in (1e-9, 1e9):
-        for eyes in strange:
-            how = render(method="warp2", anaglyph="dubois")
-            left, right = ViewSolver(3, 3, how, alpha_px, (320.0, 240.0)).views(eyes)
-            assert np.isfinite([left, right]).all()
-            Compositor(field, how).compose(left, right)
 
 
 @pytest.mark.parametrize("alpha_px", ["auto", 1e-9, 12.0, 1e9])

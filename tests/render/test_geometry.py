@@ -108,21 +108,6 @@ def test_the_width_of_the_picture_is_the_persons_then_the_monitors_then_a_guess(
     assert asked.comfort_views == parallax(config(alpha_px="auto"), cotton(), 640, 63.0).comfort_views
 
 
-def test_a_deep_scene_is_held_to_comfort() -> None:
-    deep = attrs.evolve(cotton(), disparity_min_px=-14.6, disparity_max_px=8.4)
-    found = parallax(config(alpha_px="auto"), deep, 640, 63.0)
-    assert found.views_between_eyes == pytest.approx(found.comfort_views or 0)
-    assert found.views_between_eyes < 2
-
-
-def test_alpha_by_hand_beyond_comfort_is_kept_and_said() -> None:
-    found = parallax(config(alpha_px=3.5), cotton(), 640, 63.0)
-    assert found.alpha_px == pytest.approx(3.5)
-    assert found.exceeds_comfort
-    assert "beyond the comfort limit" in str(found)
-    assert not parallax(config(alpha_px=20.0), cotton(), 640, 63.0).exceeds_comfort
-
-
 def test_the_zero_plane_moves_what_is_farthest_and_the_truth() -> None:
     here, window = (parallax(config(alpha_px="auto", zero_plane_px=zero), cotton(), 640, 63.0) for zero in (0.0, 1.5))
     assert window.comfort_views == pytest.approx((here.comfort_views or 0) * 1.6 / 3.1)

@@ -217,13 +217,6 @@ def test_one_view_is_drawn_in_its_own_colours_and_promises_no_room_to_move() -> 
     assert pair.pair is not None
 
 
-def test_one_row_needs_no_row_coordinate() -> None:
-    plan = make_plan(field(1, 9), Config())
-    assert (plan.needs_tracking, plan.needs_rows, plan.needs_warp) == (True, False, True)
-    assert "row coordinate" in what(plan)
-    assert "row coordinate" in what(make_plan(field(1, 9), with_keys(render__method="blend")))
-
-
 def test_the_score_of_the_scene_decides_auto_and_the_user_over_it() -> None:
     plan = make_plan(field(5, 5, method="blend"), Config())
     assert plan.method == "blend"
@@ -235,15 +228,6 @@ def test_the_score_of_the_scene_decides_auto_and_the_user_over_it() -> None:
     assert why(make_plan(field(5, 5), with_keys(render__method="blend")), "warping") == "render.method is blend"
     unscored = attrs.evolve(field(5, 5, method="blend"), manifest={})
     assert why(make_plan(unscored, Config()), "warping") == "the scene's own method is blend"
-
-
-def test_reach_ends_where_no_eye_comes() -> None:
-    plan = make_plan(field(3, 101), with_keys(render__alpha_px=32.0))
-    rows = plan.reach[:2]
-    assert rows == (0, 2)
-    assert plan.reach[2:] == (50 - 20, 50 + 20)
-    assert make_plan(field(3, 101), Config()).reach == (0, 2, 0, 100)
-    assert any("views" in item for item in what(plan))
 
 
 def test_what_is_saved_is_counted_in_bytes_and_planes() -> None:
@@ -260,13 +244,6 @@ def test_what_is_saved_is_counted_in_bytes_and_planes() -> None:
     far = make_plan(field(3, 101), with_keys(render__alpha_px=32.0))
     unseen = 3 * 101 - 3 * 41
     assert saved(far, "views") == f"{unseen * 3 * 48 * 64 / 1e6:.1f} MB not read" and f"{unseen} of 303 views" in what(far)
-
-
-def test_the_viewers_distance_is_left_out_with_its_reason() -> None:
-    plan = make_plan(field(3, 3), with_keys(render__alpha_px=10.5))
-    assert why(plan, "distance") == "render.alpha_px is given" and saved(plan, "distance") == "alpha stays 10.5 px per view"
-    for how in (Config(), with_keys(screen__distance_mm=600.0), with_keys(render__alpha_px=10.5, camera__above_mm=180.0)):
-        assert "the viewer's distance" not in what(make_plan(field(3, 3), how))
 
 
 def test_every_saving_has_a_number() -> None:

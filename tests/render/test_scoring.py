@@ -23,12 +23,6 @@ def test_a_scene_with_depth_is_warped() -> None:
     assert scores["nearest"] < scores["blend"] < scores["warp"]
 
 
-def test_without_depth_only_what_needs_none_is_tried() -> None:
-    method, scores = choose_method(rendered.field(5, 5, depth=False))
-    assert method == "blend"
-    assert set(scores) == {"nearest", "blend"}
-
-
 def test_wrong_disparities_are_found_out() -> None:
     field = rendered.field(5, 5, 96, 96)
     assert field.disparity is not None

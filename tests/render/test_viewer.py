@@ -83,12 +83,6 @@ def test_recentre_makes_where_the_viewer_is_the_middle_and_keeps_the_step(alpha_
     assert here.right[1] - here.left[1] == pytest.approx(back.right[1] - back.left[1], rel=1e-3)
 
 
-def test_recentre_before_anybody_was_seen_changes_nothing() -> None:
-    subject = viewer(alpha_px=12.0)
-    subject.recentre()
-    assert middle(subject.viewpoints(record(344.0, 228.0), 0, 0)) == (3.0, 2.0)
-
-
 def test_eyes_are_taken_to_the_moment_of_light() -> None:
     subject = viewer(alpha_px=12.0)
     moving = record(velocity_px_s=[[120.0, 0.0], [120.0, 0.0]])
@@ -110,13 +104,6 @@ def test_alpha_follows_the_viewers_distance_within_seconds_and_not_at_once() -> 
         if k == int(60 * DISTANCE_S):
             assert subject.solver.alpha_px == pytest.approx(alpha * (0.5 + 0.5 / math.e), rel=0.02), "its time constant"
     assert subject.solver.alpha_px == pytest.approx(alpha / 2, rel=0.02)
-
-
-def test_alpha_by_hand_follows_nobody() -> None:
-    subject = viewer(alpha_px=12.0)
-    for k in range(100):
-        subject.viewpoints(record(apart=60.0 - k / 3), k * S // 10, k * S // 10)
-    assert subject.solver is not None and subject.solver.alpha_px == 12.0
 
 
 def test_another_scene_or_configuration_keeps_the_pose() -> None:
@@ -205,17 +192,6 @@ def test_a_viewer_who_rests_beyond_the_grid_gets_it_anew_without_a_jump() -> Non
     assert middle(shown[-1]) == pytest.approx((4.0, 4.0), abs=0.05)
     steps = np.abs(np.diff([middle(found)[1] for found in shown[10:]]))
     assert steps.max() < 1.0
-
-
-def test_views_between_the_eyes_follow_a_chair_that_is_moved() -> None:
-    deep = attrs.evolve(rendered.field(9, 9, 16, 16), disparity_min_px=-2.0, disparity_max_px=2.0, disparity_source="truth")
-    subject = Viewer(deep, Config(render=Render(method="warp2")))
-    near = watch(subject, 4.0, apart=90.0)
-    far = watch(subject, 8.0, 4.0, apart=30.0)
-    there = Viewer(deep, Config(render=Render(method="warp2")))
-    expected = watch(there, 4.0, apart=30.0)
-    assert far.right[1] - far.left[1] == pytest.approx(expected.right[1] - expected.left[1], rel=0.05)
-    assert far.right[1] - far.left[1] > 1.2 * (near.right[1] - near.left[1])
 
 
 def test_a_turned_head_keeps_alpha() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Render
-from lfpipe.render.viewpoint import HYSTERESIS_VIEWS, ViewSolver, limited, pair_clamped, snapped, view_weights
+from lfpipe.render.viewpoint import ViewSolver, limited, pair_clamped, view_weights
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 COUNTS = st.integers(1, 30)
@@ -76,25 +76,6 @@ def test_soft_clamp_is_exact_inside_and_never_jumps_or_turns_back(value: float, 
     assert -reach <= here <= count - 1 + reach
 
 
-def test_the_rim_is_soft_not_frozen() -> None:
-    moved = [soft_clamp(8 + lean, 9, 2.0) for lean in (0.0, 0.5, 1.0, 2.0, 4.0)]
-    assert all(b > a for a, b in itertools.pairwise(moved))
-    assert 0.45 < moved[1] - moved[0] < 0.5, "the slope is continuous at the rim"
-    assert moved == pytest.approx([8 - soft_clamp(-lean, 9, 2.0) for lean in (0.0, 0.5, 1.0, 2.0, 4.0)]), "both rims alike"
-    assert soft_clamp(1e9, 9, 2.0) == 10.0
-
-
-def test_without_extrapolation_the_rim_is_the_last_view() -> None:
-    assert soft_clamp(100.0, 9, 0.0) == 8.0
-
-
-def test_hysteresis_holds_a_view_against_noise_and_lets_go_beyond() -> None:
-    assert snapped(3.55, 3.0) == 3.0
-    assert snapped(3.5 + HYSTERESIS_VIEWS + 0.01, 3.0) == 4.0
-    assert snapped(3.45, 4.0) == 4.0
-    assert snapped(3.55, None) == 4.0
-
-
 @given(st.lists(st.floats(-0.09, 0.09), min_size=1, max_size=50), st.floats(-3, 3))
 def test_noise_below_the_hysteresis_changes_the_view_at_most_once(noise: list[float], place: float) -> None:
     snapping = solver(method="nearest", extrapolate_views=0.0)
@@ -136,12 +117,6 @@ def test_as_printed_in_the_paper_each_eye_stops_by_itself() -> None:
     flat = solver(keep_depth=False, extrapolate_views=0.0).views(eyes)
     deep = solver(extrapolate_views=0.0).views(eyes)
     assert [col for _, col in flat] == [8.0, 8.0] and [col for _, col in deep] == pytest.approx([3.0, 8.0])
-
-
-def test_blending_stops_where_there_are_views() -> None:
-    beyond = (250.0, 240.0, 190.0, 240.0)
-    assert [col for _, col in solver(method="blend").views(beyond)] == pytest.approx([3.0, 8.0])
-    assert solver(method="warp2").views(beyond)[1][1] > 8.5
 
 
 @given(st.tuples(ANY, ANY), st.one_of(st.floats(1e-9, 1e9), st.just(math.nan), st.just(math.inf), st.just(0.0)))
