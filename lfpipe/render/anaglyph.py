@@ -18,8 +18,6 @@ omits the gamma of 1.5 on red that some copies have. With it, grey differs betwe
 have a rivalry of 12 L* instead of 0.4.
 """
 
-from collections import OrderedDict
-from collections.abc import Callable
 from functools import lru_cache
 
 import attrs
@@ -28,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.machine import add
-from lfpipe.scene.lightfield import LightField
 
 Weights = tuple[float, float, float]
 
@@ -135,13 +132,10 @@ def recipe(anaglyph: str, light: str = "linear", ghost_compensation: float = 0.0
     crossed = any(sum(map(abs, row[0])) > 0 and sum(map(abs, row[1])) > 0 for row in rows)
     linear = crossed and light == "linear"
     eyes = [int(abs(sum(right)) > abs(sum(left))) for left, right in rows]
-    planes: list[Plane] = []
+    planes: dict[Plane, int] = {}  # and their indices
 
     def plane(eye: int, weights: Weights) -> int:
-        wanted = Plane(eye, weights, linear)
-        if wanted not in planes:
-            planes.append(wanted)
-        return planes.index(wanted)
+        return planes.setdefault(Plane(eye, weights, linear), len(planes))
 
     own = [_unit(row[eye]) for row, eye in zip(rows, eyes, strict=True)]
     index = [plane(eye, weights) for (weights, _), eye in zip(own, eyes, strict=True)]
@@ -170,18 +164,16 @@ def _compensated(channels: list[Channel], eyes: list[int], glasses: tuple[Weight
 
     Seen through a glass: main + leak * other. (1 + leak) * own view - leak * other leaves only the own view.
     """
-    found = list(channels)
+    compensated = list(channels)
     for eye, through in enumerate(glasses):
         main = max((c for c in range(3) if eyes[c] == eye), key=lambda c: through[c])
         others = [c for c in range(3) if eyes[c] != eye]
         worst = max(others, key=lambda c: through[c])
         leak = add(through[c] for c in others) / through[main]
-        if leak < LEAST_LEAK:
-            continue
-        whole = -leak * channels[worst].own_gain
-        cross_gain = (1 - share) * channels[main].cross_gain + share * whole
-        found[main] = Channel(channels[main].own, channels[worst].own, 1.0 - cross_gain, cross_gain)
-    return found
+        if leak >= LEAST_LEAK:
+            cross_gain = (1 - share) * channels[main].cross_gain + share * -leak * channels[worst].own_gain
+            compensated[main] = Channel(channels[main].own, channels[worst].own, 1.0 - cross_gain, cross_gain)
+    return compensated
 
 
 @lru_cache(maxsize=64)
@@ -199,18 +191,16 @@ class Mixer:
     """Planes of one size to a picture; owns the scratch, so a call allocates nothing."""
 
     def __init__(self, recipe: Recipe, height_px: int, width_px: int) -> None:
-        self._recipe = recipe
-        self._pairs: dict[tuple[int, int], NDArray[np.uint8]] = {}
-        self._steps: list[tuple[int, tuple[int, int] | None, NDArray[np.uint8] | None]] = []
+        self._pairs: dict[tuple[int, int], NDArray[np.uint8]] = {}  # two planes as one index into a table
+        self._steps: list[tuple[int, tuple[int, int] | None, NDArray[np.uint8]]] = []  # own plane, or a pair and its table
         self._out = [np.empty((height_px, width_px), np.uint8) for _ in range(3)]
         for channel in recipe.channels:
-            if channel.cross is None:
-                self._steps.append((channel.own, None, None))
-                continue
-            pair = (min(channel.own, channel.cross), max(channel.own, channel.cross))
-            if pair not in self._pairs:
-                self._pairs[pair] = np.empty((height_px, width_px, 2), np.uint8)
-            table = _table(channel.own_gain, channel.cross_gain, recipe.linear, channel.own == pair[0])
+            pair, table = None, np.empty(0, np.uint8)
+            if channel.cross is not None:
+                pair = (min(channel.own, channel.cross), max(channel.own, channel.cross))
+                table = _table(channel.own_gain, channel.cross_gain, recipe.linear, channel.own == pair[0])
+                if pair not in self._pairs:
+                    self._pairs[pair] = np.empty((height_px, width_px, 2), np.uint8)
             self._steps.append((channel.own, pair, table))
 
     def mix(self, planes: list[NDArray[np.uint8]], out: NDArray[np.uint8], rows: slice = slice(None)) -> NDArray[np.uint8]:
@@ -220,11 +210,9 @@ class Mixer:
             cv2.merge([planes[low][rows], planes[high][rows]], index[rows])
         channels: list[NDArray[np.uint8]] = []
         for (own, pair, table), scratch in zip(self._steps, self._out, strict=True):
-            if pair is None or table is None:
-                channels.append(planes[own][rows])
-            else:
+            channels.append(planes[own][rows] if pair is None else scratch[rows])
+            if pair is not None:
                 wide_lookup(self._pairs[pair][rows].view("<u2")[..., 0], table, scratch[rows])
-                channels.append(scratch[rows])
         cv2.merge(channels[::-1], out[rows])
         return out
 
@@ -276,55 +264,14 @@ def _plane_tables(weights: Weights, linear: bool) -> tuple[list[NDArray[np.uint1
     return terms, np.rint(value * 255).astype(np.uint8).reshape(1, -1)
 
 
-BUDGET_BYTES = 64 << 20
-
-
-def stored_channels(field: LightField, plane: Plane) -> tuple[int, ...]:
-    """Stored channels of a plane. Weights sum to 1: every plane of a grey view is the view."""
-    return (0,) if field.channels == 1 else plane.channels
-
-
-class PlaneStore:
-    """Planes of stored views: channels without a copy, others built when first shown and kept while they fit."""
-
-    def __init__(self, field: LightField, budget_bytes: int = BUDGET_BYTES) -> None:
-        self._views = np.asarray(field.views)  # a plain view of the map: indexing an np.memmap costs microseconds
-        self._field = field
-        self._builder = PlaneBuilder(field.height_px, field.width_px)
-        self._room = max(8, budget_bytes // max(1, field.height_px * field.width_px))
-        self._built: OrderedDict[tuple[int, int, int, Plane], NDArray[np.uint8]] = OrderedDict()
-
-    def getter(self, plane: Plane) -> Callable[[int, int, int], NDArray[np.uint8]]:
-        """A function (frame, row, col) -> uint8 (height, width), read-only, valid for at least the next seven calls."""
-        channels, views = stored_channels(self._field, plane), self._views
-        if len(channels) > 1:
-            return lambda frame, row, col: self._get(frame, row, col, plane)
-        return lambda frame, row, col: views[frame, row, col, channels[0]]
-
-    def _get(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
-        place = (frame, row, col, plane)
-        built = self._built.get(place)
-        if built is not None:
-            self._built.move_to_end(place)
-            return built
-        full = len(self._built) >= self._room
-        buffer = self._built.popitem(last=False)[1] if full else np.empty(self._views.shape[4:], np.uint8)
-        self._builder.build(self._views[frame, row, col], plane, buffer)
-        self._built[place] = buffer
-        return buffer
-
-
 def encode(left: NDArray[np.uint8], right: NDArray[np.uint8], how: Recipe) -> NDArray[np.uint8]:
     """The anaglyph of two pictures, uint8 (height, width, 3) BGR each, as a new one: for notebooks, metrics and tests."""
     height, width = left.shape[:2]
-    builder, mixer = PlaneBuilder(height, width), Mixer(how, height, width)
-    planes: list[NDArray[np.uint8]] = []
-    for plane in how.planes:
-        view = np.ascontiguousarray((right if plane.eye else left)[..., ::-1].transpose(2, 0, 1))
+    views = [np.ascontiguousarray(picture[..., ::-1].transpose(2, 0, 1)) for picture in (left, right)]
+    planes = [views[plane.eye][plane.channels[0]] for plane in how.planes]
+    builder = PlaneBuilder(height, width)
+    for k, plane in enumerate(how.planes):
         if len(plane.channels) > 1:
-            built = np.empty((height, width), np.uint8)
-            builder.build(view, plane, built)
-            planes.append(built)
-        else:
-            planes.append(view[plane.channels[0]])
-    return mixer.mix(planes, np.empty((height, width, 3), np.uint8))
+            planes[k] = np.empty((height, width), np.uint8)
+            builder.build(views[plane.eye], plane, planes[k])
+    return Mixer(how, height, width).mix(planes, np.empty((height, width, 3), np.uint8))

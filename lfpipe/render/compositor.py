@@ -1,6 +1,8 @@
 """From two viewpoints to one picture, and from one viewpoint to one camera's view."""
 
 import math
+from collections import OrderedDict
+from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import Any
 
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Render
 from lfpipe.config.quality import NO_SCORES, drawn_with
-from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, PlaneStore, Recipe, recipe
+from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, PlaneBuilder, Recipe, recipe
 from lfpipe.render.blocks import near_array
 from lfpipe.render.geometry import zero_plane_px
 from lfpipe.render.pair_layout import Pair
@@ -23,6 +25,7 @@ Key = tuple[int, Position, Position]  # frame of a video, viewpoints of the eyes
 
 _RGB = tuple(Plane(0, weights, False) for weights in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 _WHOLE = Recipe(_RGB, (Channel(0), Channel(1), Channel(2)), False)  # one eye's view in its own colours
+BUDGET_BYTES = 64 << 20  # of planes that are built and kept
 TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs of each eye's view in its own colours
 
 
@@ -61,6 +64,41 @@ def _quantum(method: str, disparity_px: float) -> float:
     if method != "blend" and disparity_px > 0:
         step = min(step, 1 / (64 * disparity_px))
     return max(1 / 1024, 2.0 ** math.floor(math.log2(step)))
+
+
+def stored_channels(field: LightField, plane: Plane) -> tuple[int, ...]:
+    """Stored channels of a plane. Weights sum to 1: every plane of a grey view is the view."""
+    return (0,) if field.channels == 1 else plane.channels
+
+
+class PlaneStore:
+    """Planes of stored views: channels without a copy, others built when first shown and kept while they fit."""
+
+    def __init__(self, field: LightField, budget_bytes: int = BUDGET_BYTES) -> None:
+        self._views = np.asarray(field.views)  # a plain view of the map: indexing an np.memmap costs microseconds
+        self._field = field
+        self._builder = PlaneBuilder(field.height_px, field.width_px)
+        self._room = max(8, budget_bytes // max(1, field.height_px * field.width_px))
+        self._built: OrderedDict[tuple[int, int, int, Plane], NDArray[np.uint8]] = OrderedDict()
+
+    def getter(self, plane: Plane) -> Callable[[int, int, int], NDArray[np.uint8]]:
+        """A function (frame, row, col) -> uint8 (height, width), read-only, valid for at least the next seven calls."""
+        channels, views = stored_channels(self._field, plane), self._views
+        if len(channels) > 1:
+            return lambda frame, row, col: self._get(frame, row, col, plane)
+        return lambda frame, row, col: views[frame, row, col, channels[0]]
+
+    def _get(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
+        place = (frame, row, col, plane)
+        built = self._built.get(place)
+        if built is not None:
+            self._built.move_to_end(place)
+            return built
+        full = len(self._built) >= self._room
+        buffer = self._built.popitem(last=False)[1] if full else np.empty(self._views.shape[4:], np.uint8)
+        self._builder.build(self._views[frame, row, col], plane, buffer)
+        self._built[place] = buffer
+        return buffer
 
 
 @attrs.frozen

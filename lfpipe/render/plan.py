@@ -11,8 +11,7 @@ from lfpipe.config import Config, Render
 from lfpipe.config.camera_pose import EYES_MM, CameraPose
 from lfpipe.config.quality import WARPS
 from lfpipe.config.session_options import needs_tracking
-from lfpipe.render.anaglyph import stored_channels
-from lfpipe.render.compositor import method_for, mixed_as, planes_of_eyes
+from lfpipe.render.compositor import method_for, mixed_as, planes_of_eyes, stored_channels
 from lfpipe.render.geometry import alpha_is_automatic
 from lfpipe.render.viewpoint import ViewSolver, ViewWeight, view_weights
 from lfpipe.scene.lightfield import LightField

@@ -22,7 +22,7 @@ from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.outputs import Outputs
 from lfpipe.render.presence import ViewerState
-from lfpipe.render.refresh import Refresh, ScreenRefresh
+from lfpipe.render.refresh import Refresh
 from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, WaitingPictures
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer
 from lfpipe.transport.clock import MS_NS, now_ns, sleep_until
@@ -67,7 +67,7 @@ class Presenter:
         self._latency: MotionLatency | None = None  # where pictures become light after a known delay
         self._loop_ns = 0
         self._number = 0
-        self.refresh: Refresh | ScreenRefresh | None = None
+        self.refresh: Refresh | None = None
         self.cost_ns = 0  # running mean of composing and showing a picture
         self.mouse = MouseLook(context.config, viewer, context.output("eyes") if context.options.mouse else None)
         viewer.neutral_is_fixed |= bool(context.options.eyes)

@@ -47,7 +47,7 @@ class Refresh:
 
     def start_ns(self) -> int:
         """When the next picture must be begun."""
-        return self._ticker.due_ns() - self._cost_ns - self.MARGIN_NS
+        return self.due_ns() - self.lead_ns()
 
     def earliest_ns(self, target_ns: int) -> int:
         """The earliest hand-over of a picture for target_ns."""
@@ -58,11 +58,11 @@ class Refresh:
         self._cost_ns = mean_cost_ns
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
-        """Whether a picture was shown at another refresh than target_ns: unknown without reports."""
+        """Whether a picture was shown at another refresh than target_ns; unknown without reports."""
         return False
 
     def blanks(self, reports: list[Presented], nominal_hz: float) -> None:
-        """Takes reports of the screen: there are none."""
+        """Takes the window system's reports. nominal_hz: the rate that the window's monitor claims."""
 
     def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
         """Takes `render.rate_hz` now in force; nominal_hz: the rate if it is "auto"."""
@@ -117,33 +117,29 @@ class ScreenClock:
 
     def __init__(self, nominal_hz: float, t0_ns: int) -> None:
         self._claimed_ns = self._nominal_ns = 1e9 / nominal_hz
-        self._period_ns = self._nominal_ns
+        self.period_ns = self._nominal_ns
         self._t_ns = float(t0_ns)
         self._off = 0
         self.measured = False  # whether a blank was reported
 
     @property
-    def period_ns(self) -> float:
-        return self._period_ns
-
-    @property
     def rate_hz(self) -> float:
-        return SECOND_NS / self._period_ns
+        return SECOND_NS / self.period_ns
 
     def claim(self, nominal_hz: float) -> None:
         """Takes the rate that the screen claims: if it changed, the window has moved, and the grid is detected again."""
         if abs(1e9 / nominal_hz - self._claimed_ns) > 1:
-            self._claimed_ns = self._nominal_ns = self._period_ns = 1e9 / nominal_hz
+            self._claimed_ns = self._nominal_ns = self.period_ns = 1e9 / nominal_hz
             self.measured = False
 
     def blank(self, t_ns: int, period_ns: int = 0) -> None:
         """Adds a blank at t_ns. period_ns: reported with it, or 0."""
         if period_ns and abs(period_ns / self._nominal_ns - 1) > PERIOD_RANGE and period_ns > MS_NS:
-            self._nominal_ns = self._period_ns = float(period_ns)  # another monitor, or one that claims another rate
+            self._nominal_ns = self.period_ns = float(period_ns)  # another monitor, or one that claims another rate
             self.measured = False
-        count = round((t_ns - self._t_ns) / self._period_ns)
-        error_ns = t_ns - self._t_ns - count * self._period_ns
-        if not self.measured or abs(error_ns) > OFF_GRID * self._period_ns:
+        count = round((t_ns - self._t_ns) / self.period_ns)
+        error_ns = t_ns - self._t_ns - count * self.period_ns
+        if not self.measured or abs(error_ns) > OFF_GRID * self.period_ns:
             self._off += 1
             if not self.measured or self._off >= OFF_COUNT:
                 self._t_ns, self._off, self.measured = float(t_ns), 0, True
@@ -151,14 +147,14 @@ class ScreenClock:
         self._off = 0
         if count <= 0:
             return
-        self._t_ns += count * self._period_ns + PHASE_GAIN * error_ns
-        period_ns_now = self._period_ns + PERIOD_GAIN * error_ns / count
+        self._t_ns += count * self.period_ns + PHASE_GAIN * error_ns
+        period_ns_now = self.period_ns + PERIOD_GAIN * error_ns / count
         low_ns, high_ns = self._nominal_ns * (1 - PERIOD_RANGE), self._nominal_ns * (1 + PERIOD_RANGE)
-        self._period_ns = min(max(period_ns_now, low_ns), high_ns)
+        self.period_ns = min(max(period_ns_now, low_ns), high_ns)
 
     def nearest(self, t_ns: float) -> int:
         """The blank nearest to t_ns."""
-        return round(self._t_ns + round((t_ns - self._t_ns) / self._period_ns) * self._period_ns)
+        return round(self._t_ns + round((t_ns - self._t_ns) / self.period_ns) * self.period_ns)
 
 
 class LeadTime:
@@ -202,76 +198,63 @@ class LeadTime:
         return int(self._cost_ns + self._margin_ns)
 
 
-class ScreenRefresh:
-    """Refreshes on a screen's blanks: as `Refresh`, but pictures are due at blanks. limit_hz: at most this many pictures a
-    second, 0 for every blank."""
+class ScreenRefresh(Refresh):
+    """Refreshes on a screen's blanks: pictures are due at blanks, whose phase does not follow the camera. limit_hz: at most this
+    many pictures a second, 0 for every blank."""
 
     on_blanks = True
 
     def __init__(self, clock: ScreenClock, limit_hz: float, t0_ns: int) -> None:
         self.clock, self.lead, self._limit_hz = clock, LeadTime(), limit_hz
-        self._due_ns = t0_ns
-        self.missed = 0
-
-    @property
-    def _every(self) -> int:
-        return max(1, round(self.clock.rate_hz / self._limit_hz)) if self._limit_hz else 1
+        self._due_ns, self._missed = t0_ns, 0
 
     @property
     def period_ns(self) -> int:
         """Time from one picture to the next."""
-        return round(self._every * self.clock.period_ns)
+        every = max(1, round(self.clock.rate_hz / self._limit_hz)) if self._limit_hz else 1
+        return round(every * self.clock.period_ns)
+
+    @property
+    def missed(self) -> int:
+        return self._missed
 
     def due_ns(self) -> int:
-        """The blank of the next picture."""
         return self.clock.nearest(self._due_ns)
 
     def lead_ns(self) -> int:
-        """The time before that blank at which the picture must be begun."""
         return self.lead.ns
 
-    def start_ns(self) -> int:
-        """When that picture must be begun."""
-        return self.due_ns() - self.lead.ns
-
     def earliest_ns(self, target_ns: int) -> int:
-        """The earliest hand-over of a picture for the blank target_ns."""
         return self.lead.earliest_ns(target_ns, self.clock.period_ns)
 
     def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int, lead_ns: int) -> None:
-        """New eyes arrived: the screen's blanks do not follow them."""
+        pass
 
     def took(self, cost_ns: int, t_started_ns: int, target_ns: int, mean_cost_ns: int) -> None:
-        """Adds what a picture for target_ns cost."""
         self.lead.took(cost_ns + max(t_started_ns - (target_ns - self.lead.ns), 0), self.clock.period_ns)
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
-        """Whether a picture was shown at another blank than target_ns, or never (t_presented_ns = 0)."""
+        """Also if it was never shown (t_presented_ns = 0)."""
         if not t_presented_ns:
             return True
         return self.clock.measured and self.lead.judge(target_ns, t_handed_ns, t_presented_ns, self.clock.period_ns)
 
     def blanks(self, reports: list[Presented], nominal_hz: float) -> None:
-        """Takes the window system's reports. nominal_hz: the rate that the window's monitor claims."""
         self.clock.claim(nominal_hz)
         for report in reports:
             if report.t_ns:
                 self.clock.blank(report.t_ns, report.period_ns)
 
     def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
-        """Takes `render.rate_hz` now in force: "auto" is every blank."""
         self._limit_hz = 0.0 if rate_hz == "auto" else nominal_hz
 
     def advance(self, t_ns: int) -> int:
-        """Advances to the next blank whose picture can still be begun in time at t_ns; returns how many were skipped, which
-        `missed` counts."""
-        missed = self.missed
+        """Advances to the next blank whose picture can still be begun in time at t_ns."""
         period_ns = self.period_ns
         self._due_ns = self.due_ns() + period_ns
         late_ns = t_ns - (self._due_ns - self.lead.ns)
         slack_ns = min(self.lead.ns, period_ns) / 2
-        if late_ns > slack_ns:
-            passed = math.ceil((late_ns - slack_ns) / period_ns)
-            self.missed += passed
-            self._due_ns += passed * period_ns
-        return self.missed - missed
+        passed = math.ceil((late_ns - slack_ns) / period_ns) if late_ns > slack_ns else 0
+        self._missed += passed
+        self._due_ns += passed * period_ns
+        return passed

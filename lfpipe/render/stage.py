@@ -85,7 +85,7 @@ class RenderStage:
                 presenter.missed(refresh.advance(now_ns()))
             self._after_picture()
 
-    def _new_refresh(self) -> Refresh | ScreenRefresh:
+    def _new_refresh(self) -> Refresh:
         """The display's clock: the screen's blanks if they are reported, else an even rate."""
         if not self._display.blanks_by:
             return Refresh(self._config.render.nominal_hz, now_ns())

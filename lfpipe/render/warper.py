@@ -37,15 +37,14 @@ class Band:
         coarse: list[NDArray[np.float32]],
         fine: list[NDArray[np.float32]],
     ) -> None:
-        self.rows = rows
         low = rows if same else slice(None)
-        self.nearest = nearest[low]
+        self.rows, self.nearest = rows, nearest[low]
         self.low, low_x, low_y = (array[low] for array in whole[:3])
         x, y = (array[rows] for array in whole[3:])
         self.landed, self.again, there_x, there_y = (array[: len(self.low)] for array in coarse)
-        self.each, found_x, found_y = (array[: len(x)] for array in fine)
-        self.there = (low_x, there_x), (low_y, there_y)
-        self.found = (x, found_x), (y, found_y)
+        self.fine, sampled_x, sampled_y = (array[: len(x)] for array in fine)
+        self.lookup = (low_x, there_x), (low_y, there_y)
+        self.sampled = (x, sampled_x), (y, sampled_y)
         self.weights = np.empty(x.shape, np.uint8)
         self.seen = self.weights if same else np.empty(self.low.shape, np.uint8)
 
@@ -130,12 +129,12 @@ class Warper:
     def maps(self, band: Band) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Maps (x, y), float32 (rows of band, columns) of blocks, that sample the view of `aim`. band: one of `bands`. The maps
         are for `Blocks.sample`, not to be written to, and valid until the next call."""
-        each = self._landing(band)
+        disparity = self._landing(band)
         if not self._same:
-            cv2.resize(each, band.each.shape[::-1], band.each, interpolation=cv2.INTER_LINEAR)
-            each = band.each
+            cv2.resize(disparity, band.fine.shape[::-1], band.fine, interpolation=cv2.INTER_LINEAR)
+            disparity = band.fine
         x, y = self._moves
-        return _moved(each, x, *band.found[0]), _moved(each, y, *band.found[1])
+        return _moved(disparity, x, *band.sampled[0]), _moved(disparity, y, *band.sampled[1])
 
     def _map(self, frame: int, view: ViewWeight) -> tuple[NDArray[np.int8], bool]:
         """The stored disparity of a view, and whether it is known everywhere."""
@@ -224,19 +223,19 @@ class Warper:
         """The stored disparity at the place where each pixel of a band lands if its own is `at`. The nearest value: a mean of two
         would be neither."""
         x, y = self._move
-        there = _moved(at, x, *band.there[0]), _moved(at, y, *band.there[1])
-        cv2.remap(self._low, *there, cv2.INTER_NEAREST, out, borderMode=cv2.BORDER_REPLICATE)
+        place = _moved(at, x, *band.lookup[0]), _moved(at, y, *band.lookup[1])
+        cv2.remap(self._low, *place, cv2.INTER_NEAREST, out, borderMode=cv2.BORDER_REPLICATE)
         return out
 
 
 def _moved(
-    each: NDArray[np.float32], move: tuple[float, float], start: NDArray[np.float32], out: NDArray[np.float32]
+    disparity: NDArray[np.float32], move: tuple[float, float], start: NDArray[np.float32], out: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """start + each * move[0] + move[1], in out; start itself where nothing moves."""
+    """start + disparity * move[0] + move[1], in out; start itself where nothing moves."""
     per_unit, shift = move
     if not per_unit and not shift:
         return start
-    cv2.scaleAdd(each, per_unit, start, out)
+    cv2.scaleAdd(disparity, per_unit, start, out)
     return np.add(out, shift, out=out) if shift else out  # cv2.add takes 4x1 arrays for scalars
 
 

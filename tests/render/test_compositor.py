@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config, Render
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.anaglyph import MATRICES, PlaneStore, encode, recipe
-from lfpipe.render.compositor import Compositor
+from lfpipe.render.anaglyph import MATRICES, encode, recipe
+from lfpipe.render.compositor import Compositor, PlaneStore
 from lfpipe.render.viewer import Viewer
 from lfpipe.render.viewpoint import ViewSolver
 from tests.render import rendered

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config, SceneSummary, updated
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.anaglyph import MATRICES, Plane, PlaneStore
-from lfpipe.render.compositor import Compositor
+from lfpipe.render.anaglyph import MATRICES, Plane
+from lfpipe.render.compositor import Compositor, PlaneStore
 from lfpipe.render.geometry import parallax
 from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.viewer import Viewer
