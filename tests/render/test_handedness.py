@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 
 from lfpipe.config import Render, Scene
-from lfpipe.export.pictures import write_clip
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.viewpoint import ViewSolver
 from lfpipe.scene.packing import pack_scene
