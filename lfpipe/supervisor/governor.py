@@ -85,12 +85,11 @@ class _Stage:
             self.lag_s += min(span_s, HICCUP_S)
         else:
             self.lag_s = max(0.0, self.lag_s - FORGET * span_s)
-        if self.lag_s:
+        if not self.lag_s:
+            self.done, self.missed, self.spent_ns, self.span_s = 0, 0, 0, 0.0
+        else:
             self.done, self.missed, self.spent_ns = self.done + load.done, self.missed + load.missed, self.spent_ns + busy_ns
             self.span_s += span_s
-        else:
-            self.done = self.missed = self.spent_ns = 0
-            self.span_s = 0.0
         return load.missed == 0 and share < ROOM_SHARE
 
 

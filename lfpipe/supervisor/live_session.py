@@ -15,6 +15,7 @@ import attrs
 import zmq
 
 from lfpipe import __version__
+from lfpipe.host.file_lock import Lock
 from lfpipe.host.processes import sentinels, usable_cores
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import child, process_table
@@ -91,12 +92,14 @@ class LiveSession:
         """Stops the stages and removes the memory."""
         self._end_steps.close()
 
-    def loop(self, duration_s: float | None, signals: Sequence[int], lost: Callable[[], str]) -> Outcome:
-        """Runs the session to its end. signals: those that have arrived. lost: says what has taken the run directory, or ""."""
+    def loop(self, duration_s: float | None, signals: Sequence[int], lock: Lock) -> Outcome:
+        """Runs the session to its end. signals: those that have arrived. lock: the session's; without it, the session receives no
+        commands any more, and the next one of that name cannot detect it."""
         end_ns: int | None = None
         while self._outcome is None:
             end_ns = self._step(duration_s, end_ns)
-            if why := lost():
+            if not lock.in_place():
+                why = f"{self._session.run_dir} was removed while the session ran"
                 remedy = "set XDG_RUNTIME_DIR to a directory that no program cleans"
                 self._end(Outcome("its run directory was removed", why, remedy))
             if signals:

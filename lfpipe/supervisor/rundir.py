@@ -134,25 +134,18 @@ def _free_names(session: Session) -> None:
     """Unlinks the memory of a dead session. Waits for a living one that lost its run directory and keeps its memory until it
     ends."""
     end_s = time.monotonic() + ENDING_S
-    while segment.owned(session.segment("")):
-        _unlink_abandoned(session)
+    while not _unlinked(session):
         if time.monotonic() > end_s:
             remedy = "try again in a few seconds, or use another --session NAME"
             raise UserError(f"session {session.name!r} lost its run directory and has not ended yet", remedy)
         time.sleep(PAUSE_S)
 
 
-def _unlink_abandoned(session: Session) -> None:
+def _unlinked(session: Session) -> bool:
+    """Unlinks the session's abandoned memory; whether none is left."""
     for name, _ in segment.abandoned(session.segment("")):
         shared_memory.unlink(name)
-
-
-def lost(session: Session, lock: Lock) -> str:
-    """What has happened to the run directory if it is no longer that of the session that holds the lock; else "".
-
-    Such a session receives no commands any more, and the next one of that name cannot detect it.
-    """
-    return "" if lock.in_place() else f"{session.run_dir} was removed while the session ran"
+    return not segment.owned(session.segment(""))
 
 
 def release(session: Session, lock: Lock) -> None:
@@ -162,8 +155,7 @@ def release(session: Session, lock: Lock) -> None:
     try:
         if lock.in_place():
             for _ in range(ATTEMPTS):  # another process that sweeps may be looking at one: then that counts as in use
-                _unlink_abandoned(session)
-                if not segment.owned(session.segment("")):
+                if _unlinked(session):
                     break
                 time.sleep(PAUSE_S)
             lock.remove_folder()
@@ -215,8 +207,7 @@ def running() -> list[str]:
     names = []
     for session in _sessions():
         with contextlib.suppress(OSError):  # it is starting, has just ended, or is unreadable
-            if file_lock.is_held(session.lock):
-                names.append(session.name)
+            names += [session.name] if file_lock.is_held(session.lock) else []
     return sorted(names)
 
 

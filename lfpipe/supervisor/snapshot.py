@@ -1,5 +1,6 @@
 """The state of a session as one plain map, read only from the status table."""
 
+from collections.abc import Iterator
 from typing import Any, Protocol
 
 import numpy as np
@@ -29,104 +30,74 @@ class StatusRows(Protocol):
         """Record of dtype SESSION."""
 
 
-def busy(row: NDArray[np.void]) -> str:
-    """The work that blocks a stage, and since when: `reading the recording, 3 s`; empty below BUSY_SHOWN_S."""
+def _notices(source: NDArray[np.void], display: NDArray[np.void], lowered: str) -> Iterator[str]:
+    """Current messages for people, also shown in the window. lowered: what is reduced."""
+    if source["state"] == State.READY:
+        yield "camera lost, trying again"
+    away_s = (now_ns() - int(display["t_face_ns"])) / 1e9
+    if source["state"] == State.RUNNING and display["state"] == State.RUNNING and display["t_face_ns"] and away_s > FACELESS_S:
+        yield f"no face for {away_s:.0f} s: move into the camera's view"
+    if lowered:
+        yield f"quality lowered: {lowered}"
+
+
+def _stage(row: NDArray[np.void]) -> dict[str, Any]:
+    cores, nice = scheduling(int(row["pid"]))
+    wait, work = summary_ms(row["wait"]), summary_ms(row["busy"])
     words, since_s = busy_words(row), (now_ns() - int(row["busy_since_ns"])) / 1e9
-    return f"{words}, {since_s:.0f} s" if words and since_s > BUSY_SHOWN_S else ""
-
-
-def quality(table: StatusRows) -> dict[str, Any]:
-    """`{"level", "lowest_level", "level_words"}`: 0 for full quality, the last level, what is
-    reduced. If read during a change, the words may be those of another level.
-    """
-    now = table.session
-    words = now["words"].item().decode(errors="replace")
-    return {"level": int(now["level"]), "lowest_level": int(now["lowest"]), "level_words": words}
-
-
-def light(table: StatusRows) -> str:
-    """`too little light for 30 Hz` if the camera delivers clearly fewer frames than agreed; else empty."""
-    row = table.rows[SOURCE]
-    return f"too little light for {int(row['nominal_mhz']) / 1000:.3g} Hz" if row["dim"] else ""
-
-
-def viewer(table: StatusRows) -> str:
-    """The viewer's state, a word of `ViewerState`."""
-    return ViewerState(int(table.rows[SHOWN_BY]["viewer"])).word
-
-
-def judder_percent(row: NDArray[np.void]) -> float | None:
-    """Refreshes of the screen that showed another picture than planned, in %; None if no screen reports its blanks."""
-    planned = int(row["planned"])
-    return round(100 * int(row["juddered"]) / planned, 3) if planned else None
-
-
-def motion_to_photon(row: NDArray[np.void]) -> dict[str, float | None]:
-    """`{"onset_ms", "steady_ms"}`: latency at the onset of a motion and steady latency, as docs/photon.md defines them; None
-    where nobody has moved yet."""
-    return {f"{name}_ms": round(int(row[f"{name}_ns"]) / 1e6, 2) or None for name in ("onset", "steady")}
-
-
-def notices(table: StatusRows) -> list[str]:
-    """Current messages for people, also shown in the window."""
-    found, rows = [], table.rows
-    capture, shown = rows[SOURCE], rows[SHOWN_BY]
-    if capture["state"] == State.READY:
-        found.append("camera lost, trying again")
-    away_s = (now_ns() - int(shown["t_face_ns"])) / 1e9
-    if capture["state"] == State.RUNNING and shown["state"] == State.RUNNING and shown["t_face_ns"] and away_s > FACELESS_S:
-        found.append(f"no face for {away_s:.0f} s: move into the camera's view")
-    if int(table.session["level"]):
-        found.append(f"quality lowered: {quality(table)['level_words']}")
-    return found
+    return {
+        "state": State(int(row["state"])).name,
+        "busy_with": f"{words}, {since_s:.0f} s" if words and since_s > BUSY_SHOWN_S else "",
+        "pid": int(row["pid"]),
+        "fps": round(rate_hz(row), 2),
+        **{key: work[key] for key in QUANTILES},
+        "wait": wait,
+        "busy": work,
+        "dropped": int(row["drops"]),
+        "left_out": int(row["left_out"]),
+        "missed": int(row["missed"]),
+        "restarts": int(row["restarts"]),
+        "count": int(row["seq"]),
+        "cpu_s": round(int(row["cpu_ns"]) / 1e9, 2),
+        "face": bool(row["face"]),
+        "cpus": cores,
+        "nice": nice,
+    }
 
 
 def snapshot(session: str, table: StatusRows, started_ns: int) -> dict[str, Any]:
     """`{"session", "uptime_s", "camera_fps", "camera_light", "level", "viewer", "stages": {...}, "end_to_end": {...},
     "judder": {...}, "horizon": {...}, "motion_to_photon": {...}}`, as `lfpipe monitor --once --json` prints it.
 
-    A stage's p50_ms.. describe its busy time; wait and busy contain all quantiles. end_to_end: the age of a picture, from the
-    sensor's stamp to its presentation. horizon: how far ahead of the sensor's stamp the eyes are predicted, over all refreshes.
-    busy_with: see `busy`; level: see `quality`. left_out: inputs left out on purpose; missed: refreshes of
-    the display. cpus, nice: from the kernel, now.
+    Of a stage: p50_ms.. describe its busy time; wait and busy contain all quantiles; busy_with: the work that blocks it, and
+    since when; left_out: inputs left out on purpose; missed: refreshes of the display; cpus, nice: from the kernel, now.
+    end_to_end: the age of a picture, from the sensor's stamp to its presentation. horizon: how far ahead of the sensor's stamp
+    the eyes are predicted. camera_light: words if the camera delivers clearly fewer frames than agreed. level, lowest_level: of
+    quality, 0 is full; level_words: what is reduced, perhaps of another level during a change. viewer: a word of `ViewerState`.
+    judder: refreshes that showed another picture than planned; percent: None if no screen reports its blanks.
+    motion_to_photon: latency at the onset of a motion and steady, see docs/photon.md; None where nobody has moved.
     """
-    stages: dict[str, Any] = {}
-    for name, row in table.rows.items():
-        if name not in CORE and row["state"] == State.NONE:
-            continue
-        cores, nice = scheduling(int(row["pid"]))
-        wait, work = summary_ms(row["wait"]), summary_ms(row["busy"])
-        stages[name] = {
-            "state": State(int(row["state"])).name,
-            "busy_with": busy(row),
-            "pid": int(row["pid"]),
-            "fps": round(rate_hz(row), 2),
-            **{key: work[key] for key in QUANTILES},
-            "wait": wait,
-            "busy": work,
-            "dropped": int(row["drops"]),
-            "left_out": int(row["left_out"]),
-            "missed": int(row["missed"]),
-            "restarts": int(row["restarts"]),
-            "count": int(row["seq"]),
-            "cpu_s": round(int(row["cpu_ns"]) / 1e9, 2),
-            "face": bool(row["face"]),
-            "cpus": cores,
-            "nice": nice,
-        }
-    shown = table.rows[SHOWN_BY]
-    age, horizon = (summary_ms(table.rows[SHOWN_BY][name]) for name in ("age", "horizon"))
+    stages = {name: _stage(row) for name, row in table.rows.items() if name in CORE or row["state"] != State.NONE}
+    source, display, quality = table.rows[SOURCE], table.rows[SHOWN_BY], table.session
+    level, words, planned = int(quality["level"]), quality["words"].item().decode(errors="replace"), int(display["planned"])
+    age, horizon = (summary_ms(display[name]) for name in ("age", "horizon"))
     return {
         "session": session,
         "uptime_s": round((now_ns() - started_ns) / 1e9, 2),
         "camera_fps": stages[SOURCE]["fps"],
-        "camera_light": light(table),
-        **quality(table),
-        "viewer": viewer(table),
-        "notices": notices(table),
+        "camera_light": f"too little light for {int(source['nominal_mhz']) / 1000:.3g} Hz" if source["dim"] else "",
+        "level": level,
+        "lowest_level": int(quality["lowest"]),
+        "level_words": words,
+        "viewer": ViewerState(int(display["viewer"])).word,
+        "notices": list(_notices(source, display, words if level else "")),
         "stages": stages,
         "end_to_end": {"n": age["n"], **{key: age[key] for key in QUANTILES}},
-        "judder": {"planned": int(shown["planned"]), "juddered": int(shown["juddered"]), "percent": judder_percent(shown)},
+        "judder": {
+            "planned": planned,
+            "juddered": int(display["juddered"]),
+            "percent": round(100 * int(display["juddered"]) / planned, 3) if planned else None,
+        },
         "horizon": {"n": horizon["n"], **{key: horizon[key] for key in QUANTILES}},
-        "motion_to_photon": motion_to_photon(shown),
+        "motion_to_photon": {f"{name}_ms": round(int(display[f"{name}_ns"]) / 1e6, 2) or None for name in ("onset", "steady")},
     }
