@@ -25,7 +25,7 @@ __all__ = ["CameraFinder", "CameraSource", "check_camera", "open_camera", "troub
 log = logging.getLogger(__name__)
 Start = Callable[[V4L2Device], V4L2Stream]
 
-STALL_S = 0.9  # longest wait for a frame
+STALL_S, STALL_PERIODS = 0.9, 3  # longest wait for a frame: whichever is longer
 START_S = 5.0  # longest wait for the first frame: some cameras need seconds
 CONTROLS_S = 1.0  # longest wait for the camera's controls; they are set later if it is slower
 REPLUG = "unplug the camera and plug it in again"
@@ -169,6 +169,7 @@ class CameraSource:
                 raise UserError(f"camera {path}: {error}", "set another camera.format, or another size") from None
             raise
         self._clock, self._period_ns = SensorClock(mode.rate_hz), 1e9 / mode.rate_hz
+        self._stall_s = max(STALL_S, STALL_PERIODS / mode.rate_hz)
         self._kind = stamp_kind(device.driver, first.start_of_exposure)
         self._seq, self._sequence, self._stamp_ns = -1, first.sequence, first.stamp_ns
         now_ns = time.monotonic_ns()
@@ -193,12 +194,12 @@ class CameraSource:
             raise self._no_signal()
         while True:
             waited_s = (time.monotonic_ns() - began_ns) / 1e9
-            if waited_s > STALL_S:
-                raise TimeoutError(f"camera {self._path}: {damaged} damaged frames and no whole one for {STALL_S:g} s")
             try:
-                raw = self._stream.read(STALL_S - waited_s)
+                if waited_s > self._stall_s:
+                    raise TimeoutError
+                raw = self._stream.read(self._stall_s - waited_s)
             except TimeoutError:
-                raise TimeoutError(f"camera {self._path}: no whole frame for {STALL_S:g} s, {damaged} damaged") from None
+                raise TimeoutError(f"camera {self._path}: no whole frame for {self._stall_s:.2g} s, {damaged} damaged") from None
             except OSError as error:
                 raise trouble(self._path, error) from None
             read_ns = time.monotonic_ns()

@@ -17,7 +17,7 @@ from lfpipe.capture.frame_source import Frame, FrameSource, SourceInfo, decoding
 from lfpipe.errors import UserError
 
 WAIT_S = 0.1  # longest wait of `read`
-STALL_S = 1.0  # a camera without a frame for this long is lost; the slowest has 1 Hz
+STALL_S, STALL_PERIODS = 1.0, 3.5  # a camera without a frame for the longer of these is lost; longer than `camera` waits
 BACKOFF_S, MAX_BACKOFF_S = 0.5, 5.0
 FIRST_S = 8.0  # longest wait of the constructor for the first connection
 HUNG_S = 15.0  # a driver call longer than this ends the process; five restarts take more than a minute
@@ -128,7 +128,9 @@ class ReconnectingCamera:
                 why = f"{self.info.name}: its driver has not answered for {HUNG_S:g} s"
                 raise UserError(why, "unplug the camera and plug it in again")
             silent_s = (t_ns - self._fresh_ns) / 1e9
-            raise self._no_frame(f"{self.info.name}: no frame for {silent_s:.1f} s") if silent_s > STALL_S else TimeoutError
+            if silent_s <= max(STALL_S, STALL_PERIODS / self.info.rate_hz):
+                raise TimeoutError
+            raise self._no_frame(f"{self.info.name}: no frame for {silent_s:.1f} s")
         self.info = connection.info or self.info
         self._lost, self._fresh_ns, self._backoff_s = False, time.monotonic_ns(), BACKOFF_S
         self._seq = self._first_seq + frame.source_seq + 1

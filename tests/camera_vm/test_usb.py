@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.camera_vm, pytest.mark.timeout(480)]
 SIZE = (320, 240)
 MODES = (Frames("YUYV", *SIZE, (5.0,)), Frames("MJPG", *SIZE, (10.0, 5.0)))
 CAMERA = config.Camera(width_px=SIZE[0], height_px=SIZE[1], rate_hz=10.0)
-MOVED_VIEWS = 0.03  # of the grid: ten times the noise of landmarks on one frame again and again
+MOVED_VIEWS = 0.03  # of the grid's one view from left to right
 Plug = Callable[..., UsbCamera]
 
 

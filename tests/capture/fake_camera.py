@@ -77,6 +77,7 @@ class FakeCamera:
         self.controls[control].value = value
 
     def read(self, timeout_s: float) -> RawFrame:
+        self.timeout_s = timeout_s
         item = self.frames.pop(0) if len(self.frames) > 1 else self.frames[0]
         if isinstance(item, Exception):
             raise item

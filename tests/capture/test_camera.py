@@ -235,6 +235,13 @@ def test_a_camera_without_a_first_frame_is_closed_and_a_later_stall_is_a_time_ou
     assert camera.read(OUT) is not None, "the next frame counts on"
 
 
+def test_a_slow_camera_is_given_the_time_of_its_frames() -> None:
+    for rate_hz, least_s, most_s in ((30.0, 0.8, 0.9), (0.5, 5.9, 6.0)):
+        device = FakeCamera(Mode("YUYV", 640, 480, 1280, rate_hz))
+        source(device, rate_hz=rate_hz).read(OUT)
+        assert least_s < device.timeout_s <= most_s
+
+
 @pytest.mark.native("Video4Linux")
 @pytest.mark.parametrize(
     ("path", "says"), [("/dev/video97", "no such device"), ("/dev/null", "not a camera"), ("/etc/hostname", "not a camera")]
