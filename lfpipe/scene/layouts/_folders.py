@@ -4,18 +4,16 @@ import contextlib
 from pathlib import Path
 
 import attrs
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.pictures import Header, open_header, small_grey
+from lfpipe.files.pictures import Header, open_header
 from lfpipe.scene.files import Listing, list_scene
 from lfpipe.scene.layouts._grid import some
 from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
+from lfpipe.scene.layouts._tiles import likeness
 
 _DEEPEST = 8
-_LOOK_PX, _COPY = 32, 0.9  # side of a reduced picture, and correlation of two of one picture
+_COPY = 0.9  # correlation of one picture in two sizes
 _BESIDE = ("__macosx", "raw", "thumbs", "thumbnails", "original", "originals", "backup")
 
 
@@ -73,28 +71,19 @@ def note_of(given: Listing, inner: Listing) -> str:
 def _views(folders: dict[str, Listing]) -> dict[str, Listing]:
     """Of folders with results beside the views (the same names, one of them in colour), or with one set of pictures in several
     sizes: that of the views, in their full size. All of them if they hold something else."""
-    headers = _headers(folders)
-    if len(headers) < len(folders) or len({len(one.pictures()) for one in folders.values()}) != 1:
+    headers, pictures = _headers(folders), {name: one.pictures() for name, one in folders.items()}
+    if len(headers) < len(folders) or len({len(names) for names in pictures.values()}) != 1:
         return folders
-    coloured = [name for name, (first, _) in headers.items() if not first.grey]
-    if len(coloured) == 1 and len({tuple(Path(name).stem for name in one.pictures()) for one in folders.values()}) == 1:
+    coloured = [name for name, first in headers.items() if not first.grey]
+    if len(coloured) == 1 and len({tuple(Path(name).stem for name in names) for names in pictures.values()}) == 1:
         return {coloured[0]: folders[coloured[0]]}
-    large = max(folders, key=lambda name: headers[name][0].width_px)
-    if len({(first.width_px, first.height_px) for first, _ in headers.values()}) < len(folders):
+    large = max(folders, key=lambda name: headers[name].width_px)
+    if len({(first.width_px, first.height_px) for first in headers.values()}) < len(folders):
         return folders
-    looks = {name: [_look(one, k, headers[name][k]) for k in (0, -1)] for name, one in folders.items()}
-    pairs = [pair for look in looks.values() for pair in zip(look, looks[large], strict=True)]
-    alike = all(min(a.std(), b.std()) > 0 and np.corrcoef(a, b)[0, 1] > _COPY for a, b in pairs)
+    ends = [[one.file(pictures[name][k]) for k in (0, -1)] for name, one in folders.items() if name != large]
+    full = [folders[large].file(pictures[large][k]) for k in (0, -1)]
+    alike = all(likeness(a, b) > _COPY for pair in ends for a, b in zip(pair, full, strict=True))
     return {large: folders[large]} if alike else folders
-
-
-def _look(listing: Listing, number: int, header: Header) -> NDArray[np.float64]:
-    """A picture of a folder as few grey values, float64 (n,); none of them if it cannot be read."""
-    try:
-        grey = small_grey(listing.file(listing.pictures()[number]), header, _LOOK_PX**2)
-    except UserError:
-        return np.zeros(_LOOK_PX**2)
-    return np.asarray(cv2.resize(grey, (_LOOK_PX, _LOOK_PX), interpolation=cv2.INTER_AREA), np.float64).ravel()
 
 
 def _sides(folders: dict[str, Listing]) -> bool:
@@ -107,14 +96,14 @@ def _are_rows(folders: dict[str, Listing]) -> bool:
     found = read_names(tuple(f"{name}.png" for name in folders))
     if found is None or len(found.views) < len(folders) or found.clashes:
         return False
-    sizes = [(first.width_px, first.height_px) for first, _ in _headers(folders).values()]
+    sizes = [(first.width_px, first.height_px) for first in _headers(folders).values()]
     return len(sizes) < 2 or len(set(sizes)) < len(sizes)
 
 
-def _headers(folders: dict[str, Listing]) -> dict[str, list[Header]]:
-    """Of the first and the last picture of each folder, where these can be read."""
-    found: dict[str, list[Header]] = {}
+def _headers(folders: dict[str, Listing]) -> dict[str, Header]:
+    """Of the first picture of each folder, where it can be read."""
+    headers: dict[str, Header] = {}
     for name, one in folders.items():
         with contextlib.suppress(UserError):
-            found[name] = [open_header(one.file(one.pictures()[k])) for k in (0, -1)]
-    return found
+            headers[name] = open_header(one.file(one.pictures()[0]))
+    return headers

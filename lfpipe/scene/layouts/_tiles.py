@@ -26,8 +26,7 @@ UNEVEN = {(4096, 4096): (5, 9), (8192, 8192): (5, 9)}
 QUILT_NAME = re.compile(r"_qs(\d{1,2})x(\d{1,2})(?:a[\d.]+)?", re.IGNORECASE)  # Looking Glass: columns, rows, aspect
 _LARGE_BYTES = 64_000_000  # of a picture
 _SAME_PICTURE = 0.98  # correlation of two files of one picture
-
-
+_LOOK_PX = 32  # side of pictures that are compared
 MOST_TILES = 64  # along one side
 _SMALLEST_TILE_PX = 24
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
@@ -221,7 +220,7 @@ class LastPictures:
             return self._kept[frame]
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def glance(path: Path) -> NDArray[Any]:
     """A picture, reduced to 128x128 values of 8 bits. Raises UserError."""
     picture, full = read_picture(path)
@@ -229,21 +228,25 @@ def glance(path: Path) -> NDArray[Any]:
     return small if full == 255 else np.asarray(small * (255 / max(1, int(small.max()))), np.uint8)
 
 
+def likeness(a: Path, b: Path) -> float:
+    """Correlation of two pictures, much reduced and in grey; 0 where one is plain or cannot be read, or only one has colour."""
+    try:
+        looks = [cv2.resize(glance(path), (_LOOK_PX, _LOOK_PX), interpolation=cv2.INTER_AREA) for path in (a, b)]
+    except UserError:
+        return 0.0
+    greys = [(look if look.ndim == 2 else look.mean(axis=2)).ravel() for look in looks]
+    if looks[0].ndim != looks[1].ndim or min(float(grey.std()) for grey in greys) < 1:
+        return 0.0
+    return float(np.corrcoef(greys[0], greys[1])[0, 1])
+
+
 def one_picture_twice(listing: Listing) -> str | None:
     """Of two files of one name with the same picture (moon.jpg, moon.png), the lossless one; None for anything else."""
     names = listing.pictures() if not listing.is_file else []
     if len(names) != 2 or Path(names[0]).stem.lower() != Path(names[1]).stem.lower():
         return None
-    try:
-        a, b = (glance(listing.file(name)) for name in names)
-    except UserError:
-        return None
-    greys = [(look if look.ndim == 2 else look.mean(axis=2)).ravel() for look in (a, b)]
-    if a.ndim != b.ndim or min(float(grey.std()) for grey in greys) < 1:
-        return None
-    if float(np.corrcoef(greys[0], greys[1])[0, 1]) < _SAME_PICTURE:
-        return None
-    return min(names, key=lambda name: name.lower().endswith(LOSSY))
+    same = likeness(*(listing.file(name) for name in names)) > _SAME_PICTURE
+    return min(names, key=lambda name: name.lower().endswith(LOSSY)) if same else None
 
 
 def single_picture(listing: Listing) -> Path | None:

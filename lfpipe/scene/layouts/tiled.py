@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
@@ -19,7 +18,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture
 from lfpipe.scene.files import VIDEOS, Listing
 from lfpipe.scene.layouts._grid import named_views
-from lfpipe.scene.layouts._tiles import QUILT_NAME, LastPictures, find_tiles, glance, single_picture, tiling
+from lfpipe.scene.layouts._tiles import QUILT_NAME, LastPictures, find_tiles, likeness, single_picture, tiling
 from lfpipe.scene.layouts.stereo import are_a_pair
 from lfpipe.scene.source import Layout, SceneSource, Turn
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
@@ -100,7 +99,7 @@ def _are_frames(a: Path, b: Path) -> bool:
     """Whether two pictures can be frames of one video. Raises UserError."""
     if len({(header.width_px, header.height_px, header.grey) for header in (open_header(a), open_header(b))}) > 1:
         return False
-    return float(np.corrcoef(glance(a).ravel(), glance(b).ravel())[0, 1]) > 0.5
+    return likeness(a, b) > 0.5
 
 
 def _describe_video(listing: Listing, scene: config.Scene) -> SceneSource:
