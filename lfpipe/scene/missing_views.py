@@ -41,6 +41,14 @@ def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMa
     return np.maximum(out, cracks)
 
 
+def nearest(usable: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """By pixel (h, w), the flat index of the nearest usable one."""
+    _, labels = cv2.distanceTransformWithLabels((~usable).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    index = np.zeros(int(labels.max()) + 1, np.intp)
+    index[labels[usable]] = np.flatnonzero(usable)
+    return np.asarray(index[labels])
+
+
 def warped_view(picture: NDArray[Any], disparity: FloatMap, made: FloatMap, down: float, across: float) -> NDArray[Any]:
     """A view warped to the one `down` rows and `across` columns further, (h, w) or (h, w, 3). made: `warped_disparity` of
     disparity.
@@ -63,11 +71,8 @@ def warped_view(picture: NDArray[Any], disparity: FloatMap, made: FloatMap, down
     usable = behind & ~hidden
     if not usable.any():
         return np.asarray(out)
-    _, labels = cv2.distanceTransformWithLabels((~usable).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    index = np.zeros(int(labels.max()) + 1, np.intp)
-    index[labels[usable]] = np.flatnonzero(usable)
     flat = np.asarray(out).reshape(out.shape[0] * out.shape[1], -1).copy()
-    flat[hidden.ravel()] = flat[index[labels[hidden]]]
+    flat[hidden.ravel()] = flat[nearest(usable)[hidden]]
     return flat.reshape(out.shape)
 
 

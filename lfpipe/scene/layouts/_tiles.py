@@ -220,6 +220,14 @@ class LastPictures:
             return self._kept[frame]
 
 
+def halves(picture: NDArray[Any], above: bool) -> tuple[NDArray[Any], NDArray[Any]]:
+    """The left and the right half of a picture, or the upper and the lower one."""
+    height, width = picture.shape[0] // 2, picture.shape[1] // 2
+    if above:
+        return picture[:height], picture[height : 2 * height]
+    return picture[:, :width], picture[:, width : 2 * width]
+
+
 @lru_cache(maxsize=8)
 def glance(path: Path) -> NDArray[Any]:
     """A picture, reduced to 128x128 values of 8 bits. Raises UserError."""

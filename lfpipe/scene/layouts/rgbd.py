@@ -20,8 +20,8 @@ from lfpipe.files.pictures import open_header, read_picture, upright
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
 from lfpipe.scene.layouts._grid import parse_grid, require_grid
-from lfpipe.scene.layouts._tiles import glance, one_picture_twice, single_picture
-from lfpipe.scene.missing_views import warped_disparity, warped_view
+from lfpipe.scene.layouts._tiles import glance, halves, one_picture_twice, single_picture
+from lfpipe.scene.missing_views import nearest, warped_disparity, warped_view
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "rgbd"
@@ -126,8 +126,7 @@ def _beside(picture: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]] | None:
     """(picture, depth) of a file that holds both: the grey half is the depth; None if there is none."""
     if picture.ndim == 2:
         return None
-    height, width = picture.shape[0] // 2, picture.shape[1] // 2
-    for first, second in ((picture[:, :width], picture[:, width : 2 * width]), (picture[:height], picture[height : 2 * height])):
+    for first, second in (halves(picture, above=False), halves(picture, above=True)):
         for image, depth in ((first, second), (second, first)):
             if _colour(depth) < _GREY and _colour(image) > _COLOURED:
                 return image, depth
@@ -166,13 +165,13 @@ def _read(listing: Listing) -> _Photo:
     if has_depth(path):
         near = np.asarray(upright(embedded_depth(path), open_header(path).orientation), np.float32)
         return _Photo((path,), picture, full, near, "as the photograph's own depth says")
-    halves = _beside(picture)
-    if halves is None:
+    both = _beside(picture)
+    if both is None:
         raise UserError(
             f"{path}: neither half is a grey depth map beside a coloured picture",
             "give picture and depth side by side, or as x.png and x_depth.png in a folder of their own",
         )
-    return _Photo((path,), halves[0], full, *read_depth(halves[1][..., 1], path.stem.lower(), by_format=True))
+    return _Photo((path,), both[0], full, *read_depth(both[1][..., 1], path.stem.lower(), by_format=True))
 
 
 def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
@@ -190,10 +189,7 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
     share = np.clip((near - np.float32(low)) / np.float32(high - low), 0, 1)
     if not known.all():  # what was not measured lies behind what is beside it
         behind = cv2.erode(np.where(known, share, np.float32(1)), np.ones((_HOLE_PX, _HOLE_PX), np.uint8))
-        _, labels = cv2.distanceTransformWithLabels((~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-        nearest = np.zeros(int(labels.max()) + 1, np.float32)
-        nearest[labels[known]] = np.asarray(behind)[known]
-        share = np.where(known, share, nearest[labels])
+        share = np.where(known, share, np.asarray(behind).ravel()[nearest(known)])
     share = np.asarray(cv2.resize(share.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR))
     return np.asarray((share - np.float32(0.5)) * np.float32(_RANGE_SHARE * width), np.float32)
 

@@ -19,7 +19,7 @@ from lfpipe.files.pictures import read_frames, read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source, some
 from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
-from lfpipe.scene.layouts._tiles import single_picture
+from lfpipe.scene.layouts._tiles import halves, single_picture
 from lfpipe.scene.optical_flow import confirmed, flow, textured
 from lfpipe.scene.source import SceneSource, Turn
 
@@ -63,13 +63,6 @@ def _alone(listing: Listing) -> Path | None:
     return listing.file(names[0]) if len(names) == 1 else single_picture(listing)
 
 
-def _halves(picture: NDArray[Any], above: bool) -> tuple[NDArray[Any], NDArray[Any]]:
-    height, width = picture.shape[0] // 2, picture.shape[1] // 2
-    if above:
-        return picture[:height], picture[height : 2 * height]
-    return picture[:, :width], picture[:, width : 2 * width]
-
-
 def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
     """Whether two pictures of equal size show one scene from two positions side by side."""
     scale = min(1.0, _GLANCE_PX / max(a.shape[:2]))
@@ -101,7 +94,7 @@ def _arrangement(path: Path) -> tuple[bool, bool, bool] | None:
     video = _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1]
     for above, word, likely in ((False, _BESIDE, aspect > 1.2), (True, _ABOVE, aspect < 1.0 or video)):
         named = bool(word.search(name))
-        if (named or likely) and are_a_pair(*_halves(picture, above)):
+        if (named or likely) and are_a_pair(*halves(picture, above)):
             return above, bool(_HALF.search(name)) or video, named
     return None
 
@@ -159,7 +152,7 @@ def _divided(path: Path) -> tuple[list[NDArray[Any]], int, Turn, str]:
         )
     above, half, named = arrangement
     picture, full = read_picture(path)
-    views = [np.ascontiguousarray(part) for part in _halves(picture, above)]
+    views = [np.ascontiguousarray(part) for part in halves(picture, above)]
     if half:
         height, width = views[0].shape[:2]
         size = (width, 2 * height) if above else (2 * width, height)

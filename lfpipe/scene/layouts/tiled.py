@@ -18,7 +18,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture
 from lfpipe.scene.files import VIDEOS, Listing
 from lfpipe.scene.layouts._grid import named_views
-from lfpipe.scene.layouts._tiles import QUILT_NAME, LastPictures, find_tiles, likeness, single_picture, tiling
+from lfpipe.scene.layouts._tiles import QUILT_NAME, LastPictures, find_tiles, halves, likeness, single_picture, tiling
 from lfpipe.scene.layouts.stereo import are_a_pair
 from lfpipe.scene.source import Layout, SceneSource, Turn
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
@@ -82,7 +82,7 @@ def _source(
     if cut is None:
         height, width = load(0).shape[:2]
         remedy = "give the tiles with --grid ROWSxCOLS"
-        if are_a_pair(*(load(0)[:, left : left + width // 2] for left in (0, width // 2))):
+        if are_a_pair(*halves(load(0), above=False)):
             remedy = "give --grid 1x2: its halves are a stereo pair"
         elif _is_video(listing):
             remedy += "; from a camera slid sideways, `lfpipe scene make` makes views"
