@@ -27,7 +27,7 @@ Cure = Callable[[Path], tuple[Path, config.Scene]]
 @attrs.frozen
 class Refused:
     """make writes a scene into an empty folder and returns the path that is given, with the settings; text: the whole message,
-    "" where it quotes a library; cure does what the remedy says."""
+    "" where it quotes a library or figures; cure does what the remedy says."""
 
     make: Make
     text: str
@@ -314,10 +314,7 @@ REFUSALS = {
         "shape of the other", AS_DEPTH),
     "depth of one value": Refused(both(one("x.png"), one("x_depth.png", GRID[2, 2, ..., 0] * 0)),
         "/here/s/x_depth.png: a depth map of one value\n  remedy: use one in which near and far differ", AS_DEPTH),
-    "unrelated pictures": Refused(grid("v_{r}_{c}.png", views=UNRELATED),
-        "/here/s: as 3x3 views of layout rows-cols, the pictures do not fit together as a light field: quality when "
-        "predicting views from their neighbours 20 dB, and one disparity explains the motion of 4% of the detail\n  remedy: "
-        "give the folder of one scene, or one of the pictures; --set scene.force=true opens it all the same", again(force=True)),
+    "unrelated pictures": Refused(grid("v_{r}_{c}.png", views=UNRELATED), "", again(force=True)),
     "HEIC under another name": Refused(data("IMG_1.jpg", b"\0\0\0\x18ftypheic" + b"\0" * 99),
         "/here/s/IMG_1.jpg: a HEIC picture under another name\n  remedy: export it as JPEG", AS_VIEWS),
     "HEIC": Refused(data("a.heic"),

@@ -26,7 +26,7 @@ from hypothesis import strategies as st
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
-from lfpipe.host.limits import limit_memory
+from lfpipe.host.limits import MemoryLimit
 from lfpipe.scene import layouts
 from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.files import list_scene, read_pfm
@@ -275,8 +275,8 @@ def in_the_packer(what: str, base: Path) -> dict[str, str]:
 
 
 def answer(what: str, base: str) -> None:
-    limit_memory(MEMORY_BYTES)
-    print(json.dumps(globals()[what](Path(base))))
+    with MemoryLimit(MEMORY_BYTES):
+        print(json.dumps(globals()[what](Path(base))))
 
 
 def test_attacks_are_refused_by_name_with_little_memory(tmp_path: Path) -> None:
