@@ -5,6 +5,7 @@ import json
 import shutil
 import subprocess
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -47,9 +48,12 @@ def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene:
         world.run("ctl", "--session", world.name, "resume")  # both eyes beyond the edge see the same view
     else:
         pytest.fail("the eyes see the same view: this test shows nothing")
-    _exchange_near_and_far(world, screen)
+    _exchange_near_and_far(
+        world, screen, lambda word: world.run("ctl", "--session", world.name, "set", f"scene.half_turn={word}")
+    )
     if shutil.which("xdotool") is None:
         pytest.skip("the rest presses keys: xdotool is not installed (apt-get install xdotool)")
+    _exchange_near_and_far(world, screen, lambda _: subprocess.run(["xdotool", "key", "d"], check=True, env=world.env))
     world.run("ctl", "--session", world.name, "resume")
     for key, changed in (("plus", 22.0), ("minus", 20.0)):
         subprocess.run(["xdotool", "key", key], check=True, env=world.env)
@@ -73,10 +77,10 @@ def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene:
     assert not world.left()
 
 
-def _exchange_near_and_far(world: World, screen: Screen) -> None:
-    """By command, in a paused session that is resumed for it; the same viewpoints then show the opposite views. Back again."""
+def _exchange_near_and_far(world: World, screen: Screen, exchange: Callable[[str], object]) -> None:
+    """In a paused session that is resumed for it; the same viewpoints then show the opposite views. Back again."""
     for word, last in (("yes", 2.0), ("no", 0.0)):
-        assert world.run("ctl", "--session", world.name, "set", f"scene.half_turn={word}").returncode == 0
+        exchange(word)
         world.run("ctl", "--session", world.name, "resume")
         world.pictures(len(world.lines()))
         world.run("ctl", "--session", world.name, "pause")
