@@ -168,7 +168,8 @@ def sweep(scene: config.Scene) -> int:
             lock.release()
             removed += 1
     for entry in (root / "index").iterdir() if (root / "index").is_dir() else ():
-        if _pack_of(entry, root) is None:
-            entry.unlink(missing_ok=True)
-            removed += 1
+        with contextlib.suppress(OSError):
+            if _pack_of(entry, root) is None:
+                entry.unlink()
+                removed += 1
     return removed

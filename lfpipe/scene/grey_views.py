@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import product
+from itertools import groupby, product
 
 import cv2
 import numpy as np
@@ -46,24 +46,21 @@ def grey_views(source: SceneSource, most_px: float = math.inf) -> Callable[[int,
     return grey
 
 
-def _present_line(indices: list[ViewIndex], source: SceneSource) -> list[ViewIndex]:
-    """The longest part of a line of views without a gap."""
-    best: list[ViewIndex] = []
-    run: list[ViewIndex] = []
-    for index in indices:
-        run = [] if index in source.missing else [*run, index]
-        best = max(best, run, key=len)
-    return best
-
-
 def present_lines(source: SceneSource) -> tuple[list[ViewIndex], list[ViewIndex]]:
     """A row and a column of views that cross near the middle of the grid, without gaps."""
 
-    def key(index: ViewIndex) -> tuple[int, int]:
-        line = [(index[0], c) for c in range(source.cols)] + [(r, index[1]) for r in range(source.rows)]
-        off = abs(2 * index[0] - source.rows) + abs(2 * index[1] - source.cols)
-        return sum(other in source.missing for other in line), off
+    def lines(row: int, col: int) -> tuple[list[ViewIndex], list[ViewIndex]]:
+        return [(row, c) for c in range(source.cols)], [(r, col) for r in range(source.rows)]
 
-    row, col = min(product(range(source.rows), range(source.cols)), key=key)
-    across = _present_line([(row, c) for c in range(source.cols)], source)
-    return across, _present_line([(r, col) for r in range(source.rows)], source)
+    def key(place: ViewIndex) -> tuple[int, int]:
+        off = abs(2 * place[0] - source.rows) + abs(2 * place[1] - source.cols)
+        return sum(len(source.missing.intersection(line)) for line in lines(*place)), off
+
+    across, down = lines(*min(product(range(source.rows), range(source.cols)), key=key))
+    return _longest_part(across, source), _longest_part(down, source)
+
+
+def _longest_part(line: list[ViewIndex], source: SceneSource) -> list[ViewIndex]:
+    """The longest part of a line of views without a gap."""
+    parts = [list(group) for there, group in groupby(line, lambda place: place not in source.missing) if there]
+    return max(parts, key=len, default=[])
