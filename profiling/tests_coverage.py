@@ -15,6 +15,7 @@ import multiprocessing
 import os
 import random
 import re
+import resource
 import subprocess
 import sys
 import time
@@ -111,6 +112,7 @@ def run_tests(module: str, code: CodeType) -> None:
     import pytest
 
     os.chdir(ROOT)
+    resource.setrlimit(resource.RLIMIT_CPU, (int(LIMIT_S), int(LIMIT_S)))  # also where this script was killed
     sys.meta_path.insert(0, MutantFinder(f"lfpipe.{module}", code))  # type: ignore[arg-type]
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
