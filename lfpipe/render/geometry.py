@@ -9,17 +9,14 @@ What the border of a picture cuts off must not stand before the screen: a window
 plane `auto` puts the nearest thing at the left and right border into the screen; what is in the middle may come forward.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Protocol
 
 import attrs
 
 from lfpipe.config import Config, Render, SceneSummary
 from lfpipe.config.camera_pose import EYES_MM, camera_focal_px
 from lfpipe.errors import UserError
-from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.lightfield import Geometry, LightField
 
 PICTURE_MM = 530.0  # width of a picture that fills a 24 inch screen, used if the monitor size is unknown
 SEAT_MM = 600.0  # assumed distance of the viewer until a face is seen
@@ -51,7 +48,7 @@ class Parallax:
     reasons: tuple[str, ...]
     zero_plane_px: float = 0.0
 
-    def differs_from(self, other: Parallax) -> bool:
+    def differs_from(self, other: "Parallax") -> bool:
         """Whether a person should be informed: another number of views between the eyes, or a distance changed by 15 %."""
         views = abs(self.views_between_eyes - other.views_between_eyes) > 0.005
         return views or abs(self.alpha_px / other.alpha_px - 1) > 0.15 or self.exceeds_comfort != other.exceeds_comfort
@@ -194,23 +191,7 @@ def _comfort_views(
     return min(limits)
 
 
-class CaptureGeometry(Protocol):
-    """The known geometry of a scene's capture: `Geometry` of an opened scene, or its summary."""
-
-    @property
-    def baseline_mm(self) -> float | None:
-        """Distance between neighbouring cameras."""
-
-    @property
-    def focus_distance_mm(self) -> float | None:
-        """Distance of the plane without disparity."""
-
-    @property
-    def focal_length_px(self) -> float | None:
-        """Of a stored view."""
-
-
-def _slope(zero_px: float, known: CaptureGeometry) -> float | None:
+def _slope(zero_px: float, known: Geometry | SceneSummary) -> float | None:
     """Baseline over the distance of the zero plane; None if the capture is unknown."""
     if not known.baseline_mm or not known.focus_distance_mm:
         return None

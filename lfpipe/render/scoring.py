@@ -4,12 +4,10 @@ import math
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS, may_fade
 from lfpipe.host.machine import add
 from lfpipe.render.synthesis import Synthesiser
-from lfpipe.render.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
 
 METHODS = ("nearest", "blend", "warp", "warp2")  # cheapest first
@@ -22,32 +20,33 @@ def psnr_db(mean_square: float) -> float:
     return min(100.0, 10 * math.log10(255.0**2 / max(mean_square, 1e-10)))
 
 
-def thinned(field: LightField, step: int = 2) -> LightField:
-    """Every step-th view of the grid as a light field: disparities grow with the spacing. Copies nothing."""
+def _part(field: LightField, rows: slice, cols: slice) -> LightField:
+    """Some of the views; copies nothing."""
     return attrs.evolve(
         field,
-        views=field.views[:, ::step, ::step],
-        disparity=None if field.disparity is None else field.disparity[:, ::step, ::step],
+        views=field.views[:, rows, cols],
+        disparity=None if field.disparity is None else field.disparity[:, rows, cols],
+        offsets=field.offsets[rows, cols],
+        present=field.present[rows, cols],
+    )
+
+
+def thinned(field: LightField, step: int = 2) -> LightField:
+    """Every step-th view of the grid as a light field: disparities grow with the spacing."""
+    part = _part(field, slice(None, None, step), slice(None, None, step))
+    return attrs.evolve(
+        part,
         disparity_scale_px=field.disparity_scale_px * step,
         disparity_min_px=field.disparity_min_px * step,
         disparity_max_px=field.disparity_max_px * step,
-        offsets=field.offsets[::step, ::step] / np.float32(step),
-        present=field.present[::step, ::step],
+        offsets=part.offsets / np.float32(step),
     )
 
 
 def _line(field: LightField) -> LightField:
     """The field itself, or a single row or column if the other axis has fewer than three views."""
-    if field.rows >= 3 and field.cols >= 3:
-        return field
-    part = (slice(0, 1), slice(None)) if field.cols >= 3 else (slice(None), slice(0, 1))
-    return attrs.evolve(
-        field,
-        views=field.views[:, *part],
-        disparity=None if field.disparity is None else field.disparity[:, *part],
-        offsets=field.offsets[part],
-        present=field.present[part],
-    )
+    first = slice(0, 1)
+    return _part(field, slice(None) if field.rows >= 3 else first, slice(None) if field.cols >= 3 else first)
 
 
 def left_out(field: LightField, count: int) -> list[tuple[int, int]]:
@@ -63,24 +62,17 @@ def left_out(field: LightField, count: int) -> list[tuple[int, int]]:
     return [inside[int(k)] for k in chosen]
 
 
-def _wrong(field: LightField, made: NDArray[np.uint8], place: tuple[int, int], channel: int) -> float:
-    truth = np.asarray(field.views[0, place[0], place[1], channel], np.float32)
-    return float(np.mean((made.astype(np.float32) - truth) ** 2))
-
-
 def score(field: LightField, method: str, places: list[tuple[int, int]]) -> float:
     """Mean PSNR in dB of the held-out views of field, each made by method from its `thinned` neighbours (green plane)."""
-    kept = thinned(field)
-    synthesiser = Synthesiser(kept, method)
+    kept, channel = thinned(field), min(1, field.channels - 1)
+    synthesiser, views = Synthesiser(kept, method), np.asarray(kept.views)
     out = [np.empty((field.height_px, field.width_px), np.uint8)]
-    channel = min(1, field.channels - 1)
-    views = np.asarray(kept.views)
-    found = []
-    for place in places:
-        position: Position = (place[0] / 2, place[1] / 2)
-        made = synthesiser.render(position, 0, 0.0, [lambda r, c: views[0, r, c, channel]], out)
-        found.append(psnr_db(_wrong(field, made[0], place, channel)))
-    return add(found) / len(found)
+    levels_db = []
+    for row, col in places:
+        (plane,) = synthesiser.render((row / 2, col / 2), 0, 0.0, [lambda r, c: views[0, r, c, channel]], out)
+        error = plane.astype(np.float32) - np.asarray(field.views[0, row, col, channel], np.float32)
+        levels_db.append(psnr_db(float(np.mean(error**2))))
+    return add(levels_db) / len(levels_db)
 
 
 def choose_method(field: LightField, count: int = 7) -> tuple[str, dict[str, float]]:
