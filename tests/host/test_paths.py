@@ -107,10 +107,3 @@ def test_a_limit_on_memory_is_kept(world: World, scene: Path, as_nobody: list[st
     assert done.returncode == 0, done.stderr
     done = run(world, *as_nobody, *LFPIPE, "scene", "info", scene, before="ulimit -d 100000;")
     assert done.returncode == 2 and "memory" in done.stderr
-
-
-def test_a_visits_file_with_odd_digits_is_read(tmp_path: Path) -> None:
-    from lfpipe.render.outputs import VisitLog
-
-    (tmp_path / "visits.csv").write_text("hour,visits\n2026-11-21 15:00,²\n2026-11-21 16:00,3\n", encoding="utf-8")
-    VisitLog(tmp_path / "visits.csv")
