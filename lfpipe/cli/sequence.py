@@ -124,10 +124,10 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
 @click.option("--truth", type=PATH, metavar="CSV", help="True eye positions, as tools/make_sequence.py writes them.")
 def import_(video: Path, out: Path, truth: Path | None) -> None:
     """Make the sequence OUT from VIDEO. Motion JPEG frames are copied unchanged."""
-    from lfpipe.scene.video import examine
+    from lfpipe.scene.video import Video
     from lfpipe.sequence import edit
 
-    examine(video)
+    Video(video)  # it has frames that decode
     click.echo(f"{out}: {edit.from_video(video, out, truth)} frames")
 
 

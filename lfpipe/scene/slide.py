@@ -62,7 +62,7 @@ def _reader(path: Path) -> tuple[int, Callable[[int], NDArray[Any]]]:
                 f"{path}: neither a video nor a folder of pictures", f"give a video ({', '.join(VIDEOS)}) or a folder"
             )
         video = Video(path)
-        return video.about.frames, video.read
+        return video.frames, video.read
     names = sorted(listing.pictures(), key=natural)
 
     def read(number: int) -> NDArray[Any]:

@@ -78,7 +78,7 @@ def _cut_truth(path: Path, out: Path, start: int, count: int) -> None:
 def from_video(video: Path, out: Path, truth: Path | None = None) -> int:
     """Converts a video to a sequence at its own rate: packets of Motion JPEG unchanged, frames of other codecs as PNG.
 
-    video: must have passed `lfpipe.scene.video.examine`, because a decoder trusts the claims of a stream. truth: a table as
+    video: must have passed `lfpipe.scene.video.Video`, because a decoder trusts the claims of a stream. truth: a table as
     written by tools/make_sequence.py. Returns the number of frames. Raises UserError if video cannot be read.
     """
     if truth is not None:

@@ -106,7 +106,7 @@ def _describe_video(listing: Listing, scene: config.Scene) -> SceneSource:
     if _is_video(listing):
         paths = [listing.file(listing.names[0])]
         video = Video(paths[0])
-        frames, rate = video.about.frames, video.about.rate_hz
+        frames, rate = video.frames, video.rate_hz
         return _source("mosaic-video", listing, scene, paths, LastPictures(video.read), 255, frames=frames, frame_rate_hz=rate)
     paths, notes = [listing.file(name) for name in listing.pictures()], []
     if not paths:
