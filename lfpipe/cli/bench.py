@@ -68,7 +68,7 @@ for _name, _subject in SUBJECTS.items():
     bench.add_command(_command(_name, (_name,), _subject.question.partition("? ")[0].removesuffix("?") + "?"))
 
 
-@bench.command()
+@bench.command(short_help="Measure every method on views left out, by the protocol of published papers.")
 @click.argument("scenes", nargs=-1, required=True, type=PATH, metavar="FOLDER...")
 @click.option("--keep", type=click.Choice(["2", "3"]), default="2", show_default=True, help="Views kept per side.")
 @click.option("--crop", type=click.Choice(["central", "top-left"]), default="central", show_default=True,

@@ -58,13 +58,10 @@ def test_a_key_follows_contents_not_the_place(tmp_path: Path, corpus: Path, monk
         ("subjects = []", "the list is empty"),
         ('subject = ["quality"]', "did you mean 'subjects'"),
         ('subjects = ["quality"]', "needs scenes"),
-        ('subjects = ["replay"]\nscenes = ["a"]', "needs sequences"),
         ('subjects = "quality"', "a list of strings"),
         ('subjects = ["anaglyph"]\n[config]\n"render.methd" = ["warp"]', "render.method"),
-        ('subjects = ["anaglyph"]\n[config]\n"render.method" = ["wrap"]', "wrap"),
         ('subjects = ["anaglyph"]\n[config]\n"render.method" = []', "empty"),
         ('subjects = ["anaglyph"]\n[table]\nkeep = [4]', "table.keep: 4"),
-        ('subjects = ["anaglyph"]\n[table]\nkep = [2]', "did you mean 'keep'"),
         ('subjects = ["anaglyph"]\nconfig = 3', "a table"),
     ],
 )
