@@ -18,7 +18,7 @@ from lfpipe.render.display import Display
 from lfpipe.render.file_display import save
 from lfpipe.render.geometry import depth_step_px, zero_plane_px
 from lfpipe.render.glasses import Glasses, glasses_menu
-from lfpipe.render.notices import SHOWN_NS, Notices, status_lines, views_map
+from lfpipe.render.notices import SHOWN_NS, Notices, changes, status_lines, views_map
 from lfpipe.render.overlay import DEPTH, Item, Overlay, bar_items
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.scenes import NO_DIALOG, NO_OTHER, FileDialog, SceneLoader, ScenePage
@@ -236,7 +236,7 @@ class KeyBindings:
         context, row, field = self._context, self._context.row, self._viewer.field
         render, level, scene = context.config.render, level_number(context.options), field.name
         before, level_before, scene_before, half_turned_before = self._known
-        for subject, text in _changes(before, render) if render != before else ():
+        for subject, text in changes(before, render) if render != before else ():
             self._notices.say(subject, text, t_ns)
         if level and not level_before:
             self._notices.say("quality", "busy computer: simpler picture for now", t_ns)
@@ -285,21 +285,3 @@ def _picture_folder() -> Path:
 
 def _short(text: str) -> str:
     return text.replace(str(Path.home()), "~")
-
-
-def _changes(before: Render, now: Render) -> list[tuple[str, str]]:
-    """(subject, text) of each changed setting that a viewer notices."""
-
-    def number(value: float | str, form: str) -> str:
-        return value if isinstance(value, str) else f"{value:{form}} px/view"
-
-    texts = {
-        "depth": ("depth", f"depth: {now.depth:.0%} of the way from comfort to true"),
-        "anaglyph": ("mode", f"mode: {now.anaglyph}"),
-        "zero_plane_px": ("depth", f"depth: zero plane {number(now.zero_plane_px, '+.2f')}"),
-        "alpha_px": ("alpha", f"head movement: alpha {number(now.alpha_px, '.1f')}"),
-        "method": ("method", f"views: {now.method}"),
-        "swap_eyes": ("swap", "eyes swapped" if now.swap_eyes else "eyes as they are"),
-        "ghost_compensation": ("ghost", f"ghost compensation: {now.ghost_compensation:.0f} %"),
-    }
-    return [text for name, text in texts.items() if getattr(now, name) != getattr(before, name)]

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import Render
 from lfpipe.render.geometry import zero_plane_px
 from lfpipe.render.view_grid import EyesOnGrid, inset
 from lfpipe.render.viewer import Viewer
@@ -74,3 +75,21 @@ def views_map(viewer: Viewer) -> NDArray[np.uint8] | None:
     left_x, left_y, right_x, right_y = eyes.eyes_px
     places = ((left_x, left_y), (right_x, right_y))
     return inset(EyesOnGrid(field.rows, field.cols, 0.0, (0.0, 0.0), places, (eyes.left, eyes.right), True), MAP_PX)
+
+
+def changes(before: Render, now: Render) -> list[tuple[str, str]]:
+    """(subject, text) of each changed setting that a viewer notices."""
+
+    def number(value: float | str, form: str) -> str:
+        return value if isinstance(value, str) else f"{value:{form}} px/view"
+
+    texts = {
+        "depth": ("depth", f"depth: {now.depth:.0%} of the way from comfort to true"),
+        "anaglyph": ("mode", f"mode: {now.anaglyph}"),
+        "zero_plane_px": ("depth", f"depth: zero plane {number(now.zero_plane_px, '+.2f')}"),
+        "alpha_px": ("alpha", f"head movement: alpha {number(now.alpha_px, '.1f')}"),
+        "method": ("method", f"views: {now.method}"),
+        "swap_eyes": ("swap", "eyes swapped" if now.swap_eyes else "eyes as they are"),
+        "ghost_compensation": ("ghost", f"ghost compensation: {now.ghost_compensation:.0f} %"),
+    }
+    return [text for name, text in texts.items() if getattr(now, name) != getattr(before, name)]
