@@ -20,6 +20,7 @@ MAX_INTEGER = (1 << 63) - 1  # what NumPy, msgpack and every other reader can ho
 _MAX_DIGITS = 19
 _MAX_TOML_LINE = 4096  # tomllib's time for dotted keys grows with the square of their number
 
+
 def parse_json(data: bytes | str, where: str, remedy: str) -> Any:
     """The JSON value in data, UTF-8. Unlike json.loads: no NaN or infinity, no integer beyond 64 bits, no deep nesting."""
     try:

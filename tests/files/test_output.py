@@ -112,13 +112,7 @@ def test_a_mark_changes_no_pixel(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        b"hour,visits\n2026-11-21 15:00,12\n",
-        b"What was written by lfpipe\n",
-        b'{"seq": 0}\n',
-        b"[" * 100_000,
-    ],
+    "text", [b"hour,visits\n2026-11-21 15:00,12\n", b"What was written by lfpipe\n", b'{"seq": 0}\n', b"[" * 100_000]
 )
 def test_look_alikes_are_not_ours(tmp_path: Path, text: bytes) -> None:
     path = tmp_path / "x"

@@ -155,6 +155,14 @@ def test_views_that_are_missing_or_of_another_size_are_named(tmp_path: Path, lay
     assert any(f"{odd.name} (80x62 px)" in note for note in source.notes)
 
 
+def test_coordinates_of_a_set_with_a_row_of_another_size(tmp_path: Path) -> None:
+    for r, c in np.ndindex(4, 4):
+        view = made.views(4, 4, 64, 80)[r, c]
+        made.write(tmp_path / f"out_{r:02d}_{c:02d}_{8.5 * r}_{8.6 * c}_.png", view if r else view[:-2])
+    source = described(tmp_path, "stanford")
+    assert (source.rows, source.cols) == (4, 4) and len(source.missing) == 4 and source.coordinates is None
+
+
 def test_truth_of_the_first_hci_data_set(tmp_path: Path) -> None:
     for focal in (0.0, 20.0):
         text_export(tmp_path / str(focal), focal)

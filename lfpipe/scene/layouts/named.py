@@ -178,10 +178,10 @@ def _describe_stanford(listing: Listing, scene: config.Scene) -> SceneSource:
 def coordinate_turn(stood: NDArray[np.float64]) -> Turn | None:
     """From coordinates (rows, cols, 2) as (down, right) in file order, NaN where unknown: the turn to canonical order, or None if
     they do not determine it. Along each index axis the mean step of the coordinate that moves most decides."""
-    by_row, by_col = np.nanmean(stood, axis=1), np.nanmean(stood, axis=0)
+    by_row, by_col = (np.ma.masked_invalid(stood).mean(axis=axis).filled(np.nan) for axis in (1, 0))
     (down_by_row, right_by_row), (down_by_col, right_by_col) = by_row[-1] - by_row[0], by_col[-1] - by_col[0]
     straight, crossed = abs(down_by_row) + abs(right_by_col), abs(right_by_row) + abs(down_by_col)
-    if straight == crossed:
+    if not abs(straight - crossed) > 0:  # equal, or not known
         return None
     if straight > crossed:
         return Turn(rows=bool(down_by_row < 0), cols=bool(right_by_col < 0))
