@@ -14,8 +14,14 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from lfpipe.capture.spec import parse_source
 from lfpipe.cli.options import with_config
+from lfpipe.cli.scene import opened
 from lfpipe.errors import UserError
+from lfpipe.replays import run
+from lfpipe.replays.compare import Comparison, cases_of, check_reference, compare
+from lfpipe.replays.report import STEADY, about_scene, about_sequence, read_report, write_junit
+from lfpipe.sequence.folder import open_sequence
 
 PATH = click.Path(path_type=Path)
 PACES = ("step", "max", "recorded")
@@ -39,8 +45,6 @@ class JUnitCommand(click.Command):
             raise
 
     def invoke(self, ctx: click.Context) -> Any:
-        from lfpipe.replays.run import ReplayFailed
-
         junit, name, began = ctx.params["junit"], ctx.params["path"].name, time.monotonic()
         _write(junit, name, "it did not finish")  # before the run, because the run may be killed
         try:
@@ -49,7 +53,7 @@ class JUnitCommand(click.Command):
             what = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error) or type(error).__name__
             with contextlib.suppress(UserError):
                 _write(junit, name, what, time.monotonic() - began)
-            if not isinstance(error, ReplayFailed):
+            if not isinstance(error, run.ReplayFailed):
                 raise
             say(f"error: replay of {ctx.params['path']}: {error}")
             return 1
@@ -65,8 +69,6 @@ def _junit_of(words: list[str]) -> Path | None:
 
 
 def _write(junit: Path | None, name: str, error: str, seconds: float = 0.0) -> None:
-    from lfpipe.replays.report import write_junit
-
     if junit is not None:
         write_junit(junit, name, [], error, seconds)
 
@@ -93,12 +95,6 @@ def replay(
     config_file: str | None,
 ) -> int:
     """Run SEQ through the pipeline; exit code 0: as expected, 1: it differs, 2: bad input."""
-    from lfpipe.cli.scene import opened
-    from lfpipe.replays import run
-    from lfpipe.replays.compare import Comparison, cases_of, check_reference, compare
-    from lfpipe.replays.report import about_scene, about_sequence, read_report, write_junit
-    from lfpipe.sequence.folder import open_sequence
-
     began = time.monotonic()
     _check(pace, out, expect, update)
     sequence = open_sequence(path)
@@ -139,9 +135,6 @@ def replay(
 
 def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> None:
     """Raises UserError for options that exclude each other."""
-    from lfpipe.capture.spec import parse_source
-    from lfpipe.replays.report import STEADY
-
     if pace != "step":
         try:
             parse_source(f"file:sequence?pace={pace}")

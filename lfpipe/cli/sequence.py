@@ -1,18 +1,51 @@
-"""`lfpipe sequence`: inspects, cuts, imports and exports recorded sequences."""
+"""`lfpipe record` and `lfpipe sequence`: records a camera; inspects, cuts, imports and exports what was recorded."""
 
 import json
+import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import attrs
 import click
 
+from lfpipe import config as config_module
+from lfpipe.capture.open_source import camera_name, check_source
+from lfpipe.cli.launch import exit_code, say
+from lfpipe.cli.options import with_camera, with_config
+from lfpipe.config.user_files import with_measured_focal
 from lfpipe.errors import UserError, plain
 from lfpipe.host.files import exists
+from lfpipe.scene.video import Video
+from lfpipe.sequence import edit
+from lfpipe.sequence.eyes import eyes_lines, read_truth
+from lfpipe.sequence.folder import FILES, check_out, open_sequence
+from lfpipe.supervisor.supervisor import run_session
+from lfpipe.transport.session import Session
 
 MOST_WRONG = 5  # damages listed per sequence, at most
 PATH = click.Path(path_type=Path)
 SEQUENCES = click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, required=True)
+
+
+@click.command()
+@click.argument("out", type=PATH)
+@with_camera
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S seconds.")
+@click.option("--with-eyes", is_flag=True, help="Track the eyes and store them with the frames.")
+@with_config
+def record(
+    out: Path, camera: str | None, duration_s: float | None, with_eyes: bool, sets: tuple[str, ...], config_file: str | None
+) -> int:
+    """Record a camera to the new folder OUT, for `lfpipe replay`. Ctrl-C ends it. See also `lfpipe ctl record`."""
+    config = config_module.load(config_file, sets)
+    source = check_source(camera or config.camera.source, config.camera)
+    config = with_measured_focal(config, camera_name(source.text))
+    check_out(out)
+    tracking = with_eyes or bool(source.eyes)  # who plays recorded eyes is the tracker
+    options = attrs.evolve(source.options, tracking=tracking, show=False, record=str(out.resolve()), record_eyes=with_eyes)
+    outcome = run_session(Session(f"record.{os.getpid()}"), config, options, say, duration_s)
+    return exit_code(outcome)
 
 
 @click.group()
@@ -44,8 +77,6 @@ def info(paths: tuple[Path, ...], as_json: bool) -> int:
 
 
 def _info(path: Path, as_json: bool) -> None:
-    from lfpipe.sequence.folder import FILES, open_sequence
-
     found = open_sequence(path, verify=False)
     size, codecs = sum(packet.bytes for packet in found.packets), found.packets.codecs
     beside = [name.partition(".")[0] for name in FILES[2:] if exists(path / name)]
@@ -85,9 +116,6 @@ def check(paths: tuple[Path, ...]) -> int:
 
 
 def _check(path: Path) -> None:
-    from lfpipe.sequence.eyes import eyes_lines, read_truth
-    from lfpipe.sequence.folder import open_sequence
-
     found = open_sequence(path, verify=False)
     wrong: list[UserError] = []
     read: Callable[[int], object] = found.eyes if found.holds_eyes else found.frame
@@ -112,9 +140,6 @@ def _check(path: Path) -> None:
 @click.option("--to", "end_s", type=click.FloatRange(min=0), default=float("inf"), metavar="S", help="Exclusive end, in seconds.")
 def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
     """Copy a part of SEQ to the new sequence OUT. Frames are copied byte for byte."""
-    from lfpipe.sequence import edit
-    from lfpipe.sequence.folder import open_sequence
-
     click.echo(f"{out}: {edit.cut(open_sequence(path, verify=False), out, begin_s, end_s)} frames")
 
 
@@ -124,9 +149,6 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
 @click.option("--truth", type=PATH, metavar="CSV", help="True eye positions, as tools/make_sequence.py writes them.")
 def import_(video: Path, out: Path, truth: Path | None) -> None:
     """Make the sequence OUT from VIDEO. Motion JPEG frames are copied unchanged."""
-    from lfpipe.scene.video import Video
-    from lfpipe.sequence import edit
-
     Video(video)  # it has frames that decode
     click.echo(f"{out}: {edit.from_video(video, out, truth)} frames")
 
@@ -136,7 +158,4 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
 @click.argument("video", type=PATH)
 def export(path: Path, video: Path) -> None:
     """Write SEQ as VIDEO, .mkv or .avi without loss, with stamps and eyes in a CSV next to it."""
-    from lfpipe.sequence import edit
-    from lfpipe.sequence.folder import open_sequence
-
     click.echo(f"{video}, {edit.export(open_sequence(path), video)}")

@@ -78,13 +78,15 @@ class EyesReader:
     """Reads the eyes in order, in place of frames."""
 
     def __init__(self, context: Context) -> None:
-        self._eyes, self._record = context.input("eyes"), np.empty((), EYES)
+        self._frames, self._eyes, self._record = context.input("frames"), context.input("eyes"), np.empty((), EYES)
         self.size_px = context.config.camera.frame_px
         self.shape = (*self.size_px, 3)
         self.skip, self.close = self._eyes.skip, lambda: None
 
     def take(self, _spare: object = None) -> tuple[Stamp, str, bytes] | None:
-        """The next eyes: (stamp, "eyes", a line of JSON); None without new ones."""
+        """The next eyes: (stamp, "eyes", a line of JSON); None without new ones. Frames, if any, are empty."""
+        while self._frames.peek(in_order=True) is not None:
+            pass
         stamp = self._eyes.take(self._record, in_order=True)
         return None if stamp is None else (stamp, "eyes", eyes_line(self._record, source_seq=stamp.source_seq))
 

@@ -131,6 +131,7 @@ def test_without_a_camera_no_capture_and_no_tracking_runs(world: World, scene: P
 
 
 @pytest.mark.live
+@pytest.mark.timeout(300)
 @pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
 def test_a_session_of_the_mouse_is_recorded_and_played_again(world: World, scene: Path, screen: Screen) -> None:
     """The recording holds the eyes; two replays agree bit by bit, and a session follows them as it followed the mouse."""
@@ -167,6 +168,9 @@ def test_a_session_of_the_mouse_is_recorded_and_played_again(world: World, scene
     played = world.root / "played.jsonl"
     done = world.run("up", scene, "--camera", f"file:{out}?loop=0", "--display", "none", "--trace", played)
     assert done.returncode == 0, done.stderr
+    again = world.root / "again"
+    assert world.run("record", again, "--camera", f"file:{out}?loop=0&pace=max").returncode == 0
+    assert all(np.array_equal(open_sequence(again).eyes(k), recorded.eyes(k)) for k in range(len(recorded.packets)))
     eyes = {tuple(json.loads(line)["eyes_raw"]["left"]) for line in played.read_text().splitlines()}
     assert len(eyes) > 10 and eyes <= {tuple(line["eyes_raw"]["left"]) for line in lines}
 
