@@ -109,18 +109,6 @@ def test_a_passer_by_does_not_steal_the_view_and_recentre_chooses_anew(engine: L
     assert abs(face.eyes_px[:, 0].mean() - 450) < 20
 
 
-def test_a_viewer_out_of_sight_for_a_moment_is_followed_again(engine: LitertEngine, placed: Placed) -> None:
-    viewer, guest = (160.0, 200.0, 0.45), (470.0, 200.0, 0.7)
-    for _ in range(3):
-        followed(engine, placed(viewer, (*guest[:2], 0.3)))
-    for _ in range(8):  # the viewer's face is covered
-        face = followed(engine, placed(guest))
-    assert face is not None and abs(face.eyes_px[:, 0].mean() - 470) < 20
-    for _ in range(12):
-        face = followed(engine, placed(viewer, guest))
-    assert face is not None and abs(face.eyes_px[:, 0].mean() - 160) < 15
-
-
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (1, 480), (640, 1), (64, 48)])
 def test_tiny_pictures_hold_no_face(engine: LitertEngine, size: tuple[int, int]) -> None:
     assert engine.detect(np.full((*size, 3), 128, np.uint8)) is None
