@@ -37,6 +37,7 @@ MOST_GAINED = 2.0  # by one line, times what it adds; more is a glitch of the la
 MOST_MOVED, MOST_BENT = 1.0, 0.1
 # The same as evidence: less than this leaves velocity at its full share, and acceleration near 0.
 UNPROVEN, NOTHING = 0.3, 0.01
+UNPROVEN_S = 0.1  # a delay of camera and display after which a line adds so much more that twice as much must be proved
 
 
 @attrs.frozen
@@ -102,7 +103,8 @@ class Extrapolation:
         self._horizon_ns = round((FRAME_S + loop_s) * 1e9)
         self._velocity = self._acceleration = (0.0, 0.0)
         self._lines: deque[tuple[int, Pair, Pair, Pair]] = deque()  # stamp, position, velocity, acceleration
-        self._moved = self._pointed = UNPROVEN
+        self._unproven = unproven = UNPROVEN * (1 + loop_s / UNPROVEN_S)
+        self._moved = self._pointed = unproven
         self._gained = self._bent = 0.0
 
     def corrected(self, t_ns: int, dt_s: float, position: Pair, velocity: Pair, measured: Pair, apart_px: float) -> Pair:
@@ -115,7 +117,8 @@ class Extrapolation:
         ax += share * ((velocity[0] - ux) / dt_s - ax)
         ay += share * ((velocity[1] - uy) / dt_s - ay)
         keep = math.exp(-dt_s / MEMORY_S)
-        self._moved, self._pointed = UNPROVEN + keep * (self._moved - UNPROVEN), UNPROVEN + keep * (self._pointed - UNPROVEN)
+        unproven = self._unproven
+        self._moved, self._pointed = unproven + keep * (self._moved - unproven), unproven + keep * (self._pointed - unproven)
         self._gained, self._bent = keep * self._gained, keep * self._bent
         while self._lines and t_ns - self._lines[0][0] > self._horizon_ns:
             self._score(t_ns, measured, apart_px * apart_px)
