@@ -16,7 +16,7 @@ Mask = NDArray[np.bool_]
 
 SMALLEST_PX = 24  # the flow needs a few of its 8x8 patches per side
 # Of fine flow: scale, patch, stride of patches, steps of descent, smoothing. profiling/results/disparity.md
-_FINEST_SCALE, _PATCH_PX, _PATCH_STRIDE_PX, _DESCENTS, _SMOOTHINGS = 0, 4, 3, 8, 3
+_FINEST_SCALE, _PATCH_PX, _PATCH_STRIDE_PX, _DESCENTS, _SMOOTHINGS = 0, 4, 3, 3, 2
 _RETURN_PX, _RETURN_SHARE = 0.5, 0.1  # tolerance of flow followed back: px, and share of the way
 _here = threading.local()  # flow objects own buffers, so each serves one thread
 
