@@ -5,8 +5,6 @@ rows below the centre one sees the point (X, Y, d) at (X - d*u, Y - d*v). Rays a
 is one homography per view, and its disparity is linear in the pixels of that view.
 """
 
-from typing import Protocol
-
 import attrs
 import cv2
 import numpy as np
@@ -24,12 +22,6 @@ class Canvas:
     fine: Picture
     disparity: Floats
     super: int
-
-
-class Solid(Protocol):
-    def paint(self, canvas: Canvas, u: float, v: float) -> None:
-        """Paints the solid over the existing picture, as the camera at grid offset (u, v) sees it."""
-        ...
 
 
 def _span(low: float, high: float, limit: int) -> slice:
@@ -57,7 +49,10 @@ class Quad:
     corners: NDArray[np.float64]
 
     def paint(self, canvas: Canvas, u: float, v: float) -> None:
-        """See `Solid.paint`. Disparity is set where the texture covers more than half of a pixel's centre."""
+        """Paints the quad over the existing picture, as the camera at grid offset (u, v) sees it.
+
+        Disparity is set where the texture covers more than half of a pixel's centre.
+        """
         seen = self.corners[:, :2] - self.corners[:, 2:] * np.array([u, v])
         self._paint_colour(canvas, seen)
         self._paint_disparity(canvas, seen)
@@ -107,7 +102,7 @@ class Ball:
     gloss: float
 
     def paint(self, canvas: Canvas, u: float, v: float) -> None:
-        """See `Solid.paint`."""
+        """Paints the ball over the existing picture, as the camera at grid offset (u, v) sees it."""
         height, width = canvas.disparity.shape
         reach = self.radius * 1.02 + self.depth * float(np.hypot(u, v)) + 1
         at_x, at_y = self.x - self.d * u, self.y - self.d * v
@@ -156,6 +151,9 @@ class Ball:
         half = LIGHT / np.linalg.norm(LIGHT) + np.array([0, 0, 1])
         shine = self.gloss * np.clip(normal @ (half / np.linalg.norm(half)), 0, 1) ** 60
         return np.asarray(np.clip(base * lit[..., None] + 255 * shine[..., None], 0, 255), np.uint8)
+
+
+Solid = Quad | Ball
 
 
 def render_view(

