@@ -10,12 +10,14 @@ CPU, the photograph packed in 15 s. Last, the time of a picture from 3x3 and fro
 
 import json
 import math
+import os
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -69,7 +71,19 @@ def row(name: str, scene: str, folder: Path) -> str:
     info = cost("scene", "info", scene, *cache) if scene else None
     trace = folder / "trace.jsonl"
     words = [scene] if scene else ["--demo"]
-    words += ["--camera", "demo", "--display", "none", "--duration", "1.5", "--trace", str(trace), "--set"]
+    words += [
+        "--session",
+        f"cost{os.getpid()}",
+        "--camera",
+        "demo",
+        "--display",
+        "none",
+        "--duration",
+        "1.5",
+        "--trace",
+        str(trace),
+        "--set",
+    ]
     started, *_ = cost("up", *words, f"scene.cache_dir={folder}/first")
     first = json.loads(trace.read_text().splitlines()[0])["t_presented_ns"]
     info_text = f"{info[2]:.1f} s, {info[3]:.0f} MB" if info else ""
@@ -122,7 +136,7 @@ def main() -> None:
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     lines = ["# What opening a scene costs", "", "`python -m profiling.scene_pack SCENE...`", ""]
-    for line in (*rows(arguments.scenes), "", *pictures()):
+    for line in chain(rows(arguments.scenes), [""], pictures()):
         print(line, flush=True)
         lines.append(line)
     arguments.out.write_text("\n".join(lines) + "\n")
