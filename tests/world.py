@@ -64,7 +64,7 @@ class World:
         self.running.append(process)
         return process
 
-    def run(self, *args: str | Path, timeout_s: float = 60) -> subprocess.CompletedProcess[str]:
+    def run(self, *args: str | Path, timeout_s: float = 120) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "lfpipe", *map(str, args)]
         return subprocess.run(command, capture_output=True, text=True, cwd=self.root, env=self.env, timeout=timeout_s)
 
@@ -77,7 +77,7 @@ class World:
         text = self.trace.read_text() if self.trace.exists() else ""
         return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
-    def wait_for(self, condition: Callable[[], Any], what: str, timeout_s: float = 60) -> Any:
+    def wait_for(self, condition: Callable[[], Any], what: str, timeout_s: float = 120) -> Any:
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
             if found := condition():

@@ -15,7 +15,7 @@ from tests.world import World, write_scene
 
 STAGES = ("capture", "track", "render")
 PLAIN = ("render.method=nearest", "render.anaglyph=colour", "render.alpha_px=12")  # pictures of one colour: a torn one shows
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 
 
 def runs(pid: int) -> bool:
@@ -109,5 +109,5 @@ class WatchedSession:
         """Detaches from the session and ends it; checks that nothing remains."""
         self.watcher.end()
         self.supervisor.send_signal(signal.SIGINT)
-        self.supervisor.wait(60)
+        self.supervisor.wait(120)
         self._log.close()

@@ -63,4 +63,4 @@ def test_gaps_in_the_trace_are_what_was_dropped_and_left_out(
     gaps = [seq for seq in range(first + 1, last + 1) if seq not in pictures]
     assert len(gaps) == after - before > 10 and left_out > 10
     process.send_signal(signal.SIGINT)
-    assert process.wait(60) == 0
+    assert process.wait(120) == 0

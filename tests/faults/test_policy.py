@@ -24,7 +24,7 @@ def _ask(world: World, **message: Any) -> dict[str, Any]:
 def test_five_failures_end_the_session_with_stage_phase_frame_and_stack(world: World, scene: Path) -> None:
     world.module = "tests.faults.picky_render"
     process = world.up(scene, *CAMERA, "--set", "render.loop_ms=9")
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=120)
     assert process.returncode == 1, err
     last = err[err.index("error: ") :]
     assert "render failed 5 times in 60 s, last in RUNNING with exit code 1, after source_seq" in last
@@ -54,7 +54,7 @@ def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(world:
     assert "error" not in _ask(world, cmd="load", scene=str(write_scene(tmp_path / "other", 1, 5)))
     assert world.pictures(len(world.lines()) + 3)[-1]["view"]["left"][0] == 0
     _ask(world, cmd="stop")
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
     assert err.count("the last change is rolled back: render.loop_ms = 7: not for me") == 3
     assert err.count("the last change is rolled back: render fails with it") == 3

@@ -83,7 +83,7 @@ def test_too_few_open_files_are_raised_or_said(world: World, packed: Path, soft:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
     process = world.start("up", packed, *PLAIN, "--session", world.name, preexec_fn=limited)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=120)
     done = subprocess.CompletedProcess([], process.returncode, out, err)
     if code:
         assert_said(done, world, "24 open files", "ulimit -n")
@@ -185,7 +185,7 @@ def test_the_video_of_a_render_stage_that_was_killed_is_not_overwritten(world: W
     count = len(world.lines())
     world.pictures(count + 20)
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
     for path in (video, world.root / "v.2.mkv"):
         assert cv2.VideoCapture(str(path)).read()[0], f"{path.name} can be played"

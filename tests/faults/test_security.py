@@ -75,18 +75,19 @@ def test_a_run_directory_of_another_user_is_refused_left_alone_and_never_spoken_
     shutil.rmtree(theirs)
 
 
+def _run_dir(world: World) -> Path:
+    return next(world.run_dir.glob("lfpipe-*"))
+
+
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[World]:
     """A session whose user's shell allows everything to others."""
     made = World(tmp_path_factory.mktemp("guarded"))
-    made.up(scene, "--set", "render.clock=camera", preexec_fn=lambda: os.umask(0))
+    made.up(scene, "--set", "render.clock=camera", "--set", "governor.quality=fixed", preexec_fn=lambda: os.umask(0))
     made.pictures(5)
+    made.wait_for(lambda: control.request(_run_dir(made), {"cmd": "hello"}, 120)["options"]["scene"]["complete"], "disparity")
     yield made
     made.end()
-
-
-def _run_dir(world: World) -> Path:
-    return next(world.run_dir.glob("lfpipe-*"))
 
 
 @pytest.mark.live

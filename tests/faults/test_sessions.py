@@ -98,7 +98,7 @@ def test_a_session_whose_run_directory_is_removed_ends_in_order(world: World, sc
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
     run_dir = next(world.run_dir.iterdir())
     shutil.rmtree(world.run_dir)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=120)
     assert process.returncode == 1 and f"{run_dir} was removed" in err and "Traceback" not in err, err
     assert not world.left() and _gone(pids)
 
@@ -120,14 +120,14 @@ def test_sessions_of_different_names_do_not_meet(world: World, scene: Path, clip
     assert [_ask(name, cmd="hello")["config"] for name in names[1:]] == [other["config"] for other in others], "another's command"
     assert _ask(names[3], cmd="status")["stages"]["track"]["state"] == "NONE", "a single view needs no camera and no tracking"
     assert before["ok"] and _ask(names[0], cmd="stop")["ok"]
-    assert started[0].wait(60) == 0
+    assert started[0].wait(120) == 0
     started[1].kill()  # and the death of one does not affect another
     started[1].wait()
     counts = {name: _pictures(name) for name in names[2:]}
     world.wait_for(lambda: all(_pictures(name) > count for name, count in counts.items()), "pictures of the two left")
     for process in started[2:]:
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=120)
         assert process.returncode == 0 and "Traceback" not in err, err
     world.wait_for(lambda: not world.left(), "clean end of all")
 

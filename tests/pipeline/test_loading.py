@@ -34,7 +34,7 @@ def run_dir(world: World) -> Path:
 
 
 def ask(world: World, **message: Any) -> dict[str, Any]:
-    return control.request(run_dir(world), message, 60)
+    return control.request(run_dir(world), message, 120)
 
 
 def scene_of(world: World) -> dict[str, Any]:

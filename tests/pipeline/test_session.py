@@ -19,7 +19,7 @@ NEAREST = ("--set", "render.method=nearest", "--set", "render.alpha_px=12")
 @pytest.mark.everyday
 def test_every_frame_of_a_file_becomes_a_picture_and_the_session_ends_with_it(world: World, scene: Path, clip: Path) -> None:
     process = world.up(scene, *CAMERA, *NEAREST, camera=f"file:{clip}?loop=0&pace=max")
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
     lines = world.lines()
     assert [line["source_seq"] for line in lines] == list(range(60))
@@ -40,7 +40,7 @@ def test_every_frame_of_a_file_becomes_a_picture_and_the_session_ends_with_it(wo
 @pytest.mark.live
 def test_a_paced_session_keeps_its_deadlines(world: World, scene: Path, clip: Path) -> None:
     process = world.up(scene, *CAMERA, "--duration", "5", camera=f"file:{clip}?loop=1&pace=30")
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
     lines = world.lines()
     exact = []
@@ -78,14 +78,6 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Pa
     fixed = world.run("ctl", "--session", world.name, "set", "camera.width_px=320")
     assert fixed.returncode == 2 and "fixed while a session runs" in fixed.stderr
 
-    ctl("pause")
-    time.sleep(0.3)
-    count = len(world.lines())
-    time.sleep(0.5)
-    assert len(world.lines()) == count
-    ctl("resume")
-    world.pictures(count + 5)
-
     ctl("set", "render.alpha_px=100", "render.method=blend")  # then views tell where in the camera picture the middle lies
 
     def middles(count: int) -> np.ndarray:
@@ -104,10 +96,19 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Pa
         world.wait_for(lambda: len(middles(start)) >= 3, "pictures seen from within the grid")
         return middles(start)
 
-    assert np.abs(some_middles() - (320, 240)).max() < 1e-6
+    before = some_middles()[-1]  # that of the camera's picture, until somebody rests
+    assert np.hypot(*(before - (320, 240))) < 100
     start = len(world.lines())
     ctl("recentre")
-    world.wait_for(lambda: len(now := middles(start)) and np.hypot(*(now[-1] - (320, 240))) > 1, "the middle where the eyes were")
+    world.wait_for(lambda: len(now := middles(start)) and np.hypot(*(now[-1] - before)) > 1, "the middle where the eyes were")
+
+    ctl("pause")
+    time.sleep(0.3)
+    count = len(world.lines())
+    time.sleep(0.5)
+    assert len(world.lines()) == count
+    ctl("resume")
+    world.pictures(count + 5)
 
     ctl("set", "render.alpha_px=12", "render.method=nearest")
     ctl("load", str(write_scene(tmp_path / "other", 1, 5)))
@@ -136,7 +137,7 @@ def test_stages_that_are_killed_or_hang_come_back_in_the_same_session(world: Wor
         assert [line["seq"] for line in lines] == list(range(len(lines))), "the trace and its count survive"
         assert lines[-1]["epoch"] == 1, "capture is another one"
     process.send_signal(signal.SIGTERM)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=120)
     assert process.returncode == 0 and "track: no beat for" in err, err
 
 
@@ -146,7 +147,7 @@ def test_a_signal_ends_the_session_and_nothing_stays(world: World, scene: Path) 
     world.pictures(5)
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=120)
     assert process.returncode == 0 and "Traceback" not in err, err
     assert "render" in out
     assert not world.left() and not any(Path(f"/proc/{pid}").exists() for pid in pids)

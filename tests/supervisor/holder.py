@@ -26,12 +26,12 @@ class Holder:
         """Waits until the session holds its memory; the names of its segments."""
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
-        assert line.startswith("ready"), self.process.communicate(timeout=60)[1]
+        assert line.startswith("ready"), self.process.communicate(timeout=120)[1]
         return line.split()[1:]
 
     def failed(self) -> str:
         """Waits for an end with exit code 2; what it said."""
-        said = self.process.communicate(timeout=60)[1]
+        said = self.process.communicate(timeout=120)[1]
         assert self.process.returncode == 2 and "Traceback" not in said, said
         return said
 

@@ -44,7 +44,7 @@ def client(world: World, scene: Path) -> Iterator[zmq.Socket[bytes]]:
         assert ask(socket, {"v": 1, "cmd": "status"})["ok"]
         world.pictures(count + 3)
         assert ask(socket, {"v": 1, "cmd": "stop"})["ok"]
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=120)
     assert process.returncode == 0 and "Traceback" not in err, err
     assert not world.left()
 
@@ -60,7 +60,7 @@ def ask(socket: zmq.Socket[bytes], message: dict[str, Any]) -> dict[str, Any]:
 def test_every_shape_of_request_is_answered_and_the_session_goes_on(client: zmq.Socket[bytes], tmp_path: Path) -> None:
     before = ask(client, {"v": 1, "cmd": "hello"})
 
-    @settings(max_examples=300, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=200, suppress_health_check=list(HealthCheck))
     @given(messages)
     def attack(message: dict[str, Any]) -> None:
         if message["cmd"] not in ("stop", "load", "record", "trace"):  # what these may do to a session is tested elsewhere
@@ -71,7 +71,7 @@ def test_every_shape_of_request_is_answered_and_the_session_goes_on(client: zmq.
     for sets in ({"render": {}}, {"render": {"method": {}}}, {f"x{i}": 1 for i in range(3626)}):
         assert ask(client, {"v": 1, "cmd": "set", "set": sets})["ok"] is False
     rng = random.Random(7)
-    for count in range(2000):
+    for count in range(1000):
         client.send(hostile(rng))
         if count % 20 == 19:
             for _ in range(20):
