@@ -112,3 +112,8 @@ def test_the_tracker_finds_the_eyes_that_the_stage_finds(clip: Path) -> None:
         assert eyes.filtered_px[0, 0] > eyes.filtered_px[1, 0] and 400 < eyes.head.position_mm[2] < 800
         assert tracker.update(np.zeros_like(frame), 10**9) is None
     stage.engine.close()
+
+
+def test_replay_shows_its_parameters() -> None:
+    assert list(inspect.signature(lfpipe.replay).parameters) == ["sequence", "scene", "pace", "out", "settings"]
+    assert lfpipe.replay.__doc__ is not None and "recorded sequence" in lfpipe.replay.__doc__
