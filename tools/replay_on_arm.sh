@@ -6,6 +6,7 @@
 #
 # As for `lfpipe replay SEQ --scene SCENE --expect REFERENCE OPTION...`. The system stays in LFPIPE_ARM_ROOT for the next run.
 set -eu
+export TMPDIR=/tmp  # of the system in the folder, too
 
 [ $# -ge 3 ] || { sed -n '2,8p' "$0"; exit 2; }
 sequence=$(realpath "$1") scene=$(realpath "$2") reference=$(realpath "$3")
