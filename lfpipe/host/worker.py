@@ -19,9 +19,11 @@ from typing import IO, Any
 from lfpipe.errors import UserError
 from lfpipe.host import WINDOWS
 from lfpipe.host.limits import MemoryLimit
+from lfpipe.host.processes import cpu_ns
 
 MAX_LINE_BYTES = 1 << 20  # of the child's output; a longer line is not one of ours
 MAX_LOG_BYTES = 2000  # the end of what the child wrote to stderr
+COMPUTING = 0.03  # of a core: a child that gets less than that from a busy machine cannot be told from one that hangs
 LAST_WORDS_S = 0.5  # how long what a child wrote before its end may take to arrive
 
 Report = Callable[..., None]  # report(key=value, ...): one line for the parent
@@ -61,19 +63,20 @@ class _Output:
 class Worker:
     """The parent's side of a running child.
 
-    module: run as `python -m`. subject: what the request is about, for messages. limit_s: time without a step. fds: for a poller;
-    call `read` when they are readable. heard: called with every step.
+    module: run as `python -m`. subject: what the request is about, for messages. limit_s: time without a step, of its own CPU
+    time while it computes: a busy or emulated machine takes longer. fds: for a poller; call `read` when they are readable.
+    heard: called with every step.
     """
 
     def __init__(self, module: str, request: dict[str, Any], subject: str, limit_s: float) -> None:
         self.subject, self._limit_s = subject, limit_s
         self._verdict: dict[str, Any] | None = None
-        self._delay_end()
         pipe = subprocess.PIPE
         command = [sys.executable, "-P", "-m", module]  # -P: imports nothing from the working directory, which may be anybody's
         self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe)
         assert self._process.stdin is not None
         self._stdin = self._process.stdin
+        self._step_s, self._step_cpu_ns = time.monotonic(), 0
         self._out, self._log = _Output(self._process.stdout), _Output(self._process.stderr)
         with contextlib.suppress(BrokenPipeError):  # `result` says how it ended
             self._stdin.write(json.dumps(request).encode() + b"\n")
@@ -82,8 +85,12 @@ class Worker:
     def heard(self, step: dict[str, Any]) -> None:
         """A step of the child, not checked. Subclasses keep what they need."""
 
-    def _delay_end(self) -> None:
-        self._end_s = time.monotonic() + self._limit_s
+    def _is_stuck(self) -> bool:
+        silent_s = time.monotonic() - self._step_s
+        if silent_s < self._limit_s:
+            return False
+        used_s = (cpu_ns(self._process.pid) - self._step_cpu_ns) / 1e9
+        return used_s >= self._limit_s or used_s < COMPUTING * silent_s
 
     @property
     def fds(self) -> list[int]:
@@ -93,7 +100,7 @@ class Worker:
     @property
     def done(self) -> bool:
         """Whether the child has ended, or has exceeded its time."""
-        return self._process.poll() is not None or time.monotonic() >= self._end_s
+        return self._process.poll() is not None or self._is_stuck()
 
     def read(self) -> None:
         """Reads the child's output, at most 1 MB of it: an endless writer does not block the parent."""
@@ -113,7 +120,7 @@ class Worker:
             return
         if not isinstance(step, dict):
             return
-        self._delay_end()
+        self._step_s, self._step_cpu_ns = time.monotonic(), cpu_ns(self._process.pid)
         if "ok" in step:
             self._verdict = step
         else:
@@ -124,7 +131,7 @@ class Worker:
         while not self.done and not until():
             if self._out.ended:
                 with contextlib.suppress(subprocess.TimeoutExpired):
-                    self._process.wait(max(0.0, self._end_s - time.monotonic()))
+                    self._process.wait(0.1)
             else:
                 self._out.wait(0.1)
             self.read()
