@@ -22,6 +22,7 @@ MANUAL_EXPOSURE = 1
 EXPOSURE_UNITS_MS, EXPOSURE_UNIT_NS = 10, 100_000  # EXPOSURE counts 0.1 ms
 POWER_LINE_HZ = (0, 50, 60)  # by menu entry; the next is automatic
 CHECK_S = 2.0  # automatic exposure follows the light
+RESTORE_TRIES = 3  # a busy camera misses a request; nobody would set the control again
 
 
 def control_texts(device: V4L2Device) -> list[str]:
@@ -69,8 +70,9 @@ class CameraControls(threading.Thread):
                 self.applied.set()
                 if self._ending.wait(CHECK_S):
                     break
-            for control, value in reversed(self._before):
-                self._asked(partial(self._device.set_control, control, value))
+            for control, value in self._before[::-1]:
+                restore = partial(self._set, control, value)
+                any(self._asked(restore) is not None for _ in range(RESTORE_TRIES))
         finally:
             self.applied.set()
             self._device.close()
