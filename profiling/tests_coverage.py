@@ -27,7 +27,7 @@ REPORT = ROOT / "profiling" / "results" / "tests.md"
 MODULES = {  # module -> the tests that are about it
     "transport.ring": ["transport/test_ring.py", "transport/test_packet_ring.py"],
     "transport.histogram": ["transport/test_small_parts.py"],
-    "render.viewpoint": ["render/test_viewpoint.py", "render/test_handedness.py", "render/test_viewer.py"],
+    "render.viewpoint": ["render/test_viewpoint.py", "render/test_handedness.py"],
     "track.smoothing": ["track/test_filters.py"],
     "render.anaglyph": ["render/test_anaglyph.py"],
     "supervisor.requests": ["supervisor/test_requests.py"],

@@ -150,7 +150,7 @@ def test_a_cluster_runs_timed_cells_one_at_a_time_after_all_others(
     done = world.run("sweep", plan, "--out", "out", "--on", scheduler[1], "--insecure", timeout_s=110)
     assert done.returncode == 0, done.stderr
     by_subject: dict[str, list[dict[str, Any]]] = {"quality": [], "table": []}
-    for line in lines(world):
+    for line in sorted(lines(world), key=lambda line: str(line["scene"])):
         by_subject[line["subject"]].append(line)
     timed = sorted((one["began_s"], one["began_s"] + one["seconds"]) for one in by_subject["table"])
     assert len(timed) == 2 and all(a[1] <= b[0] for a, b in itertools.pairwise(timed)), "one at a time on a host"
