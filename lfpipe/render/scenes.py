@@ -31,9 +31,7 @@ NO_OTHER = "there is no other scene: `lfpipe up` accepts several"
 REFUSED_NS, LINE_CHARS, MAX_LINES = 6 * SECOND_NS, 60, 10  # of a refusal in the picture
 CAMERA_NS = SECOND_NS // 5  # between two pictures of the camera
 KEPT_PX = (480, 360)  # of a thumbnail, at most
-HINT = (
-    "Click, or use the arrows and Enter; Delete removes a scene here; Tab goes back.\nOr drop a folder of views onto the window."
-)
+HINT = "Click, or arrows and Enter; Delete removes a scene; Tab goes back.\nOr drop a folder of views onto the window."
 
 
 @attrs.frozen
