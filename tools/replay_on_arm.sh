@@ -36,7 +36,8 @@ for name in sequence scene reference source; do
     rm -rf "$root/data/$name"
 done
 cp -r "$sequence" "$root/data/sequence"
-cp -r "$scene" "$root/data/scene"
+mkdir "$root/data/scene"
+cp -r "$scene" "$root/data/scene/"  # the reference knows it by its name
 cp -r "$reference" "$root/data/reference"
 mkdir "$root/data/source"
 (cd "$source" && tar -c --exclude=.git --exclude=.venv .) | tar -x -C "$root/data/source"
@@ -49,4 +50,4 @@ run pip install --quiet /data/source
 run lfpipe models get
 run lfpipe doctor || true
 # exit code 0: equal within what two kinds of machine may differ by (docs/replay.md)
-run lfpipe replay /data/sequence --scene /data/scene --expect /data/reference "$@"
+run lfpipe replay /data/sequence --scene "/data/scene/$(basename "$scene")" --expect /data/reference "$@"
