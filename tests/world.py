@@ -3,6 +3,7 @@
 import json
 import os
 import secrets
+import shutil
 import socket
 import subprocess
 import sys
@@ -47,11 +48,12 @@ class World:
         self.root = root
         self.python = sys.executable
         self.module = "lfpipe"  # another one runs it with a part replaced
-        self.run_dir = root / "run"
-        self.run_dir.mkdir(mode=0o700)
+        # a socket's path takes 107 characters, and a runner's folder for temporary files may use most of them
+        self.run_dir = Path(tempfile.mkdtemp(prefix="lfp", dir="/tmp" if os.name == "posix" else None))
         clean = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "LFPIPE_SESSION")}
-        names = {"XDG_RUNTIME_DIR": "run", "XDG_CACHE_HOME": "cache", "XDG_CONFIG_HOME": "settings", "XDG_STATE_HOME": "state"}
-        own = {key: str(root / name) for key, name in names.items()} | {"PYTHONPATH": str(Path(__file__).parents[1])}
+        names = {"XDG_CACHE_HOME": "cache", "XDG_CONFIG_HOME": "settings", "XDG_STATE_HOME": "state"}
+        own = {key: str(root / name) for key, name in names.items()} | {"XDG_RUNTIME_DIR": str(self.run_dir)}
+        own["PYTHONPATH"] = str(Path(__file__).parents[1])
         self.env = {**clean, **own}
         self.name = f"t{secrets.token_hex(4)}"
         self.trace = root / "trace.jsonl"
@@ -122,7 +124,8 @@ class World:
 
     def segments(self, part: str = "") -> list[str]:
         """Names of the segments of this world's sessions; of one kind of ring, where part names it."""
-        return sorted(name for name, owner in segment.owned().items() if owner.is_relative_to(self.root) and f"-{part}" in name)
+        owned = (name for name, owner in segment.owned().items() if owner.is_relative_to(self.run_dir))
+        return sorted(name for name in owned if f"-{part}" in name)
 
     def end(self) -> None:
         for process in self.running:
@@ -131,6 +134,7 @@ class World:
             process.communicate()
         if self.left():
             self.run("up", "--session", self.name, "nothing")  # sweeps what a killed one left
+        shutil.rmtree(self.run_dir, ignore_errors=True)
 
 
 @contextmanager

@@ -76,7 +76,9 @@ class Worker:
         self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe)
         assert self._process.stdin is not None
         self._stdin = self._process.stdin
-        self._step_s, self._step_cpu_ns = time.monotonic(), 0
+        self._step_s = self._look_s = time.monotonic()
+        self._step_cpu_ns = self._look_cpu_ns = 0
+        self._computes = True
         self._out, self._log = _Output(self._process.stdout), _Output(self._process.stderr)
         with contextlib.suppress(BrokenPipeError):  # `result` says how it ended
             self._stdin.write(json.dumps(request).encode() + b"\n")
@@ -86,11 +88,13 @@ class Worker:
         """A step of the child, not checked. Subclasses keep what they need."""
 
     def _is_stuck(self) -> bool:
-        silent_s = time.monotonic() - self._step_s
-        if silent_s < self._limit_s:
-            return False
-        used_s = (cpu_ns(self._process.pid) - self._step_cpu_ns) / 1e9
-        return used_s >= self._limit_s or used_s < COMPUTING * silent_s
+        now_s = time.monotonic()
+        if now_s - self._look_s > self._limit_s / 4:  # whether it computes, by its last quarter of the limit
+            used_ns = cpu_ns(self._process.pid)
+            self._computes = (used_ns - self._look_cpu_ns) / 1e9 > COMPUTING * (now_s - self._look_s)
+            self._look_s, self._look_cpu_ns = now_s, used_ns
+        silent = now_s - self._step_s >= self._limit_s
+        return silent and (not self._computes or self._look_cpu_ns - self._step_cpu_ns >= self._limit_s * 1e9)
 
     @property
     def fds(self) -> list[int]:

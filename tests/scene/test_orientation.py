@@ -225,6 +225,7 @@ def test_certainty_on_made_scenes() -> None:
     assert sum(sure for sure, _ in found) >= 0.4 * len(found)
 
 
+@pytest.mark.live
 def test_certainty_on_sample_scenes() -> None:
     paths = sorted(made.SAMPLES.glob("*"))
     if not paths:
