@@ -111,14 +111,14 @@ def open_scene(path: ScenePath | None, settings: config.Scene, progress: Progres
 def packed(path: ScenePath, settings: config.Scene) -> LightField | None:
     """The pack of an unchanged scene, perhaps without disparity yet; None without one. Reads no picture."""
     with contextlib.suppress(DamagedPackError):
-        pack = find_pack(path, settings)
+        pack = find_pack(named_scene(Path(path), cache_dir(settings)), settings)
         return None if pack is None else open_pack(pack, settings.half_turn)
     return None
 
 
 def ask_packer(path: Path, settings: config.Scene, progress: Progress | None = None, **request: Any) -> dict[str, Any]:
     """The packer's answer to a request other than to pack a scene. Raises UserError."""
-    with contextlib.closing(Packing([path], settings, progress, **request)) as packing:
+    with contextlib.closing(Packing([named_scene(path, cache_dir(settings))], settings, progress, **request)) as packing:
         packing.wait()
         return packing.result()
 
