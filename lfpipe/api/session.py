@@ -27,6 +27,7 @@ from lfpipe.share.head import HeadEstimator
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport import control
 from lfpipe.transport.ring import Reader, Stamp
+from lfpipe.transport.status import State
 
 LOOK_S = 0.001  # between two polls of a ring
 START_S = 600.0  # a scene may be packed first
@@ -186,7 +187,7 @@ class Session(Attachment):
             with contextlib.suppress(UserError, FileNotFoundError):
                 super().__init__(name)
                 rows = self._watch.rows
-                if "render" in rows and int(rows["render"]["seq"]) > 0:
+                if "render" in rows and rows["render"]["state"] == State.RUNNING and int(rows["render"]["seq"]) > 0:
                     return
                 self.close()
             time.sleep(0.05)

@@ -143,8 +143,7 @@ class Screen:
             out.append(f"\nrecording timeline {timeline}" if timeline else "", "dim")
         out.append("\n").append_text(state_text(state))
         known = [value for value in self._ages if value is not None]
-        ends = f" {min(known):.1f}-{max(known):.1f} ms" if known else ""
-        out.append(sparkline(list(self._ages), max(width, COLUMNS) - 18), "cyan").append(f"{ends}, worst ", "dim")
-        out.append(f"{state['worst_age_ms']:.1f} ms\n", "dim")
+        ends = (f" {min(known):.1f}-{max(known):.1f} ms" if known else "") + f", worst {state['worst_age_ms']:.1f} ms"
+        out.append(sparkline(list(self._ages), max(width, COLUMNS) - len(ends) - 1), "cyan").append(f"{ends}\n", "dim")
         out.append(f"{self.note or KEYS_LINE}\n", "bold" if self.note else "dim")
         return out.append("times of the last 10 s; rst: restarts", "dim")

@@ -140,7 +140,7 @@ def test_a_timeline_of_a_running_session(live: World, tmp_path: Path) -> None:
     try:
         assert live.run("trace", "start", out, *named).returncode == 0
         again = live.run("trace", "start", tmp_path / "u.json", *named)
-        assert again.returncode == 2 and "already being recorded" in again.stderr
+        assert again.returncode == 2 and "t.json.part is already" in again.stderr
         live.pictures(len(live.lines()) + 40)
         assert live.run("trace", "stop", tmp_path, *named).returncode == 2, "it goes on"
         done = live.run("trace", "stop", *named)
