@@ -2,14 +2,11 @@
 weighted by how well each predicts.
 
 Interacting multiple models (Blom and Bar-Shalom 1988; Bar-Shalom, Li, Kirubarajan 2001, section 11.6.6), on the point midway
-between the eyes: one model of rest, the others of constant velocity under accelerations of different strength. At rest, the model
-of rest dominates, and noise does not move the picture. If the eyes move by more than noise explains, a livelier model takes over
-within a frame. The eyes' half distance, which changes slowly, is smoothed separately.
+between the eyes: one model of rest, which dominates at rest, so that noise does not move the picture; the others of constant
+velocity under accelerations of different strength, which take over within a frame. The half distance is smoothed separately.
 
-The noise is measured while running, from third differences of the half distance, in which head motion cancels. All constants are
-in distances between the eyes and in seconds, so they are valid for any camera, picture size and viewer distance. They were chosen
-on videos of heads and on sequences of known motion, by the rule in profiling/results/eyes.md, and checked on others
-(`profiling/eyes_tracks.py`).
+The noise is measured while running, from third differences of the half distance, in which head motion cancels. Constants are in
+distances between the eyes and in seconds, so they hold for any camera and viewer (profiling/results/eyes.md).
 """
 
 import math
@@ -58,8 +55,7 @@ class Tuning:
     the likelihoods, because noise is correlated between frames. half_band: changes of the half distance below this many
     standard deviations count as noise. speed_band: the same for the speed, per 1/30 s. noise_s: time constant of the noise
     estimate. first, least: initial and smallest noise, in distances between the eyes. rate_common: `common` grows with this power
-    of the frame rate above 30 Hz, because each picture then shows another measurement and its step is seen.
-    """
+    of the frame rate above 30 Hz, because each picture then shows another measurement and its step is seen."""
 
     motions: tuple[Motion, ...] = (Motion(1.0, 1.0), Motion(4.7, 1.0), Motion(85.0, 0.45), Motion(1200.0, 0.31))
     wander: float = 1e-7

@@ -2,9 +2,8 @@
 
 Axes are (rows, cols, height, width, planes), in NumPy files perhaps with frames before them; planes are 1 (grey) or 3 (red
 first). Values are uint8, uint16, or float 0 .. 1. An .npz holds `views`, and perhaps `disparity` (rows, cols, height, width), px
-per view, nearer is larger; and `positions` (rows, cols, 2), where each camera stood, (down, right) in any unit.
-
-MATLAB files hold LF: LFToolbox's NAME__Decoded.mat and BasicLFSR's. v7.3 files are HDF5, axes in reverse order; older ones need
+per view, nearer is larger; and `positions` (rows, cols, 2), where each camera stood, (down, right) in any unit. MATLAB files
+hold LF: LFToolbox's NAME__Decoded.mat and BasicLFSR's. v7.3 files are HDF5, axes in reverse order; older ones need
 scipy (`pip install 'lfpipe[scipy]'`). lf.h5 holds LF, GT_DEPTH and attributes, columns from right to left: Wanner, Meister,
 Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013.
 """
