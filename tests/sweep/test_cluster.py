@@ -45,7 +45,8 @@ def test_a_local_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
     def notice(line: str) -> None:
         notices.append(line)
-        (tmp_path / "tries" / "named").touch()
+        if "quality s3" in line:
+            (tmp_path / "tries" / "named").touch()
 
     with cluster("", 2) as client:
         everyone = [psutil.Process(), *psutil.Process().children(recursive=True)]
