@@ -22,7 +22,6 @@ from lfpipe.files.video_writer import encoder_name
 from lfpipe.host.files import exists
 from lfpipe.observe.state_text import print_state
 from lfpipe.render.display import check_display, has_display
-from lfpipe.render.geometry import check_geometry
 from lfpipe.render.plan import make_plan
 from lfpipe.scene.open_scene import Opened, Packing, open_scenes
 from lfpipe.scene.pack import summarize
@@ -158,7 +157,6 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     tracking = scene.needs_tracking and not camera.is_mouse
     config = _with_measured_focal(config, camera)
     config = with_engine(config) if tracking else config
-    check_geometry(config, scene)
     if arguments.scenes and arguments.kiosk is None and not arguments.start:
         remember_scene(scenes[0])
     options = attrs.evolve(

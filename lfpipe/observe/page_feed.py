@@ -22,7 +22,7 @@ from lfpipe.errors import UserError
 from lfpipe.observe.session_commands import SessionCommands
 from lfpipe.observe.session_reader import FollowingReader
 from lfpipe.observe.state_text import photon_words, spans
-from lfpipe.render.geometry import depth_range_px, depth_step_px
+from lfpipe.render.geometry import zero_planes_px
 from lfpipe.render.view_grid import EyesOnGrid, draw_over_eyes
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -237,7 +237,7 @@ class Feed:
             low_px, high_px = scene["disparity_min_px"], scene["disparity_max_px"]
             settings["playlist"] = [Path(path).name for path in options["playlist"]]
             settings["playlist_at"] = options["playlist_at"]
-            settings["depth_px"] = [*depth_range_px(low_px, high_px), depth_step_px(low_px, high_px)]
+            settings["depth_px"] = zero_planes_px(low_px, high_px)
         return settings
 
     def _read_tap(self) -> None:

@@ -16,7 +16,7 @@ from lfpipe.config.quality import level_number
 from lfpipe.host.files import is_dir
 from lfpipe.render.display import Display
 from lfpipe.render.file_display import save
-from lfpipe.render.geometry import depth_step_px, zero_plane_px
+from lfpipe.render.geometry import zero_plane_px, zero_planes_px
 from lfpipe.render.glasses import Glasses, glasses_menu
 from lfpipe.render.notices import SHOWN_NS, Notices, changes, status_lines, views_map
 from lfpipe.render.overlay import DEPTH, Item, Overlay, bar_items
@@ -177,8 +177,7 @@ class KeyBindings:
             without.add("record")
         if field.rows * field.cols == 1:
             without |= {DEPTH, "half-turn", "recentre", "which"}
-        depth = 1.0 if render.alpha_px == "true" else render.depth
-        return bar_items(depth, bool(options.record), frozenset(without))
+        return bar_items(render.depth, bool(options.record), frozenset(without))
 
     def _switch_overlay(self) -> None:
         self._overlay, self._status, self._status_due_ns = not self._overlay, Overlay(), 0
@@ -194,7 +193,7 @@ class KeyBindings:
 
     def _move_plane(self, sign: int) -> None:
         field = self._viewer.field
-        step_px = depth_step_px(field.disparity_min_px, field.disparity_max_px)
+        *_, step_px = zero_planes_px(field.disparity_min_px, field.disparity_max_px)
         number = round(zero_plane_px(field, self._context.config.render) / step_px) + sign
         self._set(zero_plane_px=round(number * step_px, 6))
 

@@ -8,7 +8,6 @@ import pytest
 
 from lfpipe.config import Render, choices
 from lfpipe.render.anaglyph import MATRICES
-from lfpipe.render.geometry import depth_range_px, depth_step_px
 from lfpipe.render.glasses import glasses_test
 from lfpipe.render.notices import SHOWN_NS, Notices
 from lfpipe.render.scenes import SceneLoader
@@ -24,15 +23,6 @@ def test_notices_pass_and_states_stay() -> None:
     assert notices.lines(2 * SHOWN_NS) == ("paused",)
     notices.state("paused", "")
     assert not notices.lines(2 * SHOWN_NS)
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "step"), [(-0.2, 0.2, 0.01), (-1.5, 1.5, 0.1), (0.0, 20.5, 1.0), (-300.0, 300.0, 20.0), (0.0, 0.0, 0.1)]
-)
-def test_some_forty_presses_go_through_a_scene(low: float, high: float, step: float) -> None:
-    assert depth_step_px(low, high) == pytest.approx(step)
-    first, last = depth_range_px(low, high)
-    assert first < low and last > high
 
 
 @pytest.mark.parametrize("anaglyph", [name for name in choices("render.anaglyph") if name in MATRICES])
