@@ -116,7 +116,7 @@ class World:
     def monitor(self) -> dict[str, Any]:
         """The figures that `lfpipe monitor --once --json` prints, without a process for them."""
         run_dir = next(path for path in self.run_dir.glob("lfpipe-*") if path.name.endswith(f"-{self.name}"))
-        return control.request(run_dir, {"cmd": "status"}, 30)
+        return control.request(run_dir, {"cmd": "status"}, 60)
 
     def left(self) -> list[str]:
         """What lies in shared memory and the run directory that belongs to sessions of this world."""

@@ -111,13 +111,15 @@ class ControlServer:
 
     def serve(self) -> None:
         """Processes arrived messages, within its share of time."""
-        self._files.cancel(self._connections.serve())  # before messages: a new connection may have the number of an ended one
         for (client, *parts), connection in self._requests.messages():
             self._guard(client, partial(self._take, client, parts, connection))
         for parts, _ in self._telemetry.messages():
             self._guard(None, partial(self._pass_on, parts))
         while self._tap.poll(0):
             self._tap.recv()  # discard subscription messages, which would accumulate
+        # After the messages: one from a new connection may have the number of a connection whose end is not processed yet.
+        self._connections.serve()
+        self._files.cancel_abandoned(self._connections.open[0])
         for request in self._files.serve():
             self._guard(request.client or None, partial(self._served, request))
         self.flush()

@@ -74,9 +74,9 @@ class FileRequests:
         """Follows another child."""
         self._running.append(request)
 
-    def cancel(self, gone: set[int]) -> None:
-        """Ends what the clients of these connections waited for."""
-        for request in [each for each in self._running if each.connection in gone and not each.shown]:
+    def cancel_abandoned(self, connections: set[int]) -> None:
+        """Ends the requests of clients that are not among these connections any more."""
+        for request in [each for each in self._running if each.connection not in connections and not each.shown]:
             logger.info("%s cancelled: its client is gone", request.message["cmd"])
             self.end(request)
 

@@ -19,7 +19,8 @@ SLICE, SLICE_NS = 32, 20 * MS_NS  # messages per interval: at most 15 % of a cor
 
 class ConnectionLimit:
     """Counts the connections of sockets, from libzmq's events, which aborts the process if no file descriptor is left for a new
-    one. Create it before they are bound. sockets: for a poller. log: for people.
+    one. Create it before they are bound. sockets: for a poller. open: for each of the watched sockets, the file descriptors of its
+    connections. log: for people.
 
     Connections beyond the limit are closed at once; ZeroMQ clients retry by themselves until there is room.
     """
@@ -27,27 +28,24 @@ class ConnectionLimit:
     def __init__(self, sockets: Iterable[zmq.Socket[bytes]], log: Callable[[str], None]) -> None:
         self._watched, self._log = list(sockets), log
         self._limit = min(MOST_CONNECTIONS, max(FEWEST_CONNECTIONS, (allowed_files() - OPEN_FILES) // 2))
-        self._open: set[int] = set()  # file descriptors of connections, from the events
+        self.open: list[set[int]] = [set() for _ in self._watched]
         self._refusing = False
         for watched in self._watched:
             watched.setsockopt(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
         self.sockets = [watched.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED) for watched in self._watched]
 
-    def serve(self) -> set[int]:
-        """Processes the events since the last call; returns the connections that have ended."""
-        gone: set[int] = set()
-        for monitor in self.sockets:
+    def serve(self) -> None:
+        """Processes the events since the last call."""
+        for monitor, open_here in zip(self.sockets, self.open, strict=True):
             while monitor.poll(0):
                 event = parse_monitor_message(monitor.recv_multipart())
                 if event["event"] == zmq.EVENT_DISCONNECTED:
-                    self._open.discard(event["value"])
-                    gone.add(event["value"])
-                elif len(self._open) < self._limit:
-                    self._open.add(event["value"])
+                    open_here.discard(event["value"])
+                elif sum(map(len, self.open)) < self._limit:
+                    open_here.add(event["value"])
                     self._refusing = False
                 else:
                     self._refuse(event["value"])
-        return gone
 
     def _refuse(self, fd: int) -> None:
         if not self._refusing:
@@ -74,7 +72,7 @@ class ThrottledSocket:
     _until_ns: int = 0
 
     def messages(self) -> Iterator[tuple[list[bytes], int]]:
-        """The messages that have arrived and may be read now, with the connection of each, as `ConnectionLimit` numbers them."""
+        """The messages that have arrived and may be read now, with the file descriptor of each one's connection."""
         if now_ns() >= self._until_ns:
             self._left, self._until_ns = SLICE, now_ns() + SLICE_NS
         while self._left and self.socket.poll(0):

@@ -15,7 +15,7 @@ CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 def _ask(world: World, **message: Any) -> dict[str, Any]:
     """The answer to a command, or its error."""
     try:
-        return control.request(next(world.run_dir.glob("lfpipe-*")), message, 20)
+        return control.request(next(world.run_dir.glob("lfpipe-*")), message, 60)
     except UserError as error:
         return {"error": str(error)}
 

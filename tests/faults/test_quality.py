@@ -92,7 +92,7 @@ def test_quality_goes_down_a_level_at_a_time_while_others_have_the_cores_and_com
         count = len(world.lines())
         world.pictures(count + 3)
         restarted = world.lines()[count + 1]["level"]  # the line before may have been on its way
-        config = control.request(run_dir, {"cmd": "status"}, 30)["config"]
+        config = control.request(run_dir, {"cmd": "status"}, 60)["config"]
         world.wait_for(lambda: _level(world) == 0, "full quality again")
         world.wait_for(lambda: heard("level") and heard("level")[-1]["level"] == 0, "word of it")
         steps = heard("level")
