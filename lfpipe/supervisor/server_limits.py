@@ -19,8 +19,8 @@ SLICE, SLICE_NS = 32, 20 * MS_NS  # messages per interval: at most 15 % of a cor
 
 class ConnectionLimit:
     """Counts the connections of sockets, from libzmq's events, which aborts the process if no file descriptor is left for a new
-    one. Create it before they are bound. sockets: for a poller. open: for each of the watched sockets, the file descriptors of its
-    connections. log: for people.
+    one. Create it before they are bound. sockets: for a poller. open: the file descriptors of each watched
+    socket's connections. log: for people.
 
     Connections beyond the limit are closed at once; ZeroMQ clients retry by themselves until there is room.
     """
