@@ -212,13 +212,6 @@ class PacketWriter:
         self._sums[INDEX].update(line)
         return packet
 
-    def in_place(self, folder: Path) -> bool:
-        """Whether folder still contains the files being written."""
-        try:
-            return (folder / INDEX).stat().st_ino == os.fstat(self._index).st_ino
-        except FileNotFoundError:
-            return False
-
     def checksums(self) -> dict[str, str]:
         """sha256 of everything written so far, by file name."""
         return {name: sum_.hexdigest() for name, sum_ in self._sums.items()}
