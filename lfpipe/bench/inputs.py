@@ -2,7 +2,6 @@
 
 import csv
 import hashlib
-import itertools
 import os
 import shutil
 import tempfile
@@ -138,7 +137,7 @@ def _as_video(folder: Path, frames: int, work: Path) -> Path:
     video = work / f"{folder.name}-{digest}-{frames}.mkv"
     if not is_file(video):
         part = work / f".{os.getpid()}-{video.name}"
-        export(attrs.evolve(sequence, packets=list(itertools.islice(sequence.packets, frames))), part).unlink()  # type: ignore[arg-type]
+        export(attrs.evolve(sequence, packets=sequence.packets[:frames]), part).unlink()
         if is_file(folder / TRUTH):
             shutil.copyfile(folder / TRUTH, video.with_suffix(".csv"))
         part.replace(video)
