@@ -18,7 +18,7 @@ from lfpipe.config import Config, SessionOptions
 from lfpipe.config.user_files import has_key, with_measured_focal
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_outputs
-from lfpipe.files.video_writer import encoder_name
+from lfpipe.files.video_writer import require_encoder
 from lfpipe.host.files import exists
 from lfpipe.observe.state_text import print_state
 from lfpipe.render.display import check_display, has_display
@@ -199,7 +199,7 @@ def _demo_display() -> str:
         raise UserError(f"{DEMO_FOLDER}/: {error.strerror}", remedy) from None
     say(f"no screen here: the demo records itself in {DEMO_FOLDER}/")
     try:
-        encoder_name()
+        require_encoder()
     except UserError as error:
         say(f"the demo's video is lossless and large: {error.message}; {error.remedy}")
         return f"file:{DEMO_FOLDER / 'demo.mkv'}"

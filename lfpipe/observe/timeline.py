@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.files.output import PLACE, check_output, output_file
+from lfpipe.files.output import PLACE, check_output, finished_output
 from lfpipe.files.safe_files import reason
 from lfpipe.files.trace import trace_lines
 from lfpipe.supervisor.process_table import CORE
@@ -80,7 +80,8 @@ def convert(source: Path, out: Path) -> int:
     check_output(out, [source])
     made = events(fields.values for fields in trace_lines(source, "a trace written by `lfpipe up --trace`"))
     try:
-        with output_file(out) as file:
+        with finished_output(out) as output:
+            file = output.file
             file.write(b'{"displayTimeUnit": "ms", "traceEvents": [\n')
             for event in made:
                 file.write((b",\n" if count else b"") + json.dumps(event).encode())

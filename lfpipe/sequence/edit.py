@@ -14,7 +14,7 @@ import cv2
 
 from lfpipe.errors import UserError, plain
 from lfpipe.files.decoding import opencv_name
-from lfpipe.files.output import PLACE, check_output, finished_output, output_file
+from lfpipe.files.output import PLACE, check_output, finished_output
 from lfpipe.files.safe_files import create_private, lines, reason
 from lfpipe.files.video_writer import VideoWriter
 from lfpipe.sequence.eyes import COLUMNS, EYES, LINE_BYTES, REMEDY, TRUTH, eyes_lines
@@ -69,8 +69,8 @@ def export(sequence: Sequence, video: Path) -> Path:
     for path in (video, table):
         check_output(path, [sequence.path])
     try:
-        with finished_output(video) as pictures, output_file(table) as rows:
-            _write_table(sequence, rows)
+        with finished_output(video) as pictures, finished_output(table) as rows:
+            _write_table(sequence, rows.file)
             _write_video(sequence, pictures.beside)
     except OSError as error:
         raise UserError(f"{video}: {reason(error)}", PLACE) from None
