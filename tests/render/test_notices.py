@@ -15,14 +15,12 @@ from lfpipe.transport.clock import now_ns
 
 
 def test_notices_pass_and_states_stay() -> None:
-    notices = Notices()
-    notices.say("mode", "mode: grey", 0)
-    notices.state("paused", "paused")
-    notices.say("mode", "mode: mono", SHOWN_NS // 2)
-    assert notices.lines(SHOWN_NS) == ("mode: mono", "paused")
-    assert notices.lines(2 * SHOWN_NS) == ("paused",)
-    notices.state("paused", "")
-    assert not notices.lines(2 * SHOWN_NS)
+    notices, t_ns = Notices(), now_ns()
+    notices.standing = ["", "paused"]
+    notices.say("mode", "mode: grey")
+    notices.say("mode", "mode: mono")
+    assert notices.lines(t_ns + SHOWN_NS - 1) == ("mode: mono", "paused")
+    assert notices.lines(now_ns() + SHOWN_NS) == ("paused",)
 
 
 @pytest.mark.parametrize("anaglyph", [name for name in choices("render.anaglyph") if name in MATRICES])
@@ -50,8 +48,7 @@ def test_the_picture_says_how_far_a_scene_is_loaded_whoever_asked() -> None:
     scenes = SceneLoader(context, notices)  # type: ignore[arg-type]
 
     def shown() -> list[str]:
-        scenes.serve(now_ns())
-        return list(notices.lines(now_ns()))
+        return list(filter(None, (*notices.lines(now_ns()), scenes.words(now_ns()))))
 
     def report(scene: str, step: str) -> None:
         scenes.report({"scene": scene, "step": step, "shown": False, "share": None})
