@@ -155,9 +155,8 @@ class Scene:
 class Governor:
     quality: Literal["auto", "fixed"] = key("auto", live=True, replays=False,
         doc="auto: lower quality level by level if the machine is too slow, and raise it when CPU is free; fixed: never")
-    affinity: str = key("auto", replays=False,
-        doc="cores of each stage, as in track=1,render=0+2; auto: on two cores, tracking has one of its own; none: the system decides")
-    nice: str = key("", replays=False, doc="niceness of each stage, as in render=0,track=5; empty: same as the parent process")
+    affinity: Literal["auto", "none"] = key("auto", replays=False,
+        doc="auto: on two cores, tracking has one of its own; none: the system decides")
 
 
 @attrs.frozen

@@ -2,7 +2,7 @@
 
 import json
 from collections import deque
-from types import SimpleNamespace, TracebackType
+from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -65,7 +65,7 @@ class Watch:
 
     def read(self) -> dict[str, Any]:
         """The current state, see `snapshot`."""
-        return snapshot(self.session.name, self.table, self._started_ns)
+        return snapshot(self.session.name, self.table.rows, self.table.session, self._started_ns)
 
     def reset(self) -> None:
         """Counts drops and worst times from now on, for this monitor only."""
@@ -87,8 +87,7 @@ class Watch:
         rows = {name: since(row, then.rows[name]) for name, row in now.rows.items()}
         for name, row in rows.items():
             row["drops"] = since_reset[name]["drops"]
-        window = SimpleNamespace(rows=rows, session=self.table.session)
-        state = snapshot(self.session.name, window, self._started_ns)
+        state = snapshot(self.session.name, rows, self.table.session, self._started_ns)
         for name, stage in state["stages"].items():
             busy = since_reset[name]["busy"]
             stage |= self._load(now, then, stage["pid"])

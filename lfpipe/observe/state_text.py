@@ -62,11 +62,7 @@ def state_text(state: Mapping[str, Any]) -> Text:
         out.append(f"{'supervisor':<68}{_load(state)}\n", "dim")
     level = f"level {state['level']} of {state['lowest_level']}" if state["level"] else "full"
     out.append(f"quality {level}\n", "bold yellow" if state["level"] else "dim")
-    cores = ", ".join(
-        f"{name} {spans(stage['cpus'])}{f' nice {nice}' if (nice := stage['nice']) else ''}"
-        for name, stage in stages.items()
-        if stage["cpus"]
-    )
+    cores = ", ".join(f"{name} {spans(stage['cpus'])}" for name, stage in stages.items() if stage["cpus"])
     out.append(f"cores   {cores or '-'}\n", "dim")
     for notice in state["notices"]:
         out.append(f"now: {notice}\n", "bold yellow")
