@@ -13,10 +13,11 @@ import click
 from lfpipe.cli import completions
 from lfpipe.cli.options import with_session
 from lfpipe.config import parse_set
+from lfpipe.files.output import check_output
 from lfpipe.observe import terminal
 from lfpipe.observe.session_commands import ask
 from lfpipe.observe.state_text import print_state
-from lfpipe.observe.timeline import check_out, finish_trace
+from lfpipe.observe.timeline import finish_trace
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 
 LOAD_S = 900.0  # packing a large scene takes minutes
@@ -185,7 +186,7 @@ def trace() -> None:
 def start_trace(out: Path | None, session_name: str) -> None:
     """Start a timeline. `lfpipe trace stop` writes it to OUT.json; the default is a name made of the time, in this folder."""
     out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json"))).absolute()
-    check_out(out)
+    check_output(out)
     ask(session_name, {"cmd": "trace", "path": f"{out}.part"}, FILE_CHECK_TIMEOUT_S)
     click.echo(f"recording; `lfpipe trace stop` writes {out}")
 
