@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import SIZE_PX, write_video
-from lfpipe.bench.motion import EYES_MM, FOCAL_PX, HOME_MM, HeadPosition, duration_s, position_at, viewer_path
+from lfpipe.bench.motion import EYES_MM, FOCAL_PX, HOME_MM, duration_s, path_at, viewer_path
 from lfpipe.capture.demo import portrait_path
 from lfpipe.errors import UserError
 from lfpipe.track.litert_engine import LitertEngine
@@ -52,7 +52,7 @@ class Puppet:
         edge[12:-12, 12:-12] = 1.0
         self._mask = cv2.GaussianBlur(edge, (0, 0), 5.0)[..., None]
         self._middle = face.eyes_px.mean(axis=0) * factor
-        home = (0.0, 0.0, HOME_MM)
+        home = np.array([0.0, 0.0, HOME_MM])
         still, map_ = self.draw(home).astype(np.uint8), self.map(home)
         engine.reset()
         for _ in range(5):  # the region of interest settles
@@ -61,19 +61,19 @@ class Puppet:
             raise UserError("the face of the portrait is lost when scaled", "give a larger or sharper picture")
         self._eyes = (face.eyes_px - map_[:, 2]) @ np.linalg.inv(map_[:, :2]).T
 
-    def map(self, position_mm: HeadPosition) -> NDArray[np.float64]:
+    def map(self, position_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Affine (2, 3) from px of the scaled portrait to px of the picture."""
         x, y, z = position_mm
         scale = HOME_MM / z
         middle = np.array([(WIDTH_PX - 1) / 2 + FOCAL_PX * x / z, (HEIGHT_PX - 1) / 2 + FOCAL_PX * y / z])
         return np.column_stack([np.eye(2) * scale, middle - self._middle * scale])
 
-    def eyes_px(self, position_mm: HeadPosition) -> NDArray[np.float64]:
+    def eyes_px(self, position_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """True eye centres, (2, 2), left first."""
         map_ = self.map(position_mm)
         return np.asarray(self._eyes @ map_[:, :2].T + map_[:, 2], np.float64)
 
-    def draw(self, position_mm: HeadPosition) -> NDArray[np.float32]:
+    def draw(self, position_mm: NDArray[np.float64]) -> NDArray[np.float32]:
         """The picture without noise: float32 (480, 640, 3), 0..255."""
         map_, size = self.map(position_mm), (WIDTH_PX, HEIGHT_PX)
         face = cv2.warpAffine(self._picture, map_, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
@@ -109,8 +109,7 @@ def write(out: Path, portrait: Path, seconds: float | None, rate_hz: float, nois
     rng = np.random.default_rng(seed)
 
     def frames() -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]:
-        for seq in range(count):
-            place, phase = position_at(path, seq / rate_hz)
+        for place, phase in zip(*path_at(path, np.arange(count) / rate_hz), strict=True):
             image = puppet.draw(place) + rng.standard_normal((HEIGHT_PX, WIDTH_PX, 3), np.float32) * np.float32(noise_dn)
             eyes = puppet.eyes_px(place)
             inside = bool(np.all(eyes >= 0) and np.all(eyes < SIZE_PX))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.runner import Candidate, Found, Samples, Turn, time_figures, times_ms
+from lfpipe.bench.runner import Candidate, Offer, Samples, Turn, time_figures, times_ms
 from lfpipe.config import Render
 from lfpipe.render.anaglyph import MATRICES, Mixer, decoded, encode, recipe
 from lfpipe.scene.lightfield import LightField
@@ -102,7 +102,7 @@ def view_bgr(field: LightField, row: int, col: int) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.broadcast_to(view[::-1], (3, *view.shape[1:])).transpose(1, 2, 0))
 
 
-def measure(inputs: Inputs) -> Iterator[Found]:
+def measure(inputs: Inputs) -> Iterator[Offer]:
     """Encodings x light x ghost compensation."""
     field, usual = inputs.field, Render()
     if field.channels == 1:

@@ -14,12 +14,12 @@ from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Table, Value, judged_table
 from lfpipe.bench.synthesis import ViewRenderer
 from lfpipe.config import Render
+from lfpipe.config.quality import METHODS
 from lfpipe.render.anaglyph import MATRICES, decoded, encode, encoded, recipe
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.viewpoint import ViewSolver, pair_clamped
 from lfpipe.scene.lightfield import UNKNOWN, Geometry, LightField
 
-METHODS = ("nearest", "blend", "warp", "warp2", "best")
 wide = np.longdouble
 
 
@@ -59,11 +59,8 @@ def mapping_table() -> Table:
 def colour_error(name: str, light: str, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> float:
     """Largest difference in levels between the picture of two views, uint8 (h, w, 3) BGR, and the published matrix in float64."""
     linear = light == "linear" and name.startswith("dubois")
-    views = [view[..., ::-1] / 255 for view in (left, right)]
-    if linear:
-        views = [decoded(view) for view in views]
-    matrix = np.array(MATRICES[name])
-    mixed = np.clip(sum(views[eye] @ matrix[:, eye].T for eye in (0, 1)), 0, 1)
+    views = [decoded(view[..., ::-1] / 255) if linear else view[..., ::-1] / 255 for view in (left, right)]
+    mixed = np.clip(sum(views[eye] @ np.array(MATRICES[name])[:, eye].T for eye in (0, 1)), 0, 1)
     exact = (encoded(mixed) if linear else mixed)[..., ::-1] * 255
     return float(np.abs(encode(left, right, recipe(name, light)) - exact).max())
 
@@ -111,8 +108,7 @@ def error_at_stored_views(field: LightField, method: str) -> float:
 def error_at_extremes(field: LightField, method: str) -> float:
     """Composes at impossible viewpoints (NaN, infinities, far outside, tiny fractions) with and without a plane of the screen in
     depth. Returns the largest difference between pictures with equal keys, which must be equal."""
-    values = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.5, field.cols - 1 + 1e-12)
-    worst = 0.0
+    values, worst = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.5, field.cols - 1 + 1e-12), 0.0
     for zero_plane_px in (0.0, 900.0):
         compositor = Compositor(field, attrs.evolve(Render(method=method), zero_plane_px=zero_plane_px))  # type: ignore[arg-type]
         pictures: dict[object, NDArray[np.uint8]] = {}
@@ -150,20 +146,20 @@ def synthesis_table(inputs: Inputs) -> Table:
         "all unknown": extreme_field(3, 3, 32, 32, 2.0, 1.1), "cameras out of place": offset,
     }  # fmt: skip
     checks = {"stored views": error_at_stored_views, "extremes": error_at_extremes, "mirrored": mirror_error}
-    rows = []
-    for what, field in fields.items():
-        values = []
-        for method, (check, error_of) in itertools.product(METHODS, checks.items()):
-            usable = field.disparity is not None or not method.startswith("warp")
-            usable &= check != "mirrored" or field is scene  # noise tells nothing of interpolation
-            only = "" if method == inputs.field.method else f"render.method={method}"
-            limits = (1.0, 3.0) if check == "mirrored" else (0.0, 1.0)
-            values.append(judged_error(partial(error_of, field, method), *limits, only) if usable else Value(words="-"))
-        rows.append((what, values))
-    head = ("light field", *(f"{method}: {check}" for method in METHODS for check in checks))
+    columns = list(itertools.product(METHODS[::-1], checks))
+
+    def value(field: LightField, method: str, check: str) -> Value:
+        if (field.disparity is None and method not in ("nearest", "blend")) or (check == "mirrored" and field is not scene):
+            return Value(words="-")  # noise tells nothing of interpolation
+        only = "" if method == inputs.field.method else f"render.method={method}"
+        limits = (1.0, 3.0) if check == "mirrored" else (0.0, 1.0)
+        return judged_error(partial(checks[check], field, method), *limits, only)
+
+    rows = [(what, [value(field, *column) for column in columns]) for what, field in fields.items()]
     note = (
         "Stored views: largest difference in levels from the stored view. Extremes: viewpoints of NaN, infinities, 1e308, 5e-324,"
         " a plane of the screen of 900 px; pictures with equal keys must be equal, and nothing may raise. Mirrored: mean"
         " difference in levels between a view of the mirrored scene and the mirrored view."
     )
+    head = ("light field", *(f"{method}: {check}" for method, check in columns))
     return judged_table("Views at the ends of the range", note, head, rows)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.motion import known_motion
-from lfpipe.bench.runner import Candidate, Found, Samples, Turn, time_figures, times_ms
+from lfpipe.bench.runner import Candidate, Offer, Samples, Turn, time_figures, times_ms
 from lfpipe.bench.subjects import AHEAD_MS, FILTER_HORIZONS_MS, FILTER_RATES_HZ, NOISE_PX
 from lfpipe.config import Track
 from lfpipe.track.filters import Predictive, Tuning, make_filter
@@ -56,16 +56,13 @@ def sweeps() -> dict[str, list[tuple[str, Callable[[], EyeFilter]]]]:
     }
 
 
-def measure(inputs: Inputs) -> Iterator[Found]:
+def measure(inputs: Inputs) -> Iterator[Offer]:
     """The mean, One-Euro, Kalman and predictive filters over a range of their parameters."""
-    if inputs.quick:
-        yield "other parameters at 60 and 120 Hz: --quick varies them at 30 Hz only; the defaults run at all rates"
     for curve, knobs in sweeps().items():
         for knob, make in knobs:
             paper, used = (curve, knob) == ("mean", "k = 5"), (curve, knob) == (Track().filter, "default")
-            profiled = paper or knob == "default"  # as a line over the horizon
-            rates = FILTER_RATES_HZ if profiled or not inputs.quick else FILTER_RATES_HZ[:1]
-            horizons = FILTER_HORIZONS_MS if profiled else (AHEAD_MS,)
+            whole = paper or knob == "default"  # the others at one rate and one horizon
+            rates, horizons = (FILTER_RATES_HZ, FILTER_HORIZONS_MS) if whole else (FILTER_RATES_HZ[:1], (AHEAD_MS,))
             yield Candidate(curve, knob, partial(_prepare, make, rates, horizons), paper, used)
 
 

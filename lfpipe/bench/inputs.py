@@ -1,9 +1,7 @@
 """Inputs of the subjects: a scene, a sequence of frames with or without true eyes, and a work folder."""
 
 import csv
-import hashlib
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
@@ -18,7 +16,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.host.files import exists, is_file
 from lfpipe.scene.lightfield import LightField
-from lfpipe.sequence.eyes import COLUMNS, Truth, table_of
+from lfpipe.sequence.eyes import COLUMNS, Truth, read_truth, table_of
 
 Progress = Callable[[str, int, int], None]
 
@@ -28,7 +26,6 @@ STILL_S, MOVING_S = 2.0, (2.5, 10.0)  # of the demo sequence: quick and full
 MAX_FRAMES = (135, 360)  # of a sequence: quick and full
 NOISE_DN = 2.0
 DEMO_SIDE_PX = 256  # of the views of the quick demo scene
-ROOM = "choose a folder on a disk with room: --set scene.cache_dir=DIR"
 
 
 @attrs.frozen(eq=False)
@@ -47,37 +44,26 @@ def eyes_at(truth: Truth, t_ns: ArrayLike) -> NDArray[np.float64]:
     return np.stack([np.interp(t, truth.t_ns, x) for x in truth.eyes_px.reshape(-1, 4).T], axis=-1).reshape(*t.shape, 2, 2)
 
 
+@attrs.define(eq=False)
 class Inputs:
-    """Inputs, opened when a subject first asks for them. demo: the sequence is the demo's.
+    """Inputs, opened when a subject first asks for them. work: a folder for generated files, which later runs reuse."""
 
-    scene: path of the field. work: a folder for generated files, which later runs reuse.
-    """
-
-    def __init__(
-        self,
-        scene: Callable[[], tuple[Path, LightField]],
-        frames: Callable[[], FrameSequence],
-        quick: bool,
-        demo: bool,
-        work: Path,
-    ) -> None:
-        self._scene, self._frames, self.quick, self.demo, self.work = scene, frames, quick, demo, work
+    open_scene: Callable[[], tuple[Path, LightField]]
+    open_sequence: Callable[[], FrameSequence]
+    quick: bool
+    work: Path
 
     @cached_property
-    def _opened(self) -> tuple[Path, LightField]:
-        return self._scene()
-
-    @property
-    def scene(self) -> Path:
-        return self._opened[0]
+    def scene(self) -> tuple[Path, LightField]:
+        return self.open_scene()
 
     @property
     def field(self) -> LightField:
-        return self._opened[1]
+        return self.scene[1]
 
     @cached_property
     def sequence(self) -> FrameSequence:
-        return self._frames()
+        return self.open_sequence()
 
     def described(self, needs: tuple[str, ...]) -> dict[str, str]:
         """The inputs that a subject needs, in words."""
@@ -93,16 +79,14 @@ class Inputs:
 
 
 def read_sequence(path: Path, frames: int, work: Path) -> FrameSequence:
-    """Up to `frames` frames of a video, of pictures in a folder, or of a recorded sequence, which becomes a video in `work`.
+    """Up to `frames` frames of a recorded sequence, a video, or pictures in a folder.
 
-    The frames are a file without a name in `work`: a long or large sequence takes no memory. The truth is PATH with the suffix
-    .csv. Raises UserError if one of them cannot be read.
+    The frames are a file without a name in `work`: a long or large sequence takes no memory. The truth is that of the sequence,
+    or PATH with the suffix .csv. Raises UserError if one of them cannot be read.
     """
     from lfpipe.capture.recordings import open_recording
     from lfpipe.sequence.folder import is_sequence
 
-    if is_sequence(path):
-        path = _as_video(path, frames, work)
     recording = open_recording(path)
     frame = np.empty((recording.height_px, recording.width_px, 3), np.uint8)
     count = 0
@@ -116,32 +100,14 @@ def read_sequence(path: Path, frames: int, work: Path) -> FrameSequence:
                 raise UserError(f"{path}: no frame", "record it again")
             stored = np.memmap(file, np.uint8, "r", shape=(count, *frame.shape))
     except OSError as error:
-        raise UserError(f"{work}: {error.strerror}", ROOM) from None
+        raise UserError(f"{work}: {error.strerror}", "choose a folder on a disk with room: --set scene.cache_dir=DIR") from None
     finally:
         recording.close()
     table = path.with_suffix(".csv")
-    truth = table_of(table) if is_file(table) else None
+    truth = read_truth(path) if is_sequence(path) else table_of(table) if is_file(table) else None
     if truth is not None and len(truth.t_ns) < count:
-        raise UserError(f"{table}: {len(truth.t_ns)} rows for at least {count} frames", "give one row per frame of the sequence")
+        raise UserError(f"{path}: truth for {len(truth.t_ns)} of {count} frames", "give one row per frame of the sequence")
     return FrameSequence(path, stored, recording.rate_hz or config.Camera().rate_hz, truth)
-
-
-def _as_video(folder: Path, frames: int, work: Path) -> Path:
-    """The first frames of a recorded sequence as a video without loss, with its truth, written once."""
-    from lfpipe.sequence.edit import export
-    from lfpipe.sequence.eyes import TRUTH
-    from lfpipe.sequence.folder import MANIFEST, open_sequence
-
-    sequence = open_sequence(folder)
-    digest = hashlib.blake2b((folder / MANIFEST).read_bytes(), digest_size=8).hexdigest()
-    video = work / f"{folder.name}-{digest}-{frames}.mkv"
-    if not is_file(video):
-        part = work / f".{os.getpid()}-{video.name}"
-        export(attrs.evolve(sequence, packets=sequence.packets[:frames]), part).unlink()
-        if is_file(folder / TRUTH):
-            shutil.copyfile(folder / TRUTH, video.with_suffix(".csv"))
-        part.replace(video)
-    return video
 
 
 def write_video(path: Path, rate_hz: float, frames: Iterable[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]) -> int:
@@ -157,28 +123,28 @@ def write_video(path: Path, rate_hz: float, frames: Iterable[tuple[NDArray[np.ui
         table.writerow(HEAD)
         for frame, eyes, visible, phase in frames:
             writer.write(frame)
-            table.writerow(
-                (count, round(count / rate_hz * 1e9), *(f"{value:.4f}" for value in eyes.ravel()), int(visible), phase)
-            )
+            pixels = (f"{value:.4f}" for value in eyes.ravel())
+            table.writerow((count, round(count / rate_hz * 1e9), *pixels, int(visible), phase))
             count += 1
     writer.release()
     part.replace(path)
     return count
 
 
-def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
+def demo_sequence(folder: Path, moving_s: float) -> Path:
     """The demo's viewer as a video with its truth, generated if missing: still for STILL_S, then on the demo's path.
 
     Every frame has its own sensor noise: a still face would otherwise be a constant picture.
     """
-    path = folder / f"demo-{moving_s:g}s-{rate_hz:g}hz.avi"
-    if is_file(path) and is_file(path.with_suffix(".csv")):
-        return path
     from lfpipe.capture.demo import DemoSource, demo_eyes_px
 
+    camera = config.Camera(width_px=SIZE_PX[0], height_px=SIZE_PX[1], rate_hz=30.0)
+    path = folder / f"demo-{moving_s:g}s-{camera.rate_hz:g}hz.avi"
+    if is_file(path) and is_file(path.with_suffix(".csv")):
+        return path
     folder.mkdir(parents=True, exist_ok=True)
-    source = DemoSource(config.Camera(width_px=SIZE_PX[0], height_px=SIZE_PX[1], rate_hz=rate_hz))
-    still, moving = round(STILL_S * rate_hz), round(moving_s * rate_hz)
+    source = DemoSource(camera)
+    still, moving = round(STILL_S * camera.rate_hz), round(moving_s * camera.rate_hz)
 
     def frames() -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]:
         frame, noise = np.empty((*SIZE_PX[::-1], 3), np.uint8), np.empty((*SIZE_PX[::-1], 3), np.int16)
@@ -187,10 +153,10 @@ def demo_sequence(folder: Path, moving_s: float, rate_hz: float = 30.0) -> Path:
             if seq == 0 or seq > still:
                 source.read(frame)
             cv2.randn(noise, np.zeros(3), np.full(3, NOISE_DN))
-            eyes_px = demo_eyes_px(max(seq - still, 0) / rate_hz, *SIZE_PX)
+            eyes_px = demo_eyes_px(max(seq - still, 0) / camera.rate_hz, *SIZE_PX)
             yield np.asarray(cv2.add(frame, noise, dtype=cv2.CV_8U), np.uint8), eyes_px, True, "still" if seq <= still else "move"
 
-    write_video(path, rate_hz, frames())
+    write_video(path, camera.rate_hz, frames())
     return path
 
 
@@ -217,4 +183,4 @@ def make_inputs(scene: Path | None, sequence: Path | None, quick: bool, settings
     def frames() -> FrameSequence:
         return read_sequence(sequence or demo_sequence(work, MOVING_S[0 if quick else 1]), MAX_FRAMES[0 if quick else 1], work)
 
-    return Inputs(field, frames, quick, sequence is None, work)
+    return Inputs(field, frames, quick, work)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Value, judged_table
-from lfpipe.bench.runner import Found
+from lfpipe.bench.runner import Offer
 from lfpipe.render.refresh import ScreenClock, ScreenRefresh
 from lfpipe.render.viewer import VIDEO_LEAD, video_frame
 from lfpipe.transport.clock import MS_NS
@@ -90,7 +90,7 @@ def _judged(share: float, held: str = "") -> Value:
     return Value(share, words=words, state="ok" if share <= GOAL else "degraded" if share <= LIMIT else "failed")
 
 
-def measure(inputs: Inputs) -> Iterator[Found]:
+def measure(inputs: Inputs) -> Iterator[Offer]:
     """Moving eyes and video at each rate, on a quiet and on a busy machine."""
     note = (
         "Share of pictures that missed their blank, and of blanks that showed another frame of a video than planned; for how"

@@ -18,22 +18,22 @@ FOCAL_PX, HOME_MM, EYES_MM, CENTRE_PX = 600.0, 600.0, 63.0, (319.5, 239.5)  # of
 SETTLED_S = 0.4  # after which a head at rest counts as still
 
 
-def minimum_jerk(s: float) -> float:
-    """Share of the distance at share s of the time, both in 0..1. The largest slope is 1.875, in the middle."""
+def minimum_jerk(s: Float) -> Float:
+    """Shares of the distance at shares s of the time, both in 0..1. The largest slope is 1.875, in the middle."""
     return s * s * s * (10 + s * (-15 + 6 * s))
 
 
 @attrs.frozen
 class Piece:
-    """A named piece of a path: position_mm(t_s) for 0 <= t_s <= duration_s."""
+    """A named piece of a path. position_mm: times (n,), 0 to duration_s -> (n, 3)."""
 
     name: str
     duration_s: float
-    position_mm: Callable[[float], HeadPosition]
+    position_mm: Callable[[Float], Float]
 
 
 def still(at: HeadPosition, duration_s: float) -> Piece:
-    return Piece("still", duration_s, lambda t_s: at)
+    return Piece("still", duration_s, lambda t_s: _between(at, at, t_s))
 
 
 def reach(start: HeadPosition, end: HeadPosition, peak_mm_s: float, name: str = "reach") -> Piece:
@@ -50,11 +50,11 @@ def stop(start: HeadPosition, end: HeadPosition, speed_mm_s: float, brake_s: flo
     way_mm = math.dist(start, end)
     cruise_s = way_mm / speed_mm_s - (run_up_s + brake_s) / 2
 
-    def position(t_s: float) -> HeadPosition:
-        up_s, down_s = min(t_s, run_up_s), max(t_s - run_up_s - cruise_s, 0.0)
-        mid_s = max(t_s - run_up_s, 0.0)
+    def position(t_s: Float) -> Float:
+        up_s, mid_s, down_s = (np.maximum(t_s - since_s, 0) for since_s in (0, run_up_s, run_up_s + cruise_s))
+        up_s = np.minimum(up_s, run_up_s)
         done_mm = speed_mm_s * (up_s * up_s / (2 * run_up_s) + mid_s - down_s * down_s / (2 * brake_s))
-        return _between(start, end, min(done_mm / way_mm, 1.0))
+        return _between(start, end, np.minimum(done_mm / way_mm, 1.0))
 
     return Piece("stop", run_up_s + cruise_s + brake_s, position)
 
@@ -62,23 +62,28 @@ def stop(start: HeadPosition, end: HeadPosition, speed_mm_s: float, brake_s: flo
 def sway(around: HeadPosition, reach_mm: float, rate_hz: float, duration_s: float) -> Piece:
     """Slow sway about a position, mostly sideways. Starts and ends there at rest."""
 
-    def position(t_s: float) -> HeadPosition:
-        fade = minimum_jerk(min(t_s, duration_s - t_s, 1.0))
+    def position(t_s: Float) -> Float:
+        fade = minimum_jerk(np.minimum(np.minimum(t_s, duration_s - t_s), 1.0))
         angle = 2 * math.pi * rate_hz * t_s
-        x, y, z = around
-        return x + fade * reach_mm * math.sin(angle), y + fade * reach_mm * 0.3 * math.sin(1.7 * angle), z
+        offsets = (fade * reach_mm * np.sin(angle), fade * reach_mm * 0.3 * np.sin(1.7 * angle), 0 * t_s)
+        return np.array(around) + np.stack(offsets, axis=1)
 
     return Piece("sway", duration_s, position)
 
 
-def position_at(pieces: Sequence[Piece], t_s: float) -> tuple[HeadPosition, str]:
-    """HeadPosition and name of the piece at time t_s of the path; at rest before its start and after its end."""
-    t_s = max(t_s, 0.0)
-    for piece in pieces:
-        if t_s < piece.duration_s:
-            return piece.position_mm(t_s), piece.name
-        t_s -= piece.duration_s
-    return pieces[-1].position_mm(pieces[-1].duration_s), pieces[-1].name
+def _between(start: HeadPosition, end: HeadPosition, share: Float) -> Float:
+    return np.array(start) + np.subtract(end, start) * share[:, None]
+
+
+def path_at(pieces: Sequence[Piece], t_s: Float) -> tuple[Float, NDArray[np.str_]]:
+    """Positions (n, 3) and names of the pieces (n,) at times (n,) of a path; at rest before its start and after its end."""
+    ends_s = np.cumsum([piece.duration_s for piece in pieces])
+    index = np.minimum(np.searchsorted(ends_s, t_s, side="right"), len(pieces) - 1)
+    positions = np.empty((len(t_s), 3))
+    for k, piece in enumerate(pieces):
+        here = index == k
+        positions[here] = piece.position_mm(np.clip(t_s[here] - ends_s[k] + piece.duration_s, 0, piece.duration_s))
+    return positions, np.array([piece.name for piece in pieces])[index]
 
 
 def duration_s(pieces: Sequence[Piece]) -> float:
@@ -107,11 +112,6 @@ def viewer_path(z_mm: float, side_mm: float) -> list[Piece]:
     return [*pieces, reach(out, home, 450, "enter"), still(home, 3.0)]
 
 
-def _between(start: HeadPosition, end: HeadPosition, share: float) -> HeadPosition:
-    x, y, z = (a + (b - a) * share for a, b in zip(start, end, strict=True))
-    return x, y, z
-
-
 @lru_cache(maxsize=1)
 def known_motion() -> tuple[Float, NDArray[np.bool_], NDArray[np.bool_]]:
     """The path of a viewer before the camera, in steps of 1 ms.
@@ -120,11 +120,10 @@ def known_motion() -> tuple[Float, NDArray[np.bool_], NDArray[np.bool_]]:
     """
     path = viewer_path(HOME_MM, 320 * HOME_MM / FOCAL_PX)
     count = int(duration_s(path) * 1000)
-    positions, phases = zip(*(position_at(path, k / 1000) for k in range(count)), strict=True)
-    x, y, z = np.array(positions).T
+    positions, phases = path_at(path, np.arange(count) / 1000)
+    x, y, z = positions.T
     u = CENTRE_PX[0] + FOCAL_PX * (x[:, None] + np.array([EYES_MM / 2, -EYES_MM / 2])) / z[:, None]
     v = np.repeat((CENTRE_PX[1] + FOCAL_PX * y / z)[:, None], 2, axis=1)
     visible = ((u >= 0) & (u < 640)).all(axis=1)
-    moving = np.array(phases) != "still"
-    since_ms = np.arange(count) - np.maximum.accumulate(np.where(moving, np.arange(count), -1))
+    since_ms = np.arange(count) - np.maximum.accumulate(np.where(phases != "still", np.arange(count), -1))
     return np.stack([u, v], axis=2), visible, (since_ms > SETTLED_S * 1000) & visible

@@ -11,18 +11,18 @@ import attrs
 from lfpipe.bench.charts import draw, front
 from lfpipe.bench.results import STATES, Results, Row, short
 from lfpipe.bench.style import document, html_table
-from lfpipe.bench.subjects import SUBJECTS, TABLE, Chart, Subject
-from lfpipe.errors import UserError
+from lfpipe.bench.subjects import SUBJECTS, TABLE, Subject
+from lfpipe.files.output import write_output
 
 TIE = 0.05  # errors that differ by less than this share are equal for a verdict
 HOW = (
     "<h2>How it was measured</h2><p class=soft>Times are medians. After a warm-up, methods take turns in random order until"
-    " the time budget is spent; ± is half the 95 % interval of the median (of whole"
-    " sessions: over parts of half a second). If there are too few turns for an interval, their number and range are shown."
-    " Both axes are logarithmic; an exact 0 is drawn at the edge. Lower left is better. Circles: nothing else is better"
-    " in one figure and as good in the other; what differs by less than the intervals is equal. Square: in use"
-    " by default. Star: the paper.</p>"
+    " the time budget is spent; ± is half the 95 % interval of the median. If there are too few turns for an interval, their"
+    " number and range are shown. Both axes are logarithmic; an exact 0 is drawn at the edge. Lower left is better. Circles:"
+    " nothing else is better in one figure and as good in the other; what differs by less than the intervals is equal."
+    " Square: in use by default. Star: the paper.</p>"
 )
+Pairs = list[tuple[Subject, Results]]
 
 
 @attrs.frozen
@@ -44,81 +44,53 @@ def verdict(subject: Subject, results: Results) -> Verdict | None:
     x, y = subject.column(choice.x), subject.column(choice.y)
     used = next((row for row in timed if row.used), None)
     rows = [row for row in timed if used is None or row.knob == used.knob]
-
-    def made(row: Row, why: str) -> Verdict:
-        name = row.name + " (in use)" * row.used
-        return Verdict(choice.key, name, why, f"{row.values[choice.x].text} {x.unit}: {x.label}")
+    known = [row for row in rows if y.key in row.values]
 
     def beside(row: Row) -> str:
         return f"({row.name}): {short(row.value(y.key))} for {short(row.value(x.key))} {x.unit}"
 
-    known = [row for row in rows if y.key in row.values]
-    if not known:
-        why = "; ".join(results.left_out) or "see below"
-        return made(used or min(rows, key=lambda row: row.value(x.key)), f"no error can be measured: {why}")
-    fitting = [row for row in known if row.value(x.key) <= choice.limit] or known
-    least = min(row.value(y.key) for row in fitting)
-    ties = [row for row in fitting if row.value(y.key) <= least * (1 + TIE)]
-    best = used if used is not None and used in ties else min(ties, key=lambda row: row.value(x.key))
-    why = f"{y.label} {short(best.value(y.key))}{f' {y.unit}' if y.unit else ''}"
-    why += ", the least" if best.value(y.key) <= least else f", within {TIE:.0%} of the least"
-    if math.isfinite(choice.limit):
-        why += f" of what takes at most {short(choice.limit)} {x.unit} ({choice.reason})"
-    paper = next((row for row in timed if row.paper and row is not best), None)
-    why += f"; the paper's way {beside(paper)}" if paper else ""
-    return made(best, why + (f"; in use now {beside(used)}" if used in known and used is not best and used else ""))
+    if known:
+        fitting = [row for row in known if row.value(x.key) <= choice.limit] or known
+        least = min(row.value(y.key) for row in fitting)
+        ties = [row for row in fitting if row.value(y.key) <= least * (1 + TIE)]
+        best = used if used is not None and used in ties else min(ties, key=lambda row: row.value(x.key))
+        why = f"{y.label} {short(best.value(y.key))}{f' {y.unit}' if y.unit else ''}"
+        why += ", the least" if best.value(y.key) <= least else f", within {TIE:.0%} of the least"
+        if math.isfinite(choice.limit):
+            why += f" of what takes at most {short(choice.limit)} {x.unit} ({choice.reason})"
+        paper = next((row for row in timed if row.paper and row is not best), None)
+        why += f"; the paper's way {beside(paper)}" if paper else ""
+        why += f"; in use now {beside(used)}" if used in known and used is not best and used else ""
+    else:
+        best = used or min(rows, key=lambda row: row.value(x.key))
+        why = f"no error can be measured: {'; '.join(results.left_out) or 'see below'}"
+    return Verdict(choice.key, best.name + " (in use)" * best.used, why, f"{best.values[x.key].text} {x.unit}: {x.label}")
 
 
 def write_report(results: dict[str, Results], out: Path) -> Path:
-    """Writes report.html and the charts as SVG; returns the path of the page. Raises UserError."""
+    """Writes report.html and returns its path. Raises UserError."""
     subjects = SUBJECTS | {TABLE.name: TABLE}
-    try:
-        (out / "charts").mkdir(exist_ok=True)
-        pairs = [(subjects[name], one) for name, one in results.items()]
-        links = " ".join(f'<a href="#{subject.name}">{html.escape(subject.title)}</a>' for subject, _ in pairs)
-        wall_s, cpu_s = sum(one.wall_s for one in results.values()), sum(one.cpu_s for one in results.values())
-        body = f"<p class=soft>Measured in {wall_s:.0f} s of wall time, {cpu_s:.0f} s of CPU.</p>{_busy(pairs)}"
-        body += f"{_verdicts(pairs)}{_failures(pairs)}<nav>{links}</nav>"
-        body += "".join(_section(subject, one, out / "charts") for subject, one in pairs) + HOW
-        path = out / "report.html"
-        path.write_text(document("Error against run time", body))
-    except OSError as error:
-        raise UserError(f"{out}: cannot be written: {error.strerror}", "choose another folder with --out DIR") from None
-    return path
-
-
-Pairs = list[tuple[Subject, Results]]
-
-
-def _busy(pairs: Pairs) -> str:
-    """A warning if the machine did much else: times of such a run say little."""
-    texts = [re.search(r"(\d+) cores.*load ([\d.]+)", one.about.get("machine", "")) for _, one in pairs]
-    busy = [(float(text[2]), text[1]) for text in texts if text and float(text[2]) > 1.5 * int(text[1])]
-    words = "<p><b>The machine was busy</b> (load {:g} on {} cores): errors hold, times are longer than usual.</p>"
-    return words.format(*max(busy)) if busy else ""
+    pairs = [(subjects[name], one) for name, one in results.items()]
+    links = " ".join(f'<a href="#{subject.name}">{html.escape(subject.title)}</a>' for subject, _ in pairs)
+    wall_s, cpu_s = sum(one.wall_s for one in results.values()), sum(one.cpu_s for one in results.values())
+    body = f"<p class=soft>Measured in {wall_s:.0f} s of wall time, {cpu_s:.0f} s of CPU.</p>{_verdicts(pairs)}{_failures(pairs)}"
+    body += f"<nav>{links}</nav>{''.join(_section(*pair) for pair in pairs)}{HOW}"
+    write_output(out / "report.html", document("Error against run time", body).encode(), label="--out")
+    return out / "report.html"
 
 
 def _verdicts(pairs: Pairs) -> str:
     rows = [attrs.astuple(one) for pair in pairs if (one := verdict(*pair))]
-    head = ("setting", "for this machine and these inputs", "why", "what it costs")
-    facts = [f"<li>{html.escape(f'{pair[0].title}: {fact}')}</li>" for pair in pairs if (fact := _fact(*pair))]
-    return f"<h2>Verdicts</h2>{html_table(head, rows) if rows else ''}<ul>{''.join(facts)}</ul>"
-
-
-def _fact(subject: Subject, results: Results) -> str:
-    """A subject without a choice in words: the figures of its charts, or the judgements of what is in use."""
-    charts = [chart for chart in subject.charts if isinstance(chart, Chart)]
-    marked = [row for row in results.rows if row.used or row.paper]
-    if charts and subject.choice is None and marked:
-        columns = [subject.column(key) for key in dict.fromkeys([*(chart.y for chart in charts), charts[0].x])]
-        texts = [f"{row.name} ({'in use' if row.used else 'the paper'}) "
-                 + ", ".join(short(row.value(column.key)) for column in columns) for row in marked]  # fmt: skip
-        return f"{'; '.join(column.axis for column in columns)}: {'; '.join(texts)}"
-    judged = [value for *_, value in results.judged()]
-    used = [value.state for value in judged if not value.only]
-    others = sum(value.state != "ok" for value in judged if value.only)
-    words = "of what is in use " + ", ".join(f"{used.count(state)} {state}" for state in STATES)
-    return words + (f"; {others} not ok, reached only with other settings" if others else "") if judged else ""
+    text = "<h2>Verdicts</h2>"
+    text += html_table(("setting", "for this machine and these inputs", "why", "what it costs"), rows) if rows else ""
+    for subject, results in pairs:
+        judged = [value for *_, value in results.judged()]
+        used = [value.state for value in judged if not value.only]
+        others = sum(value.state != "ok" for value in judged if value.only)
+        counts = ", ".join(f"{used.count(state)} {state}" for state in STATES)
+        others_text = f"; {others} not ok, reached only with other settings" if others else ""
+        text += f"<p>{html.escape(subject.title)}: of what is in use {counts}{others_text}.</p>" if judged else ""
+    return text
 
 
 def _failures(pairs: Pairs) -> str:
@@ -132,14 +104,12 @@ def _failures(pairs: Pairs) -> str:
                 grouped.setdefault((table.title, case, value.only), []).append(f"{column} {value.text}" if case else row.name)
     for (title, case, only), what in grouped.items():
         words = f"failed: {'; '.join(what)}" if case else f"degraded in {len(what)} of the table below"
-        matters = f"only with {only}" if only else "yes: in use"
-        rows.append((title, case or ", ".join(dict.fromkeys(what)), words, matters))
+        rows.append((title, case or ", ".join(dict.fromkeys(what)), words, f"only with {only}" if only else "yes: in use"))
     rows.sort(key=lambda row: (not row[3].startswith("yes"), not row[2].startswith("failed")))
-    head = ("where", "case", "what", "does it matter?")
-    return f"<h2>What failed</h2>{html_table(head, rows) if rows else '<p>Nothing.</p>'}"
+    return f"<h2>What failed</h2>{html_table(('where', 'case', 'what', 'does it matter?'), rows) if rows else '<p>Nothing.</p>'}"
 
 
-def _section(subject: Subject, results: Results, folder: Path) -> str:
+def _section(subject: Subject, results: Results) -> str:
     text = f'<h2 id="{subject.name}">{html.escape(subject.title)}</h2><p>{_prose(subject.question)}</p>'
     text += f'<p class="soft">The paper: {_prose(subject.paper)}.</p>' if subject.paper else ""
     text += f"<p><code>{html.escape(results.about.get('command', ''))}</code></p>"
@@ -147,12 +117,11 @@ def _section(subject: Subject, results: Results, folder: Path) -> str:
         text += f"<p><b>{html.escape(choice.choice)}</b>: {html.escape(choice.why)}.</p>"
     for chart in subject.charts:
         if svg := draw(subject, results.rows, chart):
-            (folder / f"{chart.name}.svg").write_text(svg)
             data = base64.b64encode(svg.encode()).decode()
             text += f'<img alt="{html.escape(chart.title)}" src="data:image/svg+xml;base64,{data}">'
     if results.left_out:
         text += f"<p>Left out:</p><ul>{''.join(f'<li>{html.escape(reason)}</li>' for reason in results.left_out)}</ul>"
-    best = {row.name for chart in subject.charts if isinstance(chart, Chart) for row in front(results.rows, chart)}
+    best = {row.name for chart in subject.charts for row in front(results.rows, chart)}
     for table in results.tables:
         head, body = table.texts()
         classes = [

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.motion import FOCAL_PX, HOME_MM, known_motion, minimum_jerk, viewer_path
 from lfpipe.bench.results import Table, Value, judged_table
-from lfpipe.bench.runner import Candidate, Found, Samples
+from lfpipe.bench.runner import Candidate, Offer, Samples
 from lfpipe.bench.subjects import LIGHT_MS, NOISE_PX, SHOWN_MS
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
@@ -79,7 +79,7 @@ def simple_motion(name: str) -> HeadMotion:
     if name.startswith("sine"):
         x_px = 60 * np.sin(np.pi * t_s)
     else:
-        way_px, share = (float(name.split()[2]) * 0.8, s) if name.startswith("step") else (80.0, np.vectorize(minimum_jerk)(s))
+        way_px, share = (float(name.split()[2]) * 0.8, s) if name.startswith("step") else (80.0, minimum_jerk(s))
         x_px = way_px * np.where(t_s % 8 < 4, share, 1 - share)
     eyes = np.array([[[350.0, 240.0], [290.0, 240.0]]]) + np.stack([x_px, 0 * x_px], axis=1)[:, None, :]
     starts = () if name.startswith("sine") else tuple(_start(eyes, rest_ms) for rest_ms in range(2000, 20_000, 4000))
@@ -179,7 +179,7 @@ def motion_table() -> Table:
     return judged_table("Latency by motion and noise", note, head, rows)
 
 
-def measure(inputs: Inputs) -> Iterator[Found]:
+def measure(inputs: Inputs) -> Iterator[Offer]:
     """The filters with a known horizon, the default one with LOOP_MS of it unknown, and the paper's average."""
     for name in ("predictive", "kalman", "one-euro"):
         track = Track(filter=name)

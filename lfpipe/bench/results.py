@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -11,10 +10,11 @@ import attrs
 import numpy as np
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import read_bytes, reason
+from lfpipe.files.output import write_output
+from lfpipe.files.safe_files import read_bytes
 from lfpipe.files.untrusted import json_fields
 
-FORMAT = "lfpipe-bench-3"
+FORMAT = "lfpipe-bench-4"
 MAX_BYTES = 16 << 20  # of results.json
 MIN_SAMPLES = 6  # for a 95 % interval of the median from order statistics: 1 - 2 / 2**6 = 0.97
 State = Literal["", "ok", "degraded", "failed"]
@@ -28,7 +28,7 @@ class Column:
     key: str
     label: str
     unit: str = ""
-    reduce: Literal["median", "rms", "mean", "max"] = "median"
+    reduce: Literal["median", "rms", "mean", "min", "max"] = "median"
 
     @property
     def axis(self) -> str:
@@ -44,14 +44,13 @@ class Column:
 @attrs.frozen
 class Value:
     """A figure of a row. low, high: its 95 % interval, or its range if there are fewer than MIN_SAMPLES samples. turns: how often
-    it was timed, 0 for an error. parts: samples within turns. words: stand for a figure that is judged. state: the judgement.
-    only: where a value that is not ok matters, "" for what is in use by default, else the setting that reaches it."""
+    it was timed, 0 for an error. words: stand for a figure that is judged. state: the judgement. only: where a value that is not
+    ok matters, "" for what is in use by default, else the setting that reaches it."""
 
     value: float = 0.0
     low: float = 0.0
     high: float = 0.0
     turns: int = 0
-    parts: int = 0
     words: str = ""
     state: State = ""
     only: str = ""
@@ -66,14 +65,9 @@ class Value:
         """The number with its interval, or with the number and range of turns if there are too few for one."""
         if self.words or not self.turns:
             return self.words or short(self.value)
-        if max(self.turns, self.parts) >= MIN_SAMPLES:
+        if self.turns >= MIN_SAMPLES:
             return f"{short(self.value)} ± {100 * self.half / abs(self.value) if self.value else 0:.0f} %"
         return f"{short(self.value)} ({self.turns} run{'s' * (self.turns > 1)}, {short(self.low)} to {short(self.high)})"
-
-
-def exact(value: float) -> Value:
-    """A figure without noise."""
-    return Value(value, value, value)
 
 
 @attrs.frozen
@@ -115,9 +109,8 @@ class Table:
 
     def markdown(self) -> str:
         head, body = self.texts()
-        return "\n".join(
-            "| " + " | ".join(text.replace("|", "\\|") for text in row) + " |" for row in (head, ["---"] * len(head), *body)
-        )
+        lines = [" | ".join(text.replace("|", " ") for text in row) for row in (head, ["---"] * len(head), *body)]
+        return "\n".join(f"| {line} |" for line in lines)
 
 
 def judged_table(title: str, note: str, head: Sequence[str], rows: Iterable[tuple[str, Sequence[Value]]]) -> Table:
@@ -152,34 +145,28 @@ class Results:
 
 
 def short(value: float) -> str:
-    """A number in short form: 0.05, 3.2, 120, 2e-06."""
+    """A number in short form: 0.05, 3.2, 41.76, 120, 2e-06."""
     if value != 0 and not 1e-3 <= abs(value) < 1e5:
         return f"{value:.0e}"
-    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
 def write(results: dict[str, Results], folder: Path) -> None:
     """Replaces results.json. Raises UserError if the folder cannot be written."""
     content = {"format": FORMAT, "subjects": {name: attrs.asdict(one) for name, one in results.items()}}
-    part = folder / f".results.{os.getpid()}"
-    try:
-        part.write_text(json.dumps(content, indent=1, allow_nan=False))
-        part.replace(folder / "results.json")
-    except OSError as error:
-        raise UserError(f"{folder}: cannot be written: {error.strerror}", "choose another folder with --out DIR") from None
+    write_output(folder / "results.json", json.dumps(content, indent=1, allow_nan=False).encode(), label="--out")
 
 
 def read(folder: Path) -> dict[str, Results]:
     """The results in a folder. Raises UserError if there are none, or they have another format."""
-    path, remedy = folder / "results.json", "give a folder written by `lfpipe bench --out`"
+    path, remedy = folder / "results.json", "give a folder written by `lfpipe bench --out` of this version"
     try:
         content = json_fields(read_bytes(path, MAX_BYTES), str(path), remedy).values
         if content.get("format") != FORMAT:
-            raise UserError(f"{path}: format {content.get('format')!r:.100}; this version reads {FORMAT}", "measure again")
+            raise ValueError(f"format {content.get('format')!r:.100}, expected {FORMAT}")
         return {name: Results(**{**one, "tables": [*map(_table, one["tables"])]}) for name, one in content["subjects"].items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        why = reason(error) if isinstance(error, OSError | ValueError) else f"unexpected form: {error!r:.200}"
-        raise UserError(f"{path}: no results of `lfpipe bench`: {why}", remedy) from None
+        raise UserError(f"{path}: no results of `lfpipe bench`: {error!s:.200}", remedy) from None
 
 
 def _table(fields: dict[str, Any]) -> Table:

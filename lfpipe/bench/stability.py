@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lfpipe.bench.extremes import colour_table, judged_error, mapping_table, synthesis_table
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import State, Table, Value, judged_table
-from lfpipe.bench.runner import Found
+from lfpipe.bench.runner import Offer
 from lfpipe.config import Config, Track
 from lfpipe.eyes import EYES as RECORD
 from lfpipe.eyes import EyesRecord
@@ -29,6 +29,7 @@ RATES_HZ = (15, 30, 60, 120, 240)
 EYES = np.array([[350.0, 240.0], [290.0, 242.0]])
 APART_PX = 60.0
 AHEAD_MS = 100  # a usual time from exposure to light
+VIEWER_HZ, VIEWER_STEP_NS = 60, 16_666_667
 Float = NDArray[np.float64]
 
 
@@ -39,10 +40,9 @@ def covariance_error(q: float, first: float, dt_ns: int, rounds: int) -> float:
     """
     filter_ = Predictive(Tuning(motions=(Motion(q, 1.0),), stay_s=1e300, rate_common=0.0, first=first, least=first))
     d, worst = Fraction(dt_ns / 1e9), 0.0
-    apart = math.dist(*EYES.tolist())
     filter_.update(0, EYES)
     a, b, c = (Fraction(value) for value in (filter_._models[1].a, filter_._models[1].b, filter_._models[1].c))
-    noise, density = Fraction(filter_._noise * filter_._tuning.common**2), Fraction(q * apart**2)
+    noise, density = Fraction(filter_._noise * filter_._tuning.common**2), Fraction(q * math.dist(*EYES.tolist()) ** 2)
     for k in range(1, rounds + 1):
         filter_.update(k * dt_ns, EYES)
         a, b, c = a + 2 * b * d + c * d * d + density * d**3 / 3, b + c * d + density * d * d / 2, c + density * d
@@ -67,16 +67,23 @@ def covariance_table(rounds: int) -> Table:
     return judged_table(f"Covariance of the default filter ({Track().filter})", note, head, rows)
 
 
-def head_path(t_s: float, moving: bool) -> Float:
-    """The eyes at a time: at rest, or swaying by 100 px at half a hertz."""
-    return np.asarray(EYES + (np.array((100 * math.sin(math.pi * t_s), 20 * math.sin(1.7 * math.pi * t_s))) if moving else 0.0))
-
-
 def stamps_ns(rate_hz: float, count: int, seed: int, jittered: bool) -> list[int]:
     """Rising stamps of frames; jittered: by a tenth of the period, every ninth a duplicate of its predecessor."""
     random, period_ns = np.random.default_rng(seed), 1e9 / rate_hz
     stamps = [round(10**12 + k * period_ns + (random.uniform(-0.1, 0.1) * period_ns if jittered else 0)) for k in range(count)]
     return [stamps[k - 1] if jittered and k % 9 == 8 else t_ns for k, t_ns in enumerate(stamps)]
+
+
+def aftermath(runs: list[Float], since: int, limit: float, rate_hz: float) -> tuple[float, float]:
+    """(peak, duration) of what a disturbance at sample `since` does. runs: without it and with it, (n, 2, 2) each.
+
+    The largest distance between the runs, and the seconds until it stays below limit; infinite if any output is not finite.
+    """
+    off = np.abs(runs[1] - runs[0]).max(axis=(1, 2))[since:]
+    if not np.isfinite(off).all():
+        return math.inf, math.inf
+    above = np.flatnonzero(off > limit)
+    return float(off.max()), float((above[-1] + 1) / rate_hz if len(above) else 0.0)
 
 
 # Name -> what becomes of the stamp (ns) and the eyes of one frame. What the tracker's gate refuses anyway (not finite, out of all
@@ -94,25 +101,21 @@ DISTURBANCES: dict[str, Callable[[int, Float], tuple[int, Float]]] = {
 
 
 def disturbed(name: str, what: str, rate_hz: int, moving: bool, frames: int = 1) -> tuple[float, float]:
-    """(peak, duration): largest distance from the undisturbed run, in eye distances, AHEAD_MS ahead, and the seconds until it
-    stays below 2 % of an eye distance. Infinite if any output is not finite. A moving head has jittered stamps, too. frames:
-    how many in a row are wrong.
+    """(peak, duration) of a disturbance of so many frames in a row, in eye distances AHEAD_MS ahead, until it stays below 2 %.
+
+    The head rests, or sways by 100 px at half a hertz, then with jittered stamps.
     """
-    stamps = stamps_ns(rate_hz, 4 * rate_hz, 1, jittered=moving)
-    at = 2 * rate_hz
-    runs: list[list[Float]] = []
-    for bad in (False, True):
+    stamps, at, runs = stamps_ns(rate_hz, 4 * rate_hz, 1, jittered=moving), 2 * rate_hz, []
+    for wrong in ((), range(at, at + frames)):
         filter_, noise, outputs = make_filter(Track(filter=name)), np.random.default_rng(2), []  # type: ignore[arg-type]
         for k, t_ns in enumerate(stamps):
-            eyes = head_path((t_ns - stamps[0]) / 1e9, moving) + noise.normal(0.0, 0.3, (2, 2))
-            filter_.update(*(DISTURBANCES[what](t_ns, eyes) if bad and at <= k < at + frames else (t_ns, eyes)))
-            outputs.append(filter_.predict(t_ns + AHEAD_MS * 1_000_000))
-        runs.append(outputs)
-    off = np.abs(np.array(runs[0]) - np.array(runs[1])).max(axis=(1, 2))[at:] / APART_PX
-    if not np.isfinite(off).all():
-        return math.inf, math.inf
-    after = np.flatnonzero(off > 0.02)
-    return float(off.max()), float((after[-1] + 1) / rate_hz if len(after) else 0.0)
+            t_s = (t_ns - stamps[0]) / 1e9
+            sway = np.array((100 * math.sin(math.pi * t_s), 20 * math.sin(1.7 * math.pi * t_s))) if moving else 0.0
+            eyes = EYES + sway + noise.normal(0.0, 0.3, (2, 2))
+            filter_.update(*(DISTURBANCES[what](t_ns, eyes) if k in wrong else (t_ns, eyes)))
+            outputs.append(filter_.predict(t_ns + AHEAD_MS * 1_000_000) / APART_PX)
+        runs.append(np.array(outputs))
+    return aftermath(runs, at, 0.02, rate_hz)
 
 
 def filter_tables(rates_hz: tuple[int, ...]) -> Iterator[Table]:
@@ -121,27 +124,27 @@ def filter_tables(rates_hz: tuple[int, ...]) -> Iterator[Table]:
         f"Largest distance from the run without it in eye distances, {AHEAD_MS} ms ahead, and how long it stays above 2 %."
         " ok: at most 1.5 and 0.7 s; failed: longer than 1.5 s, or not finite."
     )
+
+    def value(name: str, peak: float, lasts_s: float) -> Value:
+        state: State = "ok" if peak <= 1.5 and lasts_s <= 0.7 else "degraded" if lasts_s <= 1.5 else "failed"
+        return Value(words=f"{peak:.2f}, {lasts_s:.2f} s", state=state, only="" if name == FILTERS[0] else f"track.filter={name}")
+
     for moving, frames in itertools.product((False, True), (1, 2)):
-        rows = []
-        for what, rate_hz in itertools.product(DISTURBANCES, rates_hz):
-            values = []
-            for name in FILTERS:
-                peak, lasts_s = disturbed(name, what, rate_hz, moving, frames)
-                state: State = "ok" if peak <= 1.5 and lasts_s <= 0.7 else "degraded" if lasts_s <= 1.5 else "failed"
-                only = "" if name == FILTERS[0] else f"track.filter={name}"
-                values.append(Value(words=f"{peak:.2f}, {lasts_s:.2f} s", state=state, only=only))
-            rows.append((f"{what}, {rate_hz} Hz", values))
+        rows = [
+            (f"{what}, {rate} Hz", [value(name, *disturbed(name, what, rate, moving, frames)) for name in FILTERS])
+            for what, rate in itertools.product(DISTURBANCES, rates_hz)
+        ]
         title = f"Filters after {('one bad frame', 'two bad frames')[frames - 1]}, "
         title += "a moving head, jittered and duplicate stamps" if moving else "a head at rest"
         yield judged_table(title, note, ("wrong", *FILTERS), rows)
 
 
 def viewer_run(field: LightField, rate_hz: int, jittered: bool, bad: dict[str, object], frames: range) -> Float:
-    """Viewpoints (n, 2, 2) of a viewer before a field, at 60 Hz, over 8 s. bad: what stands in the records of some frames."""
+    """Viewpoints (n, 2, 2) of a viewer before a field, at VIEWER_HZ, over 8 s. bad: what stands in the records of some frames."""
     viewer, record = Viewer(field, Config()), np.zeros((), RECORD)
     stamps = stamps_ns(rate_hz, 8 * rate_hz, 3, jittered)
     views, k = [], 0
-    for presented_ns in range(stamps[0], stamps[-1], 16_666_667):
+    for presented_ns in range(stamps[0], stamps[-1], VIEWER_STEP_NS):
         while k + 1 < len(stamps) and stamps[k + 1] <= presented_ns:
             k += 1
         usual = {"filtered_px": EYES, "raw_px": EYES, "velocity_px_s": 0.0, "apart_px": APART_PX, "confidence": 1.0,
@@ -167,32 +170,27 @@ CASES: dict[str, tuple[dict[str, object], int]] = {  # what stands in the record
 }
 
 
-def viewer_value(field: LightField, bad: dict[str, object], frames: int, rate_hz: int, jittered: bool) -> Value:
-    """How far the viewpoints are from a run without bad records, in views, and how long."""
-    at = 3 * rate_hz
-    try:
-        quiet, views = (viewer_run(field, rate_hz, jittered, bad, range(at, at + count)) for count in (0, frames))
-    except Exception as error:  # the exception is the result
-        return Value(words=f"{type(error).__name__}: {error}"[:80], state="failed")
-    off = np.abs(views - quiet).max(axis=(1, 2))
-    if not np.isfinite(views).all():
-        return Value(words="not finite", state="failed")
-    after = np.flatnonzero(off > 0.05)
-    lasts_s = (after[-1] - 3 * 60 + 1) / 60 if len(after) else 0.0
-    words = f"{off.max():.2f}, {lasts_s:.2f} s"
-    return Value(words=words, state="ok" if lasts_s <= 2 else "degraded" if lasts_s < 4.5 else "failed")
-
-
 def viewer_table(field: LightField, rates_hz: tuple[int, ...]) -> Table:
     """Viewer, easing, presence and parallax: what one frame, or ten without a face, do to the viewpoints."""
+
+    def value(bad: dict[str, object], frames: int, rate_hz: int, jittered: bool) -> Value:
+        at = 3 * rate_hz
+        try:
+            runs = [viewer_run(field, rate_hz, jittered, bad, range(at, at + count)) for count in (0, frames)]
+        except Exception as error:  # the exception is the result
+            return Value(words=f"{type(error).__name__}: {error}"[:80], state="failed")
+        peak, lasts_s = aftermath(runs, 3 * VIEWER_HZ, 0.05, VIEWER_HZ)
+        state: State = "ok" if lasts_s <= 2 else "degraded" if lasts_s < 4.5 else "failed"
+        return Value(words=f"{peak:.2f}, {lasts_s:.2f} s", state=state)
+
     columns = list(itertools.product(rates_hz, (False, True)))
-    rows = [(what, [viewer_value(field, *case, *column) for column in columns]) for what, case in CASES.items()]
+    rows = [(what, [value(*case, *column) for column in columns]) for what, case in CASES.items()]
     head = ("in the record", *(f"{rate_hz} Hz{', jittered' * jittered}" for rate_hz, jittered in columns))
     note = "Distance of the viewpoints from a run without it, in views, and how long it stays above 0.05. failed: it never ends."
     return judged_table("The viewer before the screen", note, head, rows)
 
 
-def measure(inputs: Inputs) -> Iterator[Found]:
+def measure(inputs: Inputs) -> Iterator[Offer]:
     """All tables."""
     rates_hz = (30, 240) if inputs.quick else RATES_HZ
     yield covariance_table(7 if inputs.quick else 9)  # the rationals' digits double every round

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.runner import Candidate, Found, Samples, Turn, time_figures, times_ms
+from lfpipe.bench.runner import Candidate, Offer, Samples, Turn, time_figures, times_ms
 from lfpipe.config import Render
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.render.compositor import Compositor
@@ -81,7 +81,7 @@ def kept_of(count: int, stride: int) -> list[int]:
     return indices if count == 1 or len(indices) > 1 else []
 
 
-def measure(inputs: Inputs) -> Iterator[Found]:
+def measure(inputs: Inputs) -> Iterator[Offer]:
     """Methods x stride of the kept views."""
     field = inputs.field
     grid = f"a grid of {field.rows}x{field.cols}"

@@ -4,9 +4,8 @@ PSNR and SSIM of luma are averaged over the synthesised views of a scene. The 7x
 the top left ones (LFASR-geo, ELFR). Smaller grids use the largest square that fits; the name of the row tells it.
 """
 
-import time
-import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import attrs
@@ -15,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Progress
-from lfpipe.bench.results import Results, Row, Table, Value
-from lfpipe.bench.runner import conditions
+from lfpipe.bench.results import Results, Row, Table
+from lfpipe.bench.runner import Candidate, Samples, Turn, conditions, run, times_ms
 from lfpipe.bench.subjects import TABLE
 from lfpipe.bench.synthesis import ViewRenderer, subsample
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
 from lfpipe.render.scoring import psnr_db
+from lfpipe.render.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
 
 SIDE = 7  # views per side in the printed protocol
-PASSES = 3  # timed passes over all synthesised views
 LUMA, BLACK = np.array([65.481, 128.553, 24.966]) / 255, 16.0  # ITU-R BT.601, 16 to 235, as MATLAB's rgb2ycbcr
 SIGMA_PX, WINDOW_PX, K1, K2 = 1.5, 11, 0.01, 0.03  # Wang, Bovik, Sheikh, Simoncelli, IEEE TIP 2004
 Float = NDArray[np.float64]
@@ -95,65 +94,49 @@ def grid_of(field: LightField, protocol: Protocol) -> tuple[tuple[int, int], tup
     return (row, protocol.keep if row_step else 1), (col, protocol.keep if col_step else 1), step
 
 
-def scene_rows(field: LightField, protocol: Protocol, progress: Progress) -> Iterator[Row]:
-    """A row for each method. Raises ValueError if the field does not fit the protocol."""
+def measure(field: LightField, protocol: Protocol) -> Iterator[Candidate]:
+    """A candidate for each method. Raises ValueError if the field does not fit the protocol."""
     (row, rows), (col, cols), step = grid_of(field, protocol)
     grid = f"{rows}x{cols} -> {(rows - 1) * step + 1}x{(cols - 1) * step + 1}"
-    inside = np.ndindex((rows - 1) * step + 1, (cols - 1) * step + 1)
-    places = [(r, c) for r, c in inside if (r % step or c % step) and field.present[row + r, col + c]]
     kept_rows, kept_cols = ([start + k * step for k in range(n)] for start, n in ((row, rows), (col, cols)))
     if not field.present[np.ix_(kept_rows, kept_cols)].all():
         raise ValueError("one of the kept views is missing")
     views = np.asarray(field.views[0])
-    truth = {place: shaved(studio_luma(views[row + place[0], col + place[1]]), protocol.border_px) for place in places}
-    started = time.perf_counter()
+    truth = {
+        (r / step, c / step): shaved(studio_luma(views[row + r, col + c]), protocol.border_px)
+        for r, c in np.ndindex((rows - 1) * step + 1, (cols - 1) * step + 1)
+        if (r % step or c % step) and field.present[row + r, col + c]
+    }
     part = subsample(field, kept_rows, kept_cols)
-    prepare_s = time.perf_counter() - started
     for method in reversed(METHODS):
-        warps = method in WARPS
-        if warps and part.disparity is None:
-            continue
-        tracemalloc.start()
-        renderer = ViewRenderer(part, method)
-        errors, similarities = [], []
-        for k, place in enumerate(places):
-            luma = shaved(studio_luma(renderer.at((place[0] / step, place[1] / step))), protocol.border_px)
-            errors.append(psnr_db(float(np.mean(np.square(truth[place] - luma)))))
-            similarities.append(ssim(truth[place], luma))
-            progress(f"{field.name}, {method}", k + 1, len(places))
-        buffers = tracemalloc.get_traced_memory()[0]
-        tracemalloc.stop()
-        stored = part.views.nbytes + (part.disparity.nbytes if warps and part.disparity is not None else 0)
-        figures = {"psnr_db": float(np.mean(errors)), "worst_db": min(errors), "ssim": float(np.mean(similarities))}
-        figures |= {"mb": (stored + buffers) / 1e6, "prepare_s": prepare_s if warps else 0.0}
-        figures |= {"ms": _median_ms(renderer, places, step)} if protocol.timed else {}
-        values = {name: Value(value, value, value) for name, value in figures.items()}
-        values |= {name: attrs.evolve(values[name], words=f"{figures[name]:.{digits}f}")
-                   for name, digits in (("psnr_db", 2), ("worst_db", 2), ("ssim", 4))}  # fmt: skip
-        yield Row(f"{field.name}, {grid}, {method}", values, method)
+        if part.disparity is not None or method not in WARPS:
+            yield Candidate(method, f"{field.name}, {grid}", partial(_prepare, part, method, truth, protocol))
 
 
-def _median_ms(renderer: ViewRenderer, places: Sequence[tuple[int, int]], step: int) -> float:
-    """Median time to draw one view in colour, over PASSES passes over the synthesised views."""
-    times = []
-    for row, col in [*places] * PASSES:
-        start = time.perf_counter_ns()
-        renderer.draw((row / step, col / step))
-        times.append((time.perf_counter_ns() - start) / 1e6)
-    return float(np.median(times))
+def _prepare(part: LightField, method: str, truth: dict[Position, Float], protocol: Protocol) -> tuple[Samples, Turn | None]:
+    renderer = ViewRenderer(part, method)
+    lumas = {place: shaved(studio_luma(renderer.at(place)), protocol.border_px) for place in truth}
+    db = [psnr_db(float(np.mean(np.square(true - lumas[place])))) for place, true in truth.items()]
+    samples = {"psnr_db": db, "worst_db": db, "ssim": [ssim(true, lumas[place]) for place, true in truth.items()]}
+
+    def turn() -> dict[str, float]:
+        return {"ms": float(np.median([times_ms(partial(renderer.draw, place), 1)[0] for place in truth]))}
+
+    return samples, turn if protocol.timed else None
 
 
 def measure_scenes(scenes: Sequence[tuple[Path, Callable[[], LightField]]], protocol: Protocol, progress: Progress) -> Results:
     """Every method on every scene. scenes: (path, function that opens it); one that cannot be measured is left out."""
-    cv2.setNumThreads(1)  # as in a session
-    started, cpu_s = time.monotonic(), time.process_time()
-    results, rows = Results(TABLE.name, about=conditions()), []
+    whole, rows = Results(TABLE.name, about=conditions()), list[Row]()
     for path, open_field in scenes:
         try:
-            rows += list(scene_rows(open_field(), protocol, progress))
+            results = run(TABLE, measure(open_field(), protocol), False, progress)
         except (UserError, ValueError) as error:
-            results.left_out.append(f"{path.name}: {error}")
+            whole.left_out.append(f"{path.name}: {error}")
+            continue
+        rows += results.rows
+        whole.failures |= results.failures
+        whole.wall_s, whole.cpu_s = whole.wall_s + results.wall_s, whole.cpu_s + results.cpu_s
     note = f"{protocol.keep}x{protocol.keep} views kept of the {protocol.crop} 7x7, {protocol.border_px} px shaved off each side."
-    results.tables = [Table("scene, views, method", TABLE.columns, tuple(rows), "", note)]
-    results.wall_s, results.cpu_s = round(time.monotonic() - started, 1), round(time.process_time() - cpu_s, 1)
-    return results
+    whole.tables = [Table("method, scene, views", TABLE.columns, tuple(rows), "", note)]
+    return whole

@@ -113,9 +113,7 @@ def acquire(session: Session) -> Lock:
         raise UserError(f"session {session.name!r} is already running", remedy)
     try:
         _empty(session.run_dir)
-        if not _unlink_memory(session):
-            remedy = "try again in a few seconds, or use another --session NAME"
-            raise UserError(f"session {session.name!r} lost its run directory and has not ended yet", remedy)
+        _free_names(session)
     except BaseException:
         release(session, lock)
         raise
@@ -132,18 +130,22 @@ def _empty(run_dir: Path) -> None:
                 path.unlink(missing_ok=True)
 
 
-def _unlink_memory(session: Session) -> bool:
-    """Unlinks the session's abandoned memory; whether none is left. Waits for another process that sweeps and looks at it, and
-    for a living session that lost its run directory to end."""
+def _free_names(session: Session) -> None:
+    """Unlinks the memory of a dead session. Waits for a living one that lost its run directory and keeps its memory until it
+    ends."""
     end_s = time.monotonic() + ENDING_S
-    while True:
-        for name, _ in segment.abandoned(session.segment("")):
-            shared_memory.unlink(name)
-        if not segment.owned(session.segment("")):
-            return True
+    while not _unlinked(session):
         if time.monotonic() > end_s:
-            return False
+            remedy = "try again in a few seconds, or use another --session NAME"
+            raise UserError(f"session {session.name!r} lost its run directory and has not ended yet", remedy)
         time.sleep(PAUSE_S)
+
+
+def _unlinked(session: Session) -> bool:
+    """Unlinks the session's abandoned memory; whether none is left."""
+    for name, _ in segment.abandoned(session.segment("")):
+        shared_memory.unlink(name)
+    return not segment.owned(session.segment(""))
 
 
 def release(session: Session, lock: Lock) -> None:
@@ -152,11 +154,11 @@ def release(session: Session, lock: Lock) -> None:
     """
     try:
         if lock.in_place():
-            _unlink_memory(session)
-            with contextlib.suppress(OSError):
-                _empty(session.run_dir)
-                session.lock.unlink()
-                session.run_dir.rmdir()
+            for _ in range(ATTEMPTS):  # another process that sweeps may be looking at one: then that counts as in use
+                if _unlinked(session):
+                    break
+                time.sleep(PAUSE_S)
+            lock.remove_folder()
             return
     finally:
         lock.release()

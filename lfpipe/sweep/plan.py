@@ -13,13 +13,13 @@ crop = ["central", "top-left"]
 border = [22]
 """
 
-import difflib
 import glob
 import hashlib
 import itertools
 import json
+import math
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -27,10 +27,10 @@ from typing import Any
 import attrs
 
 from lfpipe import config
-from lfpipe.config.check import flat
+from lfpipe.config.check import closest, flat
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_text
-from lfpipe.files.untrusted import toml_table
+from lfpipe.files.untrusted import parse_toml
 from lfpipe.scene.open_scene import open_scene
 from lfpipe.sequence.folder import MANIFEST, is_sequence
 
@@ -57,7 +57,7 @@ class Cell:
     subject: str
     sequence: str
     scene: str
-    sets: tuple[str, ...]
+    sets: tuple[str, ...] = ()
     options: tuple[tuple[str, str], ...] = ()
     key: str = ""
     why_not: str = ""
@@ -78,55 +78,55 @@ class Cell:
         return re.sub(r"[^\w.=-]+", "_", self.name)[:80] + "-" + hashlib.blake2b(self.name.encode(), digest_size=4).hexdigest()
 
 
-@attrs.frozen
-class Plan:
-    """Paths are absolute, or patterns that match nothing."""
+def read_plan(path: Path) -> list[Cell]:
+    """The cells of a plan, without keys. Paths are absolute, or patterns that match nothing.
 
-    sequences: tuple[str, ...]
-    scenes: tuple[str, ...]
-    subjects: tuple[str, ...]
-    configs: tuple[tuple[str, ...], ...]
-    protocols: tuple[tuple[tuple[str, str], ...], ...]
-
-
-def read_plan(path: Path) -> Plan:
-    """Raises UserError with the key, the value and the remedy."""
-    table = toml_table(read_text(path, PLAN_BYTES, str(path), REMEDY), str(path), REMEDY)
+    Raises UserError with the key, the value and the remedy.
+    """
+    table = parse_toml(read_text(path, PLAN_BYTES, str(path), REMEDY), str(path), REMEDY)
     _check_names(f"{path}: ", table, ("sequences", "scenes", "subjects", "config", "table"))
     sequences, scenes, subjects = (_texts(path, key, table.get(key, [])) for key in ("sequences", "scenes", "subjects"))
     _check_names(f"{path}: subjects: ", subjects, SUBJECTS)
     if not subjects:
         raise UserError(f"{path}: subjects: the list is empty", f"name at least one of {', '.join(SUBJECTS)}")
-    options = _lists(path, "table", table.get("table", {}))
+    options = {name: [default] for name, (_, default) in PROTOCOL.items()} | _lists(path, "table", table.get("table", {}))
     _check_names(f"{path}: table.", options, PROTOCOL)
-    options = {name: options.get(name, [default]) for name, (_, default) in PROTOCOL.items()}
     for name, value in ((name, value) for name, values in options.items() for value in values):
         if isinstance(value, bool | float) or value not in PROTOCOL[name][0]:
             raise UserError(f"{path}: table.{name}: {value!r}", "see the values in `lfpipe bench table --help`")
-    settings = _lists(path, "config", table.get("config", {}))
     sets = [
         [f"{key}={value if isinstance(value, str) else json.dumps(value)}" for value in values]
-        for key, values in settings.items()
+        for key, values in _lists(path, "config", table.get("config", {})).items()
     ]
-    configs = tuple(itertools.product(*sets))
+    if (count := len(subjects) * math.prod(map(len, sets))) > MAX_CELLS:
+        raise UserError(f"{path}: {count} combinations of configurations and subjects", f"reduce them to at most {MAX_CELLS}")
+    configs = list(itertools.product(*sets))
     for texts in configs:
         config.load(None, texts)  # refuses wrong keys and values before anything runs
-    if (count := len(configs) * len(subjects)) > MAX_CELLS:
-        raise UserError(f"{path}: {count} combinations of configurations and subjects", f"reduce them to at most {MAX_CELLS}")
-    protocols = tuple(tuple(zip(options, map(str, values), strict=True)) for values in itertools.product(*options.values()))
-    plan = Plan(_expanded(path, sequences), _expanded(path, scenes), subjects, configs, protocols)
+    protocols = [tuple(zip(options, map(str, values), strict=True)) for values in itertools.product(*options.values())]
+    inputs = {"sequences": _expanded(path, sequences), "scenes": _expanded(path, scenes)}
     for key, names in NEEDS.items():
-        if (needy := next((name for name in subjects if name in names), "")) and not getattr(plan, key):
+        if (needy := next((name for name in subjects if name in names), "")) and not inputs[key]:
             raise UserError(f"{path}: subject {needy} needs {key}", f"add {key} = [...]")
-    return plan
+    return [
+        Cell(subject, *values)
+        for subject in subjects
+        for values in itertools.product(
+            (inputs["sequences"] if subject not in (QUALITY, TABLE) else ()) or [""],
+            inputs["scenes"] or [""],
+            configs,
+            protocols if subject in (QUALITY, TABLE) else [()],
+        )
+    ]
 
 
 def _check_names(where: str, names: Collection[str], known: Collection[str]) -> None:
     for name in names:
         if name not in known:
-            close = difflib.get_close_matches(name, known, 1, 0.5)
-            remedy = f"did you mean {close[0]!r}?" if close else f"use one of {', '.join(known)}"
-            raise UserError(f"{where}{name}: no such name", remedy)
+            close = closest(name, known, 0.5)
+            raise UserError(
+                f"{where}{name}: no such name", f"did you mean {close!r}?" if close else f"use one of {', '.join(known)}"
+            )
 
 
 def _texts(path: Path, key: str, values: Any) -> tuple[str, ...]:
@@ -145,28 +145,22 @@ def _lists(path: Path, key: str, table: Any) -> dict[str, list[Any]]:
     return lists
 
 
-def _expanded(plan: Path, patterns: tuple[str, ...]) -> tuple[str, ...]:
+def _expanded(plan: Path, patterns: tuple[str, ...]) -> list[str]:
     """Paths that the patterns match, in order. A pattern without a match is kept, so that it is reported as missing."""
     paths: dict[str, None] = {}
     for pattern in patterns:
         whole = str(plan.resolve().parent / Path(pattern).expanduser())
         matches = sorted(glob.glob(whole)) if any(sign in pattern for sign in "*?[") else []  # noqa: PTH207
         paths |= dict.fromkeys(matches or [whole])
-    return tuple(paths)
+    return list(paths)
 
 
-def cells(plan: Plan, version: str) -> Iterator[Cell]:
-    """Every cell of a plan. version: hash of the code and the versions of its libraries."""
-    for subject, sets in itertools.product(plan.subjects, plan.configs):
-        sequences = plan.sequences if subject in (*NEEDS["sequences"], *BENCH) else ()
-        protocols = plan.protocols if subject in (QUALITY, TABLE) else ((),)
-        for sequence, scene, options in itertools.product(sequences or ("",), plan.scenes or ("",), protocols):
-            cell = Cell(subject, sequence, scene, sets, options)
-            try:
-                key, why_not = _hash(version, cell.name, sequence_id(sequence), scene_id(scene, sets)), ""
-            except UserError as error:
-                key, why_not = _hash(version, cell.name), error.message
-            yield attrs.evolve(cell, key=key, why_not=why_not)
+def keyed(cell: Cell, version: str) -> Cell:
+    """The cell with its key. version: hash of the code and the versions of its libraries."""
+    try:
+        return attrs.evolve(cell, key=_hash(version, cell.name, sequence_id(cell.sequence), scene_id(cell.scene, cell.sets)))
+    except UserError as error:
+        return attrs.evolve(cell, key=_hash(version, cell.name), why_not=error.message)
 
 
 def _hash(*parts: str) -> str:

@@ -1,5 +1,6 @@
 """Results of a sweep: one line per finished cell, references to compare with, a table, a page and JUnit XML."""
 
+import contextlib
 import csv
 import hashlib
 import io
@@ -7,15 +8,14 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import attrs
 
 from lfpipe.bench.style import document, html_table
 from lfpipe.errors import UserError, plain
-from lfpipe.files.output import check_output
-from lfpipe.files.safe_files import LineFile, reason, replaced
+from lfpipe.files.output import check_output, write_output
+from lfpipe.files.safe_files import LineFile, reason
 from lfpipe.host.files import is_dir, is_file
 from lfpipe.sweep.plan import QUALITY, REPLAY, Cell
 
@@ -64,24 +64,22 @@ def parsed(line: bytes) -> Outcome:
 class Store:
     """results.jsonl of a folder: outcomes by key; the last line of a key counts. A partial last line is ignored."""
 
-    def __init__(self, folder: Path, read_only: bool = False) -> None:
-        """Raises UserError if the folder cannot be read or written."""
+    def __init__(self, folder: Path) -> None:
+        """Raises UserError if the folder cannot be read or written, or has files of these names that are not ours."""
         self.path = folder / LINES
         self.outcomes: dict[str, Outcome] = {}
         try:
-            if not read_only:
-                folder.mkdir(parents=True, exist_ok=True)
-                for name in (LINES, TABLE, PAGE, JUNIT):
-                    check_output(folder / name)
-                self._file = LineFile(self.path)
-            for line in self.path.read_bytes().splitlines():
-                try:
-                    outcome = parsed(line)
-                except (ValueError, TypeError, KeyError):  # a line of another version: the cell is measured again
-                    continue
-                self.outcomes[outcome.cell.key] = outcome
+            folder.mkdir(parents=True, exist_ok=True)
+            for name in (LINES, TABLE, PAGE, JUNIT):
+                check_output(folder / name)
+            self._file = LineFile(self.path)
+            lines = self.path.read_bytes().splitlines()
         except OSError as error:
-            raise UserError(f"{self.path}: {reason(error)}", "name a folder that a sweep wrote" if read_only else PLACE) from None
+            raise UserError(f"{self.path}: {reason(error)}", PLACE) from None
+        for line in lines:
+            with contextlib.suppress(ValueError, TypeError, KeyError):  # a line of another version: the cell is measured again
+                outcome = parsed(line)
+                self.outcomes[outcome.cell.key] = outcome
 
     def append(self, outcome: Outcome) -> None:
         """Raises UserError if the disk is full; earlier lines stay intact."""
@@ -97,15 +95,32 @@ class Store:
 
 
 @attrs.frozen
-class References:
-    """folder: with a folder for each replay and quality cell. update: they are written instead of compared with."""
+class Order:
+    """How to measure a cell. reference: folder to compare a replay with, "" for none; update: write it instead."""
 
-    folder: Path
+    limit_s: float
+    reference: str = ""
+    update: bool = False
+
+
+@attrs.frozen
+class References:
+    """folder: with a folder for each replay and quality cell; None compares nothing. update: they are written instead."""
+
+    folder: Path | None = None
     update: bool = False
 
     def place(self, cell: Cell) -> Path | None:
         """Where the reference of a cell is; None for a subject without."""
-        return self.folder / cell.folder if cell.subject in (REPLAY, QUALITY) else None
+        return self.folder / cell.folder if self.folder is not None and cell.subject in (REPLAY, QUALITY) else None
+
+    def order(self, limit_s: float, cell: Cell) -> Order:
+        """`lfpipe replay` compares and writes its own references."""
+        place = self.place(cell)
+        if place is None or cell.subject != REPLAY or not (self.update or is_dir(place)):
+            return Order(limit_s)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        return Order(limit_s, str(place.resolve()), self.update)
 
     def marked(self, cell: Cell) -> Cell:
         """The cell with a key that also depends on its reference: on its files, or, with update, on whether there are any."""
@@ -118,24 +133,21 @@ class References:
     def judged(self, outcome: Outcome) -> Outcome:
         """The outcome; `differs` if it differs from its reference. Without a reference it fails; with update it is stored.
 
-        `lfpipe replay` compares and writes its own references. Raises UserError if the disk is full.
+        Raises UserError if the disk is full.
         """
         place = self.place(outcome.cell)
         if place is None or outcome.state != OK or (self.update and outcome.cell.subject == REPLAY):
             return outcome
         if self.update:
-            try:
-                place.mkdir(parents=True, exist_ok=True)
-                (place / REFERENCE).write_text(json.dumps(outcome.figures, indent=1))
-            except OSError as error:
-                raise UserError(f"--expect {self.folder}: {reason(error)}", "use a folder on a disk with free space") from None
+            place.mkdir(parents=True, exist_ok=True)
+            write_output(place / REFERENCE, json.dumps(outcome.figures, indent=1).encode(), label="--expect")
             return outcome
         if not is_dir(place):
             return attrs.evolve(outcome, state=FAILED, reason=f"no reference {place.name}: write it with --update")
         if outcome.cell.subject == REPLAY:
             return outcome
         try:
-            reference: dict[str, Any] = json.loads((place / REFERENCE).read_text())
+            reference = json.loads((place / REFERENCE).read_text())
             wrong = [
                 f"{name}: {value} in the reference, now {outcome.figures.get(name)}"
                 for name, value in reference.items()
@@ -160,12 +172,6 @@ def rows(outcomes: Sequence[Outcome]) -> list[list[str]]:
     return [[*ABOUT, *figures], *body]
 
 
-def by_subject(outcomes: Sequence[Outcome]) -> dict[str, list[list[str]]]:
-    """The table of each subject."""
-    subjects = dict.fromkeys(outcome.cell.subject for outcome in outcomes)
-    return {subject: rows([outcome for outcome in outcomes if outcome.cell.subject == subject]) for subject in subjects}
-
-
 def verdict(outcomes: Sequence[Outcome]) -> str:
     """Counts by state, in words."""
     counts = Counter(outcome.state for outcome in outcomes)
@@ -177,17 +183,13 @@ def write(outcomes: Sequence[Outcome], folder: Path, junit: Path | None) -> Path
     text = io.StringIO()
     csv.writer(text).writerows([[_quoted(cell, k) for k, cell in enumerate(row)] for row in rows(outcomes)])
     page = f"<p>{verdict(outcomes)}</p>"
-    for subject, (head, *body) in by_subject(outcomes).items():
+    for subject in dict.fromkeys(outcome.cell.subject for outcome in outcomes):
+        head, *body = rows([outcome for outcome in outcomes if outcome.cell.subject == subject])
         texts = [[plain(text, 400) for text in row] for row in body]
         page += f"<h2>{subject}</h2>" + html_table(head, texts, [[STATES[row[0]]] for row in body])
-    files = {folder / TABLE: text.getvalue().encode(), folder / PAGE: document("Sweep", page).encode(),
-             junit or folder / JUNIT: _junit(outcomes)}  # fmt: skip
-    try:
-        for path, content in files.items():
-            with replaced(path, 0o644) as file:
-                file.write(content)
-    except OSError as error:
-        raise UserError(f"{error.filename or folder}: cannot be written: {reason(error)}", PLACE) from None
+    write_output(folder / TABLE, text.getvalue().encode())
+    write_output(folder / PAGE, document("Sweep", page).encode())
+    write_output(junit or folder / JUNIT, _junit(outcomes))
     return folder / PAGE
 
 

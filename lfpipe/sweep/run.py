@@ -1,56 +1,44 @@
-"""Runs a sweep on Dask distributed: on a local cluster, or on any scheduler by its address.
+"""Runs the cells of a sweep: in threads of this process, or on Dask distributed by the address of a scheduler.
 
-Dask starts a cell again whose worker has died, and gives timed cells to workers with the resource `quiet`: one on each host. They
-run after all others. A cell whose process died runs again, alone, at the end.
+Every cell is a process of its own, whoever starts it. Timed cells run one at a time, after all others, and so does, once more, a
+cell whose process or worker died.
 """
 
 import contextlib
 import hashlib
+import itertools
 import logging
-import time
-from collections import Counter
+import queue
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import attrs
-import dask
-from distributed import Client, Future, Nanny, Scheduler, Security, SpecCluster, as_completed
-from distributed.scheduler import KilledWorker
+import psutil
 
 import lfpipe
 from lfpipe.errors import UserError
-from lfpipe.host.files import is_dir
 from lfpipe.host.machine import versions
-from lfpipe.sweep.plan import REPLAY, Cell, Plan, cells
-from lfpipe.sweep.results import DIED, DONE, FAILED, Outcome, References, Store
-from lfpipe.sweep.work import Order, measure_cell
+from lfpipe.sweep.plan import Cell, keyed
+from lfpipe.sweep.results import DIED, DONE, FAILED, Order, Outcome, References, Store
+from lfpipe.sweep.work import measure_cell
 
-QUIET = "quiet"
-TRIES = 3  # deaths of workers that a cell survives
 AGAIN = "start it again, then run the same command"
 SCHEDULER_WAIT_S, WORKER_WAIT_S = 8.0, 30.0
 FIRST_LINE_S = 30.0  # without a result, what runs is named; again after twice that time, and so on
-SETTINGS = {
-    "distributed.scheduler.allowed-failures": TRIES,
-    "distributed.worker.daemon": False,  # replays start processes of their own
-    "distributed.comm.timeouts.connect": f"{SCHEDULER_WAIT_S:g}s",
-    "distributed.scheduler.worker-ttl": "5 minutes",
-}
+Notice = Callable[[str], None]
+Measure = Callable[[Cell, Order], Outcome]
 
 
 @attrs.frozen
-class Options:
-    """address: of a scheduler, "" for a local cluster of `jobs` workers. limit_s: of a cell. references: None without --expect.
-    progress: (what, done, total). notice: receives lines for the user."""
+class Workers:
+    """submit: starts measuring a cell and returns its future, of Dask or of Python. count: raises UserError if there are none."""
 
-    address: str
-    jobs: int
-    limit_s: float
-    references: References | None
-    insecure: bool
-    progress: Callable[[str, int, int], None]
-    notice: Callable[[str], None]
+    submit: Callable[[Cell, Order], Any]
+    count: Callable[[], int]
 
 
 def source_digest() -> str:
@@ -62,139 +50,112 @@ def source_digest() -> str:
 
 
 @contextlib.contextmanager
-def cluster(address: str, jobs: int, insecure: bool = False) -> Iterator[Client]:
-    """A client of the scheduler at address, or of a local cluster with `jobs` workers if address is "".
+def local_workers(jobs: int, work: Measure = measure_cell) -> Iterator[Workers]:
+    """Threads of this process. Cells that still run at the end are killed."""
+    with ThreadPoolExecutor(jobs) as pool:
+        try:
+            yield Workers(lambda cell, order: pool.submit(work, cell, order), lambda: jobs)
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in psutil.Process().children():
+                child.kill()
 
-    Dask runs whatever code it receives, so both need certificates: a local cluster those of this run, in memory; a remote one
-    those of Dask's configuration. insecure: connect without. Raises UserError.
+
+@contextlib.contextmanager
+def dask_workers(address: str, insecure: bool = False) -> Iterator[Workers]:
+    """The workers of the scheduler at address.
+
+    Dask runs whatever code it receives, so the scheduler needs certificates, those of Dask's configuration; insecure: connect
+    without. Raises UserError.
     """
-    for name in ("distributed", "distributed.client"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # we report errors ourselves
-    if address and not address.startswith("tls://") and not insecure:
+    if not address.startswith("tls://") and not insecure:
         what = f"--on {address}: without TLS, whoever reaches this port runs code as you: Dask unpickles what it receives"
         raise UserError(what, "start Dask with certificates and name tls://HOST:PORT; on a network of your own, add --insecure")
-    with dask.config.set(SETTINGS), contextlib.ExitStack() as stack:
-        if not address:
-            security = Security.temporary()
-            common = {"protocol": "tls://", "security": security, "host": "127.0.0.1", "dashboard": False}
-            worker = {**common, "nthreads": 1, "memory_limit": 0, "silence_logs": 50}
-            workers = {k: {"cls": Nanny, "options": worker | {"resources": {} if k else {QUIET: 1}}} for k in range(jobs)}
-            scheduler = {"cls": Scheduler, "options": {**common, "port": 0}}
-            local = stack.enter_context(SpecCluster(workers, scheduler, security=security, silence_logs=50))
-            yield stack.enter_context(Client(local, set_as_default=False))
-            return
+    try:
+        import dask
+        from distributed import Client
+    except ImportError as error:
+        raise UserError(f"--on needs the package {error.name}", "pip install 'lfpipe[sweep]'") from None
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # we report errors ourselves
+    with dask.config.set({"distributed.comm.timeouts.connect": f"{SCHEDULER_WAIT_S:g}s"}), contextlib.ExitStack() as stack:
         try:
             client = stack.enter_context(Client(address, timeout=SCHEDULER_WAIT_S, set_as_default=False))
             client.wait_for_workers(1, timeout=WORKER_WAIT_S)
         except (OSError, ValueError, TypeError, TimeoutError) as error:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
-            remedy = "start `dask scheduler` and, on each host, `dask worker ADDRESS --nthreads 1 --resources quiet=1`"
+            remedy = "start `dask scheduler` and, on each host, `dask worker ADDRESS --nthreads 1`"
             raise UserError(f"--on {address}: {why}", remedy) from None
-        others = {name for name, digest in client.run(source_digest).items() if digest != source_digest()}
-        if others:
+        if others := {name for name, digest in client.run(source_digest).items() if digest != source_digest()}:
             raise UserError(f"--on {address}: {min(others)} runs another lfpipe", "install the same version on all hosts")
-        yield client
 
-
-class Sweep:
-    """Sends cells to the cluster and takes their outcomes. work: measures a cell; always `measure_cell` except in tests."""
-
-    def __init__(
-        self, client: Client, done: Callable[[Outcome], None], order: Callable[[Cell], Order], notice: Callable[[str], None],
-        work: Callable[[Cell, Order], Outcome] = measure_cell,
-    ) -> None:  # fmt: skip
-        self._client, self._done, self._order, self._notice, self._work = client, done, order, notice, work
-        self._cells: dict[str, Cell] = {}  # by key: those that the scheduler has
-
-    def run(self, every: Sequence[Cell]) -> None:
-        """Shared cells first, then timed ones, then again those whose process died. Raises UserError if the cluster is gone."""
-        shared, timed = ([cell for cell in every if cell.timed == kind] for kind in (False, True))
-        try:
-            if timed and not any(QUIET in worker.get("resources", {}) for worker in self._workers()):
-                why = f"no worker has the resource {QUIET}: start one per host with --resources {QUIET}=1"
-                for cell in timed:
-                    self._done(Outcome(cell, FAILED, why))
-                timed = []
-            suspects = [*self._measure(shared), *self._measure(timed)]
-            for suspect in suspects:
-                for outcome in self._measure([suspect.cell]):
-                    self._done(attrs.evolve(outcome, state=FAILED, reason=f"{outcome.reason}, also alone"))
-        except (OSError, CancelledError):  # a connection lost in the middle of a call
-            if self._reachable():
-                raise
-            raise self._gone() from None
-
-    def _workers(self) -> Sequence[dict[str, dict[str, float]]]:
-        return list(self._client.scheduler_info(n_workers=-1)["workers"].values())
-
-    def _submit(self, cell: Cell) -> Future:
-        self._cells[cell.key] = cell
-        resources = {QUIET: 1} if cell.timed else None
-        key = f"{cell.key}/{time.monotonic_ns()}"
-        return self._client.submit(self._work, cell, self._order(cell), key=key, pure=False, resources=resources)
-
-    def _measure(self, every: Sequence[Cell]) -> list[Outcome]:
-        """Measures cells; returns the outcomes of those whose process died."""
-        died, tries = [], Counter[str]()
-        answers = as_completed([self._submit(cell) for cell in every], loop=self._client.loop)
-        while not answers.is_empty():
-            future = self._next(answers)
-            cell = self._cells.pop(str(future.key).partition("/")[0])
+        def count() -> int:
             try:
-                outcome: Outcome = future.result()
-            except KilledWorker:
-                outcome = Outcome(cell, DIED, f"its worker died {TRIES + 1} times: out of memory, or a crash")
-            except (OSError, CancelledError):  # the worker died while the result travelled
-                if not self._reachable():
-                    raise self._gone() from None
-                tries[cell.key] += 1
-                if tries[cell.key] <= TRIES:
-                    answers.add(self._submit(cell))
-                    continue
-                outcome = Outcome(cell, FAILED, "its result was lost with its worker, several times")
-            except Exception as error:
-                outcome = Outcome(cell, FAILED, f"{type(error).__name__}: {error}")
-            died += [outcome] if outcome.state == DIED else []
-            if outcome.state != DIED:
-                self._done(outcome)
-        return died
+                workers = len(client.processing())
+            except Exception:  # every kind of lost connection
+                raise UserError("the scheduler is gone; finished cells are kept", AGAIN) from None
+            if not workers:
+                raise UserError("all workers are gone; finished cells are kept", AGAIN)
+            return workers
 
-    def _next(self, answers: as_completed) -> Future:
-        """Waits for an answer and names the cells that run meanwhile. Raises UserError if no answer can come."""
-        began, line_s = time.monotonic(), FIRST_LINE_S
-        while not answers.has_ready():
-            time.sleep(0.02)
-            waited_s = time.monotonic() - began
-            if self._client.status not in ("running", "connecting"):
-                raise self._gone()
-            if waited_s > line_s and self._client.status == "running":
-                if waited_s > WORKER_WAIT_S and not self._workers():
-                    raise UserError("all workers are gone; finished cells are kept", AGAIN)
-                oldest = [str(keys[0]).partition("/")[0] for keys in self._client.processing().values() if keys]
-                names = ", ".join(self._cells[key].name for key in oldest if key in self._cells)
-                self._notice(f"no result for {waited_s:.0f} s; running: {names}")
-                line_s *= 2
-        return next(answers)
+        yield Workers(partial(client.submit, measure_cell, pure=False), count)
 
-    def _reachable(self) -> bool:
+
+def outcomes(workers: Workers, cells: Sequence[Cell], order: Callable[[Cell], Order], notice: Notice) -> Iterator[Outcome]:
+    """The outcomes of cells as they come, DIED for one whose process or worker died. While none comes, the oldest are named.
+
+    Raises UserError if no answer can come.
+    """
+    done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    running = {workers.submit(cell, order(cell)): cell for cell in cells}
+    for future in running:
+        future.add_done_callback(done.put)
+    waited_s, line_s = 0.0, FIRST_LINE_S
+    while running:
         try:
-            self._client.sync(self._client.scheduler.identity, n_workers=0)
-        except Exception:  # every kind of lost connection
-            return False
-        return str(self._client.status) == "running"
+            future = done.get(timeout=line_s)
+        except queue.Empty:
+            waited_s, line_s = waited_s + line_s, waited_s + line_s
+            names = ", ".join(cell.name for cell in itertools.islice(running.values(), workers.count()))
+            notice(f"no result for {waited_s:.0f} s; running: {names}")
+            continue
+        waited_s, line_s = 0.0, FIRST_LINE_S
+        cell = running.pop(future)
+        try:
+            outcome: Outcome = future.result()
+        except (OSError, CancelledError) as error:  # the worker died while the result travelled
+            workers.count()
+            outcome = Outcome(cell, DIED, f"its worker died: {type(error).__name__}")
+        except Exception as error:
+            died = type(error).__name__ == "KilledWorker"  # Dask's word for a cell whose workers died several times
+            outcome = Outcome(cell, DIED if died else FAILED, f"{type(error).__name__}: {error}")
+        yield outcome
 
-    def _gone(self) -> UserError:
-        return UserError("the scheduler is gone; finished cells are kept", AGAIN)
+
+def run_cells(
+    workers: Workers, cells: Sequence[Cell], take: Callable[[Outcome], None], order: Callable[[Cell], Order], notice: Notice
+) -> None:
+    """Measures cells: those that may run beside others, then the rest, each alone. take: receives the outcomes."""
+    alone = [cell for cell in cells if cell.timed]
+    for outcome in outcomes(workers, [cell for cell in cells if not cell.timed], order, notice):
+        alone.append(outcome.cell) if outcome.state == DIED else take(outcome)
+    for cell in alone:
+        for outcome in outcomes(workers, [cell], order, notice):
+            died = outcome.state == DIED
+            take(attrs.evolve(outcome, state=FAILED, reason=f"{outcome.reason}, also alone") if died else outcome)
 
 
-def sweep(plan: Plan, out: Path, options: Options) -> list[Outcome]:
+def run_sweep(
+    plan: Sequence[Cell], out: Path, place: AbstractContextManager[Workers], limit_s: float, references: References,
+    progress: Callable[[str, int, int], None], notice: Notice,
+) -> list[Outcome]:  # fmt: skip
     """Measures the cells that are not yet in out; returns the outcomes of all cells, in the order of the plan.
 
-    Raises UserError if out cannot be written, or the cluster is gone. Finished cells are kept.
+    place: gives the workers, if any are needed. limit_s: of a cell. progress: (what, done, total). notice: receives lines for the
+    user. Raises UserError if out cannot be written, or the workers are gone. Finished cells are kept.
     """
     version = f"{source_digest()} {sorted((name, text) for name, text in versions().items() if name != 'processor')}"
-    references = options.references
-    every = [references.marked(cell) if references else cell for cell in cells(plan, version)]
+    every = [references.marked(keyed(cell, version)) for cell in plan]
     store = Store(out)
     todo: dict[str, Cell] = {}  # scenes of equal name and content are one cell
     for cell in every:
@@ -204,27 +165,17 @@ def sweep(plan: Plan, out: Path, options: Options) -> list[Outcome]:
                 store.append(Outcome(cell, FAILED, cell.why_not))
         elif known is None or known.state not in DONE:
             todo[cell.key] = cell
-    left = len(todo)
 
     def take(outcome: Outcome) -> None:
-        nonlocal left
-        left -= 1
-        store.append(references.judged(outcome) if references else outcome)
-        options.progress("cells", len(every) - left, len(every))
+        store.append(references.judged(outcome))
+        todo.pop(outcome.cell.key)
+        progress("cells", len(every) - len(todo), len(every))
 
-    def order(cell: Cell) -> Order:
-        place = references.place(cell) if references and cell.subject == REPLAY else None
-        if references is None or place is None or not (references.update or is_dir(place)):
-            return Order(options.limit_s)
-        return Order(options.limit_s, str(place.resolve()), references.update)
-
-    options.progress("cells", len(every) - left, len(every))
+    progress("cells", len(every) - len(todo), len(every))
     try:
-        if references and references.update:
-            references.folder.mkdir(parents=True, exist_ok=True)
         if todo:
-            with cluster(options.address, options.jobs, options.insecure) as client:
-                Sweep(client, take, order, options.notice).run(list(todo.values()))
+            with place as workers:
+                run_cells(workers, list(todo.values()), take, partial(references.order, limit_s), notice)
     finally:
         store.close()
     return [store.outcomes[cell.key] for cell in every]

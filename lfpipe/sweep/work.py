@@ -1,7 +1,8 @@
-"""Measures a cell on a worker, in a child process of its own: a crash, a leak or a hang ends that process and nothing else."""
+"""Measures a cell, in a child process of its own: a crash, a leak or a hang ends that process and nothing else."""
 
 import math
 import os
+import platform
 import subprocess
 import sys
 import tempfile
@@ -9,14 +10,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-import attrs
-
 from lfpipe.bench.results import STATES, read
 from lfpipe.errors import UserError, plain
 from lfpipe.host.files import exists
 from lfpipe.replays.report import read_report
 from lfpipe.sweep.plan import QUALITY, REPLAY, TABLE, TRUTH, Cell
-from lfpipe.sweep.results import DIED, DIFFERS, FAILED, LEFT_OUT, OK, Outcome
+from lfpipe.sweep.results import DIED, DIFFERS, FAILED, LEFT_OUT, OK, Order, Outcome
 
 REASON_CHARS = 2000
 # A command ends with the worker that started it; otherwise the stages of its session would continue.
@@ -27,24 +26,8 @@ COMMAND = (
 Measured = tuple[str, str, dict[str, Any]]  # state, reason, figures
 
 
-@attrs.frozen
-class Order:
-    """How to measure a cell. reference: folder to compare a replay with, "" for none; update: write it instead."""
-
-    limit_s: float
-    reference: str = ""
-    update: bool = False
-
-
 def measure_cell(cell: Cell, order: Order) -> Outcome:
-    """On a Dask worker: the outcome of a cell. A failed cell raises nothing."""
-    from distributed import get_worker
-
-    return outcome_of(cell, order, get_worker().address.split("://")[-1].rsplit(":", 1)[0])
-
-
-def outcome_of(cell: Cell, order: Order, host: str = "") -> Outcome:
-    """The outcome of a cell, measured on a host."""
+    """The outcome of a cell, measured on this host. A failed cell raises nothing."""
     began_s, figures = time.time(), dict[str, Any]()
     try:
         with tempfile.TemporaryDirectory(prefix="lfpipe-sweep-", ignore_cleanup_errors=True) as work:
@@ -59,7 +42,7 @@ def outcome_of(cell: Cell, order: Order, host: str = "") -> Outcome:
     except Exception as error:  # one cell's mistake must not end the sweep
         state, reason = FAILED, f"{type(error).__name__}: {error}"
     numbers = {name: value for name, value in figures.items() if isinstance(value, str) or math.isfinite(value)}
-    return Outcome(cell, state, plain(reason, REASON_CHARS), numbers, round(time.time() - began_s, 4), host, began_s)
+    return Outcome(cell, state, plain(reason, REASON_CHARS), numbers, round(time.time() - began_s, 4), platform.node(), began_s)
 
 
 class _Died(Exception):

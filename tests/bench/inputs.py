@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import attrs
 import cv2
 import numpy as np
 
@@ -31,8 +30,4 @@ def wall(rows: int, cols: int, side_px: int = 64, disparity: bool = True) -> Lig
 def inputs(field: LightField, work: Path, sequence: FrameSequence | None = None) -> Inputs:
     """Quick inputs; without a sequence, 20 grey frames without truth."""
     grey = FrameSequence(work / "grey.avi", np.full((20, 120, 160, 3), 90, np.uint8), 30.0, None)
-    return Inputs(lambda: (work / "wall", field), lambda: sequence or grey, True, sequence is None, work)
-
-
-def without_truth(sequence: FrameSequence) -> FrameSequence:
-    return attrs.evolve(sequence, truth=None)
+    return Inputs(lambda: (work / "wall", field), lambda: sequence or grey, True, work)

@@ -1,7 +1,6 @@
 """Known motion, and sequences generated from it."""
 
 import csv
-import math
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.bench.motion import duration_s, position_at, reach, stop, viewer_path
+from lfpipe.bench.motion import duration_s, path_at, reach, stop, viewer_path
 from lfpipe.track.litert_engine import LitertEngine
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_sequence.py"
@@ -20,31 +19,25 @@ HOME = (0.0, 0.0, 600.0)
 def test_reach_is_at_rest_at_both_ends_and_peaks_at_the_speed_asked() -> None:
     piece = reach(HOME, (240.0, 0.0, 600.0), 450.0)
     t = np.linspace(0, piece.duration_s, 2001)
-    x = np.array([piece.position_mm(s)[0] for s in t])
+    x = piece.position_mm(t)[:, 0]
     speed = np.gradient(x, t)
-    assert (x[0], x[-1]) == (0.0, pytest.approx(240.0))
-    assert speed.max() == pytest.approx(450.0, rel=1e-3)
+    assert (x[0], x[-1]) == (0.0, pytest.approx(240.0)) and speed.max() == pytest.approx(450.0, rel=1e-3)
     assert speed[0] < 2 and speed[-1] < 2
 
 
 def test_stop_arrives_at_full_speed_and_stands_within_the_braking_time() -> None:
     piece = stop(HOME, (200.0, 0.0, 600.0), 400.0, brake_s=0.06)
-    before, end = piece.duration_s - 0.06, piece.duration_s
-    fast = (piece.position_mm(before)[0] - piece.position_mm(before - 1e-3)[0]) / 1e-3
-    assert fast == pytest.approx(400.0, rel=1e-6)
-    assert piece.position_mm(end)[0] == pytest.approx(200.0)
-    assert 200.0 - piece.position_mm(before)[0] == pytest.approx(12.0)
+    earlier, before, end = piece.position_mm(piece.duration_s - np.array([0.061, 0.06, 0.0]))[:, 0]
+    assert (before - earlier) / 1e-3 == pytest.approx(400.0, rel=1e-6)
+    assert end == pytest.approx(200.0) and end - before == pytest.approx(12.0)
 
 
 def test_the_path_is_continuous_and_has_every_phase() -> None:
     path = viewer_path(600.0, 320.0)
-    t = np.arange(0, duration_s(path), 1 / 1000)
-    places = np.array([position_at(path, s)[0] for s in t])
+    places, phases = path_at(path, np.arange(-1, duration_s(path) + 1, 1 / 1000))
     assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= 0.4501 + 1e-3
-    phases = {"still", "reach", "sway", "stop", "approach", "retreat", "leave", "enter"}
-    assert {position_at(path, s)[1] for s in t[::20]} == phases
-    assert position_at(path, -1.0)[0] == position_at(path, 0.0)[0]
-    assert math.dist(position_at(path, 1e9)[0], HOME) < 1e-9
+    assert set(phases) == {"still", "reach", "sway", "stop", "approach", "retreat", "leave", "enter"}
+    assert np.allclose(places[[0, -1]], HOME)
 
 
 def run(out: Path, seconds: float, seed: int) -> None:

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from lfpipe.bench.charts import front
 from lfpipe.bench.inputs import eyes_at
-from lfpipe.bench.results import MIN_SAMPLES, Row, Value, exact
+from lfpipe.bench.results import MIN_SAMPLES, Row, Value
 from lfpipe.bench.runner import median_interval
 from lfpipe.bench.subjects import Chart
 from lfpipe.sequence.eyes import Truth
 
 COORDINATE = st.integers(0, 6).map(float)
-CHART = Chart("fake", "Fake", "x", "y")
+CHART = Chart("Fake", "x", "y")
 
 
 def test_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
@@ -37,7 +37,7 @@ def test_interval_of_the_median_is_that_of_the_tables(count: int, low: int, high
 
 @given(st.lists(st.tuples(COORDINATE, COORDINATE), min_size=1, max_size=30))
 def test_front_is_what_nothing_beats(points: list[tuple[float, float]]) -> None:
-    rows = [Row(str(k), {"x": exact(x), "y": exact(y)}) for k, (x, y) in enumerate(points)]
+    rows = [Row(str(k), {"x": Value(x), "y": Value(y)}) for k, (x, y) in enumerate(points)]
     best = [(row.value("x"), row.value("y")) for row in front(rows, CHART)]
     assert best == sorted(best)
     for x, y in best:
@@ -49,7 +49,7 @@ def test_front_is_what_nothing_beats(points: list[tuple[float, float]]) -> None:
 def test_what_ties_within_its_noise_is_beaten_by_the_better_error() -> None:
     """Three settings of one code differ by 0.2 % of time and 2 % of noise: only the most exact is on the front."""
     points = [(10.02, 5.0), (10.0, 6.0), (9.98, 7.0), (1.0, 9.0)]
-    rows = [Row(str(k), {"x": Value(x, x - 0.1, x + 0.1), "y": exact(y)}) for k, (x, y) in enumerate(points)]
+    rows = [Row(str(k), {"x": Value(x, x - 0.1, x + 0.1), "y": Value(y)}) for k, (x, y) in enumerate(points)]
     assert [row.name for row in front(rows, CHART)] == ["3", "0"]
 
 

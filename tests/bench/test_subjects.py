@@ -4,6 +4,7 @@ import itertools
 import math
 from pathlib import Path
 
+import attrs
 import cv2
 import numpy as np
 import pytest
@@ -17,14 +18,10 @@ from lfpipe.bench.subjects import NOISE_PX, SUBJECTS
 from lfpipe.sequence.eyes import Truth
 from lfpipe.track.models import package_folder
 from lfpipe.track.smoothing import Mean
-from tests.bench.inputs import inputs, wall, without_truth
+from tests.bench.inputs import inputs, wall
 from tests.replay.conftest import make_sequence
 
 PAPER = ["mediapipe, 640x480"] if package_folder() else []  # mediapipe has no wheel for some Pythons and machines
-
-
-def path(t_ns: np.ndarray, eyes_px: np.ndarray, still: bool) -> Truth:
-    return Truth(t_ns, eyes_px, np.ones(len(t_ns), bool), np.full(len(t_ns), still))
 
 
 @pytest.fixture(scope="module")
@@ -52,24 +49,12 @@ def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Frame
     figures, turn = found["litert, 640x480"].prepare()
     assert SUBJECTS["tracker"].column("error_px").of(figures["error_px"]) < 1.0
     assert turn is not None and set(turn()) == {"time_ms", "time_p95_ms", "cpu_ms"}
-
-
-def test_tracker_without_truth_or_face(tmp_path: Path, sequence: FrameSequence) -> None:
-    found, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path, without_truth(sequence))))
-    assert "error of tracking" in skipped
-    assert set(found["litert, 320x240"].prepare()[0]) == {"missed"}
+    found, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path, attrs.evolve(sequence, truth=None))))
+    assert "error of tracking" in skipped and set(found["litert, 320x240"].prepare()[0]) == {"missed"}
     blank, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path)))
     assert "input wider than 160 px" in skipped
     with pytest.raises(ValueError, match="no face"):
         blank["litert, 160x120"].prepare()
-
-
-def test_lag_is_found() -> None:
-    t_ns = np.arange(90) * 33_333_333
-    eyes = np.stack([300 + 40 * np.sin(t_ns / 4e8), 240 + 0 * t_ns] * 2, axis=1).reshape(-1, 2, 2)
-    truth = path(t_ns, eyes, still=False)
-    assert tracker.lag_ms(eyes_at(truth, t_ns - 50e6), truth, t_ns) == pytest.approx(50, abs=1)
-    assert math.isnan(tracker.lag_ms(eyes, path(t_ns, eyes[:1].repeat(90, 0), still=True), t_ns))
 
 
 def test_filters_know_their_motion() -> None:
@@ -154,7 +139,7 @@ def test_synthesis_skips_what_does_not_apply(
 
 def test_pipeline_skips_what_does_not_apply(tmp_path: Path, sequence: FrameSequence) -> None:
     assert "pipeline" in split(pipeline.measure(inputs(wall(1, 1), tmp_path)))[1]
-    found, skipped = split(pipeline.measure(inputs(wall(3, 3, disparity=False), tmp_path, without_truth(sequence))))
+    found, skipped = split(pipeline.measure(inputs(wall(3, 3, disparity=False), tmp_path, attrs.evolve(sequence, truth=None))))
     assert {"error of the viewpoint shown", "warped views"} <= set(skipped)
     assert sum(one.paper for one in found.values()) == 1 + len(PAPER)  # its configuration, and the plain loop
 
@@ -166,16 +151,11 @@ def test_the_loop_names_the_frame_it_shows(tmp_path: Path) -> None:
         assert [place for place, _ in given] == [*range(63), *range(7)]
 
 
-def test_parts_of_a_trace_are_full() -> None:
-    rows = [{"t_presented_ns": 7 + k * 100_000_000} for k in range(13)]  # 1.2 s
-    assert [len(part) for part in pipeline.parts(rows)] == [5, 5] and pipeline.parts([]) == []
-
-
 def test_displayed_error_of_a_known_trace() -> None:
-    """Pictures 10 ms late of eyes that move 100 px/s: 1 px behind, 0.1 views at 10 px per view."""
+    """Pictures 10 ms late of eyes that move 100 px/s: 1 px behind, 0.01 views at 100 px per view."""
     t_ns = np.arange(120) * 33_333_333
     eyes = np.stack([300 + t_ns / 1e9 * 100, 240 + 0 * t_ns] * 2, axis=1).reshape(-1, 2, 2)
-    truth = path(t_ns, eyes, still=False)
+    truth = Truth(t_ns, eyes, np.ones(len(t_ns), bool))
     rows = []
     for ms in range(200, 3500):
         used = eyes_at(truth, (ms - 10) * 1e6)
@@ -183,14 +163,14 @@ def test_displayed_error_of_a_known_trace() -> None:
         pairs = {name: dict(zip(("left", "right"), np.asarray(pair).tolist(), strict=True)) for name, pair in
                  (("eyes_used", used), ("view", views))}  # fmt: skip
         rows.append({"t_presented_ns": ms * 1_000_000, "t_sensor_ns": 0, "source_seq": 0, "composed": True, **pairs})
-    trace = pipeline.AlignedTrace(truth, rows)
-    assert trace.figures()["error"] == pytest.approx(1.0, rel=0.05) and math.isnan(trace.figures()["jitter"])
-    assert trace.view_error(100.0, (400.0, 240.0), (9, 9)) == pytest.approx(0.01, rel=0.05)
-    leap_ms, wrong = 3300, {"left": [0.0, 0.0], "right": [0.0, 0.0]}  # the file starts over, and the filter has yet to follow
-    again = [row | {"source_seq": 120, "t_sensor_ns": leap_ms * 1_000_000, "eyes_used": wrong} for row in rows if
-             row["t_presented_ns"] > leap_ms * 1_000_000]  # fmt: skip
-    looped = pipeline.AlignedTrace(truth, [row for row in rows if row["t_presented_ns"] <= leap_ms * 1_000_000] + again)
-    assert looped.figures()["error"] == pytest.approx(1.0, rel=0.05)
+    wrong = {"left": [0.0, 0.0], "right": [0.0, 0.0]}  # the file starts over, and the filter has yet to follow
+    rows += [row | {"source_seq": 120, "t_presented_ns": row["t_presented_ns"] + 10**10, "eyes_used": wrong} for row in rows]
+    mapping = 100.0, (400.0, 240.0), (9, 9)
+    assert pipeline.displayed_errors(truth, rows, *mapping) == {
+        "error_views": pytest.approx(0.01, rel=0.05), "error_px": pytest.approx(1.0, rel=0.05)
+    }  # fmt: skip
+    resting = Truth(t_ns, eyes, truth.visible, np.ones(len(t_ns), bool))
+    assert pipeline.displayed_errors(resting, rows, *mapping)["jitter_px"] > 10
 
 
 def test_anaglyph_encodings_are_ranked(tmp_path: Path) -> None:
@@ -249,9 +229,8 @@ def test_photon_and_judder_read_no_sequence(tmp_path: Path) -> None:
     def refuse() -> object:
         raise AssertionError("not needed")
 
-    given = Inputs(refuse, refuse, False, True, tmp_path)  # type: ignore[arg-type]
-    for subject in (photon, judder, filters):
-        assert list(subject.measure(given))
+    given = Inputs(refuse, refuse, False, tmp_path)  # type: ignore[arg-type]
+    assert all(list(subject.measure(given)) for subject in (photon, judder, filters))
 
 
 def test_a_sequence_takes_no_memory_and_a_recorded_one_will_do(tmp_path: Path) -> None:

@@ -20,7 +20,6 @@ import pytest
 
 from lfpipe import config
 from lfpipe.cli import cli
-from lfpipe.cli.sweep import RunByDefault
 from lfpipe.scene import layouts
 from tests.world import World
 
@@ -58,8 +57,6 @@ def _check_command(page: str, line: str) -> None:
     command: click.Command = cli
     while isinstance(command, click.Group) and words and not words[0].startswith("-"):
         name = words.pop(0)
-        if isinstance(command, RunByDefault) and name not in command.commands:
-            name = "run"
         found = command.get_command(context, name)
         assert found is not None, f"{page}: {line}: there is no command {name!r}"
         command = found

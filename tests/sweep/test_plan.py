@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from lfpipe.cli.sweep import sweep
 from lfpipe.errors import UserError
-from lfpipe.sweep.plan import Cell, cells, read_plan, scene_id, sequence_id
+from lfpipe.sweep.plan import Cell, keyed, read_plan, scene_id, sequence_id
 from lfpipe.sweep.results import ABOUT, FAILED, Outcome, Store, write
 from tests.sweep.conftest import write_plan
 
@@ -29,14 +29,14 @@ border = [4]
 def test_every_combination_is_a_cell_with_a_key_of_its_own(tmp_path: Path, corpus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     plan = read_plan(write_plan(tmp_path, corpus, FULL))
-    found = list(cells(plan, "v1"))
+    found = [keyed(cell, "v1") for cell in plan]
     assert len(found) == 2 * 4 * 2 + 2 * 4 + 2 * 4 * 2
     assert all(len({getattr(cell, name) for cell in found}) == len(found) for name in ("key", "name", "folder"))
     assert {cell.why_not != "" for cell in found if "nowhere" in cell.scene} == {True}
     assert all("track.filter=mean" in cell.sets for cell in found)
     assert {cell.sequence != "" for cell in found if cell.subject == "truth"} == {True}
-    again = list(cells(plan, "v1"))
-    assert again == found and not {cell.key for cell in cells(plan, "v2")} & {cell.key for cell in found}
+    assert [keyed(cell, "v1") for cell in plan] == found
+    assert not {keyed(cell, "v2").key for cell in plan} & {cell.key for cell in found}
 
 
 def test_a_key_follows_contents_not_the_place(tmp_path: Path, corpus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,7 +78,7 @@ def test_names_of_references_are_plain_file_names() -> None:
 
 def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
     names = ("=1+1", "+cmd", "-2", "@SUM(A1)", "plain")
-    outcomes = [Outcome(Cell("quality", "", f"/x/{name}", (), key=name), FAILED, "=why", {"a": -1.5}) for name in names]
+    outcomes = [Outcome(Cell("quality", "", f"/x/{name}", key=name), FAILED, "=why", {"a": -1.5}) for name in names]
     write(outcomes, tmp_path, None)
     head, *rows = csv.reader((tmp_path / "table.csv").open())
     assert [row[3] for row in rows] == ["'=1+1", "'+cmd", "'-2", "'@SUM(A1)", "plain"]
@@ -87,9 +87,10 @@ def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None
     for outcome in outcomes:
         store.append(outcome)
     store.close()
-    assert list(Store(tmp_path / "out", read_only=True).outcomes.values()) == outcomes
     write(outcomes, tmp_path / "out", None)
-    Store(tmp_path / "out").close()  # its own files are continued and replaced
+    again = Store(tmp_path / "out")  # its own files are continued and replaced
+    again.close()
+    assert list(again.outcomes.values()) == outcomes
     for name in ("results.jsonl", "table.csv", "report.html", "junit.xml"):
         mine = tmp_path / name
         mine.write_text("my own notes")
@@ -101,10 +102,9 @@ def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None
 
 def test_words_that_do_not_go_together(tmp_path: Path) -> None:
     for words, named in (
-        (("run", f"{tmp_path}/plan.toml"), "plan.toml"),
-        (("run", "plan.toml", "--update"), "--update"),
-        (("run", "plan.toml", "--jobs", "2", "--on", "tls://a:1"), "--jobs"),
-        (("show", f"{tmp_path}/nowhere"), "nowhere"),
+        ((f"{tmp_path}/plan.toml",), "plan.toml"),
+        (("plan.toml", "--update"), "--update"),
+        (("plan.toml", "--jobs", "2", "--on", "tls://a:1"), "--jobs"),
     ):
         error = CliRunner().invoke(sweep, words).exception
         assert isinstance(error, UserError) and named in error.message, error
